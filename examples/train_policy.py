@@ -1,20 +1,23 @@
-"""Train a policy by PPO in generated worlds and show what it has learned, before against after, in those of barn300.
+"""Train a policy by PPO in generated worlds and test it in those of barn300.
 
     python examples/train_policy.py --out out/policy
 
 writes into that folder
 
-    training.npz                   the worlds trained in
-    policy.npz, untrained.npz      policy files for `barn run --planner policy --set policy_path=...`
-    curve.csv, curve.png           return and success rate of the training's episodes over its steps
+    training.npz                   worlds of the training
+    policy.npz, untrained.npz      policies after and before it, for
+                                   `barn run --planner policy --set policy_path=...`
+    curve.csv, curve.png           return and success rate of episodes over the steps
 
-and prints the success rates of both policies in the held-out worlds, in trials as `barn run` makes them.
+and prints the success rates of both policies in the held-out worlds, in trials as
+`barn run` makes them.
 """
 
 import csv
 import time
 from collections import deque
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 import torch
@@ -24,80 +27,105 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
 
-from barn_eval.analysis.summary import Summary, summarise
+from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.learning.config import EnvConfig
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import DatasetParameters, write_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import DatasetParameters, write_dataset
 
-RECENT = 400  # episodes that the curve is averaged over
-RATE, LEAST_RATE = (
-    5e-4,
-    0.05,
-)  # learning rate at first, and the share of it that is left in the end
-COLUMNS = ("steps", "wall_s", "episodes", "success_rate", "mean_return", "mean_length")
+# Episodes that the curve is averaged over.
+WINDOW = 400
+# Learning rate at first, and the share of it that remains at the end.
+LEARNING_RATE = 5e-4
+FINAL_SHARE = 0.05
+
+
+class CurveRow(NamedTuple):
+    """The state of the training after a rollout; the means are of the last episodes."""
+
+    steps: int
+    wall_s: float
+    episodes: int
+    success_rate: float
+    mean_return: float
+    mean_length: float
 
 
 class Curve(BaseCallback):
-    """Prints and collects how the last episodes went, after every rollout."""
+    """Prints and collects the results of the last episodes after every rollout."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.rows: list[tuple[float, ...]] = []
-        self._recent: deque[tuple[float, float, float]] = deque(maxlen=RECENT)
+        self.rows: list[CurveRow] = []
+        self._successes: deque[bool] = deque(maxlen=WINDOW)
+        self._returns: deque[float] = deque(maxlen=WINDOW)
+        self._lengths: deque[int] = deque(maxlen=WINDOW)
         self._episodes = 0
-        self._began = time.perf_counter()
+        self._start_s = time.perf_counter()
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
             if "episode" in info:
                 self._episodes += 1
-                self._recent.append(
-                    (info["is_success"], info["episode"]["r"], info["episode"]["l"])
-                )
+                self._successes.append(info["is_success"])
+                self._returns.append(info["episode"]["r"])
+                self._lengths.append(info["episode"]["l"])
         return True
 
     def _on_rollout_end(self) -> None:
-        if not self._recent:
+        count = len(self._successes)
+        if count == 0:
             return
-        means = tuple(
-            sum(column) / len(self._recent)
-            for column in zip(*self._recent, strict=True)
+        row = CurveRow(
+            self.num_timesteps,
+            time.perf_counter() - self._start_s,
+            self._episodes,
+            sum(self._successes) / count,
+            sum(self._returns) / count,
+            sum(self._lengths) / count,
         )
-        self.rows.append(
-            (
-                self.num_timesteps,
-                time.perf_counter() - self._began,
-                self._episodes,
-                *means,
-            )
-        )
+        self.rows.append(row)
         click.echo(
-            "{:8d} steps {:5.0f} s {:6d} episodes: success {:.2f}, return {:7.2f}, length {:4.0f}".format(
-                *self.rows[-1]
-            )
+            f"{row.steps:8d} steps {row.wall_s:5.0f} s {row.episodes:6d} episodes: "
+            f"success {row.success_rate:.2f}, return {row.mean_return:7.2f}, "
+            f"length {row.mean_length:4.0f}"
         )
 
 
 def train(
     config: EnvConfig, steps: int, seed: int, environments: int, out: Path
 ) -> Curve:
-    """Train and write both policies; equal seeds give equal policies on equal machines."""
-    torch.set_num_threads(1)  # these networks are too small for more
-    worlds = VecMonitor(StableBatch(environments, config))
+    """Train a policy and write it, as well as the untrained one.
+
+    Equal seeds give equal policies on equal machines.
+
+    Args:
+        config: Environment to train in.
+        steps: Number of environment steps.
+        seed: Seed of everything random.
+        environments: Number of environments that step together.
+        out: Folder for both policy files.
+
+    Returns:
+        Results of the episodes over the steps.
+    """
+    # These networks are too small for more than one thread.
+    torch.set_num_threads(1)
+    batch = VecMonitor(StableBatch(environments, config))
     model = PPO(
         "MlpPolicy",
-        worlds,
+        batch,
         seed=seed,
         n_steps=8192 // environments,
         batch_size=2048,
         n_epochs=8,
-        gamma=0.995,  # ten seconds
-        learning_rate=lambda left: RATE * max(left, LEAST_RATE),
+        # Rewards of ten seconds ahead count.
+        gamma=0.995,
+        learning_rate=lambda remaining: LEARNING_RATE * max(remaining, FINAL_SHARE),
         policy_kwargs={"net_arch": [128, 128], "log_std_init": -0.5},
         device="cpu",
     )
@@ -106,44 +134,54 @@ def train(
     curve = Curve()
     model.learn(steps, callback=curve)
     export_policy(model, config, out / "policy.npz", about)
-    worlds.close()
+    batch.close()
     return curve
 
 
 def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
-    """Return the summary of a trial per world, the very trials of `barn run --planner policy --protocol challenge`."""
+    """Return the summary of one trial per world, as `barn run` makes them.
+
+    Args:
+        dataset: Data set of the worlds.
+        worlds: Which of its worlds, such as "0:300:6".
+        policy: Policy file.
+        safety: Whether the collision check is on.
+    """
     protocol = load_protocol("challenge")
-    planner = PlannerChoice(
-        "policy", overrides={"policy_path": str(policy), "safety.enabled": safety}
-    )
-    experiment = Experiment(
+    overrides = {"policy_path": str(policy), "safety.enabled": safety}
+    run_config = RunConfig(
         dataset=dataset,
         worlds=worlds,
-        planners=(planner,),
+        planners=(PlannerChoice("policy", overrides=overrides),),
         protocol=protocol,
         simulator=simulator_config(protocol),
     )
-    return summarise([run_direct_trial(trial).result for trial in experiment.trials()])
+    return summarize([run_direct_trial(trial).result for trial in run_config.trials()])
 
 
 def draw(curve: Curve, path: Path) -> None:
-    """Draw success rate and return over the steps."""
-    steps, _, _, success, returns, _ = zip(*curve.rows, strict=True)
+    """Draw success rate and return over the steps.
+
+    Args:
+        curve: Results of at least one rollout.
+        path: Image to write.
+    """
+    steps = [row.steps for row in curve.rows]
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(steps, success, color="#0072B2")
-    above.set(ylabel=f"success rate\n(last {RECENT} episodes)", ylim=(0.0, 1.0))
-    below.plot(steps, returns, color="#D55E00")
-    below.set(ylabel="mean return", xlabel="steps")
-    for axes in (above, below):
+    success_axes, return_axes = figure.subplots(2, 1, sharex=True)
+    success_axes.plot(steps, [row.success_rate for row in curve.rows], color="#0072B2")
+    success_axes.set(ylabel=f"success rate\n(last {WINDOW} episodes)", ylim=(0.0, 1.0))
+    return_axes.plot(steps, [row.mean_return for row in curve.rows], color="#D55E00")
+    return_axes.set(ylabel="mean return", xlabel="steps")
+    for axes in (success_axes, return_axes):
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=120)
 
 
-def checksums(dataset: str | Path) -> set[str]:
+def checksums(name: str | Path) -> set[str]:
     """Return the checksums of the worlds of a data set."""
-    opened = open_dataset(dataset)
-    return {opened.load(index).checksum for index in opened.indices}
+    dataset = open_dataset(name)
+    return {dataset.load(number).checksum for number in dataset.world_numbers}
 
 
 @click.command()
@@ -197,34 +235,35 @@ def main(
     out: Path,
 ) -> None:
     """Train a policy and compare it with the untrained one."""
-    write_dataset(
-        out / "training.npz", DatasetParameters("training", seed, worlds_per_set)
-    )
-    if checksums(out / "training.npz") & checksums(dataset):
+    training = out / "training.npz"
+    write_dataset(training, DatasetParameters("training", seed, worlds_per_set))
+    if checksums(training) & checksums(dataset):
         raise click.UsageError(
             f"--seed {seed} generates worlds of {dataset} itself; take another"
         )
     config = EnvConfig(
-        dataset=str(out / "training.npz"),
+        dataset=str(training),
         observation=PolicyObservation(beams=40),
         action=PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0),
     )
     curve = train(config, steps, seed, environments, out)
     with (out / "curve.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([COLUMNS, *curve.rows])
-    if curve.rows:  # not so if no episode has ended
+        csv.writer(file).writerows([CurveRow._fields, *curve.rows])
+    # A short training may end before its first episode does.
+    if curve.rows:
         draw(curve, out / "curve.png")
+
     for name, safety in (("untrained", False), ("policy", False), ("policy", True)):
         summary = evaluate(dataset, held_out, out / f"{name}.npz", safety)
-        outcomes = ", ".join(
-            f"{outcome} {count}" for outcome, count in summary.outcomes.items()
-        )
+        counts = [f"{outcome} {count}" for outcome, count in summary.outcomes.items()]
+        check = "with" if safety else "without"
+        success = summary["success"].text(3)
+        challenge = summary["challenge"].text(3)
         click.echo(
-            f"{name}, {'with' if safety else 'without'} its shield, {summary.trials} held-out worlds: {outcomes}"
+            f"{name}, {check} collision check, {summary.trials} held-out worlds: "
+            f"{', '.join(counts)}"
         )
-        click.echo(
-            f"    success {summary['success'].text(3)}, challenge metric {summary['challenge'].text(3)}"
-        )
+        click.echo(f"    success {success}, challenge metric {challenge}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
-from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.datasets.dataset import Dataset, open_dataset
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -24,7 +24,8 @@ def table(barn300: Dataset) -> MetricsTable:
 
 @pytest.mark.parametrize("name", METRIC_NAMES)
 def test_statistics_lie_near_table_ii(table: MetricsTable, name: str):
-    published, column = TABLE_II[name], METRIC_NAMES.index(name)
+    published = TABLE_II[name]
+    column = METRIC_NAMES.index(name)
     values = table.values[:, column]
     assert len(values) == 300
     assert abs(values.mean() - published["mean"]) <= 0.1 * published["std"]

@@ -14,10 +14,10 @@ from scipy import stats
 from test_compare import write_folder
 from test_rows import result as a_result
 
-from barn_eval.results.rows import ResultRows
+from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import trial_id
+from barn_eval.trials.result import format_trial_id
 from barn_worlds.base.errors import ConfigError
 
 WORLDS = 10
@@ -42,7 +42,8 @@ def write_run(path, times):
 
 
 def timed(planner, world, repetition, time_s):
-    one, ended = a_result(world), Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
+    one = a_result(world)
+    ended = Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
     scored_s = 50.0 if time_s is None else time_s
     times = {
         "scored_time_s": scored_s,
@@ -51,7 +52,7 @@ def timed(planner, world, repetition, time_s):
     }
     scores = replace(one.scores, success=time_s is not None, **times)
     name = {
-        "trial_id": trial_id(planner, world, repetition),
+        "trial_id": format_trial_id(planner, world, repetition),
         "planner": planner,
         "repetition": repetition,
     }
@@ -148,10 +149,8 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
         dwa=PUBLISHED,
         eband={world: [20.0] * 3 for world in PUBLISHED},
     )
-    dwa, eband = (
-        write_run(tmp_path / "a", {"dwa": PUBLISHED}),
-        write_run(tmp_path / "b", {"eband": falling}),
-    )
+    dwa = write_run(tmp_path / "a", {"dwa": PUBLISHED})
+    eband = write_run(tmp_path / "b", {"eband": falling})
     (joint,) = calibrate([dwa, eband], table).joint
     # Rising and falling times cancel out, so that every world has the same mean.
     assert joint.labels == ("DWA", "E-Band")
@@ -168,8 +167,8 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     content = json.loads((eband / "run.json").read_text())
     content["experiment"]["protocol"]["limit_s"] = 60.0
     (eband / "run.json").write_text(json.dumps(content))
-    task = RunFile.read(eband).written_task()
-    rows = ResultRows(eband)
+    task = RunFile.read(eband).task_fingerprint()
+    rows = RowFile(eband)
     rows.replace([replace(row, task=task) for row in rows.read()])
     assert calibrate([dwa, eband], table).joint == ()
 

@@ -39,7 +39,8 @@ def test_trials_are_written_and_read_again(tmp_path):
 
 
 def test_the_line_is_that_of_least_squares():
-    x, y = made_up().times("jackal", "dwa"), made_up().times("husky", "dwa")
+    x = made_up().times("jackal", "dwa")
+    y = made_up().times("husky", "dwa")
     expected = stats.linregress(x, y)
     assert tool.slope(x, y) == pytest.approx(expected.slope)
     assert tool.intercept(x, y) == pytest.approx(expected.intercept)
@@ -51,7 +52,8 @@ def test_the_line_is_that_of_least_squares():
 
 def test_correlations_between_robots_and_with_themselves():
     trials = made_up()
-    x, y = trials.times("jackal", "dwa"), trials.times("husky", "dwa")
+    x = trials.times("jackal", "dwa")
+    y = trials.times("husky", "dwa")
     first, second = trials.tries("jackal", "dwa")
     row = next(
         line for line in tool.robots_table(trials).splitlines() if "DWA" in line

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from planar import GRAVITY_M_S2, Planar
 
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.files import ROBOTS, load_robot, shipped_robots
+from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
 
@@ -45,8 +45,9 @@ def test_robots_drive_as_theory_says(name):
 
 
 def test_what_it_prints(tmp_path):
-    text = shipped_robots()["turtlebot4"].read_text("utf-8")
-    mine, late = tmp_path / "mine.yaml", tmp_path / "late.yaml"
+    text = find_robot_files()["turtlebot4"].read_text("utf-8")
+    mine = tmp_path / "mine.yaml"
+    late = tmp_path / "late.yaml"
     mine.write_text(text, "utf-8")
     late.write_text(
         text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")
@@ -99,7 +100,8 @@ def test_a_robot_that_does_not_get_going_is_refused(friction):
 
 def test_a_stop_is_latency_ramp_and_lag():
     robot = changed("turtlebot4", "drive", motor_lag_s=0.2, command_latency_s=0.1)
-    speed, ramp = 0.46, robot.drive.max_acceleration_m_s2
+    speed = 0.46
+    ramp = robot.drive.max_acceleration_m_s2
     by_hand = speed * (0.1 + 0.2) + 0.5 * speed**2 / ramp
     assert Planar(robot).stopping_m(speed) == pytest.approx(by_hand, rel=0.002)
     assert Planar(robot).go(speed, 5.0)[1] == pytest.approx(

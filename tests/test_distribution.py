@@ -95,7 +95,7 @@ def test_it_requires_what_the_packages_require(wheel, monkeypatch):
 
 def test_installed_it_says_its_commit(wheel, tmp_path):
     wheel.extractall(tmp_path / "installed")
-    asked = "from barn_eval.results.run_file import commit, versions; print(commit(), versions()['barn_sim'])"
+    asked = "from barn_eval.results.provenance import commit, versions; print(commit(), versions()['barn_sim'])"
     environment = {"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"}
     done = subprocess.run(
         [sys.executable, "-c", asked],

@@ -10,7 +10,7 @@ import yaml
 from barn_eval.results.rows import results_table, timing_table
 from barn_eval.running.request import read_request
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_metrics.bootstrap import RESAMPLES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,13 +75,13 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
     path = tmp_path / "paper.yaml"
     path.write_text(text)
     campaign = read_request(path, {})
-    assert [planner.name for planner in campaign.experiment.planners] == [
+    assert [planner.name for planner in campaign.config.planners] == [
         "dwa",
         "eband",
     ]
-    assert campaign.experiment.protocol == PAPER_2020
+    assert campaign.config.protocol == PAPER_2020
     shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
-    assert set(Experiment.__dataclass_fields__) - shown == {"ros"}
+    assert set(RunConfig.__dataclass_fields__) - shown == {"ros"}
 
 
 def test_the_number_of_resamples_is_the_codes():

@@ -18,10 +18,10 @@ from launch_files import launch_arguments
 
 import barn_eval
 from barn_eval.commands.main import COMMANDS, MORE, cli
-from barn_eval.commands.options import parse_settings
+from barn_eval.commands.options import parse_parameters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS, load_protocol
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
@@ -72,7 +72,8 @@ def words_of(line):
 )
 def test_barn_takes_what_is_shown(line):
     words = words_of(line)[1:]
-    command, name = cli, "barn"
+    command = cli
+    name = "barn"
     while isinstance(command, click.Group):
         if words in ([], ["--help"], ["--version"]):
             return
@@ -106,9 +107,9 @@ def check_values(name, values):
         rules = PROTOCOLS[protocol]
     if name in ("run", "campaign"):
         settings = [one for one in values.get("ros") or [] if "KEY" not in one]
-        replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
+        replace_dotted(RosConfig(), parse_parameters(tuple(settings), "--ros"), "--ros")
         simulator_config(
-            rules, parse_settings(tuple(values.get("simulator") or ()), "--sim")
+            rules, parse_parameters(tuple(values.get("simulator") or ()), "--sim")
         )
     known = {*planner_names(), *EXAMPLES}
     for planner in (values.get("planners") or "dwa").split(","):
@@ -152,9 +153,11 @@ def test_ros2_is_shown_with_what_exists(line):
         if "--params-file" in rest:
             assert (ROOT / package / rest[rest.index("--params-file") + 1]).is_file()
     if verb == "launch" and words and words[0] not in FOREIGN:
-        launched, given = (ROOT / words[0], words[1:])
+        launched = ROOT / words[0]
+        given = words[1:]
         if not words[0].endswith(".launch.py"):
-            launched, given = ROOT / words[0] / "launch" / words[1], words[2:]
+            launched = ROOT / words[0] / "launch" / words[1]
+            given = words[2:]
         assert launched.is_file()
         declared = launch_arguments(launched)
         for one in given:
@@ -373,10 +376,8 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
     )
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
-        command, environment = (
-            [sys.executable, *words],
-            os.environ | {"PYTHONPATH": found},
-        )
+        command = [sys.executable, *words]
+        environment = os.environ | {"PYTHONPATH": found}
         done = subprocess.run(
             command,
             cwd=tmp_path,

@@ -166,7 +166,7 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
         ("python -m barn_eval campaign --worlds=0", "campaign"),
         ("python -P -m barn_eval.running.worker 5 local-0", "worker"),
         (
-            "python -I -S /a/supervision/guard.py 7 -- python start.py barn_sim.ros.simulator:main",
+            "python -I -S /a/supervision/launcher.py 7 -- python start.py barn_sim.ros.simulator:main",
             "guard",
         ),
         (

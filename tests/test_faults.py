@@ -14,7 +14,8 @@ import pytest
 from fuzz_readers import READERS
 
 ROOT = Path(__file__).resolve().parents[1]
-TOOL, PAGE = ROOT / "qa" / "faults" / "faults.py", ROOT / "docs" / "reliability.md"
+TOOL = ROOT / "qa" / "faults" / "faults.py"
+PAGE = ROOT / "docs" / "reliability.md"
 QUICK = (
     "inputs/campaign-aliases",
     "inputs/xml-laughs",

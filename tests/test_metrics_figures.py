@@ -15,8 +15,8 @@ from world_metrics import WIDTH_PX, draw_world_figure, world_figure
 
 from barn_metrics.report import metrics_table
 from barn_worlds.base.errors import WorldError
-from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.generate import WorldParameters, generate_world
+from barn_worlds.datasets.dataset import Dataset
+from barn_worlds.datasets.generate import WorldParameters, generate_world
 from barn_worlds.worlds.world import World
 
 

@@ -6,10 +6,14 @@ from click.testing import CliRunner
 from motion_statistics import by_class, main, mean_statistics, motion_statistics
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats.own import write_own
-from barn_worlds.moving.generate import arena_world, class_named, generate_arenas
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import (
+    build_arena,
+    generate_arenas,
+    motion_class,
+)
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
-from barn_worlds.worlds.dataset import open_dataset
 
 
 def cylinder(name, period_s, *keys):
@@ -24,7 +28,7 @@ def crossing(x, period_s):
 
 
 def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
-    found = motion_statistics(arena_world("one", [crossing(0.0, 20.0)]))
+    found = motion_statistics(build_arena("one", [crossing(0.0, 20.0)]))
     assert found.crossings_per_min == pytest.approx(6.0)
     assert found.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
     assert (found.obstacles, found.period_s) == (1, 20.0)
@@ -39,17 +43,17 @@ def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
     below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
     over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))
     assert (
-        motion_statistics(arena_world("jumps", [jump, below, over])).crossings_per_min
+        motion_statistics(build_arena("jumps", [jump, below, over])).crossings_per_min
         == 0.0
     )
     assert (
         motion_statistics(
-            arena_world("beyond", [crossing(11.5, 20.0)])
+            build_arena("beyond", [crossing(11.5, 20.0)])
         ).crossings_per_min
         == 0.0
     )
     once = motion_statistics(
-        arena_world("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))])
+        build_arena("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))])
     )
     assert once.crossings_per_min == pytest.approx(
         6.0
@@ -57,21 +61,19 @@ def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
 
 
 def test_means_are_over_worlds_and_extremes_over_all():
-    slow, fast = (
-        arena_world("slow", [crossing(0.0, 40.0)]),
-        arena_world("fast", [crossing(0.0, 10.0)]),
-    )
+    slow = build_arena("slow", [crossing(0.0, 40.0)])
+    fast = build_arena("fast", [crossing(0.0, 10.0)])
     found = mean_statistics([slow, fast])
     assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
     assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
 
 
 def test_worlds_are_counted_by_their_class(tmp_path):
-    chosen = [class_named(name) for name in ("easy", "hard")]
+    chosen = [motion_class(name) for name in ("easy", "hard")]
     made = dict(
         enumerate(world for one in chosen for world in generate_arenas(one, 2, 5))
     )
-    write_own(tmp_path / "own.npz", "own", made, {"seed": 5})
+    write_dataset_file(tmp_path / "own.npz", "own", made, {"seed": 5})
     found = by_class(str(tmp_path / "own.npz"))
     assert {name: len(worlds) for name, worlds in found.items()} == {
         "easy": 2,

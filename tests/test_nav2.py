@@ -19,15 +19,17 @@ from launch_files import constant
 
 from barn_eval.commands import ab
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_sim.config import PRESETS, SimulatorNodeConfig
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.ros.domain import reserve_domain
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
-SPEED_MPS, TURN_RADPS = 0.5, 1.57  # of the paper
+# of the paper
+SPEED_MPS = 0.5
+TURN_RADPS = 1.57
 
 
 def merged(*names):
@@ -121,11 +123,10 @@ def test_the_footprint_is_that_of_the_robot(nodes):
 @pytest.mark.parametrize("mode", ["map", "mapless"])
 @pytest.mark.parametrize("name", ["turtlebot4", "husky"])
 def test_another_robot_has_its_own_size_and_limits(name, mode):
-    chassis, drive = ROBOTS[name].chassis, ROBOTS[name].drive
-    nodes, before = (
-        merged("common", mode, "rpp", f"{name}_rpp"),
-        merged("common", mode, "rpp"),
-    )
+    chassis = ROBOTS[name].chassis
+    drive = ROBOTS[name].drive
+    nodes = merged("common", mode, "rpp", f"{name}_rpp")
+    before = merged("common", mode, "rpp")
     outline = {(x, y) for x, y in chassis.footprint_m}
     scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
     for costmap in ("local_costmap", "global_costmap"):
@@ -137,7 +138,8 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
             nodes[costmap]["inflation_layer"]["inflation_radius"]
             > chassis.circumscribed_m
         )
-    follow, speed = nodes["controller_server"]["FollowPath"], scale * SPEED_MPS
+    follow = nodes["controller_server"]["FollowPath"]
+    speed = scale * SPEED_MPS
     for key, value in follow.items():
         if (
             key.endswith(("_dist", "_vel", "_speed", "_radius"))
@@ -216,7 +218,7 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
 
 def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     # a robot kept standing is told so for longer than the evaluator waits for a command
-    assert nodes["collision_monitor"]["stop_pub_timeout"] > Patience().command_s
+    assert nodes["collision_monitor"]["stop_pub_timeout"] > WaitLimits().command_s
     # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
 
@@ -299,11 +301,9 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     )
     check = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(check)
-    source, other, mine = (
-        tmp_path / "navigation2",
-        tmp_path / "other",
-        tmp_path / "mine.yaml",
-    )
+    source = tmp_path / "navigation2"
+    other = tmp_path / "other"
+    mine = tmp_path / "mine.yaml"
     for place, read in (
         (source / "nav2_controller", "controller_frequency"),
         (other, "prefix.gain"),
@@ -332,7 +332,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
 def test_each_trial_gets_a_fresh_nav2(with_more_messages):
     """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
     script = Path(__file__).with_name("nav2_stand_in.py")
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),

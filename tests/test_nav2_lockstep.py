@@ -17,7 +17,7 @@ from ros_runs import make_plan, nothing_left, run  # noqa: F401 (a fixture)
 
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.ros_config import RosConfig
 
 PARAMETERS = Path(__file__).resolve().parents[1] / "examples" / "nav2" / "params"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
@@ -45,7 +45,7 @@ def host(controller):
 
 @pytest.mark.parametrize("controller", ["rpp", "dwb"])
 def test_the_same_seed_gives_the_same_drive(tmp_path, controller):
-    ros = RosSetup(restart_planner="each_trial", command_wait_s=60.0)
+    ros = RosConfig(restart_planner="each_trial", command_wait_s=60.0)
     limits = replace(CHALLENGE, name="short", limit_s=10.0, timeout_time_s=10.0)
     plan = make_plan(limits, ros, "nav2", host(controller), worlds="0-1")
     runs = []

@@ -20,7 +20,7 @@ from waiting import until
 
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.ros_config import Patience, RosSetup
+from barn_eval.trials.ros_config import RosConfig, WaitLimits
 
 LAUNCH_FILE = (
     Path(__file__).resolve().parents[1] / "examples" / "nav2" / "nav2.launch.py"
@@ -34,10 +34,10 @@ if not LAUNCH or not importlib.util.find_spec("tf2_msgs"):
 
 
 def test_a_killed_server_ends_one_trial_and_the_next_ones_drive(tmp_path, nothing_left):  # noqa: F811
-    ros = RosSetup(
+    ros = RosConfig(
         lockstep=False,
         planner_node="nav2_trial",
-        patience=Patience(gate_s=60.0, command_s=120.0),
+        patience=WaitLimits(gate_s=60.0, command_s=120.0),
         goal_by="action",
     )
     short = replace(CHALLENGE, name="short", limit_s=20.0, timeout_time_s=20.0)

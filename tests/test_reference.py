@@ -59,7 +59,7 @@ def test_a_node_takes_its_values_from_its_section_in_any_namespace(tmp_path, nam
     from rclpy.node import Node  # noqa: PLC0415
 
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
-    from barn_worlds.ros.parameters import declare  # noqa: PLC0415
+    from barn_worlds.ros.parameters import declare_parameters  # noqa: PLC0415
 
     changed = MapServerConfig(
         dataset="other",
@@ -81,7 +81,7 @@ def test_a_node_takes_its_values_from_its_section_in_any_namespace(tmp_path, nam
             cli_args=arguments,
             enable_rosout=False,
         )
-        assert declare(node, MapServerConfig()) == expected
+        assert declare_parameters(node, MapServerConfig()) == expected
         node.destroy_node()
     rclpy.shutdown(context=context)
 

@@ -15,7 +15,8 @@ FOLDER = Path(
 )
 PATHS = sorted(FOLDER.glob("*.npz"))
 # Share of driving cycles whose commands are equal: with plan and costmaps given, and from observations alone.
-GIVEN, SEEN = 0.99, 0.95
+GIVEN = 0.99
+SEEN = 0.95
 SETTINGS = {
     "dwa": {"local_costmap.soft_costs": True},
     "eband": {},

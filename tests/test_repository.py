@@ -176,10 +176,8 @@ def test_rosdep_knows_every_key(package):
 
 
 def test_a_release_says_what_the_citation_says():
-    citation, zenodo = (
-        yaml.safe_load(text_of("CITATION.cff")),
-        json.loads(text_of(".zenodo.json")),
-    )
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    zenodo = json.loads(text_of(".zenodo.json"))
     assert (zenodo["title"], zenodo["license"]) == (
         citation["title"],
         citation["license"],
@@ -209,3 +207,11 @@ def test_a_tag_is_released_only_with_its_version_and_notes():
         "repository-code: https://host/barn"
         in release("citation", "https://host/barn").stdout
     )
+
+
+def test_every_tool_has_a_line_on_the_page_of_tools():
+    page = text_of("qa/README.md")
+    tools = [*ROOT.glob("qa/*/*.py"), *ROOT.glob("qa/*/*.sh")]
+    assert len(tools) > 20
+    missing = [str(tool.relative_to(ROOT)) for tool in tools if tool.name not in page]
+    assert missing == []

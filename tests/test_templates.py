@@ -12,8 +12,10 @@ import pytest
 from defusedxml import ElementTree
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-PYTHON, CPP = EXAMPLES / "template_planner_py", EXAMPLES / "template_planner_cpp"
-PREDICTIVE, TRAINING = EXAMPLES / "predictive_planners", EXAMPLES / "policy_training"
+PYTHON = EXAMPLES / "template_planner_py"
+CPP = EXAMPLES / "template_planner_cpp"
+PREDICTIVE = EXAMPLES / "predictive_planners"
+TRAINING = EXAMPLES / "policy_training"
 
 
 @pytest.fixture(scope="module")

@@ -1,13 +1,14 @@
-"""BARN: a benchmark of ground-robot navigation. Everything the `barn` command does, for Python and notebooks.
+"""BARN, a benchmark of ground-robot navigation, from Python and notebooks.
 
     import barn_eval as barn
 
-    results = barn.run(worlds="0:300:100", planners=["gap", "dwa"], protocol="challenge", workers=2)
+    results = barn.run("0:300:100", ["gap", "dwa"], "challenge", workers=2)
     results.table
     results.replay("gap_w0100_r00")
 
-Worlds are in `barn.worlds`, robots in `barn.robots`, the difficulty model in `barn.difficulty`, what reads results in
-`barn.results`, and what concerns the suite itself in `barn.suite`. Nothing is imported until it is used. See
+Everything that the `barn` command does is here or in `barn.worlds`, `barn.robots`,
+`barn.difficulty` (the difficulty model), `barn.results` (reading results) and
+`barn.suite` (the suite itself). Nothing is imported until it is used. See
 docs/python.md.
 """
 
@@ -24,31 +25,27 @@ if TYPE_CHECKING:
     from barn_eval.api import worlds as worlds
     from barn_eval.api.front import *
     from barn_eval.api.types import *
-else:  # what type checkers are told above, found when it is asked for
-    _NOUNS = ("difficulty", "results", "robots", "suite", "worlds")
-    _NAMES = ("api.types", "api.front")  # what loads fast comes first
+else:
+    # The same for programs, imported at the first access.
+    _SUBMODULES = ("difficulty", "results", "robots", "suite", "worlds")
+
+    # Modules whose names are at the top; what loads fast comes first.
+    _MODULES = ("api.types", "api.front")
 
     def __getattr__(name: str) -> object:
-        """Return a part of the front door, imported now."""
-        if name in _NOUNS:
+        """Import a submodule, function or class and return it."""
+        if name in _SUBMODULES:
             return import_module(f"{__name__}.api.{name}")
-        for module in () if name.startswith("_") else _NAMES:
-            found = import_module(f"{__name__}.{module}")
-            if hasattr(found, name):
-                return getattr(found, name)
+        if not name.startswith("_"):
+            for module_name in _MODULES:
+                module = import_module(f"{__name__}.{module_name}")
+                if hasattr(module, name):
+                    return getattr(module, name)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        """Return what there is, for completion."""
-        found = (
-            name
-            for module in _NAMES
-            for name in vars(import_module(f"{__name__}.{module}"))
-        )
-        return sorted(
-            {
-                "__version__",
-                *_NOUNS,
-                *(name for name in found if not name.startswith("_")),
-            }
-        )
+        """Return all public names, for completion."""
+        names = {"__version__", *_SUBMODULES}
+        for module_name in _MODULES:
+            names |= vars(import_module(f"{__name__}.{module_name}")).keys()
+        return sorted(name for name in names if name == "__version__" or name[0] != "_")

@@ -1,7 +1,10 @@
-"""Start the evaluator: `ros2 launch barn_eval evaluator.launch.py worlds:=0-9 planner:=my_planner out:=results`.
+"""Start the evaluator.
 
-It leads a simulator and judges a planner that run already or are about to. When all trials have been made, everything
-that was launched with it ends. It reads /clock itself; use_sim_time would only change the times in its log.
+    ros2 launch barn_eval evaluator.launch.py worlds:=0-9 planner:=mine out:=results
+
+It leads a simulator and judges a planner that run already or start soon. When all
+trials have ended, everything that was launched with it ends. It reads /clock itself;
+use_sim_time only changes the times in its log.
 """
 
 from launch import LaunchDescription

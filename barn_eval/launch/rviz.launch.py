@@ -6,9 +6,14 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from barn_worlds.ros.launching import LOG_LEVEL, SIM_TIME, USUAL, argument
+from barn_worlds.ros.launching import (
+    COMMON_ARGUMENTS,
+    LOG_LEVEL,
+    SIM_TIME,
+    launch_argument,
+)
 
-# The layout names topics from the root; so they follow the namespace.
+# The layout names topics from the root; relative names follow the namespace.
 TOPICS = (
     "amcl_pose",
     "band",
@@ -26,26 +31,22 @@ TOPICS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return RViz with the suite's layout."""
-    layout = PathJoinSubstitution(
-        [FindPackageShare("barn_eval"), "config", "barn.rviz"]
-    )
+    share = FindPackageShare("barn_eval")
+    layout = PathJoinSubstitution([share, "config", "barn.rviz"])
     arguments = [
-        argument("layout", layout, "layout of RViz"),
-        argument(SIM_TIME[0], "true", SIM_TIME[1]),
-        *(argument(name, *USUAL[name]) for name in ("namespace", "log_level")),
+        launch_argument("layout", layout, "layout of RViz"),
+        launch_argument(SIM_TIME[0], "true", SIM_TIME[1]),
+        launch_argument("namespace", *COMMON_ARGUMENTS["namespace"]),
+        launch_argument("log_level", *COMMON_ARGUMENTS["log_level"]),
     ]
+
+    sim_time = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     node = Node(
         package="rviz2",
         executable="rviz2",
         name="rviz2",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[
-            {
-                "use_sim_time": ParameterValue(
-                    LaunchConfiguration("use_sim_time"), value_type=bool
-                )
-            }
-        ],
+        parameters=[{"use_sim_time": sim_time}],
         remappings=[(f"/{name}", name) for name in TOPICS],
         arguments=["-d", LaunchConfiguration("layout"), *LOG_LEVEL],
         output="screen",

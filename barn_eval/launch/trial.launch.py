@@ -1,7 +1,9 @@
-"""Simulator, planner and evaluator together: `ros2 launch barn_eval trial.launch.py worlds:=0 planner:=dwa rviz:=true`.
+"""Start simulator, planner and evaluator together.
 
-With `start_planner:=false` the planner is left out, for one of your own. All else is handed to the other launch files;
-`params_file` goes to all nodes, so that it can have a section for each.
+    ros2 launch barn_eval trial.launch.py worlds:=0 planner:=dwa rviz:=true
+
+`start_planner:=false` leaves the planner out, for one of your own. Other arguments go
+to the other launch files; `params_file` goes to all nodes and can have a section for each.
 """
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
@@ -10,7 +12,11 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
 from barn_eval.trials.protocol import load_protocol
-from barn_worlds.ros.launching import USUAL, argument, include
+from barn_worlds.ros.launching import (
+    COMMON_ARGUMENTS,
+    include_launch_file,
+    launch_argument,
+)
 
 ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
@@ -31,9 +37,9 @@ ARGUMENTS = {
     "start_planner": ("true", "start one of the suite's planners"),
     "rviz": ("false", "show the trials in RViz"),
     "use_sim_time": ("true", "planner and RViz take the time from /clock"),
-    **USUAL,
+    **COMMON_ARGUMENTS,
 }
-ALL = tuple(USUAL)
+ALL = tuple(COMMON_ARGUMENTS)
 SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
 PLANNER = ("planner", "preset", "use_map", "command_type", "use_sim_time", *ALL)
 RVIZ = ("use_sim_time", "namespace", "log_level")
@@ -52,34 +58,37 @@ EVALUATOR = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes with their arguments."""
+    arguments = [
+        launch_argument(name, default, meaning)
+        for name, (default, meaning) in ARGUMENTS.items()
+    ]
+    start_planner = IfCondition(LaunchConfiguration("start_planner"))
+    start_rviz = IfCondition(LaunchConfiguration("rviz"))
     return LaunchDescription(
         [
-            *(
-                argument(name, default, about)
-                for name, (default, about) in ARGUMENTS.items()
+            *arguments,
+            OpaqueFunction(function=_apply_protocol),
+            include_launch_file(
+                "barn_sim", "simulator", SIMULATOR, start_paused="true"
             ),
-            OpaqueFunction(function=_by_protocol),
-            include("barn_sim", "simulator", SIMULATOR, start_paused="true"),
-            include(
-                "barn_planners",
-                "planner",
-                PLANNER,
-                IfCondition(LaunchConfiguration("start_planner")),
+            include_launch_file("barn_planners", "planner", PLANNER, start_planner),
+            include_launch_file(
+                "barn_eval", "evaluator", EVALUATOR, use_sim_time="false"
             ),
-            include("barn_eval", "evaluator", EVALUATOR, use_sim_time="false"),
-            include(
-                "barn_eval", "rviz", RVIZ, IfCondition(LaunchConfiguration("rviz"))
-            ),
+            include_launch_file("barn_eval", "rviz", RVIZ, start_rviz),
         ]
     )
 
 
-def _by_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    """Set what is left open to what the protocol says."""
-    rules = load_protocol(LaunchConfiguration("protocol").perform(context))
-    said = {"preset": rules.planner_preset, "use_map": str(rules.map_given).lower()}
+def _apply_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """Set the arguments that are left empty to what the protocol says."""
+    protocol = load_protocol(LaunchConfiguration("protocol").perform(context))
+    defaults = {
+        "preset": protocol.planner_preset,
+        "use_map": str(protocol.map_given).lower(),
+    }
     return [
-        SetLaunchConfiguration(*one)
-        for one in said.items()
-        if not LaunchConfiguration(one[0]).perform(context)
+        SetLaunchConfiguration(name, value)
+        for name, value in defaults.items()
+        if not LaunchConfiguration(name).perform(context)
     ]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from waiting import until
 
-from barn_eval.running.engine import Work
+from barn_eval.running.pool import Work
 from barn_worlds.base.errors import BarnError
 
 
@@ -92,7 +92,8 @@ class Deeds(Work):
 
 def all_reports(engine, jobs):
     """Run jobs and return the reports by key."""
-    waiting, reports = list(jobs.items()), {}
+    waiting = list(jobs.items())
+    reports = {}
     while len(reports) < len(jobs):
         while waiting and len(jobs) - len(waiting) - len(reports) < engine.slots:
             engine.submit(*waiting.pop(0))

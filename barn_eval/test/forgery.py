@@ -7,7 +7,7 @@ from report_work import change_row
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorder import Recorder
-from barn_eval.results.rows import ResultRows, write_tables
+from barn_eval.results.rows import RowFile, write_tables
 from barn_eval.trials.result import from_json_line
 from barn_worlds.base.config import as_dict
 
@@ -15,7 +15,7 @@ from barn_worlds.base.config import as_dict
 def forge(folder, **changes):
     """Change the first row of a folder, by dotted names with "__", and all that is made of it."""
     row = change_row(folder, **changes)
-    write_tables(folder, ResultRows(folder).read())
+    write_tables(folder, RowFile(folder).read())
     bag = folder / "bags" / row["trial_id"]
     if bag.is_dir():
         rewrite_bag(
@@ -28,13 +28,13 @@ def forge(folder, **changes):
 
 def rewrite_bag(path, data_of, result):
     """Write a bag again with other messages and another result."""
-    there = BagFile(path)
-    messages = list(there.messages())
+    bag_file = BagFile(path)
+    messages = list(bag_file.messages())
     shutil.move(path, path.with_name("old"))
     with Recorder(path) as recorder:
-        for one in messages:
-            recorder.add_topic(one.topic, one.type_name)
-            recorder.write(one.topic, data_of(one), one.stamp_ns)
+        for message in messages:
+            recorder.add_topic(message.topic, message.type_name)
+            recorder.write(message.topic, data_of(message), message.stamp_ns)
         recorder.add_metadata("barn.result", {"result": result})
         recorder.finish()
     shutil.rmtree(path.with_name("old"))

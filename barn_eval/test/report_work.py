@@ -8,21 +8,23 @@ import numpy as np
 from planners import dataset_of
 
 import barn_eval as barn
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
-from barn_eval.results.rows import TrackRows, sealed, unsealed
-from barn_eval.results.run_file import RunFile, provenance
-from barn_eval.results.tracks import thinned
+from barn_eval.results.provenance import provenance
+from barn_eval.results.rows import TrackFile, seal_line, unseal_line
+from barn_eval.results.run_file import RunFile
+from barn_eval.results.tracks import thin_samples
 from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.result import to_json_line, trial_id
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.result import format_trial_id, to_json_line
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
-from barn_eval.trials.trajectory import clearances
+from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.config import as_dict
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import STANDARD_ROBOT
 
 SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge")
 EVIL = "</script><script>window.evil=1</script>"
@@ -33,11 +35,11 @@ def rewrite_rows(folder, change):
     path = folder / "results.jsonl"
     rows = change(
         [
-            json.loads(unsealed(line, path.name))
+            json.loads(unseal_line(line, path.name))
             for line in path.read_text().splitlines()
         ]
     )
-    path.write_text("".join(f"{sealed(json.dumps(row))}\n" for row in rows))
+    path.write_text("".join(f"{seal_line(json.dumps(row))}\n" for row in rows))
     return rows
 
 
@@ -55,9 +57,12 @@ def change_row(folder, number=0, **changes):
 
 def recorded_track(bag, world):
     """The track of a trial as its bag has it."""
-    recorded = read_recorded(bag)
-    gaps = clearances(
-        recorded.poses, world.cylinders_m, world.cylinder_radius_m, contact_of()
+    recorded = read_recorded_trial(bag)
+    gaps = compute_clearances(
+        recorded.poses,
+        world.cylinders_m,
+        world.cylinder_radius_m,
+        contact_footprint(STANDARD_ROBOT.chassis),
     )
     samples = [
         recorded.times_s,
@@ -66,19 +71,19 @@ def recorded_track(bag, world):
         recorded.commands,
         gaps,
     ]
-    return thinned(np.column_stack(samples), recorded.contact)
+    return thin_samples(np.column_stack(samples), recorded.contact)
 
 
 def drive(path, protocol=CHALLENGE, planners=("gap",), worlds="0"):
     """Drive a trial of each planner in each world, with bags, and return the folder."""
-    asked = {
+    options = {
         "dataset": dataset_of(protocol),
         "seed": 5,
         "bags": "all",
         "engine": "inline",
         "progress": False,
     }
-    return barn.run(worlds, list(planners), protocol, out=path, **asked).folder
+    return barn.run(worlds, list(planners), protocol, out=path, **options).folder
 
 
 def campaign(
@@ -98,12 +103,14 @@ def campaign(
         "protocol": protocol,
         "simulator": simulator_config(protocol),
     }
-    task = identity.fingerprint(identity.task(protocol, rules["simulator"]))
+    task = identity.fingerprint(identity.task_content(protocol, rules["simulator"]))
     of_rules = {"protocol": protocol.name, "metric": protocol.metric, "task": task}
     dataset = open_dataset(rules["dataset"])
     path.mkdir()
-    track = json.loads(next(iter(TrackRows(run).read().values())))
-    lines, tracks, left = [], [], bags
+    track = json.loads(next(iter(TrackFile(run).read().values())))
+    lines = []
+    tracks = []
+    left = bags
     for world in range(worlds):
         of_world = {
             "world": world,
@@ -112,7 +119,7 @@ def campaign(
         }
         for repetition in range(repetitions):
             for place, planner in enumerate(planners):
-                name = trial_id(planner, world, repetition)
+                name = format_trial_id(planner, world, repetition)
                 fails = (world + repetition) % 5 == 4
                 time_s = 10.0 + world + 0.1 * repetition + faster * place
                 figures = (
@@ -124,18 +131,20 @@ def campaign(
                     "detail": EVIL if fails else "",
                 }
                 ended |= {"outcome": Outcome.TIMEOUT if fails else Outcome.SUCCESS}
-                drawn = {
+                rows = {
                     "planner": planner,
                     "repetition": repetition,
                     "simulator_seed": 100 * world + repetition,
                 }
                 row = replace(
-                    model, trial_id=name, **of_world, **drawn, **of_rules, **ended
+                    model, trial_id=name, **of_world, **rows, **of_rules, **ended
                 )
-                lines.append(sealed(to_json_line(row)))
+                lines.append(seal_line(to_json_line(row)))
                 if left and world == 0:
                     shutil.copytree(run / "bags" / model.trial_id, path / "bags" / name)
-                    tracks.append(sealed(json.dumps(track | {"trial_id": name})) + "\n")
+                    tracks.append(
+                        seal_line(json.dumps(track | {"trial_id": name})) + "\n"
+                    )
                     left -= 1
     rules |= {
         "worlds": f"0:{worlds}",
@@ -143,12 +152,12 @@ def campaign(
         "seed": 5,
         "bags": "all" if bags else "none",
     }
-    experiment = Experiment(planners=tuple(map(PlannerChoice, planners)), **rules)
+    experiment = RunConfig(planners=tuple(map(PlannerChoice, planners)), **rules)
     session = {
         "started_at": "2026-01-01T00:00:00+00:00",
-        "execution": as_dict(Execution()),
+        "execution": as_dict(ExecutionConfig()),
     } | provenance()
-    replace(RunFile.of(path, experiment, {}), sessions=(session,)).write()
+    replace(RunFile.for_run(path, experiment, {}), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
     (path / "tracks.jsonl").write_text("".join(tracks))
     return path

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.results.folder import opened
-from barn_eval.results.store import Record
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.store import TrialRecord
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 
 
-def made_up(spec):
+def invent_result(spec):
     """Return the result of a trial that was not driven: slower with filled cells, more so for DWA; some fail."""
     generator = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     steepness = 8.0 if spec.planner == "dwa" else 4.0
@@ -23,7 +23,7 @@ def made_up(spec):
     )
     fails = generator.random() < 0.1
     scored_s = spec.protocol.failure_time_s if fails else time_s
-    one = a_result(spec.index)
+    result = a_result(spec.world_number)
     times = {
         "traversal_time_s": spec.protocol.limit_s if fails else time_s,
         "scored_time_s": scored_s,
@@ -45,10 +45,10 @@ def made_up(spec):
     of_spec |= {"protocol": spec.protocol.name, "metric": spec.protocol.metric}
     outcome = Outcome.TIMEOUT if fails else Outcome.SUCCESS
     return replace(
-        one,
+        result,
         **of_spec,
         outcome=outcome,
-        scores=replace(one.scores, success=not fails, **times),
+        scores=replace(result.scores, success=not fails, **times),
     )
 
 
@@ -56,7 +56,7 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
     """Return an experiment of both planners."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
     rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
-    return Experiment(
+    return RunConfig(
         dataset=dataset,
         worlds=worlds,
         planners=planners,
@@ -65,9 +65,11 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
     )
 
 
-def write_made_up(out, experiment, change=lambda result: result):
+def write_invented(out, experiment, change=lambda result: result):
     """Write a folder of trials that were not driven, and return their results."""
-    with opened(out, experiment, Execution(), experiment.trials()) as folder:
+    with ResultsFolder.open(
+        out, experiment, ExecutionConfig(), experiment.trials()
+    ) as folder:
         for spec in folder.remaining:
-            folder.append(Record(change(made_up(spec)), None))
+            folder.append(TrialRecord(change(invent_result(spec)), None))
         return folder.complete()

@@ -10,19 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
-from barn_eval.results.store import Store
-from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.results.store import BagStore
+from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.ros.work import run_request
-from barn_eval.running.request import Request
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.ros_config import Patience, RosSetup
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.ros_config import RosConfig, WaitLimits
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.messages.cdr import deserialise, layout
+from barn_worlds.messages.cdr import deserialize, find_slots
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -34,11 +34,11 @@ SHORT = replace(
     CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0
 )
 _LONG_S = 600.0  # only what hangs takes as long
-_PATIENCE = Patience(
+_PATIENCE = WaitLimits(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
     clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
 )  # fmt: skip
-PATIENT = RosSetup(
+PATIENT = RosConfig(
     command_wait_s=_LONG_S, patience=_PATIENCE
 )  # no verdict hangs on the pace of the machine
 EACH = replace(PATIENT, restart_planner="each_trial")
@@ -46,7 +46,7 @@ MANAGED = replace(
     PATIENT, command_wait_s=5.0
 )  # what a scan costs that comes while nodes become active
 # So, but for a planner's silence: for tests that wait for it in full. It counts by the evaluator's own progress.
-QUICK = RosSetup(patience=replace(_PATIENCE, command_s=5.0))
+QUICK = RosConfig(patience=replace(_PATIENCE, command_s=5.0))
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +64,7 @@ def nothing_left(monkeypatch):
 
 def marked(mark, text=""):
     """Return the processes other than this one that carry the mark and have the text in their command line."""
-    found = []
+    processes = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
             pid = int(entry.name)
@@ -76,25 +76,25 @@ def marked(mark, text=""):
             ):
                 continue
             if text in (entry / "cmdline").read_bytes().decode():
-                found.append(pid)
-    return found
+                processes.append(pid)
+    return processes
 
 
 def node_process(mark, module):
-    """Return the process of a node of ours, not its guard."""
+    """Return the process of a node of ours, not its launcher."""
     return [
         pid
         for pid in marked(mark, module)
-        if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 
-def guards(mark, command):
-    """Return the guards of a command."""
+def launchers(mark, command):
+    """Return the launchers of a command."""
     return [
         pid
         for pid in marked(mark, command)
-        if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 
@@ -104,7 +104,7 @@ def make_plan(
     planners = (PlannerChoice(planner, command=planner_command),)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol), "ros": ros}
     return replace(
-        Experiment(
+        RunConfig(
             worlds="0", planners=planners, mode="ros", seed=5, bags="all", **rules
         ),
         **changes,
@@ -114,7 +114,7 @@ def make_plan(
 def drive(folder, plan, notice=lambda _: None):
     """Yield the result of each trial of a plan once it has ended; bags go to the folder."""
     for record in run_ros_trials(
-        plan, plan.trials(), Store(folder, plan.bags), notice=notice
+        plan, plan.trials(), BagStore(folder, plan.bags), notice=notice
     ):
         yield record.result
 
@@ -130,8 +130,8 @@ def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
 
 def run(folder, plan):
     """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
-    request = Request(plan, Execution(workers=1), folder)
-    return run_request(request, Console(quiet=True))
+    request = RunRequest(plan, ExecutionConfig(workers=1), folder)
+    return run_request(request, Reporter())
 
 
 def foreign(script, *arguments):
@@ -140,14 +140,14 @@ def foreign(script, *arguments):
 
 def messages(bag):
     """Return the decoded messages of a bag by topic, as (time from the first, message)."""
-    found = {}
+    messages_by_topic = {}
     with AnyReader([bag]) as reader:
         for connection, stamp, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append(
+            messages_by_topic.setdefault(connection.topic, []).append(
                 (stamp - reader.start_time, message)
             )
-    return found
+    return messages_by_topic
 
 
 def unstamped(bag):
@@ -155,16 +155,14 @@ def unstamped(bag):
 
     Of the reports on /diagnostics only those of the planner.
     """
-    found = {}
+    contents = {}
     for record in BagFile(bag).messages():
-        data, message = (
-            bytearray(record.data),
-            deserialise(record.data, record.type_name),
-        )
+        data = bytearray(record.data)
+        message = deserialize(record.data, record.type_name)
         if record.topic == "/diagnostics" and message.status[0].name != "planner":
             continue
-        for name, slot in layout(message).items():
+        for name, slot in find_slots(message).items():
             if name.endswith(".sec"):
                 data[slot.offset : slot.offset + 4] = bytes(4)
-        found.setdefault(record.topic, []).append(bytes(data))
-    return found
+        contents.setdefault(record.topic, []).append(bytes(data))
+    return contents

@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from rich.console import Console
 
+from barn_eval.running.reporting import Reporter
 from barn_eval.studies import ab as studied
 from barn_eval.studies.ab import AbResult, ab
 from barn_worlds.base.errors import BarnError
@@ -13,7 +13,7 @@ OPTIONS = {"worlds": "0:300:50", "workers": 1, "engine": "inline"}
 
 
 def side(text, command="", base="dwa"):
-    return studied._side(text, base, command, {"out": studied.Path("out")})
+    return studied.read_side(text, base, command, {"out": studied.Path("out")})
 
 
 @pytest.fixture
@@ -27,19 +27,19 @@ def workspace(tmp_path):
 def test_a_planner_of_the_suite_is_given_with_its_settings():
     (planner,) = side(
         "dwa:fast_dwa,dwa.path_weight=0.6,dwa.sim_time_s=1"
-    ).experiment.planners
+    ).config.planners
     assert (planner.name, planner.preset) == ("dwa", "fast_dwa")
     assert planner.overrides == {"dwa.path_weight": 0.6, "dwa.sim_time_s": 1}
 
 
 def test_a_workspace_is_sourced_and_known_by_what_is_installed(workspace):
     first = side(str(workspace), "ros2 run my_nav host")
-    (planner,) = first.experiment.planners
+    (planner,) = first.config.planners
     assert (
         planner.command
         == f"bash -c '. {workspace}/install/setup.bash && exec ros2 run my_nav host'"
     )
-    assert first.experiment.mode == "ros"
+    assert first.config.mode == "ros"
     assert (
         side(str(workspace / "install" / "setup.bash"), "ros2 run my_nav host").out
         == first.out
@@ -53,20 +53,20 @@ def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
     file.write_text("a: 1\n")
     command = "run --ros-args --params-file nav.yaml"
     first = side(str(file), command)
-    assert first.experiment.planners[0].command == f"{command} --params-file {file}"
-    (named,) = side(str(file), f"mine={command}").experiment.planners
+    assert first.config.planners[0].command == f"{command} --params-file {file}"
+    (named,) = side(str(file), f"mine={command}").config.planners
     assert (named.name, named.command) == ("mine", f"{command} --params-file {file}")
     file.write_text("a: 2\n")
     assert side(str(file), command).out != first.out
 
 
 def test_both_commands_drive_under_the_name_of_base_so_that_seeds_are_the_same():
-    asked = [
+    requests = [
         side(text, base="python base.py")
         for text in ("python base.py", "python head.py")
     ]
-    assert [one.experiment.planners[0].name for one in asked] == ["base", "base"]
-    assert asked[0].out != asked[1].out
+    assert [request.config.planners[0].name for request in requests] == ["base", "base"]
+    assert requests[0].out != requests[1].out
 
 
 def test_a_file_of_a_run_is_a_side(tmp_path):
@@ -74,7 +74,7 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
     file.write_text(
         "schema_version: 1\nplanners: [{name: gap, overrides: {max_speed_mps: 0.4}}]\n"
     )
-    assert side(str(file)).experiment.planners[0].overrides == {"max_speed_mps": 0.4}
+    assert side(str(file)).config.planners[0].overrides == {"max_speed_mps": 0.4}
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_equal_sides_are_refused(tmp_path):
             "gap,max_speed_mps=0.5",
             "",
             OPTIONS | {"out": tmp_path},
-            Console(quiet=True),
+            Reporter(),
         )
 
 
@@ -122,22 +122,25 @@ def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_cod
     code, out, err = command(
         "ab", "gap,max_speed_mps=0.4", "gap,max_speed_mps=0.9", *words, "--json"
     )
-    found = json.loads(out)
-    assert (code, found["decision"]) == (0, "better")
-    assert found["worlds"] < found["planned"] == 15
+    content = json.loads(out)
+    assert (code, content["decision"]) == (0, "better")
+    assert content["worlds"] < content["planned"] == 15
     assert err.count("trials are there already") == 2 and "success in" not in err
     folders = {path.name for path in (tmp_path / "ab").iterdir()}
-    assert {found["base"], found["head"]} == {f"ab/{name}" for name in folders}
+    assert {content["base"], content["head"]} == {f"ab/{name}" for name in folders}
 
 
 def test_a_verdict_tells_how_far_it_went(tmp_path):
-    found = ab(
+    conclusion = ab(
         "gap",
         "gap,margin_m=0.031",
         "",
         OPTIONS | {"out": tmp_path},
-        Console(quiet=True),
+        Reporter(),
     )
-    assert isinstance(found, AbResult) and found.decision in ("futile", "open")
-    assert f"after {found.worlds} of 6 worlds" in found.markdown()
-    assert "difference is clear" in found.markdown()
+    assert isinstance(conclusion, AbResult) and conclusion.decision in (
+        "futile",
+        "open",
+    )
+    assert f"after {conclusion.worlds} of 6 worlds" in conclusion.markdown()
+    assert "difference is clear" in conclusion.markdown()

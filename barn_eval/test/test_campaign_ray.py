@@ -1,6 +1,5 @@
 """A two-node Ray cluster on this machine whose workers are killed."""
 
-import io
 import signal
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -11,13 +10,13 @@ import campaign_work
 import pytest
 import waiting
 from campaign_work import Deeds, all_reports, signatures
-from rich.console import Console
 from waiting import until
 
-from barn_eval.running.cluster import RayEngine
-from barn_eval.running.engine import Done, Lost, Refused
+from barn_eval.ros.work import run_request
+from barn_eval.running.pool import JobLoss, JobRefusal, JobResult
+from barn_eval.running.ray_pool import RayPool
+from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import read_request
-from barn_eval.running.run import run_experiment
 from barn_worlds.base.errors import ConfigError
 
 
@@ -39,7 +38,7 @@ def cluster():
 @pytest.fixture
 def engine(cluster):
     with closing(
-        RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
+        RayPool(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
     ) as engine:
         yield engine
 
@@ -47,7 +46,7 @@ def engine(cluster):
 def test_jobs_go_to_both_nodes(engine, tmp_path):
     assert engine.slots == 2
     reports = all_reports(engine, dict.fromkeys("ab", ("meet", (tmp_path / "list", 2))))
-    assert all(isinstance(report, Done) for report in reports.values())
+    assert all(isinstance(report, JobResult) for report in reports.values())
     assert len({report.result for report in reports.values()}) == 2, (
         "one raylet is the parent of all workers"
     )
@@ -61,9 +60,9 @@ def test_a_killed_worker_loses_its_own_job_only(engine, tmp_path):
     )
     reports = all_reports(engine, jobs)
     assert reports["killed"].reason == "its worker was lost: WorkerCrashedError"
-    assert [key for key, report in reports.items() if not isinstance(report, Done)] == [
-        "killed"
-    ]
+    assert [
+        key for key, report in reports.items() if not isinstance(report, JobResult)
+    ] == ["killed"]
 
 
 def test_failures_and_mistakes_are_told_apart(engine):
@@ -77,16 +76,16 @@ def test_failures_and_mistakes_are_told_apart(engine):
     )
     assert reports["a"].reason == "ValueError: no luck"
     assert "in fail" in reports["a"].traceback
-    assert reports["b"] == Refused("b", reports["b"].worker, "no such preset")
+    assert reports["b"] == JobRefusal("b", reports["b"].worker, "no such preset")
     assert reports["c"].result[2] == "1", "workers must not start threads of their own"
 
 
 def test_a_job_over_its_time_is_lost(cluster, tmp_path):
     with closing(
-        RayEngine(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)
+        RayPool(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)
     ) as engine:
         lost = all_reports(engine, {"a": ("meet", (tmp_path / "list", 2))})["a"]
-        while not isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], Done):
+        while not isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], JobResult):
             pass  # a worker starts within the limit of a job, for which a busy machine may need several
     assert lost.reason == "no result within 12 s of wall-clock time"
 
@@ -94,7 +93,8 @@ def test_a_job_over_its_time_is_lost(cluster, tmp_path):
 def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(
     engine, cluster, tmp_path
 ):
-    meeting, reports = tmp_path / "list", []
+    meeting = tmp_path / "list"
+    reports = []
 
     def reported(count):
         reports.extend(engine.wait(1.0))
@@ -107,21 +107,20 @@ def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(
     until(lambda: signatures(meeting) == 3)
     cluster.remove_node(node, allow_graceful=False)
     until(lambda: reported(1))
-    assert [type(report) for report in reports] == [Lost]
+    assert [type(report) for report in reports] == [JobLoss]
     until(lambda: engine.slots == 2)
     with meeting.open("a") as file:
         file.write("go\n")
     until(lambda: reported(3))
-    assert [type(report) for report in reports] == [Lost, Done, Done]
+    assert [type(report) for report in reports] == [JobLoss, JobResult, JobResult]
 
 
 def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tmp_path):
     file = campaign_runs.write_campaign(
         tmp_path, "moving", planners="[gap]", repetitions=10
     )
-    console = Console(file=io.StringIO())
-    run_experiment(
-        read_request(file, {"out": tmp_path / "local", "engine": "inline"}), console
+    run_request(
+        read_request(file, {"out": tmp_path / "local", "engine": "inline"}), Reporter()
     )
     node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
@@ -133,18 +132,18 @@ def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tm
     with ThreadPoolExecutor() as pool:
         losing = pool.submit(lose)
         options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
-        results = run_experiment(read_request(file, options), console)
+        results = run_request(read_request(file, options), Reporter())
         losing.result()
     assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(
         tmp_path / "local"
     )
-    assert max(one.wall_clock.attempts for one in results) <= 2
-    assert len({one.wall_clock.worker for one in results}) >= 2
+    assert max(result.wall_clock.attempts for result in results) <= 2
+    assert len({result.wall_clock.worker for result in results}) >= 2
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):
     with pytest.raises(ConfigError, match=r"engine ray: cannot reach 127\.0\.0\.1:1: "):
-        RayEngine(Deeds(), workers=1, trial_limit_s=5.0, address="127.0.0.1:1")
+        RayPool(Deeds(), workers=1, trial_limit_s=5.0, address="127.0.0.1:1")
 
 
 def test_missing_ray_is_one_line(monkeypatch):
@@ -152,4 +151,4 @@ def test_missing_ray_is_one_line(monkeypatch):
     with pytest.raises(
         ConfigError, match="engine ray needs Ray, which is not installed"
     ):
-        RayEngine(Deeds(), workers=1, trial_limit_s=5.0)
+        RayPool(Deeds(), workers=1, trial_limit_s=5.0)

@@ -11,11 +11,15 @@ import campaign_runs as runs
 from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
 from waiting import until
 
-from barn_eval.results.folder import fair_order, fair_worlds, read_results
-from barn_eval.results.store import Store
+from barn_eval.results.folder import (
+    order_trials_fairly,
+    order_worlds_fairly,
+    read_results,
+)
+from barn_eval.results.store import BagStore
 from barn_eval.ros.work import RosWork
-from barn_eval.running.command_files import told_parameters
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.running.command_files import read_node_parameters
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 
 
 def comparable(out):
@@ -59,9 +63,9 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[gap]", repetitions=3)
     out = tmp_path / "out"
     for number in (signal.SIGKILL, signal.SIGINT):
-        kept = runs.rows(out)
+        rows = runs.rows(out)
         campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 1)
-        until(lambda kept=kept: runs.rows(out) > kept)
+        until(lambda rows=rows: runs.rows(out) > rows)
         runs.stop(campaign, number)
         _, errors = campaign.communicate(timeout=600)
         until(lambda: not marked(os.environ[MARK]))
@@ -75,11 +79,9 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
 
 def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]")
-    planner, starts, out = (
-        tmp_path / "planner.sh",
-        tmp_path / "starts",
-        tmp_path / "out",
-    )
+    planner = tmp_path / "planner.sh"
+    starts = tmp_path / "starts"
+    out = tmp_path / "out"
     planner.write_text(
         f"echo >> {starts}\nexec {shlex.join([sys.executable, str(EXAMPLE)])}\n"
     )
@@ -99,18 +101,20 @@ def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_
     assert (
         starts.read_text().count("\n") >= 2
     )  # one more may be starting as the campaign ends
-    assert told_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
+    assert (
+        read_node_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
+    )
 
 
 def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path):
     planners = tuple(map(PlannerChoice, ("gap", "dwa")))
-    experiment = Experiment(worlds="0-24", planners=planners, repetitions=2, mode="ros")
-    trials = fair_order(experiment.trials())
-    jobs = RosWork(experiment, Store(tmp_path), 1).jobs(trials)
+    experiment = RunConfig(worlds="0-24", planners=planners, repetitions=2, mode="ros")
+    trials = order_trials_fairly(experiment.trials())
+    jobs = RosWork(experiment, BagStore(tmp_path), 1).jobs(trials)
     assert [job.key for job in jobs] == [
         f"{name}/{part}" for part in range(3) for name in ("gap", "dwa")
     ]
-    assert [len({spec.index for spec in job.trials}) for job in jobs] == [
+    assert [len({spec.world_number for spec in job.trials}) for job in jobs] == [
         10,
         10,
         10,
@@ -121,8 +125,10 @@ def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path)
     assert sorted(spec.trial_id for job in jobs for spec in job.trials) == sorted(
         spec.trial_id for spec in trials
     )
-    first, second = ({spec.index for spec in job.trials} for job in jobs[:2])
-    assert first == second == set(fair_worlds(range(25))[:10])
+    first, second = ({spec.world_number for spec in job.trials} for job in jobs[:2])
+    assert first == second == set(order_worlds_fairly(range(25))[:10])
     alone = replace(experiment, planners=planners[:1])
-    jobs = RosWork(alone, Store(tmp_path), 2).jobs(fair_order(alone.trials()))
+    jobs = RosWork(alone, BagStore(tmp_path), 2).jobs(
+        order_trials_fairly(alone.trials())
+    )
     assert [job.key for job in jobs] == ["gap_0", "gap_1"]

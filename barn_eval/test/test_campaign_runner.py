@@ -8,18 +8,26 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from barn_eval.results.folder import opened, read_results
-from barn_eval.results.rows import ResultRows
-from barn_eval.results.store import Record, Store
+from barn_eval.results.folder import ResultsFolder, read_results
+from barn_eval.results.rows import RowFile
+from barn_eval.results.store import BagStore, TrialRecord
 from barn_eval.results.tracks import track_line
-from barn_eval.running.engine import DirectWork, Done, Engine, Job, Lost, Part, Refused
-from barn_eval.running.run import kept_apart
-from barn_eval.running.runner import ExperimentError, Loss, run_remaining
+from barn_eval.running.pool import (
+    DirectWork,
+    Job,
+    JobLoss,
+    JobRefusal,
+    JobResult,
+    PartialResult,
+    WorkerPool,
+)
+from barn_eval.running.run import describe_unscored
+from barn_eval.running.runner import RunError, TrialLoss, run_trials
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 
 ENDED_AT = "2026-01-01T00:00:00.000+00:00"
 
@@ -29,13 +37,14 @@ def driven(spec, clock=0.0):
     draw = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     count = 50
     truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
-    stamps_ns, speeds = np.arange(count) * 50_000_000, draw.uniform(0, 0.5, (count, 2))
+    stamps_ns = np.arange(count) * 50_000_000
+    speeds = draw.uniform(0, 0.5, (count, 2))
     trajectory = Trajectory(
         stamps_ns, truth, speeds, np.ones((count, 2)), np.zeros(count, bool)
     )
     outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
     verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)
-    return conclude(
+    return finish_trial(
         spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock)
     )
 
@@ -46,16 +55,20 @@ def finished(spec, clock=0.0):
 
 def record(spec, clock=0.0):
     """Return what a worker reports of a trial."""
-    return Record(finished(spec, clock), track_line(driven(spec, clock)))
+    return TrialRecord(finished(spec, clock), track_line(driven(spec, clock)))
 
 
-class Scripted(Engine):
+class Scripted(WorkerPool):
     """Answers jobs in an order of its own; `fate` may turn an attempt into something else than a result."""
 
     def __init__(self, slots=3, seed=0, fate=lambda key, attempt, result: result):
-        self._slots, self.fate = slots, fate
+        self._slots = slots
+        self.fate = fate
         self.draw = np.random.default_rng(seed)
-        self.out, self.attempts, self.order, self.closed = {}, {}, [], False
+        self.out = {}
+        self.attempts = {}
+        self.order = []
+        self.closed = False
 
     @property
     def slots(self):
@@ -71,7 +84,7 @@ class Scripted(Engine):
         key = list(self.out)[self.draw.integers(len(self.out))]
         job = self.out.pop(key)
         self.attempts[key] = self.attempts.get(key, 0) + 1
-        done = Done(
+        done = JobResult(
             key, "scripted", record(job.trials[0], float(self.draw.random())), ENDED_AT
         )
         return [self.fate(key, self.attempts[key], done)]
@@ -82,7 +95,7 @@ class Scripted(Engine):
 
 @pytest.fixture(scope="module")
 def config():
-    return Experiment(
+    return RunConfig(
         worlds="0,50",
         planners=(PlannerChoice("gap"), PlannerChoice("dwa")),
         repetitions=2,
@@ -96,10 +109,17 @@ def specs(config):
 
 
 def run(path, config, specs, engine, mode="direct", **execution):
-    execution = Execution(**execution)
-    with opened(path, config, execution, specs) as folder:
+    execution = ExecutionConfig(**execution)
+    with ResultsFolder.open(path, config, execution, specs) as folder:
         events = list(
-            run_remaining(folder, engine, execution, DirectWork(Store(path)), mode)
+            run_trials(
+                folder,
+                folder.remaining,
+                engine,
+                execution,
+                DirectWork(BagStore(path)),
+                mode,
+            )
         )
         folder.complete()
     return events
@@ -108,7 +128,7 @@ def run(path, config, specs, engine, mode="direct", **execution):
 def lost_if(condition, **what):
     def fate(key, attempt, result):
         return (
-            Lost(key, "scripted", "it was told to", **what)
+            JobLoss(key, "scripted", "it was told to", **what)
             if condition(key, attempt)
             else result
         )
@@ -140,12 +160,15 @@ def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, spe
         lambda name, attempt: name == key and attempt < 3, traceback="Traceback of it"
     )
     events = run(tmp_path, config, specs, Scripted(fate=fate))
-    losses = [event for event in events if isinstance(event, Loss)]
-    assert losses == [Loss(key, 1, "it was told to"), Loss(key, 2, "it was told to")]
+    losses = [event for event in events if isinstance(event, TrialLoss)]
+    assert losses == [
+        TrialLoss(key, 1, "it was told to"),
+        TrialLoss(key, 2, "it was told to"),
+    ]
     (result,) = [
         event
         for event in events
-        if not isinstance(event, Loss) and event.trial_id == key
+        if not isinstance(event, TrialLoss) and event.trial_id == key
     ]
     assert (result.wall_clock.attempts, result.wall_clock.worker) == (3, "scripted")
     assert result.repeatable() == finished(specs[2]).repeatable()
@@ -164,7 +187,7 @@ def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(
 ):
     key = specs[1].trial_id
     engine = Scripted(
-        fate=lost_if(lambda name, attempt: name == key, overtime=overtime)
+        fate=lost_if(lambda name, attempt: name == key, is_overtime=overtime)
     )
     run(tmp_path, config, specs, engine, attempts=2)
     assert engine.attempts[key] == 2
@@ -202,8 +225,8 @@ def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
     assert {result.trial_id for result in scored} == {
         spec.trial_id for spec in specs
     } - {key}
-    apart = kept_apart(
-        [*scored, *(row for row in ResultRows(tmp_path / "x").read() if not row.counts)]
+    apart = describe_unscored(
+        [*scored, *(row for row in RowFile(tmp_path / "x").read() if not row.is_scored)]
     )
     assert apart.startswith(
         f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; "
@@ -218,12 +241,12 @@ def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
         assert (tmp_path / "x" / name).read_bytes() == (
             tmp_path / "undisturbed" / name
         ).read_bytes(), name
-    assert kept_apart(read_results(tmp_path / "x")) == ""
+    assert describe_unscored(read_results(tmp_path / "x")) == ""
 
 
 def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
     with pytest.raises(
-        ExperimentError,
+        RunError,
         match="4 attempts in a row were lost, the last one: it was told to",
     ):
         run(
@@ -245,16 +268,16 @@ def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(
     key = specs[-1].trial_id
 
     def fate(name, attempt, result):
-        return Refused(name, "scripted", "no such preset") if name == key else result
+        return JobRefusal(name, "scripted", "no such preset") if name == key else result
 
-    with pytest.raises(ExperimentError, match=f"{key}: no such preset"):
+    with pytest.raises(RunError, match=f"{key}: no such preset"):
         run(tmp_path, config, specs, Scripted(slots=1, fate=fate))
     assert (tmp_path / "results.jsonl").read_bytes().count(b"\n") == len(specs) - 1
     assert not (tmp_path / "results.csv").exists()
 
 
 def test_a_second_result_of_a_trial_is_not_taken(tmp_path, config, specs):
-    with opened(tmp_path, config, Execution(), specs) as folder:
+    with ResultsFolder.open(tmp_path, config, ExecutionConfig(), specs) as folder:
         folder.append(record(specs[0]))
         with pytest.raises(ValueError, match="has a result already"):
             folder.append(record(specs[0]))
@@ -306,12 +329,14 @@ class PartByPart(Scripted):
                 self.attempts.get(spec.trial_id, 0) + 1
             )
             part = self.fate(
-                spec.trial_id, number, Part(key, "scripted", record(spec), ENDED_AT)
+                spec.trial_id,
+                number,
+                PartialResult(key, "scripted", record(spec), ENDED_AT),
             )
             reports.append(replace(part, key=key))
-            if isinstance(part, Lost):
+            if isinstance(part, JobLoss):
                 return reports
-        return [*reports, Done(key, "scripted", None, "")]
+        return [*reports, JobResult(key, "scripted", None, "")]
 
 
 def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(
@@ -324,11 +349,15 @@ def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(
             lambda key, attempt: key == last or (key == second and attempt < 3)
         ),
     )
-    execution = Execution(attempts=3)
-    with opened(tmp_path, config, execution, specs) as folder:
-        events = list(run_remaining(folder, engine, execution, Shares(Store(tmp_path))))
+    execution = ExecutionConfig(attempts=3)
+    with ResultsFolder.open(tmp_path, config, execution, specs) as folder:
+        events = list(
+            run_trials(
+                folder, folder.remaining, engine, execution, Shares(BagStore(tmp_path))
+            )
+        )
         results = {result.trial_id: result for result in folder.complete()}
-    assert [event.trial_id for event in events if isinstance(event, Loss)] == [
+    assert [event.trial_id for event in events if isinstance(event, TrialLoss)] == [
         second,
         second,
         last,

@@ -16,13 +16,14 @@ from rosbags.rosbag2 import Reader
 from barn_eval import __version__
 from barn_eval.commands.main import COMMANDS
 from barn_eval.results.folder import read_results
-from barn_eval.results.run_file import RunFile, commit
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution
+from barn_eval.results.provenance import commit
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
-from barn_worlds.formats.own import write_own
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 INLINE = ("--execution", "engine=inline")  # which starts no worker
 
@@ -34,15 +35,15 @@ def tiny(tmp_path_factory, open_world) -> Path:
     grid[20:25, 10:15] = True
     blocked = replace(open_world, name="blocked", grid=grid)
     path = tmp_path_factory.mktemp("data") / "tiny.npz"
-    write_own(path, "tiny", {0: open_world, 3: blocked})
+    write_dataset_file(path, "tiny", {0: open_world, 3: blocked})
     return path
 
 
 def output_and_modules(arguments, **environment):
     """Return what `barn` prints in a process of its own, and the names of the modules that it has loaded."""
-    asked = f"import sys\nfrom barn_eval.commands.main import main\ntry: main({arguments})\nfinally: print(*sys.modules)"
+    script = f"import sys\nfrom barn_eval.commands.main import main\ntry: main({arguments})\nfinally: print(*sys.modules)"
     done = subprocess.run(
-        [sys.executable, "-c", asked],
+        [sys.executable, "-c", script],
         capture_output=True,
         text=True,
         check=True,
@@ -96,35 +97,35 @@ def test_campaign_is_another_name_of_run(command):
 
 
 def test_the_help_lists_the_keys_of_each_group(command):
-    shown = command("run", "--help")[1]
-    for config in (SimulatorConfig(), RosSetup(), Execution()):
-        assert [key for key, _, _ in fields_of(config) if key not in shown] == []
+    help_text = command("run", "--help")[1]
+    for config in (SimulatorConfig(), RosConfig(), ExecutionConfig()):
+        assert [key for key, _, _ in fields_of(config) if key not in help_text] == []
 
 
 def test_another_package_adds_a_command(tmp_path):
-    about = tmp_path / "stranger-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text(
+    metadata = tmp_path / "stranger-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(
         "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
     )
-    (about / "entry_points.txt").write_text(
+    (metadata / "entry_points.txt").write_text(
         "[barn_eval.commands]\nhello = stranger:hello\n"
     )
     code = (
         "import click\nhello = click.Command('hello', callback=lambda: print('hi'))\n"
     )
     (tmp_path / "stranger.py").write_text(code)
-    for arguments, said in ((["hello"], "hi"), (["--help"], "  hello ")):
+    for arguments, output in ((["hello"], "hi"), (["--help"], "  hello ")):
         lines, loaded = output_and_modules(arguments, PYTHONPATH=str(tmp_path))
-        assert any(said in line for line in lines)
+        assert any(output in line for line in lines)
         assert ("stranger" in loaded) == (arguments == ["hello"])
 
 
 def test_version_names_the_commit_that_the_records_name(command, monkeypatch):
-    known = commit()
+    current = commit()
     assert (
         command("--version")[1]
-        == f"barn {__version__}" + (f" (commit {known})" if known else "") + "\n"
+        == f"barn {__version__}" + (f" (commit {current})" if current else "") + "\n"
     )
     monkeypatch.setenv("PATH", "")  # no git
     assert command("--version")[1] == f"barn {__version__}\n"
@@ -161,9 +162,9 @@ def test_run(command, tiny, tmp_path):
     for result in results:
         with Reader(tmp_path / "run" / "bags" / result.trial_id) as reader:
             assert {"/scan", "/cmd_vel", "/plan"} <= set(reader.topics)
-    about = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert about["experiment"]["protocol"]["limit_s"] == 100.0
-    assert {"versions", "commit", "machine"} <= about["sessions"][0].keys()
+    content = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert content["experiment"]["protocol"]["limit_s"] == 100.0
+    assert {"versions", "commit", "machine"} <= content["sessions"][0].keys()
     assert (tmp_path / "run" / "results.csv").read_text().count("\n") == 3
 
 
@@ -185,11 +186,12 @@ def test_run_is_completed_and_not_mixed_with_another(command, tiny, tmp_path):
     code, out, err = command(*run, "--json")
     assert code == 0
     assert "1 of 1 trials are there already" in err
-    shown, row = json.loads(out), json.loads(lines)
+    summary = json.loads(out)
+    row = json.loads(lines)
     assert row.pop("crc32")
     assert (
-        shown["results"],
-        [one["scores"]["trials"] for one in shown["planners"]],
+        summary["results"],
+        [planner["scores"]["trials"] for planner in summary["planners"]],
     ) == ([row], [1])
     assert command(*run, "--seed", 1, "--overwrite")[0] == 0
     assert [result.campaign_seed for result in read_results(tmp_path / "run")] == [1]
@@ -212,7 +214,7 @@ def test_parameters_reach_planner_and_simulator(command, tiny, tmp_path):
         command(*run, "--set", "dwa.max_speed_mps=0.2", "--sim", "lidar.noise_m=0.0")[0]
         == 0
     )
-    experiment = RunFile.read(tmp_path / "run").configuration()
+    experiment = RunFile.read(tmp_path / "run").run_config()
     assert experiment.planners[0].overrides == {"dwa.max_speed_mps": 0.2}
     assert experiment.simulator.lidar.noise_m == 0.0
     assert read_results(tmp_path / "run")[0].measures.mean_speed_mps < 0.21
@@ -228,7 +230,7 @@ def test_demo_in_one_process(command, tiny):
 
 def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_path):
     assert command("worlds", "generate", "own.npz", "--per-set", 1, "--seed", 5)[0] == 0
-    assert open_dataset(tmp_path / "own.npz").indices == tuple(range(12))
+    assert open_dataset(tmp_path / "own.npz").world_numbers == tuple(range(12))
     listed = json.loads(
         command("worlds", "list", "own.npz", "--worlds", "2-3", "--json")[1]
     )
@@ -256,7 +258,7 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_pa
         )
         assert command("worlds", "convert", form, f"{form}.npz")[0] == 0
         back = open_dataset(tmp_path / f"{form}.npz")
-        assert back.indices == (2, 5)
+        assert back.world_numbers == (2, 5)
         np.testing.assert_array_equal(back.load(5).grid, original.load(5).grid)
     assert (
         command(
@@ -287,9 +289,9 @@ def test_one_parameter_set_of_ones_own(command, tmp_path):
         "turtlebot3_burger",
     )
     assert command(*words, "--set", "initial_fill=0.35", "--set", "cols=20")[0] == 0
-    made = open_dataset(tmp_path / "layout")
-    assert len(made.indices) == 2
-    world = made.load(0)
+    dataset = open_dataset(tmp_path / "layout")
+    assert len(dataset.world_numbers) == 2
+    world = dataset.load(0)
     assert (world.cols, world.footprint_cells, world.resolution_m) == (20, 5, 0.06)
     assert np.load(tmp_path / "layout" / "metrics_files" / "metrics_0.npy").shape == (
         5,
@@ -336,7 +338,10 @@ def test_bench(command, tiny, tmp_path):
         for figure in json.loads(out)["figures"]
         if figure["better"] != "neither"
     ]
-    assert code == 0 and [one["name"] for one in json.loads(later)["changes"]] == names
+    assert (
+        code == 0
+        and [change["name"] for change in json.loads(later)["changes"]] == names
+    )
     figures = {figure["name"]: figure for figure in json.loads(out)["figures"]}
     assert all(figure["value"] > 0.0 for figure in figures.values())
     assert json.loads(out)["machine"]["cores"] >= 1
@@ -403,7 +408,7 @@ def test_a_folder_with_something_else_or_a_damaged_run_in_it_is_left_alone(
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("x")
     for extra in ([], ["--overwrite"]):
-        assert "holds no experiment" in rejected(
+        assert "holds no run" in rejected(
             "run", "--dataset", tiny, "--out", "home", *extra
         )
     (tmp_path / "run").mkdir()

@@ -11,20 +11,27 @@ import pytest
 from report_work import change_row
 from test_campaign_runner import record
 
-from barn_eval.results.folder import opened, read_results
+from barn_eval.results.folder import ResultsFolder, read_results
 from barn_eval.results.run_file import RunFile
-from barn_eval.trials.run_config import NO_SOURCE, Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import (
+    UNKNOWN_SOURCE,
+    ExecutionConfig,
+    PlannerChoice,
+    RunConfig,
+)
 from barn_worlds.base.errors import BarnError, ConfigError
 
-GAP = Experiment(
+GAP = RunConfig(
     worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
 )
-EXECUTION = Execution(workers=1)
+EXECUTION = ExecutionConfig(workers=1)
 
 
 def keep(path, experiment, count=None, **options):
     """Begin or resume an experiment, give it results without driving, and return all there are."""
-    with opened(path, experiment, EXECUTION, experiment.trials(), **options) as folder:
+    with ResultsFolder.open(
+        path, experiment, EXECUTION, experiment.trials(), **options
+    ) as folder:
         for spec in folder.remaining[:count]:
             folder.append(record(spec))
         return folder.results()
@@ -43,7 +50,7 @@ def test_a_folder_without_a_result_is_taken_over(tmp_path):
     (tmp_path / "logs" / "planner.log").write_text("No such file")
     mended = replace(typo, planners=(PlannerChoice("mine", command="python3 mine.py"),))
     keep(tmp_path, mended, 1)
-    assert RunFile.read(tmp_path).configuration() == mended
+    assert RunFile.read(tmp_path).run_config() == mended
     assert not (tmp_path / "logs").exists()
     with pytest.raises(
         ConfigError,
@@ -60,9 +67,9 @@ def test_results_are_replaced_only_when_told_to(tmp_path):
     ):
         keep(tmp_path, other, 0)
     assert len(read_results(tmp_path)) == 4
-    assert [one.campaign_seed for one in keep(tmp_path, other, 1, overwrite=True)] == [
-        4
-    ]
+    assert [
+        result.campaign_seed for result in keep(tmp_path, other, 1, overwrite=True)
+    ] == [4]
     assert len(content(tmp_path)["sessions"]) == 1
 
 
@@ -78,25 +85,25 @@ def test_what_is_replaced_is_the_experiments_own(tmp_path):
 def test_sessions_are_kept_one_after_the_other(tmp_path):
     for count in (1, 1, None):
         keep(tmp_path, GAP, count)
-    found = content(tmp_path)
-    assert (found["schema_version"], len(found["sessions"])) == (2, 3)
+    run_file = content(tmp_path)
+    assert (run_file["schema_version"], len(run_file["sessions"])) == (2, 3)
     assert all(
-        {"started_at", "execution", "versions", "commit", "machine"} <= one.keys()
-        for one in found["sessions"]
+        {"started_at", "execution", "versions", "commit", "machine"} <= session.keys()
+        for session in run_file["sessions"]
     )
 
 
 def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
-    live = replace(GAP, planners=(PlannerChoice("mine", source=NO_SOURCE),))
+    live = replace(GAP, planners=(PlannerChoice("mine", source=UNKNOWN_SOURCE),))
     keep(tmp_path, live, 1)
     with pytest.raises(
         ConfigError,
-        match="'mine' has no source, so that whether it is the same cannot be told",
+        match="'mine': its source is unknown, so the run cannot be resumed",
     ):
         keep(tmp_path, live)
-    known = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
-    keep(tmp_path / "known", known, 1)
-    assert len(keep(tmp_path / "known", known)) == 4
+    with_source = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
+    keep(tmp_path / "known", with_source, 1)
+    assert len(keep(tmp_path / "known", with_source)) == 4
 
 
 def test_another_robot_is_not_mixed_in(tmp_path):
@@ -110,24 +117,24 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("{}", "schema_version must be 2, got None"),
         ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2, got 3"),
-        ('{"schema_version": 2, "experiment": 3}', "holds no experiment"),
+        ('{"schema_version": 2, "experiment": 3}', "describes no run"),
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],
 )
-def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
+def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(ConfigError) as caught:
-        RunFile.read(tmp_path).configuration()
-    assert told in str(caught.value)
+        RunFile.read(tmp_path).run_config()
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "message"),
     [
         ("campaign_seed", 10, "gap_w0000_r00 has campaign_seed 10, must have 3"),
         ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
@@ -137,14 +144,14 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
         (
             "trial_id",
             "dwa_w0999_r00",
-            "holds a result of dwa_w0999_r00, which is no trial of this experiment",
+            "holds a result of dwa_w0999_r00, which is no trial of this run",
         ),
     ],
 )
-def test_a_row_of_another_trial_is_refused(tmp_path, name, value, told):
+def test_a_row_of_another_trial_is_refused(tmp_path, name, value, message):
     keep(tmp_path, GAP, 1)
     change_row(tmp_path, **{name: value})
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=message):
         keep(tmp_path, GAP)
 
 
@@ -187,7 +194,7 @@ def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(
             assert (out / table).read_bytes() == (
                 tmp_path / "whole" / table
             ).read_bytes()
-        assert sorted(one.trial_id for one in read_results(out)) == sorted(
+        assert sorted(result.trial_id for result in read_results(out)) == sorted(
             spec.trial_id for spec in trials()
         )
         assert not list(out.glob(".*.partial"))
@@ -202,7 +209,7 @@ def trials():
 
 
 def keep_whole(path):
-    with opened(path, GAP, EXECUTION, trials()) as folder:
+    with ResultsFolder.open(path, GAP, EXECUTION, trials()) as folder:
         for spec in folder.remaining:
             folder.append(record(spec))
         folder.complete()
@@ -210,7 +217,7 @@ def keep_whole(path):
 
 def test_two_writers_do_not_touch_each_others_files(tmp_path):
     """The second comes while the first is recording a bag."""
-    with opened(tmp_path, GAP, EXECUTION, trials()) as folder:
+    with ResultsFolder.open(tmp_path, GAP, EXECUTION, trials()) as folder:
         partial = tmp_path / "bags" / f"{folder.remaining[0].trial_id}.partial"
         partial.mkdir(parents=True)
         with pytest.raises(

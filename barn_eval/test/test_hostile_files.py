@@ -3,20 +3,20 @@
 import shutil
 
 import pytest
-from reproduce_work import write_made_up
+from reproduce_work import write_invented
 
 from barn_eval.api.results import Results
-from barn_eval.results.rows import sealed, unsealed
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.results.rows import seal_line, unseal_line
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 
-GAP = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
+GAP = RunConfig(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
 TAG = "<img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     out = tmp_path_factory.mktemp("hostile") / "out"
-    write_made_up(out, GAP)
+    write_invented(out, GAP)
     return out
 
 
@@ -77,7 +77,9 @@ ROWS = {
 def test_a_row(rejected, good, tmp_path, case):
     out = shutil.copytree(good, tmp_path / "out")
     first = (out / "results.jsonl").read_text().splitlines()[0]
-    (out / "results.jsonl").write_text(sealed(ROWS[case](unsealed(first, case))) + "\n")
+    (out / "results.jsonl").write_text(
+        seal_line(ROWS[case](unseal_line(first, case))) + "\n"
+    )
     for command in (
         ("report", out),
         ("compare", f"{out}:gap", f"{out}:dwa"),

@@ -7,12 +7,14 @@ from barn_eval.ros.readiness import Endpoint
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.evaluator_loop import TrialEnded
 from barn_eval.ros.graph import LEASE_S, Integrity
-from barn_eval.ros.session import TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
-SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
+SIMULATOR = b"simulator..."
+PLANNER = b"planner....."
+OTHER = b"other......."
 TOPICS = TrialTopics(
     "/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics"
 )
@@ -22,11 +24,9 @@ class View:
     """A graph of plain data."""
 
     def __init__(self, publishers=(), subscriptions=(), clients=(), crowded=""):
-        self._publishers, self._subscriptions, self._clients = (
-            publishers,
-            subscriptions,
-            clients,
-        )
+        self._publishers = publishers
+        self._subscriptions = subscriptions
+        self._clients = clients
         self._crowded = crowded
 
     def publishers(self, topic):
@@ -55,24 +55,24 @@ def endpoint(topic, process, node):
 
 
 def ordinary():
-    own = [
+    endpoints = [
         endpoint(topic, SIMULATOR, "/simulator")
         for topic in ("/clock", "/odom", "/scan")
     ]
     return [
-        *own,
+        *endpoints,
         endpoint("/cmd_vel", PLANNER, "/planner"),
         endpoint("/tf", PLANNER, "/planner"),
     ]
 
 
 def integrity(view, line):
-    return Integrity(view, line, "/simulator", TOPICS, ours=("/score",))
+    return Integrity(view, line, "/simulator", TOPICS, evaluator_topics=("/score",))
 
 
 def test_a_graph_too_large_to_be_looked_at_is_interference():
-    told = "5000 topics are on the graph, more than 1000"
-    assert integrity(View(ordinary(), crowded=told), Channel()).look() == told
+    message = "5000 topics are on the graph, more than 1000"
+    assert integrity(View(ordinary(), crowded=message), Channel()).look() == message
 
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
@@ -84,7 +84,7 @@ def test_an_ordinary_graph_is_in_order(line):
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
 @pytest.mark.parametrize(
-    ("foreign", "said"),
+    ("foreign", "words"),
     [
         (("/odom", PLANNER, "/planner"), "/planner publishes /odom"),
         (("/scan", OTHER, ""), "an unnamed node publishes /scan"),
@@ -92,8 +92,8 @@ def test_an_ordinary_graph_is_in_order(line):
         (("/clock", OTHER, "/simulator"), "2 nodes are named /simulator"),
     ],
 )
-def test_foreign_publishers(line, foreign, said):
-    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == said
+def test_foreign_publishers(line, foreign, words):
+    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == words
 
 
 def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
@@ -127,13 +127,13 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
     assert watched.look() == ""
     view._publishers, view._subscriptions = ordinary(), ()
     assert watched.look() == ""
-    said = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
-    assert watched.remarks == said
+    remark = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
+    assert watched.remarks == remark
     watched.begin()
     assert watched.remarks == ""
 
 
-class Session:
+class Loop:
     """Waits without spending time: a condition that does not hold by the given time never will."""
 
     def __init__(self, after=()):
@@ -156,13 +156,13 @@ class Session:
 def test_only_a_simulator_started_by_hand_is_given_time_to_take_the_place_of_another(
     line, limit_s
 ):
-    session = Session()
+    loop = Loop()
     with pytest.raises(TrialEnded, match="/gone publishes /odom") as ended:
         integrity(View([*ordinary(), endpoint("/odom", OTHER, "/gone")]), line).require(
-            session
+            loop
         )
     assert ended.value.outcome is Outcome.INTERFERENCE
-    assert session.limits_s == [limit_s]
+    assert loop.limits_s == [limit_s]
 
 
 def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_refused():
@@ -170,20 +170,20 @@ def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_r
     with pytest.raises(
         ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"
     ):
-        integrity(View([foreign]), Channel()).require_alone(Session(), "55")
+        integrity(View([foreign]), Channel()).require_alone(Loop(), "55")
     integrity(
         View([endpoint("/cmd_vel", PLANNER, "/planner")]), Channel()
-    ).require_alone(Session(), "55")
+    ).require_alone(Loop(), "55")
 
 
 def test_what_is_about_to_go_does_not_refuse_a_run():
     view = View([endpoint("/clock", OTHER, "/gone")])
-    session = Session(
+    loop = Loop(
         [
             lambda: setattr(
-                view, "_publishers", view._publishers[: 2 - len(session.limits_s)]
+                view, "_publishers", view._publishers[: 2 - len(loop.limits_s)]
             )
         ]
     )
-    integrity(view, Channel()).require_alone(session, "55")
-    assert len(session.limits_s) == 2
+    integrity(view, Channel()).require_alone(loop, "55")
+    assert len(loop.limits_s) == 2

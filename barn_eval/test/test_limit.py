@@ -12,13 +12,13 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.request import read_request
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
-from barn_eval.trials.run_config import Experiment, PlannerChoice
-from barn_eval.trials.spec import SLIP
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.spec import WHEEL_SLIP
 from barn_planners.interface import Decision
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Velocity2D, wrap_angle
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 
 BARN300 = open_dataset("barn300")
 
@@ -56,15 +56,15 @@ def test_straight_through_an_open_world_takes_hardly_more_than_the_least_time(
 )
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_no_robot_beats_the_least_time_by_swinging(open_world, robot, share):
-    found = load_robot(robot)
-    speed_mps = share * found.drive.max_speed_m_s
+    loaded = load_robot(robot)
+    speed_mps = share * loaded.drive.max_speed_m_s
     slow = replace(
         CHALLENGE,
         name="slow",
         start=replace(CHALLENGE.start, y_m=8.0),
         goal_distance_m=4.0,
     )
-    spec = spec_of(open_world, slow, speed_mps, robot=found)
+    spec = spec_of(open_world, slow, speed_mps, robot=loaded)
     scores = run_direct_trial(spec, planner=Swinging(speed_mps)).result.scores
     assert scores.success
     assert 0.8 < scores.efficiency <= 1.0
@@ -72,9 +72,7 @@ def test_no_robot_beats_the_least_time_by_swinging(open_world, robot, share):
 
 @pytest.mark.parametrize("planner", ["dwa", "eband", "gap", "mppi", "policy"])
 def test_our_planners_keep_to_their_caps_and_to_the_least_time(planner):
-    [spec] = Experiment(
-        planners=(PlannerChoice(planner),), worlds="15", seed=2
-    ).trials()
+    [spec] = RunConfig(planners=(PlannerChoice(planner),), worlds="15", seed=2).trials()
     finished = run_direct_trial(spec)
     assert np.nanmax(np.abs(finished.trajectory.command[:, 0])) <= spec.declared_mps
     assert (
@@ -98,8 +96,8 @@ def test_a_command_above_the_declared_cap_ends_the_trial(open_world):
     result = run_direct_trial(
         spec_of(open_world, declared_mps=0.4), planner=Straight()
     ).result
-    told = "command of 0.5 m/s is above the planner's declared speed cap of 0.4 m/s"
-    assert (result.outcome, result.detail) == (Outcome.INVALID_COMMAND, told)
+    message = "command of 0.5 m/s is above the planner's declared speed cap of 0.4 m/s"
+    assert (result.outcome, result.detail) == (Outcome.INVALID_COMMAND, message)
 
 
 def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
@@ -112,9 +110,10 @@ def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
 def test_obstacles_count_where_a_contact_ends_the_trial_and_truth_decides():
     world = max(
         (BARN300.load(number) for number in range(0, 300, 30)),
-        key=lambda one: spec_of(one).least_time_s,
+        key=lambda candidate: spec_of(candidate).least_time_s,
     )
-    period_s, fastest = CHALLENGE.control_period_s, 0.5 * (1.0 + SLIP["skid_steer"])
+    period_s = CHALLENGE.control_period_s
+    fastest = 0.5 * (1.0 + WHEEL_SLIP["skid_steer"])
     straight_s = (
         10.0 - CHALLENGE.goal_distance_m - CHALLENGE.clock_start_distance_m
     ) / fastest - period_s
@@ -151,14 +150,15 @@ def test_a_planner_of_ones_own_declares_its_cap_as_a_setting():
     }
     settings = ({}, {"mine.max_speed_mps": 0.7}, {"max_speed_mps": 1})
     specs = [
-        read_request(None, options, one).experiment.trials()[0] for one in settings
+        read_request(None, options | {"settings": setting}).config.trials()[0]
+        for setting in settings
     ]
     assert [spec.declared_mps for spec in specs] == [0.0, 0.7, 1.0]
     assert len({spec.planner_config for spec in specs}) == 3
     with pytest.raises(
         ConfigError, match="planner 'mine': max_speed_mps must be a number, got 'fast'"
     ):
-        read_request(None, options, {"max_speed_mps": "fast"})
+        read_request(None, options | {"settings": {"max_speed_mps": "fast"}})
     with pytest.raises(
         ConfigError, match="planner 'dwa': its speed cap follows from its parameters"
     ):
@@ -166,7 +166,7 @@ def test_a_planner_of_ones_own_declares_its_cap_as_a_setting():
 
 
 def test_the_cap_of_our_planners_follows_from_their_parameters():
-    [spec] = Experiment(
+    [spec] = RunConfig(
         planners=(PlannerChoice("dwa", overrides={"dwa.max_speed_mps": 0.3}),),
         worlds="0",
     ).trials()

@@ -95,8 +95,8 @@ def test_without_the_sdk_one_line_says_so(rejected, monkeypatch):
 
 
 def test_a_view_without_bags_is_refused(rejected):
-    told = "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
-    assert rejected("run", "--worlds", "0", "--view", "--out", "out") == told
+    message = "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
+    assert rejected("run", "--worlds", "0", "--view", "--out", "out") == message
 
 
 def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_path):
@@ -104,7 +104,7 @@ def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_p
         "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
     )
     with (
-        live.LiveView(tmp_path, host="127.0.0.1", port=0) as view,
+        live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0) as view,
         Recorder(tmp_path / "bags" / "one") as recorder,
     ):
         record(recorder, 0, 3)
@@ -126,7 +126,9 @@ def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_p
             record(recorder, 3, 5)
             assert [stamp // SECOND for _, stamp, _ in client.messages(2)] == [3, 4]
         with pytest.raises(ConfigError, match=r"live port \d+: cannot be served"):
-            live.LiveView(tmp_path, host="127.0.0.1", port=int(view.url.split(":")[2]))
+            live.FoxgloveStream(
+                tmp_path, host="127.0.0.1", port=int(view.url.split(":")[2])
+            )
 
 
 def test_a_run_is_watched_as_it_goes(tmp_path):

@@ -14,18 +14,18 @@ from barn_eval.analysis.measures import (
     MEASURES,
     MOVING,
     SCORED,
-    measures_named,
-    metric_of,
-    safety_of,
-    with_motion,
+    clearance_measure,
+    ranking_measure,
+    require_measures,
+    with_moving_measures,
 )
-from barn_eval.analysis.planners import colours, spelling
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.planners import assign_colors, spelling
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import summary_table, trials_table
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.results.rows import results_table, timing_table
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.trajectory import Encounters
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
@@ -40,21 +40,21 @@ def moved():
 
 
 def test_keys_are_columns_of_the_tables_and_values_are_theirs():
-    one = moved()
+    moving_result = moved()
     columns = {
-        **timing_table([one]).to_pylist()[0],
-        **results_table([one]).to_pylist()[0],
+        **timing_table([moving_result]).to_pylist()[0],
+        **results_table([moving_result]).to_pylist()[0],
     }
     columns["path_ratio"] = columns["driven_m"] / columns["path_length_m"]
     assert [measure.key for measure in MEASURES.values()] == list(MEASURES)
-    assert {key: measure.value(one) for key, measure in MEASURES.items()} == {
+    assert {key: measure.value(moving_result) for key, measure in MEASURES.items()} == {
         key: columns[key] for key in MEASURES
     }
 
 
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
     sides = {
-        side: {key for key, one in MEASURES.items() if one.better == side}
+        side: {key for key, measure in MEASURES.items() if measure.better == side}
         for side in ("larger", "smaller", "")
     }
     assert sides["larger"] == {
@@ -84,15 +84,15 @@ def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoo
 
 
 def test_what_a_robot_drives_counts_where_it_arrives():
-    of_successes = {key for key, one in MEASURES.items() if one.successes_only}
+    of_successes = {key for key, measure in MEASURES.items() if measure.successes_only}
     of_arrivals = {"traversal_time_s", "driven_m", "path_ratio", "rotation_rad"}
     assert of_successes == of_arrivals | {"path_over_straight", "time_over_straight"}
 
 
 def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
-    one = moved()
+    moving_result = moved()
     timed = replace(
-        one,
+        moving_result,
         recoveries=2,
         wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, missed_cycles=4),
     )
@@ -163,63 +163,74 @@ def test_the_best_is_the_highest_there_can_be_or_no_time():
 
 
 def test_failures_count_nothing_or_the_time_of_a_failure():
-    one = result(3)
+    success = result(3)
     counted_as = {
-        key: measure.as_failure(one)
+        key: measure.as_failure(success)
         for key, measure in MEASURES.items()
         if measure.as_failure
     }
     nothing = dict.fromkeys(
         ("success", "challenge", "challenge_2022", "efficiency"), 0.0
     )
-    times = {"scored_time_s": one.scores.failure_time_s}
+    times = {"scored_time_s": success.scores.failure_time_s}
     times["normalised_time_s_per_m"] = (
-        one.scores.failure_time_s / one.scores.path_length_m
+        success.scores.failure_time_s / success.scores.path_length_m
     )
     assert counted_as == nothing | times
 
 
 def test_values_of_successes_leave_failed_trials_out():
-    one = result(3)
-    failed = replace(one, scores=replace(one.scores, success=False))
+    success = result(3)
+    failed = replace(success, scores=replace(success.scores, success=False))
     np.testing.assert_array_equal(
-        MEASURES["driven_m"].values([one, failed]), [one.measures.driven_m, np.nan]
+        MEASURES["driven_m"].values([success, failed]),
+        [success.measures.driven_m, np.nan],
     )
     np.testing.assert_array_equal(
-        MEASURES["contact_s"].values([one, failed]), [one.measures.contact_s] * 2
+        MEASURES["contact_s"].values([success, failed]),
+        [success.measures.contact_s] * 2,
     )
-    np.testing.assert_array_equal(MEASURES["success"].values([one, failed]), [1.0, 0.0])
     np.testing.assert_array_equal(
-        MEASURES["recoveries"].values([replace(one, recoveries=None)]), [np.nan]
+        MEASURES["success"].values([success, failed]), [1.0, 0.0]
+    )
+    np.testing.assert_array_equal(
+        MEASURES["recoveries"].values([replace(success, recoveries=None)]), [np.nan]
     )
 
 
 def test_only_trials_among_moving_obstacles_have_their_measures():
-    one, still = moved(), result(3)
+    moving_result = moved()
+    still = result(3)
     assert "phase_s" not in results_table([still]).column_names
-    assert results_table([still, one])["phase_s"].to_pylist() == [None, 7.0]
+    assert results_table([still, moving_result])["phase_s"].to_pylist() == [None, 7.0]
     assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()
-    assert with_motion(("success",), [one, still]) == ("success", *MOVING)
-    assert with_motion(("success",), [one], [still]) == ("success",)
-    assert list(summarise_campaign([one]).planners[0].means) == [
+    assert with_moving_measures(("success",), [moving_result, still]) == (
+        "success",
+        *MOVING,
+    )
+    assert with_moving_measures(("success",), [moving_result], [still]) == ("success",)
+    assert list(summarize_run([moving_result]).planners[0].means) == [
         *SCORED,
         *DRIVEN,
         *MOVING,
     ]
-    other = replace(one, planner="gap")
-    assert [row.key for row in compare([one], [other]).rows] == [*COMPARED, *MOVING]
+    other = replace(moving_result, planner="gap")
+    assert [row.key for row in compare([moving_result], [other]).rows] == [
+        *COMPARED,
+        *MOVING,
+    ]
 
 
 def test_safety_is_told_by_what_moves_where_all_trials_are_among_such():
     groups = [moved()], [moved(), result(3)]
-    assert [safety_of(group).key for group in groups] == [
+    assert [clearance_measure(group).key for group in groups] == [
         "moving_clearance_m",
         "min_clearance_m",
     ]
 
 
 def test_measures_are_named_once():
-    assert measures_named(["success", "contact_s", "success"]) == (
+    assert require_measures(["success", "contact_s", "success"]) == (
         "success",
         "contact_s",
     )
@@ -229,7 +240,7 @@ def test_an_unknown_measure_is_refused():
     with pytest.raises(
         ConfigError, match="unknown measure 'succes'; did you mean 'success'"
     ):
-        measures_named(["succes"])
+        require_measures(["succes"])
 
 
 def test_shares_are_written_in_percent():
@@ -244,22 +255,24 @@ def test_shares_are_written_in_percent():
 
 def test_results_name_the_metric_of_their_protocol():
     named = replace(result(3), protocol="slow_challenge", metric="challenge")
-    assert metric_of([named]).key == "challenge"
+    assert ranking_measure([named]).key == "challenge"
     assert (
-        metric_of([replace(named, metric="normalised_time_s_per_m")]).key
+        ranking_measure([replace(named, metric="normalised_time_s_per_m")]).key
         == "normalised_time_s_per_m"
     )
 
 
 def test_rows_of_version_1_are_ranked_as_their_protocols_were():
     names = ("paper2020", "slow_challenge", "challenge")
-    old = {name: metric_of([replace(result(3), protocol=name)]).key for name in names}
+    old = {
+        name: ranking_measure([replace(result(3), protocol=name)]).key for name in names
+    }
     assert old["paper2020"] == old["slow_challenge"] == "normalised_time_s_per_m"
     assert old["challenge"] == "challenge"
 
 
 def test_tables_have_a_cell_for_each_measure_and_count_in_english():
-    summary = summarise([result(3)], (*SCORED, *DRIVEN))
+    summary = summarize([result(3)], (*SCORED, *DRIVEN))
     table = summary_table([summary])
     assert [row[0] for row in table.rows[:-1]] == [
         MEASURES[key].heading for key in (*SCORED, *DRIVEN)
@@ -270,7 +283,7 @@ def test_tables_have_a_cell_for_each_measure_and_count_in_english():
         result(3).trial_id,
         "success",
     )
-    assert [counted(number, "world") for number in (0, 1, 2)] == [
+    assert [count_noun(number, "world") for number in (0, 1, 2)] == [
         "0 worlds",
         "1 world",
         "2 worlds",
@@ -278,15 +291,15 @@ def test_tables_have_a_cell_for_each_measure_and_count_in_english():
 
 
 def test_a_planner_has_one_colour_whoever_is_beside_it():
-    assert colours(["dwa"]) == colours(["mine", "eband", "dwa"])[2:]
-    assert colours(["eband", "dwa"]) == colours(["dwa", "eband"])[::-1]
-    assert colours(["mine", "dwa"])[0] == colours(["dwa", "mine"])[1]
+    assert assign_colors(["dwa"]) == assign_colors(["mine", "eband", "dwa"])[2:]
+    assert assign_colors(["eband", "dwa"]) == assign_colors(["dwa", "eband"])[::-1]
+    assert assign_colors(["mine", "dwa"])[0] == assign_colors(["dwa", "mine"])[1]
 
 
 def test_planners_of_one_figure_differ_in_colour_as_long_as_there_are_any():
     names = ["dwa", "dwa", "mine", "eband", "mppi", "gap", "policy"]
-    assert sorted(colours(names)) == sorted(PLANNERS)
-    assert len(colours([*names, "eighth", "ninth"])) == 9
+    assert sorted(assign_colors(names)) == sorted(PLANNERS)
+    assert len(assign_colors([*names, "eighth", "ninth"])) == 9
 
 
 def test_planners_are_spelled_as_the_field_does():

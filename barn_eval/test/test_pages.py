@@ -4,9 +4,9 @@ import pytest
 from browser import PHONE, violations
 from report_work import campaign
 
-from barn_eval.analysis.leaderboard import leaderboard
+from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.api.results import report
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.server import PageServer
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 
@@ -35,9 +35,9 @@ def addresses(run, tmp_path_factory):
     place = tmp_path_factory.mktemp("pages")
     folder = campaign(place / "campaign", run)
     report([folder], place / "report.html", hardest=1)
-    write_boards(leaderboard([folder]), place / "leaderboard.html")
+    write_boards(make_boards([folder]), place / "leaderboard.html")
     write_replay([folder / "bags" / "gap_w0000_r00"], [place / "replay.html"])
-    with Watch(folder, port=0) as page:
+    with PageServer(folder, port=0) as page:
         yield {name: (place / f"{name}.html").as_uri() for name in PAGES[:3]} | {
             "campaign": page.url
         }
@@ -63,8 +63,10 @@ def test_a_page_is_whole_readable_and_alone(
     if view == "desk":
         right = "Math.max(...[...document.querySelectorAll('main *')].map((one) => one.getBoundingClientRect().right))"
         assert page.evaluate(right) > 1700
-    asked = {url for url in open_page.asked if not url.startswith(("data:", "blob:"))}
-    assert asked <= {
+    requests = {
+        url for url in open_page.asked if not url.startswith(("data:", "blob:"))
+    }
+    assert requests <= {
         addresses[name],
         addresses[name] + "state",
     }  # which is the campaign's page's own

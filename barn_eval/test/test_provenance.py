@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from barn_eval.results.run_file import commit_of
+from barn_eval.results.provenance import commit_of
 
 if shutil.which("git") is None:
     pytest.skip("git is not installed", allow_module_level=True)

@@ -23,8 +23,8 @@ from rosbags.rosbag2 import Reader
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorder import PARTIAL, Recorder
 from barn_worlds.base.errors import BagError
-from barn_worlds.base.types import NANOSECONDS, Velocity2D
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.encode import encode_clock, encode_twist
 from barn_worlds.messages.topics import CLOCK, CMD_VEL, LATCHED
 
@@ -58,10 +58,12 @@ def test_rosbags_reads_it(tmp_path):
             if connection.topic == "/cmd_vel"
         ]
         twists = [
-            deserialise(data, CMD_VEL.type_name)
+            deserialize(data, CMD_VEL.type_name)
             for _, _, data in reader.messages(commands)
         ]
-        assert [one.linear.x for one in twists] == [0.1 * cycle for cycle in range(50)]
+        assert [twist.linear.x for twist in twists] == [
+            0.1 * cycle for cycle in range(50)
+        ]
         profiles = {
             connection.topic: connection.ext.offered_qos_profiles[0]
             for connection in reader.connections
@@ -103,21 +105,25 @@ def test_mcap_reads_it_with_schemas_metadata_and_index(tmp_path):
 
 
 def test_metadata_file_has_what_rosbag2_wants(tmp_path):
-    about = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())[
+    metadata = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())[
         "rosbag2_bagfile_information"
     ]
-    assert (about["version"], about["storage_identifier"], about["ros_distro"]) == (
+    assert (
+        metadata["version"],
+        metadata["storage_identifier"],
+        metadata["ros_distro"],
+    ) == (
         9,
         "mcap",
         "jazzy",
     )
-    assert about["relative_file_paths"] == ["bag_0.mcap"]
-    assert about["duration"] == {"nanoseconds": 49 * PERIOD_NS}
-    assert about["files"][0]["message_count"] == about["message_count"] == 100
-    assert about["custom_data"]["barn.result.outcome"] == "success"
+    assert metadata["relative_file_paths"] == ["bag_0.mcap"]
+    assert metadata["duration"] == {"nanoseconds": 49 * PERIOD_NS}
+    assert metadata["files"][0]["message_count"] == metadata["message_count"] == 100
+    assert metadata["custom_data"]["barn.result.outcome"] == "success"
     topics = {
         topic["topic_metadata"]["name"]: topic
-        for topic in about["topics_with_message_count"]
+        for topic in metadata["topics_with_message_count"]
     }
     assert topics["/clock"]["message_count"] == 50
     assert topics["/clock"]["topic_metadata"]["type"] == "rosgraph_msgs/msg/Clock"
@@ -190,14 +196,14 @@ def record_and_die(path: Path) -> None:
 
 def partial_messages(path: Path) -> list[Message]:
     """Return what can be read of a file that ends anywhere."""
-    found = []
+    messages = []
     with path.open("rb") as file, suppress(EndOfFile):
-        found += (
+        messages += (
             record
             for record in StreamReader(file, skip_magic=False).records
             if isinstance(record, Message)
         )
-    return found
+    return messages
 
 
 def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
@@ -210,8 +216,8 @@ def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
     messages = partial_messages(tmp_path / f"bag{PARTIAL}" / "bag_0.mcap")
     # 205 cycles of 0.05 s are 10.2 s; a chunk is written with each whole second.
     assert len(messages) == 201
-    assert messages[-1].log_time == 10 * NANOSECONDS
-    assert deserialise(messages[-1].data, CLOCK.type_name).clock.sec == 10
+    assert messages[-1].log_time == 10 * NANOSECONDS_PER_SECOND
+    assert deserialize(messages[-1].data, CLOCK.type_name).clock.sec == 10
 
 
 PACKED = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}
@@ -280,7 +286,8 @@ def test_a_chunk_that_does_not_fit_its_checksum_ends_the_reading(tmp_path):
 @pytest.mark.parametrize("compression", CompressionType)
 def test_whatever_a_chunk_is_packed_with_its_messages_are_read(tmp_path, compression):
     file = words_of(tmp_path / "good.mcap", compression)
-    assert [(one.topic, one.stamp_ns, len(one.data)) for one in file.messages()] == [
-        ("/words", time, 1004) for time in range(200)
-    ]
+    assert [
+        (message.topic, message.stamp_ns, len(message.data))
+        for message in file.messages()
+    ] == [("/words", time, 1004) for time in range(200)]
     assert file.problem == ""

@@ -11,17 +11,17 @@ from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.pages.replay.page import labels, replay_page
+from barn_eval.pages.replay.page import label_trials, replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.results.bags.bagfile import BagFile
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
-from barn_planners.runtime.messages import MOST_SHOWN
+from barn_planners.runtime.messages import MAX_CANDIDATES
 from barn_worlds.base.errors import BagError
-from barn_worlds.base.types import NANOSECONDS, Pose2D
-from barn_worlds.messages.cdr import jazzy_types, make, serialise
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.messages.cdr import jazzy_types, make_message, serialize
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def either_bag(request):
 
 def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
     """The map that the paper's protocol gives is off by a cell, and a pose that is matched to it is drawn there."""
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     assert recorded.map_frame == Pose2D(0.0, 0.15, 0.0)
     assert any("0.15 m" in note for note in recorded.notes)
     grid = recorded.map
@@ -46,7 +46,8 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
     def share_on_obstacles(off_y_m):
         hits = []
         for scan, pose in zip(recorded.scans[::20], recorded.poses[::20], strict=True):
-            ranges, angles = np.asarray(scan.content.ranges), scan.content.angles()
+            ranges = np.asarray(scan.content.ranges)
+            angles = scan.content.angles()
             near = np.isfinite(ranges) & (ranges < 8.0)
             # half a cylinder's radius behind its surface
             reach = ranges[near, None] + 0.04
@@ -77,7 +78,7 @@ def copy_of(bag, path, change):
 
 
 def test_poses_scans_and_result_are_those_of_the_bag(bag):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     with Reader(bag) as reader:
         truth = [
             connection
@@ -92,7 +93,7 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert len(recorded.times_s) == len(messages) == len(recorded.scans)
     stamps = [stamp for stamp, _ in messages]
     assert recorded.times_s.tolist() == [
-        (stamp - stamps[0]) / NANOSECONDS for stamp in stamps
+        (stamp - stamps[0]) / NANOSECONDS_PER_SECOND for stamp in stamps
     ]
     positions = [
         (message.pose.pose.position.x, message.pose.pose.position.y)
@@ -106,7 +107,9 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.outcomes[0].content == "running"
     assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
     assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
-    assert all(len(shown.content.lines) == MOST_SHOWN for shown in recorded.candidates)
+    assert all(
+        len(item.content.lines) == MAX_CANDIDATES for item in recorded.candidates
+    )
     assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
     assert [note.split(" ")[0] for note in recorded.notes] == [
         "map"
@@ -114,8 +117,8 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
 
 
 def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
-    whole = read_recorded(either_bag)
-    cut = read_recorded(
+    whole = read_recorded_trial(either_bag)
+    cut = read_recorded_trial(
         copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10])
     )
     assert 0.2 < len(cut.times_s) / len(whole.times_s) < 0.9
@@ -129,32 +132,33 @@ def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(
     either_bag, tmp_path
 ):
     (file,) = either_bag.glob("*.mcap")
-    data, cut = file.read_bytes(), tmp_path / "cut.mcap"
-    told = set()
+    data = file.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    problems = set()
     for length in range(
         len(data) - 36, len(data) - 8
     ):  # the record before the last eight bytes has three numbers
         cut.write_bytes(data[:length])
-        found = BagFile(cut)
-        assert sum(1 for _ in found.messages()) > 1000
-        told.add(found.problem.partition(" after ")[0])
-    assert told == {"the bag is cut off"}
+        bag_file = BagFile(cut)
+        assert sum(1 for _ in bag_file.messages()) > 1000
+        problems.add(bag_file.problem.partition(" after ")[0])
+    assert problems == {"the bag is cut off"}
 
 
 def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
-    whole = read_recorded(either_bag)
+    whole = read_recorded_trial(either_bag)
     (file,) = either_bag.glob("*.mcap")
-    there = file.read_bytes()[file.stat().st_size // 2 :][:64]
+    middle = file.read_bytes()[file.stat().st_size // 2 :][:64]
     damaged = copy_of(
-        either_bag, tmp_path / "damaged", lambda data: data.replace(there, bytes(64))
+        either_bag, tmp_path / "damaged", lambda data: data.replace(middle, bytes(64))
     )
-    hurt = read_recorded(damaged)
+    hurt = read_recorded_trial(damaged)
     assert 0.1 < len(hurt.times_s) / len(whole.times_s) < 0.9
     assert hurt.notes[0].startswith("the bag is damaged after ")
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (b"", ", or cut off at its beginning"),
         (b"no bag at all", ""),
@@ -164,32 +168,32 @@ def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
     ],
 )
 def test_files_that_are_no_bags_are_refused_in_one_line(
-    content, told, tmp_path, rejected
+    content, message, tmp_path, rejected
 ):
     (tmp_path / "thing.mcap").write_bytes(content)
-    assert f"thing.mcap: not an MCAP file{told}\n" in rejected(
+    assert f"thing.mcap: not an MCAP file{message}\n" in rejected(
         "replay", "thing.mcap", "--out", "out.html"
     )
 
 
 def test_folders_without_a_bag_are_refused(tmp_path):
     with pytest.raises(BagError, match="no such bag"):
-        read_recorded(tmp_path / "nowhere")
+        read_recorded_trial(tmp_path / "nowhere")
     with pytest.raises(BagError, match="holds no bag"):
-        read_recorded(tmp_path)
+        read_recorded_trial(tmp_path)
 
 
 def test_a_bag_of_something_else_is_refused(tmp_path):
     with Recorder(tmp_path / "talk") as recorder:
         recorder.add_topic("/chatter", "std_msgs/msg/String")
         recorder.write(
-            "/chatter", serialise(make("std_msgs/msg/String", data="hello")), 1
+            "/chatter", serialize(make_message("std_msgs/msg/String", data="hello")), 1
         )
         recorder.finish()
     with pytest.raises(
         BagError, match=r"no poses of a robot on /ground_truth/odom or /odom"
     ):
-        read_recorded(tmp_path / "talk")
+        read_recorded_trial(tmp_path / "talk")
 
 
 def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
@@ -204,28 +208,34 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
             "/odom", "nav_msgs/msg/Odometry", typestore=types
         )
         wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
-        writer.write(wrong, 0, serialise(make("std_msgs/msg/String", data=EVIL)))
+        writer.write(
+            wrong, 0, serialize(make_message("std_msgs/msg/String", data=EVIL))
+        )
         for _, stamp, data in reader.messages(
-            [one for one in reader.connections if one.topic == "/odom"]
+            [
+                connection
+                for connection in reader.connections
+                if connection.topic == "/odom"
+            ]
         ):
             writer.write(odometry, stamp, data)
-    recorded = read_recorded(path)
+    recorded = read_recorded_trial(path)
     assert (recorded.frame, recorded.map) == ("odom", None)
     notes = " ".join(recorded.notes)
     assert "positions are those of the odometry" in notes
     assert "/map is left out: its type is std_msgs/msg/String" in notes
-    assert len(recorded.times_s) == len(read_recorded(bag).times_s)
+    assert len(recorded.times_s) == len(read_recorded_trial(bag).times_s)
 
 
-def some_of(bag, path, wanted, about):
+def some_of(bag, path, topics, metadata):
     """A copy of a bag with the topics that are wanted, and what is known about its trial, if anything is."""
     with Reader(bag) as reader, Recorder(path) as recorder:
         for connection, stamp, data in reader.messages():
-            if wanted(connection.topic):
+            if topics(connection.topic):
                 recorder.add_topic(connection.topic, connection.msgtype)
                 recorder.write(connection.topic, data, stamp)
-        if about:
-            recorder.add_metadata("barn.trial", {"specification": json.dumps(about)})
+        if metadata:
+            recorder.add_metadata("barn.trial", {"specification": json.dumps(metadata)})
         recorder.finish()
     return path
 
@@ -235,10 +245,13 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
     bag, tmp_path, specified
 ):
     """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
-    about = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
-    recorded = read_recorded(
+    metadata = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
+    recorded = read_recorded_trial(
         some_of(
-            bag, tmp_path / "bare", {"/ground_truth/odom", "/scan"}.__contains__, about
+            bag,
+            tmp_path / "bare",
+            {"/ground_truth/odom", "/scan"}.__contains__,
+            metadata,
         )
     )
     assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
@@ -246,7 +259,8 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
 
 
 def test_the_world_is_that_of_the_bag(bag, tmp_path):
-    world, recorded = open_dataset("barn300").load(0), read_recorded(bag)
+    world = open_dataset("barn300").load(0)
+    recorded = read_recorded_trial(bag)
     assert recorded.scene.cylinders_m.tolist() == world.cylinders_m.tolist()
     assert (recorded.scene.start.x, recorded.scene.start.y) == pytest.approx(
         tuple(recorded.poses[0, :2]), abs=1e-3
@@ -265,7 +279,7 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
     assert above >= max(
         world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m
     )
-    other = read_recorded(
+    other = read_recorded_trial(
         some_of(
             bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial
         )
@@ -276,7 +290,7 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
 
 
 def test_progress_is_along_the_path_and_never_back(bag):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     along_m = progress_m(recorded)
     assert along_m[0] == pytest.approx(0.0, abs=0.05)
     assert (np.diff(along_m) >= 0.0).all()
@@ -291,22 +305,22 @@ def test_progress_is_along_the_path_and_never_back(bag):
 
 
 def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
-    first = read_recorded(bag)
+    first = read_recorded_trial(bag)
     other = replace(first, trial=first.trial | {"planner": {"name": "dwa"}})
-    assert labels([first, other]) == ["gap", "DWA"]
-    assert labels([first, replace(first, name="later")]) == [
+    assert label_trials([first, other]) == ["gap", "DWA"]
+    assert label_trials([first, replace(first, name="later")]) == [
         "gap (gap_w0000_r00)",
         "gap (later)",
     ]
-    assert labels([first, replace(first, folder="again")]) == [
+    assert label_trials([first, replace(first, folder="again")]) == [
         "gap (run)",
         "gap (again)",
     ]
-    assert labels([first, first]) == ["gap (1)", "gap (2)"]
+    assert label_trials([first, first]) == ["gap (1)", "gap (2)"]
 
 
 def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
-    recorded = read_recorded(either_bag)
+    recorded = read_recorded_trial(either_bag)
     recorded.result["detail"] = recorded.result["planner"] = EVIL
     recorded.trial["world"]["name"] = EVIL
     page = replay_page(recorded)
@@ -342,9 +356,9 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path
     assert page.evaluate(time) == pytest.approx(2.0, abs=0.01)
     assert text("clock").startswith("2.00 /")
     for layer in ("scan", "candidates"):
-        drawn = pixels()
+        pixels_before = pixels()
         page.click(f"#layer-{layer}")
-        assert pixels() != drawn
+        assert pixels() != pixels_before
     assert text("score") == "0.500, running"
     assert paused < 2.0  # a quarter of real time
     page.evaluate("window.replay.player.seek(1e9)")
@@ -356,7 +370,7 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path
 def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     bag, open_page, screenshots, tmp_path
 ):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     touched = replace(
         recorded,
         contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3),
@@ -380,7 +394,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
             "['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())"
         )
 
-    def told():
+    def read_status():
         return page.locator("#told").text_content()
 
     assert page.evaluate(
@@ -395,7 +409,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     for name, expected in (("c", 2.05), ("r", 3.0), ("Shift+c", 2.05), ("c", 2.05)):
         key(name)
         assert clock() == pytest.approx(expected, abs=0.051)
-    assert told().startswith("gap: contact at 2.0")
+    assert read_status().startswith("gap: contact at 2.0")
     assert page.evaluate("replay.view.zoom") > 2.0
     page.click("#to-closest")
     assert clock() == pytest.approx(
@@ -423,7 +437,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     # A ruler of two points a metre apart, and by keys one of no length.
     page.click("#measure")
     page.evaluate("replay.view.put([-2, 5]); replay.view.put([-2, 6])")
-    assert told() == "1.00 m"
+    assert read_status() == "1.00 m"
     for name in ("m", "m", "p", "p"):
         key(name)
     assert page.evaluate("replay.view.length") == 0.0

@@ -4,21 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.running import request
-from barn_eval.running.command_files import keep_told, told_parameters
+from barn_eval.running.command_files import read_node_parameters, write_node_parameters
+from barn_eval.running.request import RunRequest, read_request
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError
-
-
-def read_request(path, options):
-    """Return what a campaign's file and options ask for."""
-    options = dict(options)
-    return request.read_request(path, options, options.pop("settings", None))
-
 
 FILE = """
 schema_version: 1
@@ -62,9 +55,9 @@ def test_a_file_says_it_all(file):
         PlannerChoice("dwa"),
         PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}),
     )
-    execution = Execution(workers=4, trial_limit_s=90.0)
-    assert read_request(file, {}) == request.Request(
-        Experiment(planners=planners, **rules), execution, Path("results")
+    execution = ExecutionConfig(workers=4, trial_limit_s=90.0)
+    assert read_request(file, {}) == RunRequest(
+        RunConfig(planners=planners, **rules), execution, Path("results")
     )
 
 
@@ -89,19 +82,19 @@ def test_an_option_counts_instead_of_what_the_file_says(file):
     campaign = read_request(
         file, {"seed": 8, "workers": 1, "worlds": None, "out": "elsewhere"}
     )
-    assert (campaign.experiment.seed, campaign.experiment.worlds) == (8, "0-9")
+    assert (campaign.config.seed, campaign.config.worlds) == (8, "0-9")
     assert (campaign.execution.workers, campaign.execution.trial_limit_s) == (1, 90.0)
     assert campaign.out == Path("elsewhere")
 
 
 def test_a_configuration_comes_back_from_plain_data(file):
-    config = read_request(file, {}).experiment
-    assert from_dict(Experiment, as_dict(config), "run.json") == config
-    assert config.ros == RosSetup()
+    config = read_request(file, {}).config
+    assert from_dict(RunConfig, as_dict(config), "run.json") == config
+    assert config.ros == RosConfig()
 
 
 def test_trials_share_everything_but_the_planner(file):
-    first, second, *_ = read_request(file, {"worlds": "0"}).experiment.trials()
+    first, second, *_ = read_request(file, {"worlds": "0"}).config.trials()
     assert (first.planner, second.planner) == ("dwa", "eband")
     assert (first.preset, second.preset, second.overrides) == (
         "challenge",
@@ -109,18 +102,18 @@ def test_trials_share_everything_but_the_planner(file):
         {"band.external_gain": 2.0},
     )
     assert first.planner_config != second.planner_config
-    assert (first.task, first.campaign_seed, first.simulator) == (
+    assert (first.task, first.run_seed, first.simulator) == (
         second.task,
         7,
         second.simulator,
     )
-    assert first.campaign_seed == second.campaign_seed and first.world is second.world
+    assert first.run_seed == second.run_seed and first.world is second.world
 
 
 def test_what_nobody_says_has_its_default():
-    asked = read_request(None, {})
-    assert (asked.experiment, asked.execution) == (Experiment(), Execution())
-    assert asked.out.parent == Path("out")
+    request = read_request(None, {})
+    assert (request.config, request.execution) == (RunConfig(), ExecutionConfig())
+    assert request.out.parent == Path("out")
 
 
 @pytest.mark.parametrize(
@@ -141,9 +134,9 @@ def test_what_nobody_says_has_its_default():
 def test_a_setting_names_its_planner_where_there_are_several(
     planners, settings, overrides
 ):
-    asked = read_request(None, {"planners": planners, "settings": settings})
-    assert [one.overrides for one in asked.experiment.planners] == overrides
-    assert len(asked.experiment.trials()) == 300 * len(overrides)
+    request = read_request(None, {"planners": planners, "settings": settings})
+    assert [planner.overrides for planner in request.config.planners] == overrides
+    assert len(request.config.trials()) == 300 * len(overrides)
 
 
 def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
@@ -155,7 +148,7 @@ def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
         "out": "x",
     }
     ros = {"restart_planner": "each_trial", "patience.gate_s": 60.0}
-    experiment = read_request(None, options | {"ros": ros}).experiment
+    experiment = read_request(None, options | {"ros": ros}).config
     assert (experiment.planners, experiment.bags) == (
         (PlannerChoice("mine", command="run me"),),
         "failed",
@@ -169,7 +162,7 @@ def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
         options
         | {"ros": {"restart_planner": "each_trial", "patience": {"gate_s": 60.0}}},
     )
-    assert nested.experiment == experiment
+    assert nested.config == experiment
 
 
 def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
@@ -183,8 +176,8 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
         PlannerChoice("mine", command="python3 mine.py"),
         PlannerChoice("their_planner", command="ros2 run theirs their_planner"),
     )
-    assert read_request(file, {}).experiment.planners == expected
-    assert read_request(file, {"planners": "mine,dwa"}).experiment.planners == (
+    assert read_request(file, {}).config.planners == expected
+    assert read_request(file, {"planners": "mine,dwa"}).config.planners == (
         expected[1],
         expected[0],
     )
@@ -195,7 +188,7 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
         "planners": "dwa",
         "planner_command": commands,
     }
-    assert read_request(None, options).experiment.planners == expected
+    assert read_request(None, options).config.planners == expected
 
 
 @pytest.mark.parametrize(
@@ -219,7 +212,7 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
 )
 def test_a_command_gives_its_planner_a_name(command, name):
     options = {"mode": "ros", "planner_command": command, "out": "x"}
-    (planner,) = read_request(None, options).experiment.planners
+    (planner,) = read_request(None, options).config.planners
     assert (planner.name, planner.command) == (name, command)
 
 
@@ -228,10 +221,13 @@ def test_a_command_gives_its_planner_a_name(command, name):
     [
         (
             {"planners": "dwa,dwa:challenge"},
-            "names 'dwa' twice; make two experiments and use `barn compare`",
+            "names 'dwa' twice; make two runs and use `barn compare`",
         ),
         ({"planners": []}, "must name at least one planner"),
-        ({"planners": 3}, "planners must be a list of names, got 3"),
+        (
+            {"planners": 3},
+            "a planner must be a name, a Planner class or object, or a function of the observation, got 3",
+        ),
         (
             {"planner_command": 7},
             "planner_command must be a text or a list of texts, got 7",
@@ -318,7 +314,8 @@ def test_mistakes_are_told_in_one_line(file, options, words):
 
 
 def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
-    parameters, script = tmp_path / "p.yaml", tmp_path / "planner.py"
+    parameters = tmp_path / "p.yaml"
+    script = tmp_path / "planner.py"
     parameters.write_text("a: 1")
     script.touch()
     command = f"python {script} --params-file {parameters} params_file:={parameters} other.yaml --fast=yes"
@@ -328,31 +325,33 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
         f"schema_version: 1\nmode: ros\nplanners: [{{name: mine, command: '{command}'}}]\n"
     )
 
-    def made():
-        asked = [
+    def read_configs():
+        requests = [
             read_request(file, {}),
             read_request(None, {"planner_command": command, "mode": "ros"}),
         ]
-        return [one.experiment for one in asked]
+        return [item.config for item in requests]
 
-    before = [one.planners[0].files for one in made()]
+    before = [item.planners[0].files for item in read_configs()]
     assert before[0] == before[1]
     assert set(before[0]) == {str(parameters), str(script)}
-    earlier = [one.settings(one.planners[0])["planner_config"] for one in made()]
+    earlier = [
+        item.resolve_planner(item.planners[0]).fingerprint for item in read_configs()
+    ]
     parameters.write_text("a: 2")
-    changed = made()[0]
+    changed = read_configs()[0]
     assert changed.planners[0].files[str(script)] == before[0][str(script)]
     assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
-    assert changed.settings(changed.planners[0])["planner_config"] not in earlier
+    assert changed.resolve_planner(changed.planners[0]).fingerprint not in earlier
 
 
 def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):
     logs = tmp_path / "out" / "logs"
     logs.mkdir(parents=True)
-    keep_told(logs, logs, "mine", '{"/a speed": "0.5", "/b": "tells none"}')
-    keep_told(logs, logs, "mine", '{"/a speed": "0.5", "/c turn": "1.0"}')
-    keep_told(logs, logs, "another_mine", '{"/a speed": "1.0"}')
-    assert told_parameters(logs, "mine") == {
+    write_node_parameters(logs, logs, "mine", '{"/a speed": "0.5", "/b": "tells none"}')
+    write_node_parameters(logs, logs, "mine", '{"/a speed": "0.5", "/c turn": "1.0"}')
+    write_node_parameters(logs, logs, "another_mine", '{"/a speed": "1.0"}')
+    assert read_node_parameters(logs, "mine") == {
         "/a speed": "0.5",
         "/b": "tells none",
         "/c turn": "1.0",
@@ -361,4 +360,4 @@ def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):
         ConfigError,
         match=r"planner 'mine': parameter /a speed was '0.5' there, is '0.6' now",
     ):
-        keep_told(logs, logs, "mine", '{"/a speed": "0.6"}')
+        write_node_parameters(logs, logs, "mine", '{"/a speed": "0.6"}')

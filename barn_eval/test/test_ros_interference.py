@@ -20,13 +20,13 @@ from ros_runs import (
 )
 from waiting import until
 
-from barn_eval.ros.supervision import ProcessError
+from barn_eval.ros.supervision.process import ProcessError
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.ros.domain import reserve_domain
 
 
 def test_scores_cannot_be_forged(tmp_path):
-    said = {
+    messages = {
         "poses": "/foreign publishes /odom",
         "older_stamps": "/foreign publishes /clock",
         "no_contact": "/foreign publishes /collision",
@@ -36,10 +36,10 @@ def test_scores_cannot_be_forged(tmp_path):
         "reset": "/foreign called simulator/reset",
         "pause": "/foreign called simulator/pause",
     }
-    *results, last = drive_kinds(tmp_path, *said, "drives")
+    *results, last = drive_kinds(tmp_path, *messages, "drives")
     assert {
-        kind: result.detail for kind, result in zip(said, results, strict=True)
-    } == said
+        kind: result.detail for kind, result in zip(messages, results, strict=True)
+    } == messages
     ends = {
         (result.outcome, result.fault, result.scores.success, result.scores.challenge)
         for result in results
@@ -51,15 +51,15 @@ def test_scores_cannot_be_forged(tmp_path):
     assert 0.5 < last.measures.driven_m < 1.3
 
 
-@pytest.mark.parametrize("asked_for", [False, True])
+@pytest.mark.parametrize("is_public", [False, True])
 def test_the_truth_is_on_the_planners_domain_only_where_asked_for_and_readers_are_named(
-    tmp_path, asked_for
+    tmp_path, is_public
 ):
     (result,) = drive_kinds(
-        tmp_path, "curious", setup=replace(EACH, ground_truth=asked_for)
+        tmp_path, "curious", setup=replace(EACH, ground_truth=is_public)
     )
     assert result.outcome is Outcome.TIMEOUT
-    assert (tmp_path / "starts.heard").exists() is asked_for
+    assert (tmp_path / "starts.heard").exists() is is_public
     assert (
         result.remarks
         == "/foreign subscribed to /ground_truth/odom; 2 publishers on /cmd_vel: /foreign, /foreign"
@@ -83,7 +83,7 @@ def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
 def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault(
     tmp_path, monkeypatch
 ):
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         pass
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -140,5 +140,5 @@ def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_lef
     assert cycles > 200
     topics = ("/scan", "/amcl_pose", "/clock")
     assert {topic: len(bag[topic]) for topic in topics} == dict.fromkeys(topics, cycles)
-    own = [len(bag[topic]) for topic in ("/cmd_vel", "/thoughts")]
-    assert [count for count in own if count not in (cycles - 1, cycles)] == []
+    counts = [len(bag[topic]) for topic in ("/cmd_vel", "/thoughts")]
+    assert [count for count in counts if count not in (cycles - 1, cycles)] == []

@@ -23,15 +23,15 @@ from ros_runs import nothing_left  # noqa: F401 (a fixture)
 from rosbags.rosbag2 import Reader
 from waiting import until
 
-from barn_eval.results.bags.movers import gaps_to
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.movers import compute_gaps
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision import start
-from barn_eval.ros.supervision.process import GuardedProcess
-from barn_eval.running.runner import ExperimentError
+from barn_eval.ros.supervision.process import SupervisedProcess
+from barn_eval.running.runner import RunError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
@@ -45,8 +45,8 @@ from barn_worlds.messages.topics import (
     LOCAL_PLAN,
     PLAN,
 )
-from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.robots.files import find_robot_files, load_robot
+from barn_worlds.ros.domain import reserve_domain
 
 MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 # They may come after the verdict, when the trial is over.
@@ -55,9 +55,9 @@ SHOWN_AFTER_COMMANDS = {
 }
 
 
-def own_robot(folder):
+def write_robot(folder):
     """A robot of one's own, from a file: a TurtleBot 3 Waffle that is slower."""
-    content = yaml.safe_load(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"))
+    content = yaml.safe_load(find_robot_files()["turtlebot3_waffle"].read_text("utf-8"))
     content["drive"]["max_speed_m_s"] = 0.2
     (folder / "mine.yaml").write_text(
         yaml.safe_dump(content | {"name": "own_robot"}), "utf-8"
@@ -72,7 +72,7 @@ def own_robot(folder):
         (DYNABARN, "jackal", "dwa"),
         (CHALLENGE, "own_robot", "mppi"),
     ],
-    ids=lambda one: getattr(one, "name", one),
+    ids=lambda messages: getattr(messages, "name", messages),
 )
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     tmp_path, protocol, robot, planner
@@ -80,7 +80,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     # Eight seconds with and without a map, and among moving obstacles: every reading, scan and command, to a bit.
     dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
-    driven = own_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
+    driven = write_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
     simulator = simulator_config(protocol, robot=driven)
     plan = ros.make_plan(
         protocol, planner=planner, worlds=worlds, dataset=dataset, simulator=simulator
@@ -89,10 +89,8 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     (spec,) = plan.trials()
     direct = recorded(spec, tmp_path / "direct").result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
-    over_ros, one = (
-        ros.messages(tmp_path / "ros" / "bags" / spec.trial_id),
-        ros.messages(tmp_path / "direct"),
-    )
+    over_ros = ros.messages(tmp_path / "ros" / "bags" / spec.trial_id)
+    messages = ros.messages(tmp_path / "direct")
     for topic in (
         "/odom",
         "/ground_truth/odom",
@@ -103,18 +101,22 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
         "/score_text",
     ):
         stamps, expected = (
-            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, one)
+            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, messages)
         )
         assert stamps == expected  # and their bytes: see below
     assert (
-        len(one["/odom"]) > 100 and len(one["/score"]) > 10 and len(one["/world"]) == 1
+        len(messages["/odom"]) > 100
+        and len(messages["/score"]) > 10
+        and len(messages["/world"]) == 1
     )
-    assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
-    assert [one["/outcome"][place][1].data for place in (0, -1)] == [
+    assert [len(messages.get(topic, [])) > 50 for topic in MOVING] == [
+        protocol.arena
+    ] * 2
+    assert [messages["/outcome"][place][1].data for place in (0, -1)] == [
         "running",
         result.outcome.value,
     ]
-    assert one["/score"][-1][1].data == result.scores.challenge
+    assert messages["/score"][-1][1].data == result.scores.challenge
     assert len(over_ros["/goal_pose"]) > 10 or not protocol.map_given
     assert_equal_bytes(
         ros.unstamped(tmp_path / "ros" / "bags" / spec.trial_id),
@@ -134,29 +136,29 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     (spec,) = plan.trials()
     assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION)
     assert result.motion.phase_s == spec.phase_s
-    bag = read_recorded(tmp_path / "ros" / "bags" / spec.trial_id)
-    tracks, moving = spec.world.tracks, bag.moving
+    bag = read_recorded_trial(tmp_path / "ros" / "bags" / spec.trial_id)
+    tracks = spec.world.tracks
+    moving = bag.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(
         moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9
     )
-    walls, point = wall_bodies(spec.world.walls), Footprint(np.zeros((1, 2)), 1e-9)
-    for one in bag.scans[::10]:
-        pose = Pose2D(*bag.poses[bag.index_at(one.time_s)].tolist()) @ bag.lidar
-        seen = np.isfinite(one.content.ranges)
-        angles, ranges = (
-            one.content.angles()[seen],
-            one.content.ranges[seen].astype(float),
-        )
+    walls = wall_bodies(spec.world.walls)
+    point = Footprint(np.zeros((1, 2)), 1e-9)
+    for item in bag.scans[::10]:
+        pose = Pose2D(*bag.poses[bag.index_at(item.time_s)].tolist()) @ bag.lidar
+        is_hit = np.isfinite(item.content.ranges)
+        angles = item.content.angles()[is_hit]
+        ranges = item.content.ranges[is_hit].astype(float)
         hits = pose.transform(
             np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
         )
         points = np.column_stack([hits, np.zeros(len(hits))])
         places = np.repeat(
-            tracks.at(spec.phase_s + one.time_s)[0][None], len(hits), axis=0
+            tracks.at(spec.phase_s + item.time_s)[0][None], len(hits), axis=0
         )
         assert (
-            np.quantile(gaps_to(moving.bodies, walls, places, points, point), 0.95)
+            np.quantile(compute_gaps(moving.bodies, walls, places, points, point), 0.95)
             < 0.1
         )
 
@@ -215,7 +217,7 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     transforms = (
         {"/tf", "/tf_static"} if importlib.util.find_spec("tf2_msgs") else set()
     )
-    shown = {
+    display_topics = {
         "/plan",
         "/local_plan",
         "/local_costmap/costmap",
@@ -224,14 +226,14 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
         "/outcome",
         "/score_text",
     }
-    others = {
+    other_topics = {
         "/goal_pose",
         "/joint_states",
         "/amcl_pose",
         "/ground_truth/odom",
         "/diagnostics",
     }
-    assert shown | others | transforms <= set(counts)
+    assert display_topics | other_topics | transforms <= set(counts)
     # what was put away is not run again
     before = (folder / "logs" / "simulator.log").read_bytes()
     assert ros.run(folder, plan) == [result]
@@ -275,7 +277,7 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     assert (
         result.wall_clock.missed_share >= 0.15
     )  # of 50 scans a second, five in ten are not answered
-    assert result.wall_clock.late
+    assert result.wall_clock.is_late
     assert "without a command in time" in result.remarks
 
 
@@ -288,7 +290,8 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         protocol, planner="drives", planner_command=command, repetitions=3
     )
     folder = tmp_path / "run"
-    simulator, evaluator = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
+    simulator = "barn_sim.ros.simulator"
+    evaluator = "barn_eval.ros.evaluator"
 
     def kill(pids):
         for pid in pids:
@@ -297,7 +300,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     deeds = {
         0: lambda: kill(ros.node_process(nothing_left, simulator)),
         1: lambda: kill(ros.node_process(nothing_left, evaluator)),
-        2: lambda: kill(ros.guards(nothing_left, str(ros.FOREIGN))),
+        2: lambda: kill(ros.launchers(nothing_left, str(ros.FOREIGN))),
     }
 
     def disturb():
@@ -317,8 +320,8 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         "simulator was killed by SIGKILL in trial drives_w0000_r00",
         "drives_w0000_r00 is repeated: simulator_died, the simulator was killed by SIGKILL",
         "evaluator was killed by SIGKILL in trial drives_w0000_r01",
-        "planner was lost with its guard in trial drives_w0000_r02",
-        "drives_w0000_r02 is repeated: planner_died, the planner was lost with its guard",
+        "planner was lost with its launcher in trial drives_w0000_r02",
+        "drives_w0000_r02 is repeated: planner_died, the planner was lost with its launcher",
     ]
     assert [
         text
@@ -330,7 +333,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     ] == [
         (2, "simulator_died, the simulator was killed by SIGKILL"),
         (2, "the evaluator was killed by SIGKILL"),
-        (2, "planner_died, the planner was lost with its guard"),
+        (2, "planner_died, the planner was lost with its launcher"),
     ]
     undisturbed = list(ros.drive(tmp_path / "undisturbed", plan))
     assert [result.repeatable() for result in results] == [
@@ -389,8 +392,8 @@ def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(
         )
     )
     pids = until(
-        lambda: len(found := ros.marked(nothing_left)) >= 7 and found
-    )  # nodes, their guards, the command
+        lambda: len(processes := ros.marked(nothing_left)) >= 7 and processes
+    )  # nodes, their launchers, the command
     addresses = {address for pid in pids for address in listeners(pid)}
     assert len(addresses) >= 6  # two ports of each node, at least
     (loopback,) = struct.unpack("=L", socket.inet_aton("127.0.0.1"))
@@ -411,7 +414,7 @@ def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(
 
 def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     # As with `ros2 run` in three terminals: no supervisor, another name and another topic for the commands.
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         remap = ["--ros-args", "-r", "cmd_vel:=/drive"]
@@ -446,7 +449,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
             "planner:=mine",
         ]
         nodes = [
-            GuardedProcess(
+            SupervisedProcess(
                 name,
                 [sys.executable, start.__file__, *command],
                 os.environ,
@@ -466,7 +469,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
         "",
         "",
     )  # nobody told the evaluator
-    assert result.task == Experiment().trials([3])[0].task
+    assert result.task == RunConfig().trials([3])[0].task
     assert "/drive" in ros.messages(tmp_path / "run" / "bags" / result.trial_id)
 
 
@@ -508,7 +511,7 @@ def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
 def test_a_planner_that_does_not_come_up_ends_the_run_with_the_reason(
     tmp_path, command, words
 ):
-    with pytest.raises(ExperimentError, match=f"(?s){words}"):
+    with pytest.raises(RunError, match=f"(?s){words}"):
         ros.run(
             tmp_path / "run", ros.make_plan(planner="broken", planner_command=command)
         )

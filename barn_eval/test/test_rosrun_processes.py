@@ -12,13 +12,18 @@ from pathlib import Path
 import pytest
 from waiting import alive, parent, until
 
-from barn_eval.results.run_file import isolated, isolation
-from barn_eval.ros.supervision import guard, nodes
-from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, last_lines
+from barn_eval.ros.isolation import can_isolate, probe_isolation
+from barn_eval.ros.supervision import launcher, nodes
+from barn_eval.ros.supervision.process import (
+    EventChannel,
+    SupervisedProcess,
+    last_lines,
+)
 from barn_worlds.base.errors import ConfigError
 
 KEPT_APART = pytest.mark.skipif(
-    not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}"
+    not can_isolate(),
+    reason=f"the kernel keeps no planner apart here: {probe_isolation()}",
 )
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
 FAMILY = """
@@ -34,9 +39,9 @@ time.sleep(3600)
 
 
 def family(tmp_path, *arguments):
-    """Start the family under guard and return the process and the pids of its three members."""
+    """Start the family under a launcher and return the process and the pids of its three members."""
     command = [sys.executable, "-c", FAMILY, str(tmp_path / "pids"), *arguments]
-    process = GuardedProcess("family", command, os.environ, tmp_path / "family.log")
+    process = SupervisedProcess("family", command, os.environ, tmp_path / "family.log")
     return process, members(tmp_path / "pids")
 
 
@@ -48,9 +53,9 @@ def members(note):
     return pids
 
 
-def ended(log, *command, **more):
+def ended(log, *command, **options):
     """Wait for the end of a command and return its process, which nothing is left of."""
-    process = GuardedProcess("one", command, os.environ, log, **more)
+    process = SupervisedProcess("one", command, os.environ, log, **options)
     process.wait(600.0)
     process.stop()
     return process
@@ -85,13 +90,13 @@ def test_end_by_itself_is_reported_and_leaves_no_orphans(tmp_path):
     process.stop()
 
 
-@pytest.mark.parametrize("also", ["nobody", "first guard", "second guard"])
+@pytest.mark.parametrize("also", ["nobody", "first launcher", "second launcher"])
 def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
     script = f"""
     import os, sys, time
     from pathlib import Path
-    from barn_eval.ros.supervision.process import GuardedProcess
-    kept = GuardedProcess("family", [sys.executable, "-c", {FAMILY!r}, {str(tmp_path / "pids")!r}], os.environ,
+    from barn_eval.ros.supervision.process import SupervisedProcess
+    kept = SupervisedProcess("family", [sys.executable, "-c", {FAMILY!r}, {str(tmp_path / "pids")!r}], os.environ,
                    Path({str(tmp_path / "family.log")!r}))
     time.sleep(3600)
     """
@@ -100,17 +105,17 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
     )
     try:
         pids = members(tmp_path / "pids")
-        guards = guards_of(pids[0])
+        launchers = launchers_of(pids[0])
     finally:
         supervisor.kill()
         if also != "nobody":
-            os.kill(guards[also == "second guard"], signal.SIGKILL)
+            os.kill(launchers[also == "second launcher"], signal.SIGKILL)
         supervisor.wait()
-    until(lambda: not any(map(alive, (*pids, *guards))))
+    until(lambda: not any(map(alive, (*pids, *launchers))))
 
 
-def guards_of(pid):
-    """Return the two processes of the guard of a command, the first of them first."""
+def launchers_of(pid):
+    """Return the two processes of the launcher of a command, the first of them first."""
     second = parent(pid)
     return parent(second), second
 
@@ -118,14 +123,14 @@ def guards_of(pid):
 @pytest.mark.parametrize(
     ("which", "number"), [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)]
 )
-def test_nothing_is_left_when_the_guard_is_killed(tmp_path, which, number):
+def test_nothing_is_left_when_the_launcher_is_killed(tmp_path, which, number):
     process, pids = family(tmp_path)
-    guards = guards_of(pids[0])
-    os.kill(guards[which], number)
+    launchers = launchers_of(pids[0])
+    os.kill(launchers[which], number)
     until(lambda: process.read() or process.ended)
-    assert "guard" in process.end
+    assert "launcher" in process.end
     assert process.lost
-    until(lambda: not any(map(alive, (*pids, *guards))))
+    until(lambda: not any(map(alive, (*pids, *launchers))))
     process.stop()
 
 
@@ -141,7 +146,7 @@ def test_the_exit_code_and_what_was_printed_are_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind", [guard.SUITE, pytest.param(guard.APART, marks=KEPT_APART)]
+    "kind", [launcher.SUITE, pytest.param(launcher.ISOLATED, marks=KEPT_APART)]
 )
 def test_an_unknown_command_is_told(tmp_path, kind):
     process = ended(tmp_path / "nobody.log", "/no/such/command", kind=kind)
@@ -175,7 +180,7 @@ def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
 
 def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(ConfigError, match=r"no/x\.log: No such file or directory"):
-        GuardedProcess("x", ["true"], os.environ, tmp_path / "no" / "x.log")
+        SupervisedProcess("x", ["true"], os.environ, tmp_path / "no" / "x.log")
 
 
 def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
@@ -192,7 +197,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     link.send("echo", name=events[0]["name"])
     """
     command = [sys.executable, "-c", textwrap.dedent(script), str(theirs.fileno())]
-    process = GuardedProcess(
+    process = SupervisedProcess(
         "echo", command, os.environ, tmp_path / "echo.log", [theirs]
     )
     theirs.close()
@@ -217,7 +222,8 @@ def test_link_joins_lines_that_come_in_pieces():
 
 
 def test_a_foreign_command_gets_the_environment_without_our_wheels():
-    mark, ours = "_ROS_WHEELS_BOOTSTRAP_COMPLETE", str(Path(sys.prefix) / "lib")
+    mark = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+    ours = str(Path(sys.prefix) / "lib")
     inherited = {
         "PATH": "/bin",
         mark: "1",
@@ -246,9 +252,11 @@ def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_en
     os.kill(os.getpid(), signal.SIGKILL)
     """
     command = [sys.executable, "-c", textwrap.dedent(script)]
-    process = ended(tmp_path / "apart.log", *command, kind=f"{guard.APART}:{tmp_path}")
+    process = ended(
+        tmp_path / "apart.log", *command, kind=f"{launcher.ISOLATED}:{tmp_path}"
+    )
     assert process.end == "was killed by SIGKILL"
-    if isolation() == "apart":
+    if probe_isolation() == "apart":
         assert (
             process.log.read_text()
             == f"sees 2 has the user {os.getuid()} writes False\n"

@@ -14,17 +14,23 @@ from multiprocessing import get_context
 import pytest
 from waiting import until
 
-from barn_eval.results.rows import ResultRows, sealed
+from barn_eval.results.rows import RowFile, seal_line
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome, Scores
-from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
-from barn_eval.trials.trajectory import Encounters, Measures
+from barn_eval.trials.result import (
+    TrialResult,
+    format_trial_id,
+    from_json_line,
+    to_json_line,
+)
+from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.errors import ConfigError, StoreError
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.files import write_durably
 
 
 def result(number: int = 0) -> TrialResult:
     return TrialResult(
-        trial_id=trial_id("dwa", number, 0),
+        trial_id=format_trial_id("dwa", number, 0),
         dataset="set",
         world=number,
         world_name=f"world_{number}",
@@ -66,7 +72,7 @@ def result(number: int = 0) -> TrialResult:
 
 @pytest.fixture
 def rows(tmp_path):
-    return ResultRows(tmp_path)
+    return RowFile(tmp_path)
 
 
 def test_rows_come_back_as_they_were(rows):
@@ -94,13 +100,13 @@ def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(rows):
 
 
 LINE = to_json_line(result())
-SEALED = f"{sealed(LINE)}\n"
+SEALED = f"{seal_line(LINE)}\n"
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (f"{SEALED}{sealed('{}')}\n", "line 2: schema_version must be"),
+        (f"{SEALED}{seal_line('{}')}\n", "line 2: schema_version must be"),
         (SEALED * 2, "line 2: trial dwa_w0000_r00 is there already"),
         (SEALED.encode() + b"\xff\x00\n", "line 2: not JSON"),
         (f"{LINE}\n", "line 1: damaged or edited: has no crc32"),
@@ -119,7 +125,7 @@ def test_wrong_rows_are_named_by_file_and_line(rows, content, words):
 
 def append_rows(folder, reported):
     """Append rows without end, from after the last one that was reported, and report each."""
-    rows = ResultRows(folder)
+    rows = RowFile(folder)
     for number in range(reported.value + 1, 100_000):
         rows.append(result(number))
         reported.value = number
@@ -138,10 +144,10 @@ def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
         time.sleep(0.05)
         writer.kill()
         writer.join()
-        found = [row.world for row in ResultRows(tmp_path).read()]
-        assert found == list(range(len(found)))
-        assert len(found) >= reported.value + 1
-        reported.value = len(found) - 1
+        worlds = [row.world for row in RowFile(tmp_path).read()]
+        assert worlds == list(range(len(worlds)))
+        assert len(worlds) >= reported.value + 1
+        reported.value = len(worlds) - 1
 
 
 @contextmanager
@@ -173,12 +179,12 @@ def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows):
 
 def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path):
     path = tmp_path / "table"
-    write_whole(path, b"first")
+    write_durably(path, b"first")
     with (
         file_size_limit(100),
         pytest.raises(StoreError, match="table: cannot be written"),
     ):
-        write_whole(path, bytes(1000))
+        write_durably(path, bytes(1000))
     assert path.read_bytes() == b"first"
     assert [entry.name for entry in tmp_path.iterdir()] == ["table"]
 

@@ -22,11 +22,11 @@ def sorted_out(ticks):
     """Stamp, topics and the thousand of sending times, of each tick."""
     return [
         (
-            one.stamp_ns,
-            [m.topic for m in one.messages],
-            {m.sent_ns // 1000 for m in one.messages},
+            tick.stamp_ns,
+            [m.topic for m in tick.messages],
+            {m.sent_ns // 1000 for m in tick.messages},
         )
-        for one in ticks
+        for tick in ticks
     ]
 
 
@@ -39,11 +39,11 @@ def test_a_command_may_come_as_late_as_the_scan_after_its_own():
         if number in (0, 7):
             sequencer.add(message("/scan", 1000 * number + 1))
         if number < 8:
-            assert not list(sequencer.complete())
+            assert not list(sequencer.pop_complete())
     sequencer.add(message("/cmd_vel", 900))
-    first, *others = sorted_out(sequencer.complete())
+    first, *rest = sorted_out(sequencer.pop_complete())
     assert first == (0, ["/scan", "/cmd_vel"], {0})
-    assert others == [(50 * number, [], set()) for number in range(1, 7)]
+    assert rest == [(50 * number, [], set()) for number in range(1, 7)]
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -63,25 +63,25 @@ def test_any_order_across_topics_gives_the_same_ticks(seed):
             sequencer.tick(stamp_ns, sent_ns)
         else:
             sequencer.add(message(kind, sent_ns))
-        done += sequencer.complete()
+        done += sequencer.pop_complete()
     in_order = [
         (50 * k, ["/odom", "/collision", "/scan", "/cmd_vel"], {k}) for k in range(30)
     ]
-    assert sorted_out([*done, *sequencer.rest()]) == in_order
+    assert sorted_out([*done, *sequencer.pop_all()]) == in_order
 
 
 def test_a_tick_that_repeats_the_time_begins_nothing_new_and_tells_so():
     sequencer = TickSequencer("/scan")
-    begun = []
+    starts = []
     for sent_ns, stamp_ns in ((0, 7), (100, 8), (200, 8), (300, 9)):
-        begun.append(sequencer.tick(stamp_ns, sent_ns))
+        starts.append(sequencer.tick(stamp_ns, sent_ns))
         sequencer.add(message("/odom", sent_ns + 1))
-    assert (begun, sequencer.latest_ns) == ([True, True, False, True], 9)
-    found = [
+    assert (starts, sequencer.latest_ns) == ([True, True, False, True], 9)
+    contents = [
         (tick.stamp_ns, [one.sent_ns for one in tick.messages])
-        for tick in sequencer.rest()
+        for tick in sequencer.pop_all()
     ]
-    assert found == [(7, [1]), (8, [101, 201]), (9, [301])]
+    assert contents == [(7, [1]), (8, [101, 201]), (9, [301])]
 
 
 def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
@@ -91,7 +91,7 @@ def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
     sequencer.add(message("/truth", 1000))
     sequencer.tick(50, 1000)
     sequencer.add(message("/scan", 1000))
-    assert sorted_out(sequencer.rest()) == [
+    assert sorted_out(sequencer.pop_all()) == [
         (0, [], set()),
         (50, ["/odom", "/truth", "/scan"], {1}),
     ]
@@ -105,11 +105,11 @@ def test_what_came_before_the_first_tick_belongs_to_it_alone():
     sequencer.tick(0, 0)
     sequencer.add(message("/odom", 1))
     assert sequencer.latest_ns == 0
-    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [
+    assert [[one.topic for one in tick.messages] for tick in sequencer.pop_all()] == [
         ["/map", "/goal", "/odom"]
     ]
     sequencer.tick(50, 1000)
-    assert [tick.messages for tick in sequencer.rest()] == [[]]
+    assert [tick.messages for tick in sequencer.pop_all()] == [[]]
 
 
 def test_a_message_later_than_all_patience_is_kept():
@@ -117,9 +117,9 @@ def test_a_message_later_than_all_patience_is_kept():
     for k in range(4):
         sequencer.tick(k, 10 * k)
         sequencer.add(message("/scan", 10 * k))
-    assert [tick.stamp_ns for tick in sequencer.complete()] == [0, 1]
+    assert [tick.stamp_ns for tick in sequencer.pop_complete()] == [0, 1]
     sequencer.add(message("/late", 5))
-    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [
+    assert [[one.topic for one in tick.messages] for tick in sequencer.pop_all()] == [
         ["/late", "/scan"],
         ["/scan"],
     ]
@@ -130,14 +130,14 @@ def test_ticks_that_come_by_a_faster_way_complete_nothing_before_the_others_are_
     for stamp in (10, 20, 30, 40):
         sequencer.tick(stamp, stamp)
         sequencer.add(message("/scan", stamp))
-    assert list(sequencer.complete()) == []
-    sequencer.hear(20)
-    assert list(sequencer.complete()) == []
+    assert list(sequencer.pop_complete()) == []
+    sequencer.acknowledge(20)
+    assert list(sequencer.pop_complete()) == []
     sequencer.add(Message("/cmd_vel", b"", 15))  # late, and yet in its place
-    sequencer.hear(30)
-    (first,) = sequencer.complete()
+    sequencer.acknowledge(30)
+    (first,) = sequencer.pop_complete()
     assert (first.stamp_ns, [one.sent_ns for one in first.messages]) == (10, [10, 15])
-    sequencer.hear(10**18)  # a forged one shows no more than has begun
-    assert [tick.stamp_ns for tick in sequencer.complete()] == [20]
+    sequencer.acknowledge(10**18)  # a forged one shows no more than has begun
+    assert [tick.stamp_ns for tick in sequencer.pop_complete()] == [20]
     sequencer.tick(50, 50)
-    assert list(sequencer.complete()) == []
+    assert list(sequencer.pop_complete()) == []

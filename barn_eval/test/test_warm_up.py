@@ -8,16 +8,16 @@ from planners import Faulty, Straight
 
 from barn_eval.running import direct as module
 from barn_eval.running.direct import warm_up
-from barn_eval.trials.run_config import Experiment, PlannerChoice
-from barn_worlds.formats.own import write_own
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 
 @pytest.fixture
 def spec(tmp_path: Path, open_world, monkeypatch):
     """A trial, and a process that has not run any."""
     monkeypatch.setattr(module, "_ready", set())
-    write_own(tmp_path / "one.npz", "one", {0: open_world})
-    (spec,) = Experiment(
+    write_dataset_file(tmp_path / "one.npz", "one", {0: open_world})
+    (spec,) = RunConfig(
         dataset=str(tmp_path / "one.npz"), planners=(PlannerChoice("dwa"),)
     ).trials()
     return spec

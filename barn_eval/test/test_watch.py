@@ -13,9 +13,9 @@ from urllib.parse import quote
 import pytest
 from report_work import EVIL, campaign, rewrite_rows
 
-from barn_eval.pages.live.server import CampaignState, Watch, state_of
+from barn_eval.pages.live.server import PageServer, RunState, read_state
 from barn_eval.results.folder import read_results
-from barn_eval.results.rows import ResultRows
+from barn_eval.results.rows import RowFile
 from barn_worlds.base.errors import ConfigError
 
 
@@ -41,7 +41,7 @@ def cut(folder, count):
 
 def test_the_state_is_that_of_the_files_and_follows_them(folder):
     lines = cut(folder, 20)
-    state = CampaignState(folder)
+    state = RunState(folder)
     first = state.read()
     assert (first["done"], first["planned"], first["problem"]) == (20, 32, "")
     assert state.read() is first
@@ -55,13 +55,13 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
     after = state.read()
     assert after["done"] == 32
     failures = [
-        row.trial_id for row in ResultRows(folder).read() if not row.scores.success
+        row.trial_id for row in RowFile(folder).read() if not row.scores.success
     ]
     assert [trial["id"] for trial in after["failures"]] == failures[::-1]
 
 
 def test_rate_and_time_left_are_those_of_the_trials(folder):
-    def begun(place, row):
+    def with_start(place, row):
         clock = {
             "started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00",
             "duration_s": 4.0,
@@ -69,22 +69,23 @@ def test_rate_and_time_left_are_those_of_the_trials(folder):
         return row | {"wall_clock": row["wall_clock"] | clock}
 
     rewrite_rows(
-        folder, lambda rows: [begun(place, row) for place, row in enumerate(rows[:11])]
+        folder,
+        lambda rows: [with_start(place, row) for place, row in enumerate(rows[:11])],
     )
-    state = state_of(folder)
+    state = read_state(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"
     assert state["per_minute"] == pytest.approx(12.0)
     assert state["left_s"] == pytest.approx(21 * 5.0)
 
 
 def test_a_campaign_without_a_result_and_a_damaged_one_are_shown(folder):
-    state = CampaignState(folder)
+    state = RunState(folder)
     cut(folder, 0)
     assert state.read()["verdict"] == "No trial has ended yet."
     (folder / "results.jsonl").write_text("nonsense\n")
     assert "results.jsonl" in state.read()["problem"]
     with pytest.raises(ConfigError, match=r"run\.json"):
-        CampaignState(folder / "bags")
+        RunState(folder / "bags")
 
 
 def test_the_page_and_replays_are_served_and_nothing_else(folder):
@@ -93,7 +94,7 @@ def test_the_page_and_replays_are_served_and_nothing_else(folder):
     shutil.rmtree(folder / "bags" / "dwa_w0000_r00")
     (folder / "bags" / "dwa_w0000_r00").symlink_to(outside)
     (folder / "bags" / "stranger").mkdir()
-    with Watch(folder, port=0) as page:
+    with PageServer(folder, port=0) as page:
         assert page.url.startswith("http://127.0.0.1:")
         status, text, headers = get(page, "/")
         assert status == 200
@@ -115,17 +116,17 @@ def test_the_page_and_replays_are_served_and_nothing_else(folder):
 
 def test_nothing_is_written_and_a_taken_port_is_told(folder):
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
-    with Watch(folder, port=0) as page:
+    with PageServer(folder, port=0) as page:
         assert get(page, "/replay/gap_w0000_r00")[0] == 200
         with pytest.raises(ConfigError, match=r"port \d+: cannot be served"):
-            Watch(folder, port=int(page.url.split(":")[2].strip("/")))
+            PageServer(folder, port=int(page.url.split(":")[2].strip("/")))
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
     with pytest.raises(ConfigError, match="host 'nowhere"):
-        Watch(folder, host="nowhere.invalid", port=0)
+        PageServer(folder, host="nowhere.invalid", port=0)
 
 
 def test_a_client_that_leaves_before_its_answer_leaves_no_traceback(folder, capfd):
-    with Watch(folder, port=0) as page:
+    with PageServer(folder, port=0) as page:
         for _ in range(5):
             with socket.create_connection(
                 ("127.0.0.1", int(page.url.split(":")[2].strip("/")))
@@ -149,7 +150,7 @@ def test_the_command_says_where_and_ends_on_ctrl_c(folder):
 
 def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, open_page):
     lines = cut(folder, 12)
-    with Watch(folder, port=0) as served:
+    with PageServer(folder, port=0) as served:
         page = open_page(served.url)
         text = page.locator("#progress-text")
         assert text.text_content().startswith("12 of 32 trials")

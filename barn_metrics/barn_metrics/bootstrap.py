@@ -1,6 +1,7 @@
 """Estimates over worlds with confidence intervals, and how they are written.
 
-Trials of one world are not independent of each other, so whole worlds are drawn with replacement (a cluster bootstrap).
+Trials in the same world are not independent of each other. So whole worlds are drawn
+with replacement (a cluster bootstrap).
 """
 
 import math
@@ -15,74 +16,85 @@ from barn_worlds.base.arrays import Floats, Integers
 LEVEL = 0.95
 RESAMPLES = 10_000
 
+# Takes places of worlds (..., n), from 0, and returns one figure per row (...).
 Statistic = Callable[[Integers], Floats]
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its confidence limits; limits are None where there is too little to give any."""
+    """An estimate and its confidence limits; None where there is too little for any."""
 
     estimate: float
     low: float | None = None
     high: float | None = None
 
     def excludes(self, value: float) -> bool:
-        """Tell whether there are limits and a value lies outside them."""
-        return (
-            self.low is not None
-            and self.high is not None
-            and not self.low <= value <= self.high
-        )
+        """Tell whether there are limits and a value lies outside of them."""
+        if self.low is None or self.high is None:
+            return False
+        return not self.low <= value <= self.high
 
-    def reaching(self, *values: float) -> "Interval":
-        """Return the estimate with limits that hold these values as well, none where it has none."""
+    def widen_to(self, *values: float) -> "Interval":
+        """Return the estimate with limits that contain some values as well.
+
+        An estimate without limits stays without.
+        """
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
 
-    def scaled(self, factor: float) -> "Interval":
-        """Return the interval in another unit; factor is above 0."""
-        low, high = (
-            None if limit is None else factor * limit for limit in (self.low, self.high)
-        )
-        return Interval(factor * self.estimate, low, high)
+    def scale(self, factor: float) -> "Interval":
+        """Return the interval in another unit; the factor is above 0."""
+        return self._apply(lambda value: factor * value)
+
+    def shift(self, summand: float) -> "Interval":
+        """Return the interval of the sum of the estimate and a known figure."""
+        return self._apply(lambda value: value + summand)
+
+    def negate(self) -> "Interval":
+        """Return the interval of the estimate with the other sign."""
+        negative = self._apply(lambda value: -value)
+        return Interval(negative.estimate, negative.high, negative.low)
 
     def columns(self, name: str) -> dict[str, float | None]:
-        """Return estimate and limits as columns of a table: NAME, NAME_low and NAME_high."""
+        """Return the columns NAME, NAME_low and NAME_high of a table."""
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
-    def shifted(self, by: float) -> "Interval":
-        """Return the interval of the estimate and a known figure together."""
-        low, high = (
-            None if limit is None else limit + by for limit in (self.low, self.high)
-        )
-        return Interval(self.estimate + by, low, high)
-
-    def mirrored(self) -> "Interval":
-        """Return the interval of the estimate with the other sign."""
-        low, high = (
-            None if limit is None else -limit for limit in (self.high, self.low)
-        )
-        return Interval(-self.estimate, low, high)
-
     def text(self, digits: int = 2, unit: str = "") -> str:
-        """Return the estimate, a unit if given, and the limits in brackets, such as "0.51 m [0.40, 0.60]"."""
+        """Return the interval for people, such as "0.51 m [0.40, 0.60]".
+
+        Args:
+            digits: Decimals of all three numbers.
+            unit: Follows the estimate, such as " m".
+        """
         text = number(self.estimate, digits) + unit
         if self.low is None or self.high is None:
             return text
         return f"{text} [{number(self.low, digits)}, {number(self.high, digits)}]"
 
+    def _apply(self, function: Callable[[float], float]) -> "Interval":
+        """Return the estimate and both limits as a function changes them."""
+        return Interval(
+            function(self.estimate),
+            None if self.low is None else function(self.low),
+            None if self.high is None else function(self.high),
+        )
+
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number, zero without a sign; a dash for None, NaN and infinity."""
-    return (
-        "-"
-        if value is None or not math.isfinite(value)
-        else f"{round(value, digits) + 0.0:.{digits}f}"
-    )
+    """Return a number for people, zero without a sign.
+
+    Args:
+        value: The number; None, NaN and infinity become a dash.
+        digits: Number of decimals.
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    # Adding 0 turns a negative zero into a positive one.
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def over_worlds(
+def bootstrap_interval(
     statistic: Statistic,
     worlds: int,
     seed: int = 0,
@@ -92,23 +104,29 @@ def over_worlds(
 ) -> Interval:
     """Return a statistic of worlds with its bootstrap interval.
 
-    statistic: takes positions of worlds (..., n), 0 to worlds - 1, and returns one figure per row (...). BCa intervals
-    are bias-corrected and accelerated (Efron 1987); they have no limits where a draw has no figure (NaN). Percentile
-    intervals leave such draws out.
+    Args:
+        statistic: Function of places of worlds (..., n), 0 to worlds - 1.
+        worlds: Number of worlds. One alone has no limits.
+        seed: Seed of the draws.
+        percentile: Take percentiles of the draws and leave out those without a figure
+            (NaN). By default limits are bias-corrected and accelerated (BCa, Efron
+            1987); there are none if a draw has no figure.
+        resamples: Number of draws.
     """
-    every = np.arange(worlds)
-    estimate = float(statistic(every))
+    all_worlds = np.arange(worlds)
+    estimate = float(statistic(all_worlds))
     if worlds < 2:
         return Interval(estimate)
-    from scipy import stats  # noqa: PLC0415 (takes a second, which runs in one world need not wait for)
+
+    # Importing it takes a second, which runs in one world need not wait for.
+    from scipy import stats  # noqa: PLC0415
 
     with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
-        warnings.simplefilter(
-            "ignore", stats.DegenerateDataWarning
-        )  # all worlds alike: handled below
-        found = stats.bootstrap(
-            (every,),
-            lambda drawn, axis: statistic(drawn),  # noqa: ARG005 (worlds are along the last axis)
+        # Worlds that are all alike are handled below.
+        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
+        result = stats.bootstrap(
+            (all_worlds,),
+            lambda rows, axis: statistic(rows),  # noqa: ARG005 (always the last axis)
             n_resamples=resamples,
             batch=500,
             vectorized=True,
@@ -116,50 +134,66 @@ def over_worlds(
             method="percentile" if percentile else "BCa",
             random_state=np.random.default_rng(seed),
         )
-    drawn = found.bootstrap_distribution
-    limits = tuple(found.confidence_interval)
+
+    draws = result.bootstrap_distribution
+    limits = tuple(result.confidence_interval)
     if percentile:
-        drawn = drawn[np.isfinite(drawn)]
-        limits = (
-            np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
-            if len(drawn)
-            else (math.nan, math.nan)
-        )
+        # SciPy takes percentiles of all draws, which NaN would spoil.
+        draws = draws[np.isfinite(draws)]
+        quantiles = [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
+        limits = np.quantile(draws, quantiles) if len(draws) else (math.nan, math.nan)
+
     if np.isfinite(limits).all():
         return Interval(estimate, *map(float, limits))
-    return (
-        Interval(estimate, estimate, estimate)
-        if len(drawn) and np.ptp(drawn) == 0.0
-        else Interval(estimate)
-    )
+    # BCa is undefined where all draws are equal, but the limits are not.
+    if len(draws) and np.ptp(draws) == 0.0:
+        return Interval(estimate, estimate, estimate)
+    return Interval(estimate)
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
-    """Return the rank correlation along the last axis, NaN where one side does not vary."""
+    """Return the rank correlation along the last axis, NaN where a side is constant.
+
+    Args:
+        a: Values (..., n).
+        b: Values of the same shape.
+    """
     return correlation(_ranks(a), _ranks(b))
 
 
 def correlation(a: Floats, b: Floats) -> Floats:
-    """Return the correlation along the last axis, NaN where one side does not vary."""
-    a, b = (one - one.mean(axis=-1, keepdims=True) for one in (a, b))
+    """Return the correlation along the last axis, NaN where a side is constant.
+
+    Args:
+        a: Values (..., n).
+        b: Values of the same shape.
+    """
+    a = a - a.mean(axis=-1, keepdims=True)
+    b = b - b.mean(axis=-1, keepdims=True)
     scale = np.sqrt((a**2).sum(axis=-1) * (b**2).sum(axis=-1))
-    found: Floats = (a * b).sum(axis=-1) / np.where(scale > 1e-12, scale, np.nan)
-    return found
+    coefficients: Floats = (a * b).sum(axis=-1) / np.where(scale > 1e-12, scale, np.nan)
+    return coefficients
 
 
 def _ranks(values: Floats | Integers) -> Floats:
-    """Return average ranks along the last axis, but for a constant; of whole numbers from 0 on by counting, quickly."""
+    """Return average ranks along the last axis, apart from a constant.
+
+    Whole numbers from 0 are ranked by counting, which is much faster than sorting.
+    """
     if values.dtype != np.int64:
         from scipy import stats  # noqa: PLC0415 (as above)
 
-        found: Floats = stats.rankdata(values, axis=-1)
-        return found
+        ranks: Floats = stats.rankdata(values, axis=-1)
+        return ranks
+
     rows = values.reshape(-1, values.shape[-1])
     kinds = int(rows.max()) + 1
-    places = rows + kinds * np.arange(len(rows))[:, None]
-    counts = np.bincount(places.ravel(), minlength=kinds * len(rows)).reshape(
-        len(rows), kinds
-    )
-    ranks = np.cumsum(counts, axis=1) - counts / 2.0
-    by_place: Floats = ranks.ravel()[places]
-    return by_place.reshape(values.shape)
+    # All rows are counted at once: each has counters of its own.
+    first_counters = kinds * np.arange(len(rows))
+    counters = rows + first_counters[:, None]
+    counts = np.bincount(counters.ravel(), minlength=kinds * len(rows))
+    counts = counts.reshape(len(rows), kinds)
+    # The middle of the ranks that equal values share.
+    rank_by_value = np.cumsum(counts, axis=1) - counts / 2.0
+    ranks = rank_by_value.ravel()[counters]
+    return ranks.reshape(values.shape)

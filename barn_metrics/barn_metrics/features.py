@@ -1,4 +1,7 @@
-"""Further features of a world, for models of difficulty: clearance, gaps and turning along its path, in metres."""
+"""Further features of a world, for models of difficulty, in meters.
+
+They describe clearance, gaps and turning along its path.
+"""
 
 import math
 
@@ -8,60 +11,70 @@ from numba import njit
 from barn_metrics.metrics import closest_obstacle, tortuosity
 from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.cells import hollow
+from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.world import World
 
-NARROW_CLEARANCE_M = 0.55  # below which a place is narrow; fits a Jackal
-TURNING_WINDOW_M = 0.75  # of path, over which a change of heading is one turn
+# A place with less clearance is narrow; fits a Jackal.
+NARROW_CLEARANCE_M = 0.55
+# Length of path over which a change of heading is one turn.
+TURNING_WINDOW_M = 0.75
 
 
 def world_features(
     world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M
 ) -> dict[str, float]:
-    """Return the features of a world by name; cells that the path repeats count once. ConfigError below 0 m."""
+    """Return the features of a world by name; cells that the path repeats count once.
+
+    Args:
+        world: Its grid, path and size of cells count.
+        narrow_clearance_m: A place with less clearance is narrow.
+
+    Raises:
+        ConfigError: If that is below 0 m.
+    """
     if not narrow_clearance_m >= 0.0:
         raise ConfigError(
             f"narrow_clearance_m must be at least 0 m, got {narrow_clearance_m}"
         )
+
     path = without_repeats(world.path)
     lengths = step_lengths(path, world.resolution_m)
+    length_m = float(lengths.sum())
     clearance = path_clearance(world.grid, path, world.resolution_m)
-    narrow = clearance < narrow_clearance_m
+    is_narrow = clearance < narrow_clearance_m
     turning = heading_changes(path)
-    total = float(np.abs(turning).sum())
-    arc = float(lengths.sum())
-    passages, longest = _stretches(narrow, lengths)
+    turning_rad = float(np.abs(turning).sum())
+    turns = turning[turning != 0.0]
+    passages, longest_m = _narrow_passages(is_narrow, lengths)
+    rows = path[:, 0].tolist()
+    percentiles = {
+        f"clearance_p{percent:02}_m": float(np.percentile(clearance, percent))
+        for percent in (5, 10, 25, 50)
+    }
     return {
-        "path_length_m": arc,
+        "path_length_m": length_m,
         "tortuosity": tortuosity(path),
-        # Start to goal across the driving direction.
-        "lateral_shift_m": abs(int(path[-1, 0]) - int(path[0, 0])) * world.resolution_m,
-        # Distance from the path's cells to the surface of the nearest obstacle: lowest, percentiles and mean.
+        # From start to goal across the driving direction.
+        "lateral_shift_m": abs(rows[-1] - rows[0]) * world.resolution_m,
+        # Distance from the path's cells to the surface of the nearest obstacle.
         "clearance_min_m": float(clearance.min()),
-        **{
-            f"clearance_p{k:02}_m": float(np.percentile(clearance, k))
-            for k in (5, 10, 25, 50)
-        },
+        **percentiles,
         "clearance_mean_m": float(clearance.mean()),
-        # Share of the path's cells with narrow clearance, and stretches of them.
-        "narrow_share": float(narrow.mean()),
+        # Share of the path's cells that are narrow, and stretches of them.
+        "narrow_share": float(is_narrow.mean()),
         "narrow_passages": float(passages),
-        "longest_narrow_m": longest,
-        "inverse_clearance_mean_per_m": float(
-            (1.0 / clearance).mean()
-        ),  # like the sum of a cost near obstacles
+        "longest_narrow_m": longest_m,
+        # Like the sum of a cost near obstacles.
+        "inverse_clearance_mean_per_m": float((1.0 / clearance).mean()),
         "widest_gap_m": widest_gap_m(world.grid, world.resolution_m),
         # Changes of heading, without sign.
-        "turning_total_rad": total,
-        "turning_rad_per_m": total / arc if arc > 0.0 else 0.0,
+        "turning_total_rad": turning_rad,
+        "turning_rad_per_m": turning_rad / length_m if length_m > 0.0 else 0.0,
         "turning_sharpest_rad": sharpest_turn(turning, lengths, TURNING_WINDOW_M),
-        "turns": float(np.count_nonzero(turning)),
-        "reversals": float(
-            np.count_nonzero(np.diff(np.sign(turning[turning != 0.0])))
-        ),  # to the other side
-        "narrow_turning_rad": float(
-            np.abs(turning[narrow[1:-1]]).sum()
-        ),  # at cells with narrow clearance
+        "turns": float(len(turns)),
+        # Turns to the other side than the turn before.
+        "reversals": float(np.count_nonzero(np.diff(np.sign(turns)))),
+        "narrow_turning_rad": float(np.abs(turning[is_narrow[1:-1]]).sum()),
         "filled_share": float(world.grid.mean()),
         "free_cspace_share": 1.0 - float(world.cspace.mean()),
     }
@@ -69,94 +82,132 @@ def world_features(
 
 def without_repeats(path: Cells) -> Cells:
     """Return a path (n, 2) without the cells that repeat the one before, (m, 2)."""
-    moved = np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))
-    kept: Cells = path[moved]
-    return kept
+    is_step = (np.diff(path, axis=0) != 0).any(axis=1)
+    distinct: Cells = path[np.append(True, is_step)]
+    return distinct
 
 
 def step_lengths(path: Cells, resolution_m: float) -> Floats:
-    """Return the lengths in metres of the steps of a path (n, 2), (n - 1,)."""
+    """Return the lengths (n - 1,) in m of the steps of a path.
+
+    Args:
+        path: Cells (n, 2).
+        resolution_m: Size of a cell.
+    """
     steps = np.diff(path, axis=0)
-    lengths: Floats = np.hypot(steps[:, 0], steps[:, 1]) * resolution_m
+    lengths: Floats = np.hypot(*steps.T) * resolution_m
     return lengths
 
 
 def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
-    """Return the metres (n,) from a path's cells (n, 2) to the nearest cylinder of the grid or side edge."""
-    rows = path[:, 0]
-    edge = np.minimum(rows, len(grid) - 1 - rows) + 0.5
-    obstacle = closest_obstacle(grid)[rows, path[:, 1]] - 0.5
+    """Return the distance (n,) in m from a path's cells to a cylinder or side edge.
+
+    Args:
+        grid: (rows, cols), True where a cylinder stands.
+        path: Cells (n, 2).
+        resolution_m: Size of a cell, and diameter of a cylinder.
+    """
+    rows, columns = path.T
+    last_row = len(grid) - 1
+    # From cell centers: an edge lies half a cell outside of the last row, and the
+    # surface of a cylinder half a cell before its center.
+    edge = np.minimum(rows, last_row - rows) + 0.5
+    obstacle = closest_obstacle(grid)[rows, columns] - 0.5
     clearance: Floats = np.minimum(edge, obstacle) * resolution_m
     return clearance
 
 
 def heading_changes(path: Cells) -> Floats:
-    """Return the signed change of heading in radians at each inner cell of a path (n, 2), (n - 2,) or empty."""
+    """Return the signed change of heading in rad at each inner cell of a path."""
     steps = np.diff(path, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
+    # From -pi to pi.
     changes: Floats = (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
     return changes
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
-    """Return the largest net change of heading (rad) within a window of a path; lengths: (n - 1,) m of its steps."""
+    """Return the largest net change of heading in rad within a window of a path.
+
+    Args:
+        turning: Changes of heading (n - 2,) at the inner cells of the path.
+        lengths: Lengths (n - 1,) in m of its steps.
+        window_m: Length of the window.
+    """
     if len(turning) == 0:
         return 0.0
-    at = np.cumsum(lengths[:-1])
-    turned = np.append(0.0, np.cumsum(turning))
-    last = np.searchsorted(at, at + window_m + 1e-9, side="right")
+    places_m = np.cumsum(lengths[:-1])
+    headings = np.append(0.0, np.cumsum(turning))
+    # The tolerance keeps a cell at the very end of a window in it.
+    ends = np.searchsorted(places_m, places_m + window_m + 1e-9, side="right")
     return max(
-        float(np.abs(turned[first + 1 : end + 1] - turned[first]).max())
-        for first, end in enumerate(last)
+        float(np.abs(headings[first + 1 : end + 1] - headings[first]).max())
+        for first, end in enumerate(ends)
     )
 
 
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
-    """Return the narrowest gap, surface to surface in metres, of the widest way from the left to the right edge.
+    """Return the narrowest gap of the widest path through a grid, surface to surface.
 
-    A disc is blocked if a chain of obstacles between the side edges has only gaps smaller than it; so this is the
-    largest gap of a chain, minimised over all chains. Zero if touching obstacles block every way.
+    A disc is blocked if a chain of obstacles between the side edges has only gaps
+    smaller than the disc. So this is the largest gap of a chain, minimized over all
+    chains. It is 0 if touching obstacles block every path.
+
+    Args:
+        grid: (rows, cols), True where a cylinder stands.
+        resolution_m: Size of a cell, and diameter of a cylinder.
     """
-    centres = np.argwhere(grid & ~hollow(grid)).astype(np.float64)
-    return float(
-        max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m
-    )
+    # Hollow cells cannot be at the edge of a gap.
+    cells = np.argwhere(grid & ~hollow_cells(grid))
+    centers = cells.astype(np.float64)
+    gap = _smallest_largest_gap(centers, float(len(grid)))
+    return float(max(0.0, gap) * resolution_m)
 
 
 @njit(cache=True)
-def _smallest_largest_gap(centres: Floats, rows: float) -> float:
-    """Return the least largest gap (cells) of a chain of unit discs (n, 2) from edge to edge, by Dijkstra's search."""
-    count = len(centres)
+def _smallest_largest_gap(centers: Floats, rows: float) -> float:
+    """Return the least largest gap of a chain from edge to edge, by Dijkstra's search.
+
+    Args:
+        centers: Of unit discs (n, 2), in cells.
+        rows: Number of rows, whose outer edges lie half a cell beyond the first and
+            last.
+    """
+    count = len(centers)
     best = rows
-    cost = centres[
-        :, 0
-    ].copy()  # of reaching each from the upper edge, which lies half a cell above row 0
+    # The largest gap on the way to each disc; at first from the upper edge.
+    cost = centers[:, 0].copy()
     done = np.zeros(count, np.bool_)
     for _ in range(count):
-        at, lowest = -1, best
+        current = -1
+        lowest = best
         for i in range(count):
             if not done[i] and cost[i] < lowest:
-                at, lowest = i, cost[i]
-        if at < 0:
+                current = i
+                lowest = cost[i]
+        if current < 0:
             break
-        done[at] = True
-        best = min(best, max(lowest, rows - 1.0 - centres[at, 0]))
+
+        done[current] = True
+        lower_edge = rows - 1.0 - centers[current, 0]
+        best = min(best, max(lowest, lower_edge))
         for i in range(count):
             if not done[i]:
-                gap = (
-                    math.hypot(
-                        centres[i, 0] - centres[at, 0], centres[i, 1] - centres[at, 1]
-                    )
-                    - 1.0
-                )
+                row_offset = centers[i, 0] - centers[current, 0]
+                column_offset = centers[i, 1] - centers[current, 1]
+                gap = math.hypot(row_offset, column_offset) - 1.0
                 cost[i] = min(cost[i], max(lowest, gap))
     return best
 
 
-def _stretches(narrow: Bools, lengths: Floats) -> tuple[int, float]:
-    """Return how many runs of narrow cells there are along the path, and the length in metres of the longest."""
-    changes = np.diff(np.concatenate([[0], narrow.astype(np.int64), [0]]))
-    first, end = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
-    along = np.append(0.0, np.cumsum(lengths))
-    longest = float((along[end - 1] - along[first]).max()) if len(first) else 0.0
-    return len(first), longest
+def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
+    """Return the number of stretches of narrow cells, and the longest in m."""
+    # 1 where a stretch begins, -1 behind its end.
+    changes = np.diff(np.concatenate([[0], is_narrow.astype(np.int64), [0]]))
+    first = np.flatnonzero(changes == 1)
+    if len(first) == 0:
+        return 0, 0.0
+    end = np.flatnonzero(changes == -1)
+    places_m = np.append(0.0, np.cumsum(lengths))
+    passage_lengths = places_m[end - 1] - places_m[first]
+    return len(first), float(passage_lengths.max())

@@ -1,4 +1,4 @@
-"""Compiled inner loops of the metrics: rays over a grid of bools, True where occupied."""
+"""Compiled inner loops of the metrics: rays over a grid, True where occupied."""
 
 import math
 
@@ -9,20 +9,32 @@ from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
 
 SQRT2 = math.sqrt(2.0)
 TAN_22_5 = SQRT2 - 1.0
-LONG = 1.0 / math.cos(
-    math.pi / 8.0
-)  # in cells, of a step along an axis of 22.5 degrees
+# Length in cells of a step along an axis of 22.5 degrees.
+_LONG_STEP = 1.0 / math.cos(math.pi / 8.0)
 
-# (row, column) directions in cells, 45 degrees apart; the second four are the opposites of the first.
+# (row, column) directions, 45 degrees apart; the last four oppose the first four.
 EIGHT_RAYS: Integers = np.array(
     [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64
 )
-
 # Around the circle in the order of the original, which swaps (-1, -2) and (-2, -1).
 SIXTEEN_RAYS: Integers = np.array(
     [
-        *[(0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)],
-        *[(0, -1), (-2, -1), (-1, -1), (-1, -2), (-1, 0), (-2, 1), (-1, 1), (-1, 2)],
+        (0, 1),
+        (1, 2),
+        (1, 1),
+        (2, 1),
+        (1, 0),
+        (2, -1),
+        (1, -1),
+        (1, -2),
+        (0, -1),
+        (-2, -1),
+        (-1, -1),
+        (-1, -2),
+        (-1, 0),
+        (-2, 1),
+        (-1, 1),
+        (-1, 2),
     ],
     np.int64,
 )
@@ -33,29 +45,42 @@ PUBLISHED_POINTS: Integers = np.array(
 )
 EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
 
-# Per axis: step along rows, step along columns (cells per point, fractions rounded) and length of a step in cells.
-FOUR_AXES: Floats = np.array(
-    [(0, 1, 1), (1, 1, SQRT2), (1, 0, 1), (1, -1, SQRT2)], np.float64
+# Per axis: step along rows and along columns (in cells, rounded per point), and length
+# of a step in cells.
+EIGHT_AXES: Floats = np.array(
+    [
+        (0, 1, 1),
+        (1, 1, SQRT2),
+        (1, 0, 1),
+        (1, -1, SQRT2),
+        (TAN_22_5, 1, _LONG_STEP),
+        (1, TAN_22_5, _LONG_STEP),
+        (1, -TAN_22_5, _LONG_STEP),
+        (TAN_22_5, -1, _LONG_STEP),
+    ],
+    np.float64,
 )
-_BETWEEN = [
-    (TAN_22_5, 1, LONG),
-    (1, TAN_22_5, LONG),
-    (1, -TAN_22_5, LONG),
-    (TAN_22_5, -1, LONG),
-]
-EIGHT_AXES: Floats = np.array([*FOUR_AXES, *_BETWEEN], np.float64)
+FOUR_AXES: Floats = EIGHT_AXES[:4]
 
 
 @njit(cache=True)
 def free_cells(
-    occupied: BoolGrid, row: int, column: int, down: float, right: float
+    occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
-    """Return how many cells of a ray, rounded (row + k down, column + k right), are free, if an obstacle ends it."""
+    """Return how many cells of a ray are free, and whether an obstacle ends it.
+
+    Args:
+        occupied: (rows, cols).
+        row: Cell at which the ray starts.
+        column: Cell at which the ray starts.
+        row_step: Rows per point; points are rounded to cells.
+        column_step: Columns per point.
+    """
     rows, cols = occupied.shape
     count = 0
     while True:
-        r = row + round((count + 1) * down)
-        c = column + round((count + 1) * right)
+        r = row + round((count + 1) * row_step)
+        c = column + round((count + 1) * column_step)
         if r < 0 or r >= rows or c < 0 or c >= cols:
             return count, False
         if occupied[r, c]:
@@ -65,32 +90,53 @@ def free_cells(
 
 @njit(cache=True)
 def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return the corrected average visibility (n,) of free cells (n, 2): all eight rays, in cell lengths."""
+    """Return the corrected average visibility: the mean of all eight rays.
+
+    Args:
+        occupied: (rows, cols).
+        cells: Free cells (n, 2).
+
+    Returns:
+        (n,), in cell lengths.
+    """
     values = np.empty(len(cells))
     for i in range(len(cells)):
+        row, column = cells[i]
         total = 0.0
         for k in range(8):
-            down, right = EIGHT_RAYS[k]
-            length, _ = free_cells(occupied, cells[i, 0], cells[i, 1], down, right)
-            total += (length + 1) * (SQRT2 if down != 0 and right != 0 else 1.0)
+            row_step, column_step = EIGHT_RAYS[k]
+            length, _ = free_cells(occupied, row, column, row_step, column_step)
+            is_diagonal = row_step != 0 and column_step != 0
+            total += (length + 1) * (SQRT2 if is_diagonal else 1.0)
         values[i] = total / 8.0
     return values
 
 
 @njit(cache=True)
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return the published average visibility (n,) of free cells (n, 2): in cells, of rays that obstacles end."""
+    """Return the published average visibility: of rays that obstacles end.
+
+    Args:
+        occupied: (rows, cols).
+        cells: Free cells (n, 2).
+
+    Returns:
+        (n,), in cells, rounded down; NaN where no obstacle ends a ray.
+    """
     values = np.empty(len(cells))
     for i in range(len(cells)):
-        total, ended = 0, 0
+        row, column = cells[i]
+        total = 0
+        ended_rays = 0
         for k in range(8):
-            length, blocked = free_cells(
-                occupied, cells[i, 0], cells[i, 1], EIGHT_RAYS[k, 0], EIGHT_RAYS[k, 1]
+            row_step, column_step = EIGHT_RAYS[k]
+            length, is_blocked = free_cells(
+                occupied, row, column, row_step, column_step
             )
-            if blocked:
+            if is_blocked:
                 total += length + 1
-                ended += 1
-        values[i] = total // ended if ended > 0 else np.nan
+                ended_rays += 1
+        values[i] = total // ended_rays if ended_rays > 0 else np.nan
     return values
 
 
@@ -98,11 +144,20 @@ def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
 def ray_blocked(
     occupied: BoolGrid, row: int, column: int, direction: Integers, points: int
 ) -> bool:
-    """Tell whether one of the first `points` cells of a ray is occupied; beyond the grid it is open."""
+    """Tell whether one of the first cells of a ray is occupied.
+
+    Args:
+        occupied: (rows, cols); beyond it the ray is open.
+        row: Cell at which the ray starts.
+        column: Cell at which the ray starts.
+        direction: Rows and columns per point, (2,).
+        points: Number of cells that are looked at.
+    """
     rows, cols = occupied.shape
-    down, right = direction
+    row_step, column_step = direction
     for k in range(1, points + 1):
-        r, c = row + k * down, column + k * right
+        r = row + k * row_step
+        c = column + k * column_step
         if r < 0 or r >= rows or c < 0 or c >= cols:
             return False
         if occupied[r, c]:
@@ -114,31 +169,51 @@ def ray_blocked(
 def dispersion(
     occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers
 ) -> Floats:
-    """Return how often neighbouring rays (m, 2), `points` (m,) cells long, change between blocked and open, (n,)."""
+    """Return how often neighboring rays change between blocked and open.
+
+    Args:
+        occupied: (rows, cols).
+        cells: Free cells (n, 2).
+        rays: Directions (m, 2) in order around the circle.
+        points: Number of cells (m,) of each ray.
+
+    Returns:
+        (n,).
+    """
     values = np.empty(len(cells))
     for i in range(len(cells)):
         row, column = cells[i]
-        before = ray_blocked(occupied, row, column, rays[-1], points[-1])
+        was_blocked = ray_blocked(occupied, row, column, rays[-1], points[-1])
         changes = 0
         for k in range(len(rays)):
-            blocked = ray_blocked(occupied, row, column, rays[k], points[k])
-            if blocked != before:
+            is_blocked = ray_blocked(occupied, row, column, rays[k], points[k])
+            if is_blocked != was_blocked:
                 changes += 1
-            before = blocked
+            was_blocked = is_blocked
         values[i] = changes
     return values
 
 
 @njit(cache=True)
 def characteristic_dimension(occupied: BoolGrid, cells: Cells, axes: Floats) -> Floats:
-    """Return the free length (n,), in cells, along the shortest of axes, as `FOUR_AXES`, through free cells (n, 2)."""
+    """Return the free length along the shortest of some axes.
+
+    Args:
+        occupied: (rows, cols).
+        cells: Free cells (n, 2).
+        axes: As `FOUR_AXES`.
+
+    Returns:
+        (n,), in cells.
+    """
     values = np.empty(len(cells))
     for i in range(len(cells)):
+        row, column = cells[i]
         shortest = np.inf
         for k in range(len(axes)):
-            down, right, step = axes[k]
-            ahead, _ = free_cells(occupied, cells[i, 0], cells[i, 1], down, right)
-            behind, _ = free_cells(occupied, cells[i, 0], cells[i, 1], -down, -right)
-            shortest = min(shortest, (ahead + behind) * step)
+            row_step, column_step, step_length = axes[k]
+            ahead, _ = free_cells(occupied, row, column, row_step, column_step)
+            behind, _ = free_cells(occupied, row, column, -row_step, -column_step)
+            shortest = min(shortest, (ahead + behind) * step_length)
         values[i] = shortest
     return values

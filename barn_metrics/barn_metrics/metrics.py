@@ -1,9 +1,14 @@
-"""The five difficulty metrics of the BARN paper (section III-B) on the C-space, in cells; see docs/metrics.md."""
+"""The five difficulty metrics of the BARN paper (Sec. III-B), on the C-space, in cells.
+
+docs/metrics.md explains them.
+"""
 
 import math
 from dataclasses import astuple, dataclass
+from typing import Any, TypeGuard
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
@@ -15,17 +20,22 @@ from barn_worlds.worlds.world import World
 
 @dataclass(frozen=True)
 class Formula(Checked):
-    """The variants on which the paper's text and its published numbers differ; the defaults are the corrected ones."""
+    """The variants on which the paper's text and its published numbers differ.
 
-    # corrected: every ray counts, a diagonal is sqrt 2; published: every cell is worth 1, rays that leave the
-    # grid do not count, the mean over the rays is rounded down
+    The defaults are the corrected ones.
+    """
+
+    # corrected: Every ray counts, and a diagonal step is sqrt 2 long.
+    # published: Every cell is worth 1, rays that leave the grid do not count, and the
+    # mean over the rays is rounded down.
     visibility: str = quantity(
         "corrected",
         "how lengths of rays are averaged",
         choices=("corrected", "published"),
     )
-    # published: four of the eight in-between rays reach 6 cells far, the others 4; even: all of them 4; ordered: as
-    # even, with the rays ordered by angle; the published order swaps two of them
+    # published: Four of the eight in-between rays reach 6 cells far, the others 4.
+    # even: All of them reach 4. ordered: As even, with the rays ordered by angle; the
+    # published order swaps two of them.
     dispersion: str = quantity(
         "published", "rays and their order", choices=("published", "even", "ordered")
     )
@@ -52,7 +62,11 @@ FORMULAS: dict[str, Formula] = {
 
 
 def as_formula(formula: Formula | str) -> Formula:
-    """Return the formula of that name (a key of `FORMULAS`), or the formula itself; ConfigError names the near one."""
+    """Return the formula of a name in `FORMULAS`, or the formula itself.
+
+    Raises:
+        ConfigError: If there is none of that name.
+    """
     if isinstance(formula, Formula):
         return formula
     if formula not in FORMULAS:
@@ -62,9 +76,11 @@ def as_formula(formula: Formula | str) -> Formula:
 
 @dataclass(frozen=True)
 class Metric:
-    """Name of a metric in code and files, its title for people, and its unit."""
+    """A difficulty metric of worlds."""
 
+    # In code and files.
     name: str
+    # For people.
     title: str
     unit: str
 
@@ -77,17 +93,19 @@ METRICS = (
     Metric("tortuosity", "Tortuosity", "arc / chord"),
 )
 METRIC_NAMES = tuple(metric.name for metric in METRICS)
-CELL_METRICS = METRICS[:4]  # defined for a single cell
+# Defined for a single cell.
+CELL_METRICS = METRICS[:4]
 
 
 @dataclass(frozen=True)
 class WorldMetrics:
-    """The metrics of one world, in the order of Table II: means over the cells of its path, and its tortuosity."""
+    """The metrics of one world in the order of Table II, means over its path."""
 
     closest_obstacle: float
     average_visibility: float
     dispersion: float
     characteristic_dimension: float
+    # Of the whole path.
     tortuosity: float
 
     def as_array(self) -> Floats:
@@ -98,38 +116,50 @@ class WorldMetrics:
 def cell_metrics(
     cspace: BoolGrid, cells: Cells, formula: Formula | str = CORRECTED
 ) -> Floats:
-    """Return closest obstacle, average visibility, dispersion and characteristic dimension of cells, (n, 4).
+    """Return the metrics of single cells.
 
-    cspace: (rows, cols) bool, True where occupied; cells: (n, 2) row, column. Raises WorldError for cells that are
-    outside or occupied, where the metrics are undefined. Without obstacles the closest one is infinitely far; the
-    published visibility is NaN if no ray ends at an obstacle.
+    Without obstacles the closest one is infinitely far. The published visibility is NaN
+    if no ray ends at an obstacle.
+
+    Args:
+        cspace: (rows, cols), True where occupied.
+        cells: (n, 2) row and column.
+        formula: A key of `FORMULAS`, or variants of your own.
+
+    Returns:
+        (n, 4) in the order of `CELL_METRICS`.
+
+    Raises:
+        WorldError: If a cell is outside or occupied, where metrics are undefined.
     """
-    chosen = as_formula(formula)
-    occupied, at = _checked(cspace, cells)
-    rays = (
-        kernels.ORDERED_RAYS if chosen.dispersion == "ordered" else kernels.SIXTEEN_RAYS
-    )
-    points = (
-        kernels.PUBLISHED_POINTS
-        if chosen.dispersion == "published"
-        else kernels.EVEN_POINTS
-    )
-    axes = kernels.EIGHT_AXES if chosen.axes == 8 else kernels.FOUR_AXES
-    see = (
-        kernels.average_visibility
-        if chosen.visibility == "corrected"
-        else kernels.average_visibility_published
-    )
-    values = np.empty((len(at), len(CELL_METRICS)))
-    values[:, 0] = closest_obstacle(occupied)[at[:, 0], at[:, 1]]
-    values[:, 1] = see(occupied, at)
-    values[:, 2] = kernels.dispersion(occupied, at, rays, points)
-    values[:, 3] = kernels.characteristic_dimension(occupied, at, axes)
+    formula = as_formula(formula)
+    occupied, cells = _validate_cells(cspace, cells)
+
+    visibility = kernels.average_visibility
+    if formula.visibility == "published":
+        visibility = kernels.average_visibility_published
+    rays = kernels.SIXTEEN_RAYS
+    if formula.dispersion == "ordered":
+        rays = kernels.ORDERED_RAYS
+    points = kernels.EVEN_POINTS
+    if formula.dispersion == "published":
+        points = kernels.PUBLISHED_POINTS
+    axes = kernels.EIGHT_AXES if formula.axes == 8 else kernels.FOUR_AXES
+
+    values = np.empty((len(cells), len(CELL_METRICS)))
+    rows, columns = cells.T
+    values[:, 0] = closest_obstacle(occupied)[rows, columns]
+    values[:, 1] = visibility(occupied, cells)
+    values[:, 2] = kernels.dispersion(occupied, cells, rays, points)
+    values[:, 3] = kernels.characteristic_dimension(occupied, cells, axes)
     return values
 
 
 def closest_obstacle(cspace: BoolGrid) -> Floats:
-    """Return the Euclidean distance in cells of every cell to the nearest occupied one, inf without any."""
+    """Return the distance in cells of every cell to the nearest occupied one.
+
+    It is Euclidean, and inf if nothing is occupied.
+    """
     if not cspace.any():
         return np.full(cspace.shape, np.inf)
     distance: Floats = distance_transform_edt(~cspace)
@@ -137,33 +167,57 @@ def closest_obstacle(cspace: BoolGrid) -> Floats:
 
 
 def tortuosity(path: Cells) -> float:
-    """Return arc length over chord of a path (n, 2): 1 if it stays in one cell, inf if it returns to its start."""
+    """Return arc length over chord of a path (n, 2).
+
+    It is 1 if the path stays in one cell, and inf if it returns to its start.
+    """
     steps = np.diff(path, axis=0)
-    arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    chord = math.hypot(*(path[-1] - path[0]).tolist())
+    arc = float(np.hypot(*steps.T).sum())
+    row_chord, column_chord = (path[-1] - path[0]).tolist()
+    chord = math.hypot(row_chord, column_chord)
     if chord == 0.0:
         return 1.0 if arc == 0.0 else math.inf
     return arc / chord
 
 
-def averaged(values: Floats, path: Cells) -> WorldMetrics:
-    """Return the metrics of a path (n, 2) from its `cell_metrics` (n, 4)."""
-    closest, visibility, alternations, narrowest = (
-        float(mean) for mean in values.mean(axis=0)
-    )
-    return WorldMetrics(closest, visibility, alternations, narrowest, tortuosity(path))
+def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
+    """Return the metrics of a path.
+
+    Args:
+        values: `cell_metrics` (n, 4) of its cells.
+        path: The cells (n, 2).
+    """
+    closest, visibility, alternations, dimension = values.mean(axis=0).tolist()
+    return WorldMetrics(closest, visibility, alternations, dimension, tortuosity(path))
 
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:
-    """Return the metrics of a world on its own C-space and path."""
-    return averaged(world_cell_metrics(world, formula), world.path)
+    """Return the metrics of a world on its own C-space and path.
+
+    Args:
+        world: A world whose obstacles stand on a grid, no arena.
+        formula: A key of `FORMULAS`, or variants of your own.
+
+    Raises:
+        WorldError: If the world is an arena, or its path meets the C-space.
+    """
+    return mean_metrics(world_cell_metrics(world, formula), world.path)
 
 
 def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:
-    """Return `cell_metrics` (n, 4) of the path of a world; errors name the world. An arena is refused: it has walls."""
+    """Return `cell_metrics` (n, 4) of the path of a world.
+
+    Args:
+        world: A world whose obstacles stand on a grid, no arena.
+        formula: A key of `FORMULAS`, or variants of your own.
+
+    Raises:
+        WorldError: If the world is an arena, or its path meets the C-space.
+    """
     if world.corner_m is not None:
         raise WorldError(
-            f"{world.name}: is an arena; these metrics are of worlds whose obstacles stand on a grid"
+            f"{world.name}: is an arena; these metrics are of worlds whose obstacles "
+            "stand on a grid"
         )
     try:
         return cell_metrics(world.cspace, world.path, formula)
@@ -176,40 +230,42 @@ def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floa
 def metric_maps(
     cspace: BoolGrid, formula: Formula | str = CORRECTED
 ) -> dict[str, Floats]:
-    """Return each of the four cell metrics, by name, as a map (rows, cols); NaN in occupied cells."""
+    """Return the four cell metrics as maps by name.
+
+    Args:
+        cspace: (rows, cols), True where occupied.
+        formula: A key of `FORMULAS`, or variants of your own.
+
+    Returns:
+        Maps (rows, cols), NaN in occupied cells.
+    """
+    # Metrics of occupied cells are undefined.
     free = np.argwhere(~cspace)
     values = cell_metrics(cspace, free, formula)
     maps = {}
     for column, metric in enumerate(CELL_METRICS):
-        drawn = np.full(cspace.shape, np.nan)
-        drawn[free[:, 0], free[:, 1]] = values[:, column]
-        maps[metric.name] = drawn
+        metric_map = np.full(cspace.shape, np.nan)
+        metric_map[free[:, 0], free[:, 1]] = values[:, column]
+        maps[metric.name] = metric_map
     return maps
 
 
-def _checked(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
-    """Return both as contiguous arrays of the kernels' types; WorldError if they are malformed."""
-    if (
-        not isinstance(cspace, np.ndarray)
-        or cspace.ndim != 2
-        or cspace.dtype != np.bool_
-    ):
+def _validate_cells(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
+    """Return both as arrays that the kernels take; WorldError if they are malformed."""
+    if not _is_array(cspace, "b") or cspace.ndim != 2:
         raise WorldError("C-space must be a two-dimensional array of bools")
-    if (
-        not isinstance(cells, np.ndarray)
-        or cells.ndim != 2
-        or cells.shape[1] != 2
-        or cells.dtype.kind not in "iu"
-    ):
+    if not _is_array(cells, "iu") or cells.ndim != 2 or cells.shape[1] != 2:
         raise WorldError("path must be an array of whole rows and columns, (n, 2)")
-    outside = ((cells < 0) | (cells >= np.array(cspace.shape))).any(axis=1)
-    if outside.any():
-        raise WorldError(
-            f"path leaves the grid of {cspace.shape} at {cells[outside][0].tolist()}"
-        )
-    taken = cspace[cells[:, 0], cells[:, 1]]
-    if taken.any():
-        raise WorldError(
-            f"path goes through the occupied C-space cell {cells[taken][0].tolist()}"
-        )
+
+    is_outside = ((cells < 0) | (cells >= np.array(cspace.shape))).any(axis=1)
+    for cell in cells[is_outside]:
+        raise WorldError(f"path leaves the grid of {cspace.shape} at {cell.tolist()}")
+    rows, columns = cells.T
+    for cell in cells[cspace[rows, columns]]:
+        raise WorldError(f"path goes through the occupied C-space cell {cell.tolist()}")
     return np.ascontiguousarray(cspace), np.ascontiguousarray(cells, np.int64)
+
+
+def _is_array(value: object, kinds: str) -> TypeGuard[npt.NDArray[Any]]:
+    """Tell whether a value is an array of one of some kinds of numbers."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in kinds

@@ -1,4 +1,4 @@
-"""Metrics of many worlds as a table, for people and as JSON, and what the paper publishes of its worlds."""
+"""Metrics of many worlds as a table, and what the paper publishes of its worlds."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -9,22 +9,36 @@ import numpy as np
 from barn_metrics import metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.text_files import finite, packaged_yaml
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.base.text_files import make_json_safe, read_package_yaml
+from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
-TABLE_II: dict[str, dict[str, float]] = packaged_yaml("barn_metrics", "table_ii.yaml")
+TABLE_II: dict[str, dict[str, float]] = read_package_yaml(
+    "barn_metrics", "table_ii.yaml"
+)
+# Columns of the summary for people, by their key in the summary of a metric.
+_SUMMARY_HEADINGS = {
+    "cell_minimum": "Cell min.",
+    "cell_maximum": "Cell max.",
+    "minimum": "Min.",
+    "maximum": "Max.",
+    "mean": "Mean",
+    "std": "Std.",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class MetricsTable:
-    """The metrics of worlds, by number in their data set or by name."""
+    """The metrics of worlds."""
 
     formula: metrics.Formula
+    # Numbers in their data set, or names.
     worlds: tuple[str, ...]
-    values: Floats  # (n, 5), in the order of `METRICS`
-    cell_minimum: Floats  # (4,) over all cells of all paths, as in Table II
+    # (n, 5) in the order of `METRICS`.
+    values: Floats
+    # (4,) over all cells of all paths, as in Table II.
+    cell_minimum: Floats
     cell_maximum: Floats
 
     def rows(self) -> list[dict[str, float]]:
@@ -36,87 +50,88 @@ class MetricsTable:
 
     def as_json(self) -> dict[str, Any]:
         """Return everything as plain data; values that are not finite become None."""
+        worlds = zip(self.worlds, self.rows(), strict=True)
         document = {
             "schema_version": SCHEMA_VERSION,
             "formula": asdict(self.formula),
             "units": {metric.name: metric.unit for metric in metrics.METRICS},
-            "worlds": [
-                {"world": world, **row}
-                for world, row in zip(self.worlds, self.rows(), strict=True)
-            ],
+            "worlds": [{"world": world, **row} for world, row in worlds],
             "summary": {
                 metric.name: self.summary_of(metric) for metric in metrics.METRICS
             },
         }
-        return dict(finite(document))
+        return dict(make_json_safe(document))
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and lines of the summary, two decimals: extremes of cells (as Table II), then of worlds."""
-        headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
+        """Return headings and lines of the summary, with two decimals.
+
+        Extremes of cells, which Table II has as well, come before those of worlds.
+        """
         lines = []
         for metric in metrics.METRICS:
-            values = self.summary_of(metric)
-            shown = (
-                "cell_minimum",
-                "cell_maximum",
-                "minimum",
-                "maximum",
-                "mean",
-                "std",
-            )
-            lines.append(
-                [
-                    metric.title,
-                    *(
-                        "-" if key not in values else f"{values[key]:.2f}"
-                        for key in shown
-                    ),
-                ]
-            )
-        return headings, lines
+            summary = self.summary_of(metric)
+            line = [metric.title]
+            for key in _SUMMARY_HEADINGS:
+                line.append(f"{summary[key]:.2f}" if key in summary else "-")
+            lines.append(line)
+        return ["Metric", *_SUMMARY_HEADINGS.values()], lines
 
     def summary_of(self, metric: metrics.Metric) -> dict[str, float]:
-        """Return minimum, maximum, mean and std (population) of a metric over worlds, and its extremes over cells."""
-        k = metrics.METRICS.index(metric)
-        with np.errstate(
-            invalid="ignore"
-        ):  # worlds without obstacles have infinite values, whose deviation is NaN
-            over_worlds = {
-                "minimum": self.values.min(axis=0),
-                "maximum": self.values.max(axis=0),
-                "mean": self.values.mean(axis=0),
-                "std": self.values.std(axis=0),
+        """Return minimum, maximum, mean and population std over worlds of a metric.
+
+        Metrics of cells have extremes over cells as well.
+        """
+        column = metrics.METRICS.index(metric)
+        # Along the first axis of all metrics: the last bit of a sum depends on how
+        # NumPy adds. Worlds without obstacles have infinite values, whose deviation is
+        # NaN.
+        with np.errstate(invalid="ignore"):
+            summary = {
+                "minimum": float(self.values.min(axis=0)[column]),
+                "maximum": float(self.values.max(axis=0)[column]),
+                "mean": float(self.values.mean(axis=0)[column]),
+                "std": float(self.values.std(axis=0)[column]),
             }
-        found = {name: float(values[k]) for name, values in over_worlds.items()}
         if metric in metrics.CELL_METRICS:
-            found |= {
-                "cell_minimum": float(self.cell_minimum[k]),
-                "cell_maximum": float(self.cell_maximum[k]),
-            }
-        return found
+            summary["cell_minimum"] = float(self.cell_minimum[column])
+            summary["cell_maximum"] = float(self.cell_maximum[column])
+        return summary
 
 
 def metrics_table(
     worlds: Dataset | Iterable[World],
     formula: metrics.Formula | str = metrics.CORRECTED,
 ) -> MetricsTable:
-    """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
-    chosen = metrics.as_formula(formula)
+    """Return the metrics of a data set or of worlds.
+
+    Args:
+        worlds: A data set, whose worlds are labeled by number, or worlds, by name.
+        formula: A key of `FORMULAS`, or variants of your own.
+
+    Raises:
+        WorldError: If there is no world, or one cannot be read or is an arena.
+    """
+    formula = metrics.as_formula(formula)
     if isinstance(worlds, Dataset):
-        labelled = ((str(index), worlds.load(index)) for index in worlds.indices)
+        labels = [str(number) for number in worlds.world_numbers]
+        worlds = map(worlds.load, worlds.world_numbers)
     else:
-        labelled = ((world.name, world) for world in worlds)
-    labels, rows, lowest, highest = [], [], [], []
-    for label, world in labelled:
-        values = metrics.world_cell_metrics(world, chosen)
-        labels.append(label)
-        rows.append(metrics.averaged(values, world.path).as_array())
+        worlds = list(worlds)
+        labels = [world.name for world in worlds]
+
+    rows = []
+    lowest = []
+    highest = []
+    for world in worlds:
+        values = metrics.world_cell_metrics(world, formula)
+        rows.append(metrics.mean_metrics(values, world.path).as_array())
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:
         raise WorldError("there are no worlds to compute metrics of")
+
     return MetricsTable(
-        chosen,
+        formula,
         tuple(labels),
         np.array(rows),
         np.min(lowest, axis=0),

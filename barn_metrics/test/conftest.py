@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shared_fixtures import original_folder
 
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 __all__ = ["original_folder"]
@@ -26,7 +26,7 @@ class Original(NamedTuple):
 @pytest.fixture(scope="session")
 def worlds() -> dict[int, World]:
     dataset = open_dataset("barn300")
-    return {index: dataset.load(index) for index in dataset.indices[::6]}
+    return {index: dataset.load(index) for index in dataset.world_numbers[::6]}
 
 
 @pytest.fixture(scope="session")

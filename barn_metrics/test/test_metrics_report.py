@@ -10,7 +10,7 @@ import pytest
 from barn_metrics.metrics import METRICS, world_cell_metrics, world_metrics
 from barn_metrics.report import metrics_table
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.datasets.dataset import Dataset, open_dataset
 from barn_worlds.worlds.world import World
 
 
@@ -46,8 +46,8 @@ def test_a_data_set_is_labelled_by_its_numbers():
     assert table.worlds == ("0", "10", "20", "30")
     for metric, values in zip(METRICS, table.values.T, strict=True):
         summary = table.summary_of(metric)
-        found = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
-        assert found == [
+        statistics = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
+        assert statistics == [
             min(values),
             max(values),
             pytest.approx(sum(values) / 4),

@@ -1,4 +1,21 @@
-"""The interface between a planner and whatever runs it: a direct trial, a ROS node, a learning environment."""
+"""The interface between a planner and whatever runs it.
+
+A direct trial, a ROS node and a learning environment all call a planner the same way:
+`start` once per trial, then `step` once per control cycle. The smallest planner is::
+
+    class Straight(Planner):
+        def start(self, task: Task, seed: int) -> None:
+            self._goal = task.goal
+
+        def step(self, observation: Observation) -> Decision:
+            goal = observation.pose.inverse() @ self._goal  # as the robot sees it
+            bearing = math.atan2(goal.y, goal.x)
+            return Decision(Velocity2D(linear=0.5, angular=bearing))
+
+Units are SI: meters, radians, seconds. Frames follow REP-105. `odom` begins where the
+robot starts and drifts; `map` exists only if the task has a map. The planning frame is
+`map` if the task has a map, and `odom` otherwise.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -14,89 +31,106 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class PlannerStatus(str, Enum):
-    """The status of a planner after a cycle."""
+    """What a planner says about its own progress after a control cycle."""
 
+    # On the way to the goal.
     RUNNING = "running"
+    # Standing within the goal tolerance; the trial may end.
     GOAL_REACHED = "goal_reached"
+    # Driving to free itself, for example turning in place, before it goes on.
     RECOVERING = "recovering"
+    # Without a safe command in this cycle; the next cycle may have one again.
     BLOCKED = "blocked"
+    # Given up for this trial.
     FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Drive to `goal`. Goal and map are in the planning frame: map if there is a map, else odom."""
+    """What a planner has to do in a trial: drive to a goal."""
 
+    # Pose to reach, in the planning frame.
     goal: Pose2D
+    # Occupancy grid in the map frame; None if the protocol gives no map.
     map: OccupancyMap | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a planner is given in a control cycle.
+    """The sensor readings of one control cycle."""
 
-    Attributes:
-        stamp_ns: Simulated time since the trial's start, in nanoseconds.
-        odometry: As measured: `pose` (`x`, `y` in m, `yaw` in rad) in the odom frame, which begins where the robot
-            starts; `velocity` (`linear` in m/s, `angular` in rad/s) in base_link.
-        scan: `ranges`, float32 of shape (beams,), in m, +inf where nothing was seen (REP-117); `angles()`, float64 of
-            shape (beams,), in rad in the lidar's frame, 0 ahead and positive to the left; `range_min` and `range_max`.
-        pose: The robot in the planning frame, that of the goal: map if a map is given, else odom.
-    """
-
+    # Simulated time since the start of the trial, in nanoseconds.
     stamp_ns: int
+    # Wheel odometry: `pose` (x and y in m, yaw in rad) in odom, `velocity` (`linear` in
+    # m/s, `angular` in rad/s) in base_link. It drifts as a real robot's does.
     odometry: Odometry
+    # Lidar scan: `ranges` is float32 (beams,) in m, +inf where a beam returned nothing
+    # (REP-117). `angles()` is float64 (beams,) in rad in the lidar's frame, 0 ahead and
+    # positive to the left. Ranges are valid from `range_min` to `range_max`.
     scan: Scan
+    # Pose of the robot in the planning frame, which is also the frame of the goal.
     pose: Pose2D
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The outcome of one control cycle.
+    """The outcome of one control cycle."""
 
-    command: the command to send; None sends nothing (the last command holds).
-    plan: (n, 2) metres in the planning frame if the global plan is new in this cycle, else None.
-    reason: in one line, why the status is not running.
-    diagnostics: figures of this cycle by name, SI units in the names.
-    """
-
+    # Speed in m/s and yaw rate in rad/s to send. With None the last command holds.
     command: Velocity2D | None
     status: PlannerStatus = PlannerStatus.RUNNING
+    # One line that explains a status other than RUNNING, for people.
     reason: str = ""
+    # Points (n, 2) in m in the planning frame, if this cycle has a new global plan.
     plan: FloatArray | None = None
+    # Figures of this cycle for logs, by name; the names end in SI units.
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerView:
-    """Plans and candidates of a planner's last cycle, for display; computed only when requested.
+    """What a planner considered in its last cycle, for display.
 
-    The plan is in the planning frame, all else in the odom frame, or also in the planning frame if `in_planning_frame`.
-
-    plan: (n, 2) m; local_plan: (n, 3) x, y m, yaw rad; band: (n, 3) x, y, radius m;
-    candidates: (k, n, 2) m sampled trajectories with costs (k,), +inf where rejected.
+    `plan` is in the planning frame. All other fields are in odom, or also in the
+    planning frame if `in_planning_frame` is true.
     """
 
+    # Global plan: (n, 2) x and y in m.
     plan: FloatArray | None = None
+    # Trajectory the planner intends to drive: (n, 3) x and y in m, yaw in rad.
     local_plan: FloatArray | None = None
+    # Costs around the robot, as occupancy from 0 to 100.
     costmap: OccupancyMap | None = None
+    # Elastic band: (n, 3) x, y and radius of each bubble in m.
     band: FloatArray | None = None
+    # Trajectories that were compared: (k, n, 2) x and y in m.
     candidates: FloatArray | None = None
+    # Cost of each candidate: (k,), +inf if rejected.
     candidate_costs: FloatArray | None = None
     in_planning_frame: bool = False
 
 
 class Planner(ABC):
-    """A local planner; one object drives one robot, trial after trial."""
+    """A local planner. One object drives one robot, trial after trial."""
 
     @abstractmethod
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial and forget the last one; all randomness comes from `seed`."""
+        """Begin a new trial and forget the last one.
+
+        Args:
+            task: Goal to reach, and a map if the protocol gives one.
+            seed: Source of all randomness. Equal seeds and equal observations must lead
+                to equal commands, or the trial cannot be repeated.
+        """
 
     @abstractmethod
     def step(self, observation: Observation) -> Decision:
-        """Return the decision of one control cycle; never raises for an observation, never commands NaN."""
+        """Decide on the command of one control cycle.
+
+        Must not raise, whatever the observation contains: answer unusable readings with
+        a stop and a reason. The command must be finite.
+        """
 
     def view(self) -> PlannerView:
-        """Return the view of the last cycle."""
+        """Return what the last cycle considered; called only if someone is watching."""
         return PlannerView()

@@ -1,91 +1,114 @@
-"""Planners by name: built-in ones and those of other packages.
+"""Planners by name: the built-in ones and those of other packages.
 
-Another package adds a planner with an entry point in the group `barn_planners.planners` that names a `PlannerEntry`::
+Another package adds a planner with an entry point in the group `barn_planners.planners`
+that names a `PlannerEntry`::
 
-    entry_points={"barn_planners.planners": ["my_planner = my_package.my_planner:ENTRY"]}
+    entry_points={
+        "barn_planners.planners": ["my_planner = my_package.my_planner:ENTRY"]
+    }
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from importlib import import_module
-from importlib.metadata import entry_points
-from types import MappingProxyType
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from barn_planners.interface import Planner
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, fields_of, replace_dotted
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.robots.robot import Robot
 
 GROUP = "barn_planners.planners"
 ANY_PROTOCOL = "default"
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
-# Imported on demand: some of these take a while to load.
-_OWN = ("dwa", "eband", "gap", "mppi", "policy")
-_BUILT_IN = {name: f"barn_planners.{name}.planner:ENTRY" for name in _OWN}
+# Loaded on demand, because some of these modules take a while to import.
+_BUILT_IN = {
+    name: EntryPoint(name, f"barn_planners.{name}.planner:ENTRY", GROUP)
+    for name in ("dwa", "eband", "gap", "mppi", "policy")
+}
 
 
 @dataclass(frozen=True)
 class PlannerEntry:
-    """A planner that can be made by name."""
+    """Everything the suite has to know about a planner to make it by name."""
 
+    # Makes a planner from a configuration of `config_class`.
     build: Callable[[Any], Planner]
-    presets: Mapping[
-        str, Checked
-    ]  # the recommended one first; only "default" if no protocol needs settings
+    # Configurations by name, the recommended one first. A planner that needs no
+    # settings per protocol has the single preset "default".
+    presets: Mapping[str, Checked]
     summary: str = ""
-    fit: Callable[[Any, Robot], dict[str, Any]] | None = (
-        None  # what a robot changes, by dotted name, or ConfigError
-    )
-    speed_cap: Callable[[Any], float] | None = (
-        None  # m/s, either way; None: the highest `max_speed_mps`
-    )
-    compute: Compute | None = (
-        None  # how long a cycle takes on the reference computer; None: without delay
-    )
-    config_class: type[Checked] = field(init=False)
+    # Parameters that another robot than the Jackal changes, by dotted name. Raises
+    # ConfigError if the planner cannot drive that robot.
+    fit: Callable[[Any, Robot], dict[str, Any]] | None = None
+    # Highest speed in m/s, forward or backward, that a configuration commands. None:
+    # the highest of its parameters named `max_speed_mps`.
+    speed_cap: Callable[[Any], float] | None = None
+    # Declared time of a cycle on the reference computer. None: no delay.
+    compute: Compute | None = None
 
     def __post_init__(self) -> None:
         if not self.presets:
             raise ConfigError("a planner needs at least one preset")
-        object.__setattr__(
-            self, "config_class", type(next(iter(self.presets.values())))
-        )
+
+    @property
+    def config_class(self) -> type[Checked]:
+        """Class of the planner's configuration."""
+        return type(next(iter(self.presets.values())))
 
 
-_registered: dict[str, PlannerEntry] = {}
+_loaded_entries: dict[str, PlannerEntry] = {}
 
 
 def register(name: str, entry: PlannerEntry) -> None:
-    """Add a planner under an unused name, for scripts and tests; packages use the entry point group."""
+    """Add a planner in this process; packages use the entry point instead.
+
+    Args:
+        name: Name that `make_planner` and the option --planner accept from now on.
+        entry: How to make the planner.
+
+    Raises:
+        ConfigError: If another planner has the name.
+    """
     if name in planner_names():
         raise ConfigError(f"a planner named {name!r} exists already")
-    _registered[name] = entry
+    _loaded_entries[name] = entry
 
 
 def planner_names() -> list[str]:
     """Return the names of all planners, sorted."""
-    return sorted(
-        {*_BUILT_IN, *_registered, *(point.name for point in entry_points(group=GROUP))}
-    )
+    external_names = {point.name for point in entry_points(group=GROUP)}
+    return sorted({*_BUILT_IN, *_loaded_entries, *external_names})
 
 
 def planner_entry(name: str) -> PlannerEntry:
-    """Return what is registered under a name; ConfigError names the near one."""
-    if name in _registered:
-        return _registered[name]
-    if name in _BUILT_IN:
-        module, _, attribute = _BUILT_IN[name].partition(":")
-        entry = getattr(import_module(module), attribute)
-    else:
-        entry = _announced(name)
+    """Return the entry of a planner and load its module if necessary.
+
+    Raises:
+        ConfigError: If the name is unknown or the module cannot be loaded.
+    """
+    if name in _loaded_entries:
+        return _loaded_entries[name]
+
+    same_name = (point for point in entry_points(group=GROUP) if point.name == name)
+    point = _BUILT_IN.get(name) or next(same_name, None)
+    if point is None:
+        hint = suggest(name, planner_names())
+        raise ConfigError(f"unknown planner {format_value(name)}{hint}")
+
+    try:
+        entry = point.load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"planner {name!r}: cannot load {point.value!r}: {error}"
+        ) from error
     if not isinstance(entry, PlannerEntry):
         raise ConfigError(
             f"planner {name!r}: its entry point must be a PlannerEntry, got {entry!r}"
         )
-    _registered[name] = entry
+
+    _loaded_entries[name] = entry
     return entry
 
 
@@ -95,46 +118,65 @@ def presets(name: str) -> dict[str, Checked]:
 
 
 def planner_config(
-    name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING
+    name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Any:
-    """Return a preset with `overrides` (dotted names); a planner with only the preset "default" uses it for all."""
-    known = planner_entry(name).presets
-    if list(known) == [ANY_PROTOCOL]:
+    """Return the configuration of a planner.
+
+    Args:
+        name: Name of the planner.
+        preset: Configuration to start from. Ignored if the planner has only the preset
+            "default", which serves all protocols.
+        overrides: Values that differ from the preset, by dotted name.
+
+    Returns:
+        A configuration of the planner's `config_class`.
+
+    Raises:
+        ConfigError: If planner, preset or parameter is unknown, or a value is not
+            allowed.
+    """
+    available = planner_entry(name).presets
+    if list(available) == [ANY_PROTOCOL]:
         preset = ANY_PROTOCOL
-    if preset not in known:
+    if preset not in available:
+        hint = suggest(preset, available)
         raise ConfigError(
-            f"planner {name!r}: unknown preset {shown(preset)}{suggest(preset, known)}"
+            f"planner {name!r}: unknown preset {format_value(preset)}{hint}"
         )
-    return replace_dotted(known[preset], overrides, f"planner {name!r}")
+    return replace_dotted(available[preset], overrides or {}, f"planner {name!r}")
 
 
 def speed_cap_mps(name: str, config: Checked) -> float:
-    """Return the speed cap that a planner of this configuration declares, 0 where it declares none."""
-    declared = planner_entry(name).speed_cap
-    if declared is not None:
-        return declared(config)
-    caps = (
+    """Return the highest speed that a planner declares; 0 if it declares none.
+
+    Args:
+        name: Name of the planner.
+        config: Its resolved configuration.
+    """
+    speed_cap = planner_entry(name).speed_cap
+    if speed_cap is not None:
+        return speed_cap(config)
+
+    caps = [
         value
         for key, _, value in fields_of(config)
         if key.rpartition(".")[2] == "max_speed_mps"
-    )
+    ]
     return max(caps, default=0.0)
 
 
 def make_planner(
-    name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING
+    name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Planner:
-    """Return a new planner; its `config` is the resolved configuration. ConfigError for names or values unknown."""
+    """Return a new planner; its attribute `config` is the resolved configuration.
+
+    Args:
+        name: Name of the planner.
+        preset: Configuration to start from, as in `planner_config`.
+        overrides: Values that differ from the preset, by dotted name.
+
+    Raises:
+        ConfigError: If planner, preset or parameter is unknown, or a value is not
+            allowed.
+    """
     return planner_entry(name).build(planner_config(name, preset, overrides))
-
-
-def _announced(name: str) -> Any:
-    for point in entry_points(group=GROUP):
-        if point.name == name:
-            try:
-                return point.load()
-            except (ImportError, AttributeError) as error:
-                raise ConfigError(
-                    f"planner {name!r}: cannot load {point.value!r}: {error}"
-                ) from error
-    raise ConfigError(f"unknown planner {shown(name)}{suggest(name, planner_names())}")

@@ -1,12 +1,17 @@
-"""Planners for other robots: what of a preset, which is the Jackal's, changes with the robot, and how.
+"""What of a planner's preset changes for another robot than the Jackal, and how.
 
-A robot whose circumscribed circle about base_link is s times the Jackal's gets the Jackal's planner drawn s times as
-large: every length times s, every time as it is. So speeds and accelerations are s times the preset's, but at most the
-robot's limits; yaw rates and yaw accelerations are the preset's, at most the robot's. The outline is the robot's own.
-docs/robots.md has the table. Nothing changes for the Jackal itself, whose presets were calibrated.
+All presets are the Jackal's. A robot whose circumscribed circle about base_link is s
+times the Jackal's gets the Jackal's planner drawn s times as large:
+
+- lengths grow by s; times stay;
+- speeds and accelerations grow by s, up to the robot's limits;
+- yaw rates and yaw accelerations stay, up to the robot's limits;
+- the outline is the robot's own.
+
+Nothing changes for the Jackal itself. docs/robots.md has the table.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from barn_planners.costmap.config import (
@@ -15,199 +20,248 @@ from barn_planners.costmap.config import (
     format_footprint,
 )
 from barn_planners.registry import planner_config, planner_entry
-from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
+from barn_worlds.base.config import Checked, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.files import STANDARD, other_name
+from barn_worlds.robots.files import STANDARD_ROBOT, name_unless_standard
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
 
-# Sections about the sensor or about obstacles, which do not grow with the robot.
-_KEPT = ("guard.", "tracker.")
-# Weights of distances in metres.
-_OF_METRES = (
+# Sections about sensors and other movers, which do not grow with the robot.
+_UNSCALED_SECTIONS = ("guard.", "tracker.")
+# Weights per meter of distance: distances grow by s, so these shrink by s.
+_WEIGHTS_PER_METER: tuple[str, ...] = (
     "critics.goal_weight",
     "critics.align_weight",
     "critics.follow_weight",
     "critics.forward_weight",
 )
-_DWA = ("dwa.path_weight", "dwa.goal_weight")
-_LIDAR = {
+_DWA_WEIGHTS = ("dwa.path_weight", "dwa.goal_weight")
+# Fields of `LidarConfig` by the planners' parameters for the same quantity.
+_LIDAR_FIELDS = {
     "lidar_x_m": "mount_x_m",
     "lidar_y_m": "mount_y_m",
     "lidar_yaw_rad": "mount_yaw_rad",
 }
 
 
-def scale_of(robot: Robot) -> float:
-    """Return the robot's size in that of the Jackal: the ratio of the circumscribed radii about base_link."""
-    return robot.chassis.circumscribed_m / STANDARD.chassis.circumscribed_m
+def robot_scale(robot: Robot) -> float:
+    """Return a robot's circumscribed radius about base_link by the Jackal's."""
+    return robot.chassis.circumscribed_m / STANDARD_ROBOT.chassis.circumscribed_m
 
 
-def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return the parameters of a preset, by dotted name, that a robot changes, but for the place of its lidar."""
-    if not other_name(robot.chassis):
+def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
+    """Return the parameters that a robot changes, apart from the mount of its lidar.
+
+    Args:
+        config: Configuration of a planner for the Jackal.
+        robot: Robot that the planner is to drive.
+
+    Returns:
+        New values by dotted name; empty for the Jackal.
+    """
+    if not name_unless_standard(robot.chassis):
         return {}
-    scale = scale_of(robot)
-    found: dict[str, Any] = {}
-    in_metres = getattr(getattr(config, "dwa", None), "distances_in_metres", False)
-    of_metres = _OF_METRES + (_DWA if in_metres else ())
-    for name, about, value in fields_of(config):
-        if isinstance(value, float) and not name.startswith(_KEPT):
-            changed = (
-                value / scale
-                if name.endswith(of_metres)
-                else _scaled(name, value, scale, robot)
-            )
-            if changed != value:
-                found[name] = _allowed(changed, about)
-    found |= _dwa(config, robot, scale)
-    for name, costmap in _costmaps(config):
-        found |= {
-            f"{name}.{key}": value
-            for key, value in _outline(costmap, robot, scale).items()
-        }
-    return found | _body(config, robot)
+
+    scale = robot_scale(robot)
+    changes = _scale_parameters(config, robot, scale) | _fit_dwa(config, robot, scale)
+    for section in ("local_costmap", "global_costmap"):
+        costmap = getattr(config, section, None)
+        if isinstance(costmap, CostmapConfig):
+            for name, value in _fit_costmap(costmap, robot, scale).items():
+                changes[f"{section}.{name}"] = value
+    return changes | _fit_body(config, robot)
 
 
-def lidar_place(config: Checked, lidar: LidarConfig) -> dict[str, float]:
-    """Return what a configuration must say of the place of the lidar, by dotted name, where it says something else."""
-    found = {}
+def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]:
+    """Return the parameters that must change to match the mount of the lidar.
+
+    Args:
+        config: Configuration of a planner.
+        lidar: Lidar of the simulated robot, with its mount in base_link.
+
+    Returns:
+        Position in m and yaw in rad by dotted name, where they differ from `config`.
+    """
+    changes = {}
     for name, _, value in fields_of(config):
-        key = _LIDAR.get(name.rpartition(".")[2])
-        if key is not None and value != getattr(lidar, key):
-            found[name] = getattr(lidar, key)
-    return found
+        lidar_field = _LIDAR_FIELDS.get(_last_part(name))
+        if lidar_field is not None and value != getattr(lidar, lidar_field):
+            changes[name] = getattr(lidar, lidar_field)
+    return changes
 
 
-def parameters_for(
+def fit_parameters(
     name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
 ) -> dict[str, Any]:
-    """Return a planner's parameters for a robot by dotted name, `overrides` over those derived, or ConfigError."""
+    """Return what distinguishes a planner's configuration for a robot from its preset.
+
+    Args:
+        name: Name of the planner.
+        preset: Name of its preset.
+        overrides: Values that the user set, by dotted name; they win.
+        robot: Robot that the planner is to drive.
+
+    Returns:
+        Values by dotted name, with six significant digits so that they read well in
+        files.
+
+    Raises:
+        ConfigError: If the planner cannot drive the robot.
+    """
     entry = planner_entry(name)
-    if entry.fit is None or not other_name(robot.chassis):
+    if entry.fit is None or not name_unless_standard(robot.chassis):
         return dict(overrides)
+
     try:
-        derived = entry.fit(planner_config(name, preset, overrides), robot)
+        changes = dict(entry.fit(planner_config(name, preset, overrides), robot))
     except ConfigError as error:
         raise ConfigError(f"planner {name!r}: {error}") from None
-    written = {
-        key: float(f"{value:.6g}") if isinstance(value, float) else value
-        for key, value in derived.items()
-    }
-    return written | dict(overrides)
+    for key, value in changes.items():
+        if isinstance(value, float):
+            changes[key] = float(f"{value:.6g}")
+    return changes | dict(overrides)
 
 
-def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:
-    """Return what becomes of a parameter, by the unit in its name."""
-    drive, last = robot.drive, name.rpartition(".")[2]
-    fastest, backwards = (
-        drive.max_speed_m_s,
-        min(drive.max_reverse_m_s, drive.max_speed_m_s),
-    )
-    by_unit = {
-        "_per_m": value / scale,
-        "_mps2": min(scale * value, drive.max_acceleration_m_s2),
-        "_radps2": min(value, drive.max_yaw_acceleration_rad_s2),
-        "_radps": min(value, drive.max_yaw_rate_rad_s),
-        "_mps": min(max(scale * value, -backwards), fastest),
-        "_m": value if last in _LIDAR else scale * value,
-    }
-    return next(
-        (changed for unit, changed in by_unit.items() if last.endswith(unit)), value
-    )
+def _last_part(name: str) -> str:
+    """Return the last part of a dotted name, which ends in the unit."""
+    return name.rpartition(".")[2]
 
 
-def _allowed(value: float, about: Quantity) -> float:
-    low = value if about.minimum is None else max(value, about.minimum)
-    return low if about.maximum is None else min(low, about.maximum)
+def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, Any]:
+    weights = _WEIGHTS_PER_METER
+    if getattr(getattr(config, "dwa", None), "distances_in_metres", False):
+        weights += _DWA_WEIGHTS
+
+    changes: dict[str, Any] = {}
+    for name, quantity, value in fields_of(config):
+        if not isinstance(value, float) or name.startswith(_UNSCALED_SECTIONS):
+            continue
+        new_value = _scale_by_unit(_last_part(name), value, scale, robot)
+        if name.endswith(weights):
+            new_value = value / scale
+        if new_value == value:
+            continue
+
+        # A large robot must not push a parameter out of its allowed range.
+        if quantity.minimum is not None:
+            new_value = max(new_value, quantity.minimum)
+        if quantity.maximum is not None:
+            new_value = min(new_value, quantity.maximum)
+        changes[name] = new_value
+    return changes
 
 
-def _dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
-    """Return what keeps DWA from turning on the spot where it might drive.
+def _scale_by_unit(parameter: str, value: float, scale: float, robot: Robot) -> float:
+    drive = robot.drive
+    if parameter.endswith("_per_m"):
+        return value / scale
+    if parameter.endswith("_mps2"):
+        return min(scale * value, drive.max_acceleration_m_s2)
+    if parameter.endswith("_radps2"):
+        return min(value, drive.max_yaw_acceleration_rad_s2)
+    if parameter.endswith("_radps"):
+        return min(value, drive.max_yaw_rate_rad_s)
+    if parameter.endswith("_mps"):
+        fastest_reverse = min(drive.max_reverse_m_s, drive.max_speed_m_s)
+        return min(max(scale * value, -fastest_reverse), drive.max_speed_m_s)
+    # The lidar is where the robot has it, whatever the robot's size.
+    is_length = parameter.endswith("_m") and parameter not in _LIDAR_FIELDS
+    return scale * value if is_length else value
 
-    The window opens for longer if the robot accelerates slowly, or a robot at rest would try nothing but creeping.
-    Where distances count in metres, costs under the edges do not count: they would outweigh all that a rollout can
-    gain.
-    """
+
+def _fit_dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
+    """Return what keeps DWA from turning in place where it could drive."""
     dwa = getattr(config, "dwa", None)
     if dwa is None:
         return {}
-    slower = max(1.0, scale * dwa.acceleration_mps2 / robot.drive.max_acceleration_m_s2)
-    found = {"dwa.window_period_s": min(slower * dwa.window_period_s, 1.0)}
-    return found | ({"dwa.obstacle_weight": 0.0} if dwa.distances_in_metres else {})
+
+    # A robot that accelerates slowly needs a window that opens for longer: from rest it
+    # would otherwise sample nothing but creeping.
+    slowness = max(
+        1.0, scale * dwa.acceleration_mps2 / robot.drive.max_acceleration_m_s2
+    )
+    changes = {"dwa.window_period_s": min(slowness * dwa.window_period_s, 1.0)}
+
+    # With distances in meters, the cost under the footprint's edges would outweigh all
+    # progress that a rollout can make.
+    if dwa.distances_in_metres:
+        changes["dwa.obstacle_weight"] = 0.0
+    return changes
 
 
-def _costmaps(config: Checked) -> Iterator[tuple[str, CostmapConfig]]:
-    for name in ("local_costmap", "global_costmap"):
-        costmap = getattr(config, name, None)
-        if isinstance(costmap, CostmapConfig):
-            yield name, costmap
+def _fit_costmap(
+    costmap: CostmapConfig, robot: Robot, scale: float
+) -> dict[str, float | str]:
+    """Return footprint and inflation of a costmap for a robot.
 
-
-def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, Any]:
-    """Return footprint and inflation of a costmap: the same shares of the robot's length and width as of the Jackal's.
-
-    What the inflation is beyond the inscribed radius grows with the robot. Where base_link is nearer to front or back
-    than to the sides, global plans keep that far away, or passages would be too narrow.
+    The footprint covers the same shares of the robot's length and width as it covers of
+    the Jackal's. The inflation beyond the inscribed radius grows with the robot.
     """
-    own = STANDARD
-    share_x = 2.0 * costmap.footprint_half_length_m / own.length_m
-    share_y = 2.0 * costmap.footprint_half_width_m / own.width_m
+    share_x = 2.0 * costmap.footprint_half_length_m / STANDARD_ROBOT.length_m
+    share_y = 2.0 * costmap.footprint_half_width_m / STANDARD_ROBOT.width_m
     corners = [(share_x * x, share_y * y) for x, y in robot.chassis.hull_m]
-    half_x, half_y = _reach(corners)
-    found: dict[str, Any] = {
+    half_x, half_y = _half_sizes(corners)
+    changes: dict[str, float | str] = {
         "footprint_half_length_m": half_x,
         "footprint_half_width_m": half_y,
     }
-    if not _rectangle(corners):
-        found["footprint"] = format_footprint(corners)
-    padded = {**found, "footprint_padding_m": scale * costmap.footprint_padding_m}
-    inscribed = replace_dotted(costmap, padded, "costmap").inscribed_m
-    across = half_y + padded["footprint_padding_m"]
+    if not _is_centered_rectangle(corners):
+        changes["footprint"] = format_footprint(corners)
+
+    padding_m = scale * costmap.footprint_padding_m
+    padded = changes | {"footprint_padding_m": padding_m}
+    inscribed_m = replace_dotted(costmap, padded, "costmap").inscribed_m
+
+    # If base_link is nearer to the front or back than to the sides, the global plan
+    # still keeps half the width away from obstacles. Otherwise it would lead through
+    # gaps that are too narrow.
+    half_width_m = half_y + padding_m
     if (
         isinstance(costmap, GlobalCostmapConfig)
-        and across > inscribed + 1e-9
-        and not robot.chassis.round
+        and half_width_m > inscribed_m + 1e-9
+        and not robot.chassis.is_round
     ):
-        found["inscribed_radius_m"] = inscribed = across
-    return found | {
-        "inflation_radius_m": inscribed
-        + scale * (costmap.inflation_radius_m - costmap.inscribed_m)
+        inscribed_m = half_width_m
+        changes["inscribed_radius_m"] = inscribed_m
+
+    inflation_m = costmap.inflation_radius_m - costmap.inscribed_m
+    changes["inflation_radius_m"] = inscribed_m + scale * inflation_m
+    return changes
+
+
+def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
+    """Return the sizes of rectangles and discs of planners without a costmap."""
+    half_x, half_y = _half_sizes(robot.chassis.hull_m)
+    inscribed_m = robot.chassis.inscribed_m
+    circumscribed_m = robot.chassis.circumscribed_m
+    sizes = {
+        "half_length_m": half_x,
+        "half_width_m": half_y,
+        "turning_radius_m": circumscribed_m,
     }
 
-
-def _body(config: Checked, robot: Robot) -> dict[str, float]:
-    """Return the half sizes and radii of planners without a costmap: rectangles centred on base_link, and discs."""
-    half_x, half_y = _reach(robot.chassis.hull_m)
-    own, outer = STANDARD, robot.chassis.circumscribed_m
-    found: dict[str, float] = {}
+    changes: dict[str, float] = {}
     for name, _, value in fields_of(config):
-        last = name.rpartition(".")[2]
-        if last == "half_length_m":
-            found[name] = half_x
-        elif last == "half_width_m":
-            found[name] = half_y
-        elif last == "turning_radius_m":
-            found[name] = outer
-        elif (
-            last == "robot_radius_m"
-        ):  # as far between inscribed and circumscribed radius as the Jackal's
-            share = (value - own.chassis.inscribed_m) / (
-                own.chassis.circumscribed_m - own.chassis.inscribed_m
-            )
-            found[name] = robot.chassis.inscribed_m + share * (
-                outer - robot.chassis.inscribed_m
-            )
-    return found
+        parameter = _last_part(name)
+        if parameter in sizes:
+            changes[name] = sizes[parameter]
+        elif parameter == "robot_radius_m":
+            # As far between the inscribed and the circumscribed radius as the Jackal's.
+            jackal = STANDARD_ROBOT.chassis
+            jackal_span_m = jackal.circumscribed_m - jackal.inscribed_m
+            share = (value - jackal.inscribed_m) / jackal_span_m
+            changes[name] = inscribed_m + share * (circumscribed_m - inscribed_m)
+    return changes
 
 
-def _reach(corners: Sequence[Corner]) -> tuple[float, float]:
+def _half_sizes(corners: Sequence[Corner]) -> tuple[float, float]:
+    """Return half the length and width of the smallest rectangle about the origin."""
     return max(abs(x) for x, _ in corners), max(abs(y) for _, y in corners)
 
 
-def _rectangle(corners: Sequence[Corner]) -> bool:
-    x, y = _reach(corners)
+def _is_centered_rectangle(corners: Sequence[Corner]) -> bool:
+    half_x, half_y = _half_sizes(corners)
     return len(corners) == 4 and all(
-        abs(abs(u) - x) < 1e-9 and abs(abs(v) - y) < 1e-9 for u, v in corners
+        abs(abs(x) - half_x) < 1e-9 and abs(abs(y) - half_y) < 1e-9 for x, y in corners
     )

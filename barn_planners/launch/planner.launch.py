@@ -1,4 +1,7 @@
-"""Start a planner: `ros2 launch barn_planners planner.launch.py planner:=eband use_map:=true`."""
+"""Start a planner.
+
+ros2 launch barn_planners planner.launch.py planner:=eband use_map:=true
+"""
 
 from launch import LaunchDescription
 
@@ -9,8 +12,13 @@ TOPICS = ("cmd_vel", "scan", "odom", "goal_pose", "map", "amcl_pose")
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node with its arguments."""
-    planner = {"planner": "name of the planner"}
-    return NodeLaunch(
-        "barn_planners", "planner", [NodeConfig()], TOPICS, planner, use_sim_time=True
-    ).description()
+    """Return the planner's node and its launch arguments."""
+    launch = NodeLaunch(
+        "barn_planners",
+        "planner",
+        [NodeConfig()],
+        TOPICS,
+        {"planner": "name of the planner"},
+        use_sim_time=True,
+    )
+    return launch.description()

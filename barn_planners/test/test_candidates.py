@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from barn_planners.runtime.messages import (
-    CHEAPEST,
-    DEAREST,
-    MOST_POINTS,
-    MOST_SHOWN,
-    REJECTED,
-    shown_candidates,
+    CHEAPEST_COLOR,
+    COSTLIEST_COLOR,
+    MAX_CANDIDATES,
+    MAX_POINTS,
+    REJECTED_COLOR,
+    select_candidates,
 )
 
 
@@ -25,41 +25,47 @@ def lines(count, length):
     ("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)]
 )
 def test_few_are_shown_from_end_to_end(count, length):
-    shown = shown_candidates(lines(count, length), np.zeros(count))
-    assert shown.points.shape == (min(count, MOST_SHOWN), min(length, MOST_POINTS), 2)
-    assert shown.colours.shape == (min(count, MOST_SHOWN), 4)
-    np.testing.assert_array_equal(shown.points[[0, -1], 0, 1], [0, count - 1])
-    np.testing.assert_array_equal(shown.points[:, 0, 0], 0.0)
-    np.testing.assert_array_equal(shown.points[:, -1, 0], length - 1)
-    assert len(np.unique(shown.points[:, 0, 1])) == len(shown.points)
+    selection = select_candidates(lines(count, length), np.zeros(count))
+    assert selection.points.shape == (
+        min(count, MAX_CANDIDATES),
+        min(length, MAX_POINTS),
+        2,
+    )
+    assert selection.colors.shape == (min(count, MAX_CANDIDATES), 4)
+    np.testing.assert_array_equal(selection.points[[0, -1], 0, 1], [0, count - 1])
+    np.testing.assert_array_equal(selection.points[:, 0, 0], 0.0)
+    np.testing.assert_array_equal(selection.points[:, -1, 0], length - 1)
+    assert len(np.unique(selection.points[:, 0, 1])) == len(selection.points)
 
 
 @pytest.mark.parametrize("cheapest", [0, 1, 68, 139])
 def test_the_cheapest_is_shown_in_its_colour(cheapest):
     costs = np.full(140, 5.0)
     costs[cheapest] = 1.0
-    shown = shown_candidates(lines(140, 10), costs)
-    (place,) = np.flatnonzero(shown.points[:, 0, 1] == cheapest)
-    np.testing.assert_allclose(shown.colours[place], CHEAPEST)
-    np.testing.assert_allclose(np.delete(shown.colours, place, axis=0), [DEAREST] * 19)
+    selection = select_candidates(lines(140, 10), costs)
+    (place,) = np.flatnonzero(selection.points[:, 0, 1] == cheapest)
+    np.testing.assert_allclose(selection.colors[place], CHEAPEST_COLOR)
+    np.testing.assert_allclose(
+        np.delete(selection.colors, place, axis=0), [COSTLIEST_COLOR] * 19
+    )
 
 
 def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
     costs = np.array([np.inf, 2.0, 4.0, 3.0, np.nan])
-    colours = shown_candidates(lines(5, 3), costs).colours
-    np.testing.assert_allclose(colours[[0, 4]], [REJECTED] * 2)
-    np.testing.assert_allclose(colours[[1, 2]], [CHEAPEST, DEAREST])
+    colours = select_candidates(lines(5, 3), costs).colors
+    np.testing.assert_allclose(colours[[0, 4]], [REJECTED_COLOR] * 2)
+    np.testing.assert_allclose(colours[[1, 2]], [CHEAPEST_COLOR, COSTLIEST_COLOR])
     np.testing.assert_allclose(
-        colours[3], 0.5 * (np.array(CHEAPEST) + np.array(DEAREST))
+        colours[3], 0.5 * (np.array(CHEAPEST_COLOR) + np.array(COSTLIEST_COLOR))
     )
     np.testing.assert_allclose(
-        shown_candidates(lines(5, 3), None).colours, [DEAREST] * 5
+        select_candidates(lines(5, 3), None).colors, [COSTLIEST_COLOR] * 5
     )
     np.testing.assert_allclose(
-        shown_candidates(lines(3, 3), np.full(3, np.inf)).colours, [REJECTED] * 3
+        select_candidates(lines(3, 3), np.full(3, np.inf)).colors, [REJECTED_COLOR] * 3
     )
 
 
 def test_none_at_all():
-    shown = shown_candidates(np.empty((0, 5, 2)), np.empty(0))
-    assert shown.points.shape[0] == shown.colours.shape[0] == 0
+    selection = select_candidates(np.empty((0, 5, 2)), np.empty(0))
+    assert selection.points.shape[0] == selection.colors.shape[0] == 0

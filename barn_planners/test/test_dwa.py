@@ -54,10 +54,10 @@ def turn_samples(config, velocity):
 
 
 def test_forward_samples_open_the_window_of_one_period():
-    found = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
-    assert found.shape == (6 * 20, 2)
-    np.testing.assert_allclose(np.unique(found[:, 0]), np.linspace(0.1, 0.5, 6))
-    turns = found[:20, 1]
+    samples = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
+    assert samples.shape == (6 * 20, 2)
+    np.testing.assert_allclose(np.unique(samples[:, 0]), np.linspace(0.1, 0.5, 6))
+    turns = samples[:20, 1]
     assert (
         turns[0] == 0.0 and turns[1] == pytest.approx(-0.8) and turns.max() < 1.2 - 0.05
     )
@@ -99,7 +99,8 @@ def test_samples_are_added_up_in_single_precision():
     turns = forward_samples(
         dataclasses.replace(QUIRKY, single_precision=True), Velocity2D(0.3, 0.2), 9.0
     )[1:20, 1]
-    added, step = [-0.8], 2.0 / 19
+    added = [-0.8]
+    step = 2.0 / 19
     for _ in range(18):
         added.append(added[-1] + step)
     assert turns.tolist() == added
@@ -216,13 +217,11 @@ def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
 
 
 def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
-    controller, given = (
-        DwaController(DwaConfig()),
-        inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)]),
-    )
+    controller = DwaController(DwaConfig())
+    control = inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
     assert controller.view().candidates is None
-    chosen = controller.control(given)
-    given.costmap.costs[:] = LETHAL
+    decision = controller.control(control)
+    control.costmap.costs[:] = LETHAL
     view = controller.view()
     assert view.candidates.shape == (6 * 21 + 20, 80, 2) and view.local_plan.shape == (
         80,
@@ -231,5 +230,5 @@ def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     assert np.isfinite(view.local_plan).all()
     costs = view.candidate_costs
     assert len(costs) == 6 * 21 + 20 and 20 < np.isfinite(costs).sum() < len(costs)
-    assert costs[: 6 * 21].min() == chosen.diagnostics["cost"]
+    assert costs[: 6 * 21].min() == decision.diagnostics["cost"]
     np.testing.assert_array_equal(controller.view().candidate_costs, costs)

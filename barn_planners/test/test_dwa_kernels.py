@@ -23,7 +23,8 @@ from barn_planners.dwa.kernels import (
 from barn_planners.dwa.search import Choice, find_best
 
 RESOLUTION = 0.05
-ROWS, COLS = 70, 90
+ROWS = 70
+COLS = 90
 ORIGIN = (-2.0, -1.5)
 GRID = Grid(*ORIGIN, RESOLUTION)
 RASTER = Raster(*ORIGIN, 1.0 / RESOLUTION)
@@ -91,16 +92,17 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     costs = random_costs(seed)
     state, passable = prepared(costs, (0.0, 0.0, 0.3))
     seeds = [(40, 60), (40, 61), (12, 20)]
-    wave, again = wavefront_from(state, seeds), wavefront_from(state, seeds[:1])
+    wave = wavefront_from(state, seeds)
+    again = wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    wavefront.start_wavefront(again, state, np.array([padded(cell) for cell in seeds]))
-    for one in (wave, again):
+    wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
+    for result in (wave, again):
         np.random.default_rng(seed).shuffle(
             cells
         )  # in whatever order cells are asked for
         for cell in cells:
-            assert wavefront.steps_to(one, padded(cell)) == expected.get(
+            assert wavefront.steps_to(result, padded(cell)) == expected.get(
                 cell, wavefront.UNREACHED
             ), cell
 
@@ -131,16 +133,18 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
         ]
     )
     cells = np.empty(1000, np.int64)
-    count = wavefront.plan_cells(plan, GRID, ROWS, COLS, cells)
-    found = [
+    count = wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
+    plan_cells_list = [
         (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
         for cell in cells[:count]
     ]
-    assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
-    for one, other in itertools.pairwise(found):
-        assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
-    assert wavefront.plan_cells(plan[:1], GRID, ROWS, COLS, cells) == 0
-    assert wavefront.plan_cells(plan, GRID, ROWS, COLS, cells[:10]) == 10
+    assert plan_cells_list[0] == cell_of(-1.99, 0.0) and plan_cells_list[-1] == cell_of(
+        2.49, 1.0
+    )
+    for first, other in itertools.pairwise(plan_cells_list):
+        assert max(abs(first[0] - other[0]), abs(first[1] - other[1])) == 1
+    assert wavefront.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
+    assert wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
@@ -148,19 +152,49 @@ def test_edges_cost_what_the_costmap_says(outline):
     rng = np.random.default_rng(3)
     costs = random_costs(1, 0.002)
     costs[:, 60:] = 0
-    ground, seen = Ground(costs, RASTER, outline), set()
-    for _ in range(800):
-        x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
-        expected = costmap_kernels.edge_cost(
-            costs,
-            costmap_kernels.corners_at(outline, Pose(x, y, yaw)),
-            *ORIGIN,
-            RESOLUTION,
-        )
-        cost = kernels.edges_cost(*ground, x, y, math.cos(yaw), math.sin(yaw))
-        assert cost == expected
-        seen.add(min(cost, 1))
-    assert seen == {-1, 0, 1}
+    ground = Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline)
+    cached = set()
+    for _ in range(200):
+        corners = np.full(len(outline), -1)
+        highest = 0
+        x = rng.uniform(-2.2, 2.7)
+        y = rng.uniform(-1.7, 2.2)
+        yaw = rng.uniform(-4, 4)
+        for _ in range(4):
+            edge = costmap_kernels.edge_cost(
+                costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
+            )
+            expected = -1 if edge < 0 else max(edge, highest)
+            highest = kernels.edges_cost(
+                *ground, x, y, math.cos(yaw), math.sin(yaw), corners, highest
+            )
+            assert highest == expected
+            cached.add(min(highest, 1))
+            if highest < 0:
+                break
+            x, y, yaw = (
+                x + rng.uniform(-0.05, 0.05),
+                y + rng.uniform(-0.05, 0.05),
+                yaw + 0.02,
+            )
+    assert cached == {-1, 0, 1}
+
+
+def clearance(costs, window=(0, ROWS, 0, COLS)) -> np.ndarray:
+    clear = np.empty(costs.shape, np.int16)
+    kernels.open_around(costs, window, clear)
+    return clear
+
+
+def test_open_ground_is_measured_to_the_next_cost_or_to_the_edge_of_the_window():
+    costs = random_costs(3, 0.0005)
+    window = (4, 60, 10, 85)
+    distances = clearance(costs, window)
+    used = np.ones((ROWS, COLS), bool)
+    used[5:59, 11:84] = costs[5:59, 11:84] > 0
+    expected = distance_transform_cdt(~used, "chessboard")
+    np.testing.assert_array_equal(distances, expected)
+    assert expected.max() >= 6
 
 
 def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
@@ -168,7 +202,8 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     x, y, yaw, v, w = start
     steps = max(1, int(max(abs(speed) * 2.0 / 0.02, abs(turn) / 0.02) + 0.5))
     dt = 2.0 / steps
-    highest, scored = 0, None
+    highest = 0
+    scored = None
     for _ in range(steps):
         edge = costmap_kernels.edge_cost(
             costs,
@@ -190,20 +225,21 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     return (path[cell], goal[cell], highest), scored
 
 
-def plain_cost(found, weights):
-    if not isinstance(found, tuple):
-        return found
-    return sum(weight * part for weight, part in zip(weights, found, strict=True))
+def plain_cost(terms, weights):
+    if not isinstance(terms, tuple):
+        return terms
+    return sum(weight * part for weight, part in zip(weights, terms, strict=True))
 
 
 def scene_of(costs, pose, plan_cells):
     """Return a scene, and the steps to the plan and to its end by cell."""
     state, passable = prepared(costs, pose)
-    found, plain = [], []
+    rollouts = []
+    plain = []
     for seeds in (plan_cells, plan_cells[-1:]):
-        found.append(wavefront_from(state, seeds))
+        rollouts.append(wavefront_from(state, seeds))
         plain.append(plain_wavefront(passable, seeds))
-    return Scene(Ground(costs, RASTER, JACKAL), *found), plain
+    return Scene(Ground(costs, clearance(costs), GRID, JACKAL), *rollouts), plain
 
 
 def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
@@ -220,7 +256,8 @@ def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
 def even_samples(seed: int, speeds: int = 5, turns: int = 8) -> np.ndarray:
     """Return samples as the planner makes them: the same turns for every speed, then in place."""
     rng = np.random.default_rng(seed)
-    low, rates = rng.uniform(0.1, 0.3), np.sort(rng.uniform(-1.57, 1.57, turns))
+    low = rng.uniform(0.1, 0.3)
+    rates = np.sort(rng.uniform(-1.57, 1.57, turns))
     table = np.zeros(((speeds + 1) * turns, kernels.OBSTACLE + 1))
     table[: speeds * turns, kernels.SPEED] = np.repeat(
         np.linspace(low, 0.5, speeds), turns
@@ -245,10 +282,10 @@ def test_rollouts_cost_what_the_rules_say():
         table = samples(seed=seed)
         kernels.score(*scene, Rules(start, MOTION, WEIGHTS), table)
         for row in table:
-            found, end = plain_rollout(
+            terms, end = plain_rollout(
                 costs, *plain, start, row[kernels.SPEED], row[kernels.TURN]
             )
-            cost = plain_cost(found, WEIGHTS)
+            cost = plain_cost(terms, WEIGHTS)
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
             kinds.add(min(cost, 0.0))
             if cost >= 0.0:
@@ -262,14 +299,17 @@ def test_rollouts_cost_what_the_rules_say():
 
 def plain_search(rolled, table, weights, choice, plain_goal):
     """Return the best row of a table by the published rules; rolled: `plain_rollout` of each row."""
-    best, best_cost, best_ahead = -1, math.inf, math.inf
-    for k, (found, end) in enumerate(rolled):
-        cost = plain_cost(found, weights)
+    best = -1
+    best_cost = math.inf
+    best_ahead = math.inf
+    for k, (terms, end) in enumerate(rolled):
+        cost = plain_cost(terms, weights)
         if cost < 0.0:
             continue
         if k < choice.drives:
             if cost < best_cost:
-                best, best_cost = k, cost
+                best = k
+                best_cost = cost
             continue
         if (
             not (choice.left if table[k, kernels.TURN] > 0.0 else choice.right)
@@ -294,13 +334,15 @@ def plain_search(rolled, table, weights, choice, plain_goal):
             }
             distance = 1e6 if beside & plain_goal.keys() else 1e6 + 1.0
         if distance < best_ahead:
-            best, best_cost, best_ahead = k, cost, distance
+            best = k
+            best_cost = cost
+            best_ahead = distance
     return best
 
 
 def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherever_it_begins():
     winners = set()
-    several = [
+    starts = [
         WEIGHTS,
         Weights(0.0375, 0.05, 0.1),
         Weights(0.0, 0.0, 0.0),
@@ -321,7 +363,7 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
                 for row in table
             ]
             for weights, left, right in itertools.product(
-                several, (True, False), (True, False)
+                starts, (True, False), (True, False)
             ):
                 full = table.copy()
                 kernels.score(*scene, Rules(start, MOTION, weights), full)
@@ -331,13 +373,9 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
                     (len(table) - 1, False),
                     (900, True),
                 ):
-                    quick, choice = (
-                        table.copy(),
-                        Choice(drives, left, right, 0.325, past, likely),
-                    )
-                    best = find_best(
-                        *scene, Rules(start, MOTION, weights), quick, choice
-                    )
+                    quick = table.copy()
+                    choice = Choice(drives, left, right, 0.325, past, likely, slots)
+                    best = find_best(scene, start, MOTION, weights, quick, choice)
                     assert best == plain_search(
                         rolled, table, weights, choice, plain[1]
                     )
@@ -357,11 +395,10 @@ def test_traces_are_the_rolled_out_poses():
     _, end = plain_rollout(
         np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8
     )
-    assert len(poses) == 50
-    np.testing.assert_allclose(poses[-1, :3], end, atol=1e-12)
-    shown = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
-    np.testing.assert_array_equal(shown, poses[np.minimum(np.arange(80), 49), :3])
-    shorter = np.empty((20, 5))
-    kernels.roll_out(start, 0.5, 0.8, MOTION, shorter)
-    few = kernels.traces(start, np.array([[0.5, 0.8]]), MOTION, 20)[0]
-    np.testing.assert_array_equal(few, shorter[:, :3])
+    assert len(places) == 50
+    np.testing.assert_allclose([*places[-1], headings[-1, 0]], end, atol=1e-12)
+    assert len(kernels.poses_of(start, 0.5, 0.8, MOTION, 20)[0]) == 20
+    traces = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
+    np.testing.assert_array_equal(
+        traces, np.column_stack([places, headings[:, 0]])[np.minimum(np.arange(80), 49)]
+    )

@@ -38,14 +38,16 @@ class ReferenceBand:
     """The method on plain lists, with true recursion; bubbles are (x, y, radius, yaw)."""
 
     def __init__(self, grid, gains):
-        self.grid, self.gains = grid, gains
+        self.grid = grid
+        self.gains = gains
 
     class Broken(Exception):
         pass
 
     def radius(self, x, y):
-        costs, (ox, oy, resolution), radii = self.grid
-        row, col = math.floor((y - oy) / resolution), math.floor((x - ox) / resolution)
+        costs, ox, oy, resolution, radii = self.grid
+        row = math.floor((y - oy) / resolution)
+        col = math.floor((x - ox) / resolution)
         inside = 0 <= row < costs.shape[0] and 0 <= col < costs.shape[1]
         return float(radii[costs[row, col] if inside else 0])
 
@@ -57,7 +59,8 @@ class ReferenceBand:
         """Return the bubbles strictly between a and b."""
         if self.overlap(a, b):
             return []
-        x, y = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
+        x = 0.5 * (a[0] + b[0])
+        y = 0.5 * (a[1] + b[1])
         radius = self.radius(x, y)
         if radius <= self.gains.tiny_bubble_m:
             raise self.Broken
@@ -67,13 +70,15 @@ class ReferenceBand:
     def refine(self, band):
         if len(band) < 2:
             raise self.Broken
-        first, last = band[0], band[-1]
+        first = band[0]
+        last = band[-1]
         if self.overlap(first, last):
             return [first, last]
         if len(band) == 2:
             return [first, *self.fill(first, last), last]
         half = (len(band) - 1) // 2
-        left, right = self.refine(band[: half + 1]), self.refine(band[half:])
+        left = self.refine(band[: half + 1])
+        right = self.refine(band[half:])
         if self.overlap(left[-2], right[1]):
             return left[:-1] + right[1:]
         return left[:-1] + right
@@ -114,7 +119,8 @@ class ReferenceBand:
         return old @ new < 0.0, strength > limit
 
     def moved(self, bubble, jump):
-        x, y = bubble[0] + jump[0], bubble[1] + jump[1]
+        x = bubble[0] + jump[0]
+        y = bubble[1] + jump[1]
         return (x, y, self.radius(x, y), turned(bubble[3] + jump[2]))
 
     def holds(self, a, b):
@@ -143,7 +149,8 @@ class ReferenceBand:
         )
 
     def move(self, band, i):
-        bubble, force = band[i], self.force(band, i, band[i])
+        bubble = band[i]
+        force = self.force(band, i, band[i])
         jump = bubble[2] * force
         jump[2] = (
             turned(jump[2] / self.gains.metres_per_rad)
@@ -206,10 +213,8 @@ def test_optimise_equals_reference(sweeps, gains):
         grid, points = random_case(seed)
         band = as_band(points)
         if gains.metres_per_rad > 0.0:  # as of a plan: no heading but at its ends
-            band[0, kernels.YAW], band[len(points) - 1, kernels.YAW] = (
-                2.5 - 0.1 * seed,
-                1.57,
-            )
+            band[0, kernels.YAW] = 2.5 - 0.1 * seed
+            band[len(points) - 1, kernels.YAW] = 1.57
         reference = ReferenceBand(grid, gains)
         start = [tuple(bubble) for bubble in band[: len(points)].tolist()]
         n = optimise(band, len(points), grid, gains, work, sweeps)
@@ -240,8 +245,8 @@ def test_failures_are_told_apart():
 
 
 def test_connect_front_drops_what_the_robot_has_passed():
+    work = kernels.band_work(CAPACITY)
     grid = grid_with([])
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.5, 2.0, 3.0)])
     kernels.measure(band, 4, grid)
     n = kernels.connect_front(band, 4, Pose(1.4, 3.1, 0.3), context)
@@ -250,8 +255,8 @@ def test_connect_front_drops_what_the_robot_has_passed():
 
 @pytest.mark.parametrize("distance", [0.5, 2.0])
 def test_connect_front_reaches_a_band_further_ahead(distance):
+    work = kernels.band_work(CAPACITY)
     grid = grid_with([])
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(3.0, 3.0), (3.7, 3.0)])
     kernels.measure(band, 2, grid)
     n = kernels.connect_front(band, 2, Pose(3.0 - distance, 3.0, 0.3), context)
@@ -271,8 +276,8 @@ def test_connect_front_fails_inside_an_obstacle():
 
 @pytest.mark.parametrize("start", [2.0, 4.0])
 def test_append_back_continues_the_band(start):
+    work = kernels.band_work(CAPACITY)
     grid = grid_with([])
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.6, 2.2)])
     kernels.measure(band, 3, grid)
     points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])

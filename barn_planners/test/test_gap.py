@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.gap.planner import GapConfig, GapPlanner, free_distances, returns
+from barn_planners.gap.planner import GapConfig, GapPlanner, free_distances
 from barn_planners.interface import Decision, PlannerStatus, Task
+from barn_planners.navigation.scan_planner import scan_points
 from barn_planners.registry import make_planner
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -43,7 +44,7 @@ def test_free_distances_equal_small_steps():
 
 def test_returns_leave_out_what_is_no_range():
     ranges = np.array([1.0, np.nan, np.inf, -np.inf, 0.05, 2.9, 1.0], np.float32)
-    points = returns(
+    points = scan_points(
         Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), Pose2D(0.5, 0.0, 0.0), 2.0
     )
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)

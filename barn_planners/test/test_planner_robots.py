@@ -16,11 +16,11 @@ from barn_planners.costmap.config import (
 )
 from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.registry import planner_config, planner_names, presets
-from barn_planners.robots import lidar_place, parameters_for, scale_of
+from barn_planners.robots import fit_parameters, lidar_mount_changes, robot_scale
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
-from barn_worlds.geometry.polygon import grown, nearest_side_m
+from barn_worlds.geometry.polygon import nearest_side_m, offset
 from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
@@ -31,14 +31,14 @@ PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
 
 def configured(name, robot, preset="", **overrides):
     preset = preset or next(iter(presets(name)))
-    return planner_config(name, preset, parameters_for(name, preset, overrides, robot))
+    return planner_config(name, preset, fit_parameters(name, preset, overrides, robot))
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_nothing_changes_for_the_jackal(name):
     assert name in planner_names()
     for preset, config in presets(name).items():
-        assert parameters_for(name, preset, {}, JACKAL) == {}
+        assert fit_parameters(name, preset, {}, JACKAL) == {}
         assert as_dict(configured(name, JACKAL, preset)) == as_dict(config)
 
 
@@ -60,7 +60,8 @@ def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
 @pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
 def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
-    scale, drive = scale_of(robot), robot.drive
+    scale = robot_scale(robot)
+    drive = robot.drive
     for preset, config in presets(name).items():
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, robot, preset)):
@@ -99,20 +100,20 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
 def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(
     robot, costmap
 ):
-    found = getattr(configured("mppi", robot), costmap)
-    assert found.inscribed_m < found.inflation_radius_m
-    corners = found.padded_outline_m
+    layer = getattr(configured("mppi", robot), costmap)
+    assert layer.inscribed_m < layer.inflation_radius_m
+    corners = layer.padded_outline_m
     sides = np.roll(corners, -1, axis=0) - corners
     for x, y in robot.chassis.hull_m:
         away = np.array([x, y]) - corners
         assert (sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all()
-    assert bool(found.footprint) == (robot is not HUSKY)
+    assert bool(layer.footprint) == (robot is not HUSKY)
 
 
 def test_what_the_user_sets_wins():
-    found = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
-    assert found.dwa.max_speed_mps == 0.3
-    assert found.local_costmap.footprint_half_length_m == pytest.approx(
+    config = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
+    assert config.dwa.max_speed_mps == 0.3
+    assert config.local_costmap.footprint_half_length_m == pytest.approx(
         0.21 * 0.495 / 0.254, rel=1e-5
     )
 
@@ -134,9 +135,9 @@ def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
 
 
 def test_lidar_is_where_the_robot_has_it():
-    found = lidar_place(presets("gap")["default"], ROUND.lidar)
-    assert found == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
-    assert lidar_place(presets("dwa")["challenge"], JACKAL.lidar) == {}
+    changes = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
+    assert changes == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
+    assert lidar_mount_changes(presets("dwa")["challenge"], JACKAL.lidar) == {}
 
 
 def test_outlines_as_text():
@@ -162,11 +163,12 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
         (-half_x, -half_y),
         (half_x, -half_y),
     )
-    x, y = half_x + by_m, half_y + by_m
+    x = half_x + by_m
+    y = half_y + by_m
     np.testing.assert_allclose(
-        grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
+        offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
     )
-    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(
+    assert nearest_side_m(offset(PENTAGON, by_m)) == pytest.approx(
         nearest_side_m(PENTAGON) + by_m
     )
 
@@ -207,12 +209,12 @@ def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_
 @pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
 def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
     """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
-    found = configured(name, BURGER)
-    width_m = np.ptp(found.global_costmap.padded_outline_m[:, 1])
-    assert found.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
-    assert found.global_costmap.inflation_radius_m > found.global_costmap.inscribed_m
-    assert found.local_costmap.inscribed_m == pytest.approx(
-        nearest_side_m(found.local_costmap.padded_outline_m)
+    config = configured(name, BURGER)
+    width_m = np.ptp(config.global_costmap.padded_outline_m[:, 1])
+    assert config.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
+    assert config.global_costmap.inflation_radius_m > config.global_costmap.inscribed_m
+    assert config.local_costmap.inscribed_m == pytest.approx(
+        nearest_side_m(config.local_costmap.padded_outline_m)
     )
     for robot in (HUSKY, ROUND):
         assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0

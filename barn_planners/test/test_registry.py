@@ -40,7 +40,7 @@ ENTRY = PlannerEntry(Stand, {"default": StandConfig()}, "stands")
 
 @pytest.fixture(autouse=True)
 def _untouched(monkeypatch):
-    monkeypatch.setattr(registry, "_registered", {})
+    monkeypatch.setattr(registry, "_loaded_entries", {})
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """Configuration of the simulator: the robot, its sensors and the obstacles.
 
-Unless another source is named, values are those of a Clearpath Jackal J100 with a Hokuyo UST-10LX, from the
-configuration of its drivers and models.
+Unless another source is named, values are those of a Clearpath Jackal J100 with a Hokuyo
+UST-10LX, from the configuration of its drivers and models.
 """
 
 import math
@@ -20,14 +20,15 @@ from barn_worlds.base.config import (
 )
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 
-__all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")  # of barn_worlds
+# Parts of a robot, which barn_worlds defines, are offered here, too.
+__all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")
 
 Config = TypeVar("Config", bound="SimulatorConfig")
-T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
+Part = TypeVar("Part", DriveConfig, LidarConfig, OdometryConfig)
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,14 @@ class PhysicsConfig(Checked):
 
 
 @dataclass(frozen=True)
-class LocalisationConfig(Checked):
-    """The pose in the map frame: the truth, with the correlated error of a particle filter, or that of such a filter.
+class LocalizationConfig(Checked):
+    """Where the robot's estimate of its pose in the map frame comes from.
 
-    In modes amcl and particles the correction from odom to map changes only after the robot has moved or turned by the
-    update distances. Then, in mode amcl, the error of the estimate takes one step of a first-order Gauss-Markov
-    process; in mode particles, a filter that knows neither the truth nor the world matches a scan to its map.
+    Mode exact has the truth. In modes amcl and particles the correction from odom to map
+    changes only after the robot has moved or turned by the update distances. Then, in
+    mode amcl, the error of the estimate takes one step of a first-order Gauss-Markov
+    process; in mode particles, a filter that does not use the truth matches a scan to
+    its map.
     """
 
     mode: str = quantity(
@@ -141,7 +144,10 @@ class LocalisationConfig(Checked):
 
 @dataclass(frozen=True)
 class ObstacleConfig(Checked):
-    """Whether and how obstacles can be pushed; inertias are those of the original world files."""
+    """Whether and how obstacles can be pushed.
+
+    Moments of inertia are those of the original world files.
+    """
 
     movable: bool = quantity(False, "the grid's cylinders can be pushed over")
     containment_movable: bool = quantity(
@@ -162,10 +168,7 @@ class ObstacleConfig(Checked):
 
 @dataclass(frozen=True)
 class SimulatorConfig(Checked):
-    """Everything about a simulated robot except its world, start pose and seed.
-
-    chassis: given as a whole, by `with_robot`; its fields are not parameters of a node.
-    """
+    """Everything about a simulated robot except its world, start pose and seed."""
 
     control_period_s: float = quantity(
         0.05, "duration of a control step, between two commands", "s", 0.005, 1.0
@@ -174,25 +177,24 @@ class SimulatorConfig(Checked):
     drive: DriveConfig = field(default_factory=DriveConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
-    localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
+    localisation: LocalizationConfig = field(default_factory=LocalizationConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
-    chassis: Chassis = field(default=STANDARD.chassis, metadata=OPTIONAL)
+    # Set as a whole, by `with_robot`; its fields are not parameters of a node.
+    chassis: Chassis = field(default=STANDARD_ROBOT.chassis, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, period_s in (
-            ("control_period_s", self.control_period_s),
-            ("odometry.rate_hz", 1.0 / self.odometry.rate_hz),
-            ("lidar.rate_hz", 1.0 / self.lidar.rate_hz),
-        ):
-            whole = self.ticks(period_s) >= 1 and self.ticks(
-                period_s
-            ) * self.tick_ns == nanoseconds(period_s)
-            self.require(
-                whole,
-                name,
-                f"must give a period of whole physics steps of {self.physics.tick_s:g} s",
-            )
+        periods_s = {
+            "control_period_s": self.control_period_s,
+            "odometry.rate_hz": 1.0 / self.odometry.rate_hz,
+            "lidar.rate_hz": 1.0 / self.lidar.rate_hz,
+        }
+        tick = f"{self.physics.tick_s:g} s"
+        for name, period_s in periods_s.items():
+            ticks = self.ticks(period_s)
+            is_whole = ticks >= 1 and ticks * self.tick_ns == nanoseconds(period_s)
+            rule = f"must give a period of whole physics steps of {tick}"
+            self.require(is_whole, name, rule)
 
     @property
     def tick_ns(self) -> int:
@@ -201,10 +203,12 @@ class SimulatorConfig(Checked):
 
     @property
     def scan_steps(self) -> int:
-        """Control steps from one scan to the next, rounded up: a scan comes with the readings of a step."""
-        return max(
-            1, math.ceil(1.0 / (self.lidar.rate_hz * self.control_period_s) - 1e-6)
-        )
+        """Control steps from one scan to the next.
+
+        Rounded up, since a scan comes with the readings of a control step.
+        """
+        steps = 1.0 / (self.lidar.rate_hz * self.control_period_s)
+        return max(1, math.ceil(steps - 1e-6))
 
     def ticks(self, period_s: float) -> int:
         """Return the number of physics steps in a period, rounded."""
@@ -212,24 +216,27 @@ class SimulatorConfig(Checked):
 
 
 def with_robot(config: Config, robot: Robot) -> Config:
-    """Return a configuration for another robot: its chassis, drive, lidar, odometry and the grip of its wheels.
+    """Return a configuration for another robot.
 
-    For the robot that the configuration is for already, nothing changes: presets differ from the Jackal's own file.
-    Where a preset has another noise or latency than the default one, as `ideal` has none, it keeps it.
+    Args:
+        config: Configuration of any simulator. For the robot that it is for already it
+            is returned unchanged: presets differ from the Jackal's own file.
+        robot: Source of chassis, drive, lidar, odometry and grip of the wheels. Where
+            the preset has another noise or latency than the default one, as `ideal` has
+            none, the preset's is kept.
     """
     if robot.chassis == config.chassis:
         return config
+
     standard = SimulatorConfig()
-    drive = _with_noise(robot.drive, config.drive, standard.drive, "command_latency_s")
-    lidar = _with_noise(robot.lidar, config.lidar, standard.lidar, "noise_m")
-    lidar = lidar if lidar.noise_m else replace(lidar, noise_share=0.0)
-    odometry = _with_noise(
-        robot.odometry,
-        config.odometry,
-        standard.odometry,
-        "yaw_noise_rad",
-        "yaw_rate_noise_rad_s",
+    drive = _keep_changes(
+        robot.drive, config.drive, standard.drive, ["command_latency_s"]
     )
+    lidar = _keep_changes(robot.lidar, config.lidar, standard.lidar, ["noise_m"])
+    if not lidar.noise_m:
+        lidar = replace(lidar, noise_share=0.0)
+    noises = ["yaw_noise_rad", "yaw_rate_noise_rad_s"]
+    odometry = _keep_changes(robot.odometry, config.odometry, standard.odometry, noises)
     physics = replace(config.physics, wheel_friction=robot.wheel_friction)
     return replace(
         config,
@@ -241,31 +248,33 @@ def with_robot(config: Config, robot: Robot) -> Config:
     )
 
 
-def _with_noise(own: T, asked: T, usual: T, *names: str) -> T:
-    """Return a robot's part with the fields of `names` in which a preset's differs from the usual one."""
-    changed = {
-        name: getattr(asked, name)
-        for name in names
-        if getattr(asked, name) != getattr(usual, name)
-    }
-    return replace(own, **changed)
+def _keep_changes(part: Part, preset: Part, standard: Part, names: list[str]) -> Part:
+    """Return a robot's part with those fields in which the preset is not standard."""
+    changes = {}
+    for name in names:
+        value = getattr(preset, name)
+        if value != getattr(standard, name):
+            changes[name] = value
+    return replace(part, **changes)
 
 
 def chassis_in(simulator: object) -> Chassis:
-    """Return the robot of a simulator's configuration as plain data, the standard one where it names none.
+    """Return the robot of a simulator's configuration as plain data.
 
-    Raises ConfigError for one that is not allowed.
+    Args:
+        simulator: Mapping that may name a chassis; the standard robot's counts if not.
+
+    Raises:
+        ConfigError: If the chassis is not allowed.
     """
-    given = simulator.get("chassis") if isinstance(simulator, Mapping) else None
-    return (
-        STANDARD.chassis
-        if given is None
-        else from_dict(Chassis, given, "simulator.chassis")
-    )
+    chassis = simulator.get("chassis") if isinstance(simulator, Mapping) else None
+    if chassis is None:
+        return STANDARD_ROBOT.chassis
+    return from_dict(Chassis, chassis, "simulator.chassis")
 
 
 def robot_of(config: SimulatorConfig) -> Robot:
-    """Return the robot that a configuration simulates, with what was changed of it."""
+    """Return the robot that a configuration simulates, with all changes to it."""
     return Robot(
         config.chassis,
         config.drive,
@@ -275,7 +284,7 @@ def robot_of(config: SimulatorConfig) -> Robot:
     )
 
 
-# data/presets.yaml says what each is for.
+# data/presets.yaml explains each of them.
 PRESETS = read_presets("barn_sim", "presets.yaml", SimulatorConfig())
 
 
@@ -311,7 +320,7 @@ class SimulatorNodeConfig(Checked):
 
     @property
     def frames(self) -> Frames:
-        """The frames together."""
+        """All frames that messages name."""
         return Frames(
             self.map_frame, self.odom_frame, self.base_frame, self.lidar_frame
         )
@@ -319,10 +328,11 @@ class SimulatorNodeConfig(Checked):
 
 @dataclass(frozen=True)
 class RunConfig(SimulatorConfig):
-    """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
+    """Parameters that a reset applies: the simulator, the world and the start pose."""
 
     robot: str = quantity(
-        STANDARD.name, "name or YAML file of a robot; unset parameters have its values"
+        STANDARD_ROBOT.name,
+        "name or YAML file of a robot; unset parameters have its values",
     )
     dataset: str = quantity(
         "barn300", "name of a shipped data set, or path of a folder or file with worlds"

@@ -1,28 +1,35 @@
-"""What is random in a simulator, each of a child of its seed, so that one does not affect another."""
+"""Random generators of a simulator, each from a child of its seed.
+
+Since every user of randomness has its own child, none affects the draws of another.
+"""
 
 import numpy as np
 
 from barn_worlds.worlds.world import World
 
-LIDAR, ODOMETRY, LOCALISATION, PHASE, BIAS = range(5)
+LIDAR, ODOMETRY, LOCALIZATION, PHASE, BIAS = range(5)
 
 
 def generator(seed: int, child: int) -> np.random.Generator:
-    """Return a generator of a child of a seed, as `SeedSequence(seed).spawn` has it."""
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(child,)))
-    )
+    """Return the generator of a child, as `SeedSequence(seed).spawn` has it.
+
+    Args:
+        seed: Seed of the simulator.
+        child: One of `LIDAR`, `ODOMETRY`, `LOCALIZATION`, `PHASE` and `BIAS`.
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=(child,))
+    return np.random.Generator(np.random.PCG64(sequence))
 
 
 def phase_s(world: World, random: bool, seed: int) -> float:
-    """Return the time into the motions of a world at the start of a simulator with this seed, s.
+    """Return the time into the motions of a world at the start of a trial, s.
 
-    Uniform over the longest period if it is random, else 0.
+    Args:
+        world: World that may have moving obstacles.
+        random: Whether the time is uniform over the longest period, else it is 0.
+        seed: Seed of the simulator.
     """
     if not world.moving or not random:
         return 0.0
-    return float(
-        generator(seed, PHASE).uniform(
-            0.0, max(one.motion.period_s for one in world.moving)
-        )
-    )
+    longest_s = max(obstacle.motion.period_s for obstacle in world.moving)
+    return float(generator(seed, PHASE).uniform(0.0, longest_s))

@@ -13,7 +13,8 @@ def readings_of(simulator, commands):
 
 def wander(simulator, rng, steps):
     """Return all readings after every step, some of them parts of a control period, and how many ended freely."""
-    states, free = [], 0
+    states = []
+    free = 0
     for step in range(steps):
         if step % 12 == 0:
             simulator.command(
@@ -21,15 +22,13 @@ def wander(simulator, rng, steps):
             )
         simulator.advance(1 + step % 10)
         free += simulator.motion.free
-        moved, scan = (
-            simulator.moved_obstacles(),
-            simulator.read_scan().ranges.tobytes(),
-        )
+        moved = simulator.moved_obstacles()
+        scan = simulator.read_scan().ranges.tobytes()
         poses = (
             simulator.read_truth(),
             simulator.read_odometry(),
             simulator.read_joints(),
         )
-        there = moved.positions.tobytes(), moved.quaternions.tobytes()
-        states.append((simulator.read_collision(), poses, scan, *there))
+        state = moved.positions.tobytes(), moved.quaternions.tobytes()
+        states.append((simulator.read_collision(), poses, scan, *state))
     return states, free

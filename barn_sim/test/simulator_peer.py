@@ -22,12 +22,12 @@ from std_srvs.srv import SetBool
 from barn_sim.config import SimulatorConfig
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
-from barn_worlds.ros.topics import profile
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.ros.topics import qos_profile
 
 TOPICS = {
     "/clock": Clock,
@@ -52,23 +52,23 @@ class Driver(Peer):
         self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
             self.node.create_subscription(
-                kind, topic, partial(self._listen, topic), profile(Qos(depth=1000))
+                kind, topic, partial(self._listen, topic), qos_profile(Qos(depth=1000))
             )
         describe = partial(setattr, self, "description")
         self.node.create_subscription(
-            String, "robot_description", describe, profile(LATCHED)
+            String, "robot_description", describe, qos_profile(LATCHED)
         )
 
     def _listen(self, topic: str, message) -> None:
         self.heard[topic].append(message)
 
     def set(self, **values):
-        given = [
+        parameters = [
             Parameter(name.replace("__", "."), value=v).to_parameter_msg()
             for name, v in values.items()
         ]
         return self.call(
-            "/simulator/set_parameters", SetParameters, parameters=given
+            "/simulator/set_parameters", SetParameters, parameters=parameters
         ).results
 
     def pause(self, on: bool):
@@ -85,8 +85,8 @@ class Driver(Peer):
 
     def connected(self) -> bool:
         topics = ["/clock", "/odom", "/scan"]
-        there = all(self.node.count_publishers(topic) == 1 for topic in topics)
-        return there and self.commands.get_subscription_count() == 1
+        is_complete = all(self.node.count_publishers(topic) == 1 for topic in topics)
+        return is_complete and self.commands.get_subscription_count() == 1
 
     def fresh_trial(self, **values) -> None:
         """Pause, set parameters, reset and forget what was heard before."""
@@ -149,7 +149,7 @@ def assert_equal(
     for topic in TOPICS.keys() - {"/clock", "/diagnostics"}:
         assert len(heard[topic]) == len(expected), topic
     origin_ns = stamp_of(heard["/odom"][0])
-    assert origin_ns % NANOSECONDS == 0
+    assert origin_ns % NANOSECONDS_PER_SECOND == 0
     for k, sensors in enumerate(expected):
         odometry, truth = (
             read(decode.odometry, heard[topic][k])
@@ -166,7 +166,7 @@ def assert_equal(
         )
         assert (
             read(decode.pose_with_covariance, heard["/amcl_pose"][k])
-            == sensors.localisation
+            == sensors.localization
         )
         assert heard["/collision"][k].data == sensors.collision
         scan = read(decode.scan, heard["/scan"][k])

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from barn_sim.batch import Batch
 from barn_sim.body.drive import add_command
 from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig, with_robot
-from barn_sim.motion.batch import Batch
 from barn_sim.motion.lanes import LANES, advance_all
 from barn_sim.motion.ticks import advance
 from barn_sim.simulator import Simulator
@@ -83,8 +83,10 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable
     for index in range(len(alone)):
         batch.put(index, simulator(config, index, batch.fleet))
     batch.read(np.arange(len(alone)))
-    for index, one in enumerate(alone):
-        assert np.array_equal(batch.readings.ranges[index], one.sense().scan.ranges)
+    for index, robot_alone in enumerate(alone):
+        assert np.array_equal(
+            batch.readings.ranges[index], robot_alone.sense().scan.ranges
+        )
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
         commands = np.array(
@@ -120,7 +122,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     walled_world, robot
 ):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
-    count, rng = 3 * LANES - 5, np.random.default_rng(0)
+    count = 3 * LANES - 5
+    rng = np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
     abreast, alone = (Batch(count, config) for _ in range(2))
     for batch in (abreast, alone):
@@ -133,7 +136,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 ),
             )
         batch.fleet.robots["position"][::3, 2] += 0.02
-    segments, which = np.full((count, 2, 4), 100.0), np.arange(count)
+    segments = np.full((count, 2, 4), 100.0)
+    which = np.arange(count)
     ahead_m = (
         math.hypot(*abreast.fleet.settings["extent"][0, 2:])
         + abreast.fleet.robots["near_m"][0]
@@ -141,10 +145,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     )
     segments[:, 0] = [ahead_m - 2.25, 1.0, ahead_m - 2.25, 1.0]
     for _ in range(10):
-        commands, left = (
-            rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)),
-            np.zeros(count, np.int64),
-        )
+        commands = rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2))
+        left = np.zeros(count, np.int64)
         pushes, expected_pushes = np.zeros((2, count, 4, 3))
         fleet = abreast.fleet
         advance_all(
@@ -160,7 +162,7 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 fleet.robots["stamp_ns"][index],
                 *commands[index],
             )
-            wanted, expected_pushes[index] = advance(
+            expected_state, expected_pushes[index] = advance(
                 fleet.robots,
                 fleet.pending,
                 fleet.settings,
@@ -169,15 +171,15 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 fleet.noise,
                 10,
             )
-            assert left[index] == wanted
+            assert left[index] == expected_state
         np.testing.assert_array_equal(pushes, expected_pushes)
         which = which[left[which] == 0]
     assert LANES < len(which) < count
     for name in abreast.fleet.robots.dtype.names:
         state, expected = (batch.fleet.robots[name] for batch in (abreast, alone))
-        kept = (
+        copies = (
             slice(5) if name == "wheels" else slice(None)
         )  # the rest of `wheels` is room to compute in
         np.testing.assert_array_equal(
-            state[..., kept], expected[..., kept], err_msg=name
+            state[..., copies], expected[..., copies], err_msg=name
         )

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.config import PRESETS, LidarConfig
-from barn_sim.sensors.lidar import ROUGH_RAD, Lidar, rough_angle
+from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.sensors.lidar import Lidar
+from barn_sim.sensors.ray_casting import ROUGH_RAD, rough_angle
 from barn_worlds.base.types import Pose2D
 
 QUIET = LidarConfig(noise_m=0.0)

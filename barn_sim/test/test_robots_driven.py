@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from driving import readings_of
 
-from barn_sim.body.body import Body
-from barn_sim.body.bullet import PhysicsClient, bullet
-from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.model import (
     description_text,
     fixed_frames,
@@ -19,18 +16,21 @@ from barn_sim.body.model import (
     model_of,
     robot_description,
 )
-from barn_sim.body.obstacles import tick_gap_m
+from barn_sim.body.state import Fleet
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.contact.cylinders import nearest_gap
+from barn_sim.contact.obstacles import tick_gap_m
+from barn_sim.contact.robot_body import Body
 from barn_sim.messages import SimulatorMessages
-from barn_sim.motion.state import Fleet
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.robots.files import ROBOTS, load_robot
-from barn_worlds.robots.urdf import chassis_of
+from barn_worlds.robots.urdf import read_chassis
 from barn_worlds.worlds.world import World
 
 STEP_S = 0.05
@@ -77,15 +77,17 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     assert straight[-1].truth.pose.yaw == pytest.approx(START.yaw, abs=1e-3)
     # four equally loaded wheels with Coulomb friction, turning in place
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
-    wanted = robot.drive.wheel_separation_multiplier / slip
+    multiplier = robot.drive.wheel_separation_multiplier / slip
     yaw = np.unwrap(
         [
-            one.truth.pose.yaw
-            for one in driven(plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0))
+            reading.truth.pose.yaw
+            for reading in driven(
+                plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0)
+            )
         ]
     )
-    assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(wanted, rel=0.01)
-    assert not any(one.collision for one in straight)
+    assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(multiplier, rel=0.01)
+    assert not any(reading.collision for reading in straight)
 
 
 @pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=NAME)
@@ -95,7 +97,7 @@ def test_free_motion_gives_the_bits_of_pybullet(plain, robot):
         driven(plain, config, (0.7, 0.6), 40, free_motion=fast)
         for fast in (True, False)
     )
-    assert [one.truth for one in free] == [one.truth for one in bullet]
+    assert [reading.truth for reading in free] == [reading.truth for reading in bullet]
 
 
 def in_bullet(chassis):
@@ -106,7 +108,7 @@ def in_bullet(chassis):
         body.begin(Pose2D(0.0, 0.0, 0.0))
         body.enter()
         bullet.resetBasePositionAndOrientation(
-            body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id
+            body.id, model.center_of_mass, (0, 0, 0, 1), physicsClientId=client.id
         )
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
 
@@ -170,7 +172,8 @@ def test_robots_touch_a_pillar_where_their_outline_does(
 @pytest.mark.parametrize("robot", [load_robot("turtlebot4"), polygon_robot()], ids=NAME)
 def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
-    model, rng = model_of(robot.chassis), np.random.default_rng(0)
+    model = model_of(robot.chassis)
+    rng = np.random.default_rng(0)
     low, high = in_bullet(robot.chassis)[:, :2]
     extent = model.extent
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
@@ -220,7 +223,8 @@ def test_motors_lag_in_the_simulator_too(plain):
         config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0)
     )
     speeds = [
-        one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)
+        reading.truth.velocity.linear
+        for reading in driven(plain, config, (0.1, 0.0), 20)
     ]
     assert speeds[4] < 0.08 and speeds[-1] == pytest.approx(0.1, rel=0.02)
 
@@ -250,11 +254,11 @@ def test_fixed_frames_are_turned_as_the_lidar_is():
     _, (_, transforms) = SimulatorMessages(
         with_robot(SimulatorConfig(), robot)
     ).constant()
-    sent = deserialise(transforms, "tf2_msgs/msg/TFMessage").transforms
+    sent = deserialize(transforms, "tf2_msgs/msg/TFMessage").transforms
     yaws = {
-        one.child_frame_id: 2.0
-        * np.arctan2(one.transform.rotation.z, one.transform.rotation.w)
-        for one in sent
+        message.child_frame_id: 2.0
+        * np.arctan2(message.transform.rotation.z, message.transform.rotation.w)
+        for message in sent
     }
     assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
     assert set(yaws.values()) == {0.0}
@@ -286,7 +290,7 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     )
     file = tmp_path / "robot.urdf"
     file.write_text(description_text(chassis), "utf-8")
-    for key, value in chassis_of(file).items():
+    for key, value in read_chassis(file).items():
         assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
     assert fixed_frames(robot.lidar, chassis)["base_footprint"] == (
         0.0,
@@ -296,7 +300,7 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     assert set(joint_names(chassis)) <= {
         joint.get("name") for joint in root.iter("joint")
     }
-    if chassis.rectangular and name != "jackal":
+    if chassis.is_rectangular and name != "jackal":
         (box,) = root.iterfind("link/collision/geometry/box")
         sizes = (
             robot.length_m,

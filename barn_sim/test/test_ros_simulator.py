@@ -1,5 +1,6 @@
 """The simulator node as a process of its own, over DDS, in lockstep with this test."""
 
+import json
 import math
 from contextlib import closing
 
@@ -22,7 +23,7 @@ from simulator_peer import (  # noqa: E402
 
 from barn_sim.config import PRESETS  # noqa: E402
 from barn_worlds.base.config import fields_of  # noqa: E402
-from barn_worlds.base.types import NANOSECONDS, Velocity2D  # noqa: E402
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode  # noqa: E402
 
 
@@ -37,8 +38,8 @@ def lockstep(own_domain):
 
 @pytest.fixture
 def peer(lockstep):
-    with closing(Driver()) as made:
-        yield made
+    with closing(Driver()) as driver:
+        yield driver
 
 
 @pytest.mark.parametrize("preset", ["default", "paper2020"])
@@ -64,7 +65,7 @@ def test_the_clock_never_runs_backwards_and_a_reset_goes_to_the_next_second(
     assert peer.reset().success
     peer.wait(lambda: read(decode.clock, peer.heard["/clock"][-1]) > before)
     after = read(decode.clock, peer.heard["/clock"][-1])
-    assert after == (before // NANOSECONDS + 1) * NANOSECONDS
+    assert after == (before // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND
     ticks = [read(decode.clock, message) for message in peer.heard["/clock"]]
     assert ticks == sorted(ticks)
 
@@ -122,11 +123,11 @@ def test_missed_and_invalid_commands_are_counted_and_reported(peer: Driver) -> N
     peer.drive([Velocity2D(0.5, 0.0), Velocity2D(math.nan, 0.0)])
     assert peer.pause(False).success
     peer.wait(lambda: len(peer.heard["/scan"]) >= 6)  # nobody answers
-    message = peer.pause(True).message
-    assert "1 invalid commands" in message
-    assert message.endswith("connected: 1 scan subscriptions, 1 command publishers")
-    missed = int(message.split(" missed")[0].split()[-1])
-    assert missed >= 3
+    status = json.loads(peer.pause(True).message)
+    assert status["version"] == 1
+    assert status["invalid_commands"] == 1
+    assert (status["scan_subscriptions"], status["command_publishers"]) == (1, 1)
+    assert status["missed_commands"] >= 3
     peer.wait(
         lambda: any(says(m, "invalid commands") for m in peer.heard["/diagnostics"])
     )

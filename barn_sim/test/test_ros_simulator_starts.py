@@ -24,7 +24,7 @@ from simulator_peer import (  # noqa: E402
 
 from barn_sim.body.model import joint_names, robot_description  # noqa: E402
 from barn_sim.config import RunConfig, with_robot  # noqa: E402
-from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
+from barn_worlds.robots.files import find_robot_files, load_robot  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 
@@ -94,7 +94,8 @@ def test_commands_without_guarantee_of_delivery_are_heard_too(started) -> None:
     def moves() -> bool:
         unsure.publish(command)
         return any(
-            one.twist.twist.linear.x > 0.4 for one in peer.heard["/ground_truth/odom"]
+            message.twist.twist.linear.x > 0.4
+            for message in peer.heard["/ground_truth/odom"]
         )
 
     peer.wait(moves)
@@ -112,10 +113,8 @@ EACH = {
 
 def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
     """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
-    robot, lidar = (
-        load_robot("turtlebot4"),
-        {f"lidar.{key}": value for key, value in EACH.items()},
-    )
+    robot = load_robot("turtlebot4")
+    lidar = {f"lidar.{key}": value for key, value in EACH.items()}
     process, peer = started(
         lockstep=True, start_paused=True, robot="turtlebot4", **lidar
     )
@@ -134,7 +133,7 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
 
     other = load_robot("turtlebot3_waffle")
     file = tmp_path / "mine.yaml"
-    file.write_text(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
+    file.write_text(find_robot_files()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
     config = with_robot(RunConfig(), other)
     config = replace(config, lidar=replace(config.lidar, **EACH))
     named = {

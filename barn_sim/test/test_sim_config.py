@@ -15,7 +15,7 @@ from barn_sim.config import (
 )
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_robot_of_plain_data() -> None:
         chassis_in({"chassis": {"name": "x"}})
 
 
-MODEL = model_of(STANDARD.chassis)
+MODEL = model_of(STANDARD_ROBOT.chassis)
 
 
 def test_the_body_is_that_of_the_jackal() -> None:
@@ -79,11 +79,12 @@ def test_the_body_is_that_of_the_jackal() -> None:
 
 
 def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -> None:
-    chassis, wheel = 16.523, 0.477
+    chassis = 16.523
+    wheel = 0.477
     height = (chassis * 0.067 + 4 * wheel * 0.0345) / MODEL.mass_kg
     forward = chassis * 0.012 / MODEL.mass_kg
-    assert MODEL.centre_of_mass[2] == pytest.approx(height)
-    assert MODEL.centre_of_mass[0] == pytest.approx(forward)
+    assert MODEL.center_of_mass[2] == pytest.approx(height)
+    assert MODEL.center_of_mass[0] == pytest.approx(forward)
     left = chassis * 0.002 / MODEL.mass_kg
     spin = 0.4485 + chassis * ((0.012 - forward) ** 2 + (0.002 - left) ** 2)
     spin += 4 * (0.0013 + wheel * (0.131**2 + 0.187795**2 + forward**2 + left**2))
@@ -91,14 +92,14 @@ def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -
 
 
 def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
-    root = fromstring(robot_description(LidarConfig(), STANDARD.chassis))
+    root = fromstring(robot_description(LidarConfig(), STANDARD_ROBOT.chassis))
     (box,) = root.iterfind("link/collision/geometry/box")
     body, *wheels = MODEL.shapes
     assert (2.0 * body.half_sizes).tolist() == pytest.approx(
         [float(size) for size in box.attrib["size"].split()]
     )
     height = root.find("link[@name='chassis_link']/collision/origin").attrib["xyz"]
-    assert body.centre.tolist() == pytest.approx(
+    assert body.center.tolist() == pytest.approx(
         [float(number) for number in height.split()]
     )
     cylinders = [

@@ -5,20 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_sim.config import PRESETS, LidarConfig, LocalisationConfig, SimulatorConfig
+from barn_sim.config import PRESETS, LidarConfig, LocalizationConfig, SimulatorConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, ODOM, SCAN, Frames
 
 STAMP = 3_500_000_000
-BELIEVED, MEASURED, TRUE = (
-    Pose2D(1.0, 2.0, 0.7),
-    Pose2D(0.4, -0.1, -0.5),
-    Pose2D(1.1, 2.1, 0.75),
-)
+BELIEVED = Pose2D(1.0, 2.0, 0.7)
+MEASURED = Pose2D(0.4, -0.1, -0.5)
+TRUE = Pose2D(1.1, 2.1, 0.75)
 SENSORS = Sensors(
     stamp_ns=500_000_000,
     odometry=Odometry(500_000_000, MEASURED, Velocity2D(0.5, 0.1)),
@@ -26,7 +24,7 @@ SENSORS = Sensors(
         500_000_000, np.linspace(0.5, 8.0, 16, dtype=np.float32), -1.5, 0.2, 0.125, 30.0
     ),
     truth=Odometry(500_000_000, TRUE, Velocity2D(0.4, 0.2)),
-    localisation=BELIEVED,
+    localization=BELIEVED,
     collision=True,
     joints=Joints((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)),
 )
@@ -57,11 +55,9 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
         ("/scan", "lidar_link"),
     ):
         assert decode.header(data[path]) == (STAMP, frame)
-    assert deserialise(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
-    odometry, truth = (
-        decode.odometry(data["/odom"]),
-        decode.odometry(data["/ground_truth/odom"]),
-    )
+    assert deserialize(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
+    odometry = decode.odometry(data["/odom"])
+    truth = decode.odometry(data["/ground_truth/odom"])
     assert (odometry.pose, odometry.velocity) == (
         MEASURED.through_quaternion(),
         Velocity2D(0.5, 0.1),
@@ -77,7 +73,7 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
     np.testing.assert_array_equal(
         decode.scan(data["/scan"]).ranges, SENSORS.scan.ranges
     )
-    joints = deserialise(data["/joint_states"], JOINT_STATES.type_name)
+    joints = deserialize(data["/joint_states"], JOINT_STATES.type_name)
     assert joints.position.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert joints.velocity.tolist() == [5.0, 6.0, 7.0, 8.0]
     assert joints.name[0] == "front_left_wheel_joint"
@@ -90,9 +86,11 @@ def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisation
     since,
 ):
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
-    messages.localisation(BELIEVED, MEASURED, STAMP)
+    messages.localization(BELIEVED, MEASURED, STAMP)
     _, data = messages.transforms(MEASURED @ since, STAMP)
-    assert [(one.parent, one.child) for one in decode.transforms(data)] == [
+    assert [
+        (transform.parent, transform.child) for transform in decode.transforms(data)
+    ] == [
         ("world", "odom"),
         ("odom", "base_link"),
     ]
@@ -106,8 +104,8 @@ def test_before_the_first_instant_the_transforms_are_those_of_the_start():
         _, data = messages.last_transforms(stamp_ns)
         assert numbers(whole(data)) == pytest.approx(numbers(start))
         stamps = {
-            one.header.stamp.sec
-            for one in deserialise(data, "tf2_msgs/msg/TFMessage").transforms
+            transform.header.stamp.sec
+            for transform in deserialize(data, "tf2_msgs/msg/TFMessage").transforms
         }
         assert stamps == {stamp_ns // 10**9}
 
@@ -121,25 +119,26 @@ def test_what_stands_still_is_told_once():
     assert (description.path, fixed.path) == ("/robot_description", "/tf_static")
     assert 'xyz="0.12 0 0.3"' in decode.text(text)
     transforms = {
-        one.child_frame_id: one for one in deserialise(data, fixed.type_name).transforms
+        transform.child_frame_id: transform
+        for transform in deserialize(data, fixed.type_name).transforms
     }
     where = transforms["laser"].transform.translation
     assert (where.x, where.y, where.z) == (0.12, 0.0, 0.3)
     assert "base_footprint" in transforms and "lidar_link" not in transforms
-    assert {one.header.frame_id for one in transforms.values()} == {"robot"}
-    assert {one.header.stamp.sec for one in transforms.values()} == {0}
+    assert {transform.header.frame_id for transform in transforms.values()} == {"robot"}
+    assert {transform.header.stamp.sec for transform in transforms.values()} == {0}
 
 
 def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
     for mode, expected in (("exact", (0.0, 0.0)), ("amcl", (0.04, 0.01))):
-        localisation = LocalisationConfig(
+        localisation = LocalizationConfig(
             mode=mode, position_std_m=0.2, yaw_std_rad=0.1
         )
         messages = SimulatorMessages(
             replace(SimulatorConfig(), localisation=localisation)
         )
-        _, data = messages.localisation(BELIEVED, MEASURED, STAMP)
-        covariance = deserialise(data, AMCL_POSE.type_name).pose.covariance
+        _, data = messages.localization(BELIEVED, MEASURED, STAMP)
+        covariance = deserialize(data, AMCL_POSE.type_name).pose.covariance
         assert (covariance[0], covariance[35]) == pytest.approx(expected)
         assert covariance[7] == covariance[0]
         assert np.count_nonzero(covariance) == (0 if mode == "exact" else 3)
@@ -153,4 +152,4 @@ def test_a_scan_says_how_long_it_is_to_the_next(period_s, expected):
     _, data = SimulatorMessages(PRESETS["paper2020"], scan_period_s=period_s).scan(
         SENSORS.scan, STAMP
     )
-    assert deserialise(data, SCAN.type_name).scan_time == pytest.approx(expected)
+    assert deserialize(data, SCAN.type_name).scan_time == pytest.approx(expected)

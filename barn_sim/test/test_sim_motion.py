@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 from driving import wander
 
-from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
-from barn_sim.body.model import model_of
-from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.motion.free_motion import (
+from barn_sim.body.free_motion import (
     attitude_of,
     basis_of,
     spun,
@@ -23,9 +20,12 @@ from barn_sim.motion.free_motion import (
     turned,
     world_tensor,
 )
+from barn_sim.body.model import model_of
+from barn_sim.config import SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.world import World
 
 STEPS = 100
@@ -86,12 +86,13 @@ def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, robot, clients):
 def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
     """Obstacles of even seeds are fixed."""
     idle: list[PhysicsEngine] = []
-    kept, used = PhysicsClient(idle=idle), []
+    client = PhysicsClient(idle=idle)
+    used = []
     for seed in range(0, 16, 2):
         with closing(PhysicsClient()) as new:
             expected = episode(seed, new, free_motion=True, robot=robot)
-        assert episode(seed, kept, free_motion=True, robot=robot) == expected
-        kept.empty()
+        assert episode(seed, client, free_motion=True, robot=robot) == expected
+        client.empty()
         used += idle
     end(idle)
     assert len({id(engine) for engine in used}) < len(used)
@@ -99,7 +100,8 @@ def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
 
 def test_robots_that_share_engines_move_as_with_engines_of_their_own():
     idle: list[PhysicsEngine] = []
-    seeds, clients = range(0, 8, 2), [PhysicsClient(idle=idle) for _ in range(4)]
+    seeds = range(0, 8, 2)
+    clients = [PhysicsClient(idle=idle) for _ in range(4)]
     shared = [
         simulator_of(seed, client, np.random.default_rng(seed))
         for seed, client in zip(seeds, clients, strict=True)
@@ -109,10 +111,10 @@ def test_robots_that_share_engines_move_as_with_engines_of_their_own():
         for seed in seeds
     ]
     for step in range(STEPS):
-        for one, other in zip(shared, alone, strict=True):
-            for simulator in (one, other):
+        for first, other in zip(shared, alone, strict=True):
+            for simulator in (first, other):
                 simulator.step(Velocity2D(0.5, 1.0 if step % 20 < 10 else -1.0))
-            assert one.sense().truth == other.sense().truth
+            assert first.sense().truth == other.sense().truth
     assert 0 < len(idle) < 4
     end(idle)
 
@@ -127,17 +129,18 @@ def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
 def test_some_episodes_touch_obstacles_and_some_do_not(robot, clients):
-    seen = (
+    contacts = (
         episode(seed, clients[0], free_motion=True, robot=robot)[0] for seed in range(8)
     )
-    touched = [any(state[0] for state in states) for states in seen]
+    touched = [any(state[0] for state in states) for states in contacts]
     assert any(touched) and not all(touched)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, 3.1, -3.1, math.pi])
 def test_quaternions_become_matrices_and_come_back(yaw):
     for tilt in (0.0, 0.01, 2.0, math.pi):
-        sine, cosine = math.sin(0.5 * tilt), math.cos(0.5 * tilt)
+        sine = math.sin(0.5 * tilt)
+        cosine = math.cos(0.5 * tilt)
         heading = (
             sine * math.cos(yaw),
             sine * math.sin(yaw),
@@ -161,7 +164,7 @@ def test_a_turn_is_that_of_the_exponential_map():
 def test_a_torque_is_found_that_keeps_a_spin():
     """Although the inertia is still that of another heading, the matrix after the tick is equal to the last bit."""
     rng = np.random.default_rng(0)
-    inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
+    inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
     for _ in range(200):
         yaw, left = rng.uniform(-3.0, 3.0, 2)
         attitude = attitude_of(
@@ -169,8 +172,8 @@ def test_a_torque_is_found_that_keeps_a_spin():
         )
         stale = (0.0, 0.0, math.sin(0.5 * left), math.cos(0.5 * left))
         spin = tuple(rng.normal(0.0, [0.02, 0.02, 2.0]).tolist())
-        wanted = turned(attitude, spin, 0.005)
-        exact, torque = still_turning(attitude, spin, wanted, stale, inverse, 0.005)
+        heading = turned(attitude, spin, 0.005)
+        exact, torque = still_turning(attitude, spin, heading, stale, inverse, 0.005)
         after = spun(
             world_tensor(basis_of(stale), inverse),
             attitude,
@@ -179,12 +182,12 @@ def test_a_torque_is_found_that_keeps_a_spin():
             inverse,
             0.005,
         )
-        assert exact and basis_of(turned(attitude, after, 0.005)) == basis_of(wanted)
+        assert exact and basis_of(turned(attitude, after, 0.005)) == basis_of(heading)
         assert after == pytest.approx(spin, abs=1e-15)
 
 
 def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
-    inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
+    inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
     attitude, stale, elsewhere = (
         (0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1)
     )

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 from driving import readings_of
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import (
     PRESETS,
     DriveConfig,
     LidarConfig,
-    LocalisationConfig,
+    LocalizationConfig,
     ObstacleConfig,
     OdometryConfig,
     PhysicsConfig,
     SimulatorConfig,
 )
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 START = Pose2D(-2.25, 3.0, 1.57)
 AT_THE_WALL = Pose2D(-3.5, 4.5, 1.57)
@@ -50,7 +50,7 @@ def fingerprint(readings: list[Sensors]) -> str:
             sensors.stamp_ns,
             sensors.odometry,
             sensors.truth,
-            sensors.localisation,
+            sensors.localization,
             sensors.collision,
         )
         digest.update(repr((*rest, sensors.joints)).encode())
@@ -92,15 +92,15 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
 
 
 def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
-    write_own(tmp_path / "world.npz", "walled", {0: walled_world})
+    write_dataset_file(tmp_path / "world.npz", "walled", {0: walled_world})
     script = (
         "import sys, test_simulator as cases\n"
-        "from barn_worlds.worlds.dataset import open_dataset\n"
+        "from barn_worlds.datasets.dataset import open_dataset\n"
         "world = open_dataset(sys.argv[1]).load(0)\n"
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )
     command = [sys.executable, "-c", script, tmp_path / "world.npz"]
-    there = subprocess.run(
+    other_fingerprint = subprocess.run(
         command,
         cwd=Path(__file__).parent,
         check=True,
@@ -108,17 +108,15 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         text=True,
         timeout=600,
     )
-    here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
+    fingerprint_here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
     assert (
-        there.stdout == f"{here}\n"
+        other_fingerprint.stdout == f"{fingerprint_here}\n"
     )  # and nothing else: PyBullet's banner is kept out of standard output
 
 
 def test_seeds_differ(empty_world) -> None:
-    first, second = (
-        drive(empty_world, seed=1, steps=1),
-        drive(empty_world, seed=2, steps=1),
-    )
+    first = drive(empty_world, seed=1, steps=1)
+    second = drive(empty_world, seed=2, steps=1)
     assert (first[0].scan.ranges != second[0].scan.ranges).any()
     assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
 
@@ -127,7 +125,7 @@ def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
     plain = drive(walled_world)
     fewer_beams = drive(walled_world, SimulatorConfig(lidar=LidarConfig(beams=10)))
     amcl = drive(
-        walled_world, SimulatorConfig(localisation=LocalisationConfig(mode="amcl"))
+        walled_world, SimulatorConfig(localisation=LocalizationConfig(mode="amcl"))
     )
     for other in (fewer_beams, amcl):
         assert [s.odometry for s in other] == [s.odometry for s in plain]
@@ -152,13 +150,13 @@ def test_starts_where_it_is_put_with_odometry_at_zero(empty_world, simulators) -
     assert sensors.truth.pose.distance(START) < 1e-9
     assert sensors.truth.pose.yaw == pytest.approx(START.yaw, abs=1e-9)
     assert sensors.odometry.pose.distance(Pose2D(0.0, 0.0, 0.0)) == 0.0
-    assert sensors.localisation == sensors.truth.pose
+    assert sensors.localization == sensors.truth.pose
     assert not sensors.collision
 
 
 def test_poses_are_as_they_come_out_of_messages(walled_world) -> None:
     for sensors in drive(walled_world, PRESETS["paper2020"]):
-        for pose in (sensors.odometry.pose, sensors.truth.pose, sensors.localisation):
+        for pose in (sensors.odometry.pose, sensors.truth.pose, sensors.localization):
             assert pose == pose.through_quaternion()
 
 
@@ -198,7 +196,8 @@ def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
 
 def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:
     last = drive(empty_world, steps=80)[-1]
-    measured, true = START @ last.odometry.pose, last.truth.pose
+    measured = START @ last.odometry.pose
+    true = last.truth.pose
     assert 0.001 < measured.distance(true) < 0.3
     assert abs(math.remainder(measured.yaw - true.yaw, 2 * math.pi)) < 0.025
 
@@ -294,15 +293,15 @@ def test_clients_are_given_back(empty_world) -> None:
 @pytest.mark.parametrize("mode", ["exact", "amcl"])
 def test_an_offset_moves_what_is_believed_and_nothing_else(walled_world, mode) -> None:
     plain = drive(
-        walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode))
+        walled_world, SimulatorConfig(localisation=LocalizationConfig(mode=mode))
     )
-    off = LocalisationConfig(mode=mode, offset_x_m=0.3, offset_y_m=-0.15)
+    off = LocalizationConfig(mode=mode, offset_x_m=0.3, offset_y_m=-0.15)
     moved = drive(walled_world, SimulatorConfig(localisation=off))
     assert [s.truth for s in moved] == [s.truth for s in plain]
     for ours, theirs in zip(moved, plain, strict=True):
         apart = (
-            ours.localisation.x - theirs.localisation.x,
-            ours.localisation.y - theirs.localisation.y,
+            ours.localization.x - theirs.localization.x,
+            ours.localization.y - theirs.localization.y,
         )
         assert apart == pytest.approx((0.3, -0.15))
-        assert ours.localisation.yaw == theirs.localisation.yaw
+        assert ours.localization.yaw == theirs.localization.yaw

@@ -1,4 +1,4 @@
-"""Serve the map of a world: `ros2 launch barn_worlds map_server.launch.py world:=42`."""
+"""Serve a map: `ros2 launch barn_worlds map_server.launch.py world:=42`."""
 
 from launch import LaunchDescription
 

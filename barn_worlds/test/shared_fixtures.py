@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from barn_worlds.base.garbage import collect_seldom
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.base.garbage import reduce_garbage_collection
+from barn_worlds.ros.domain import reserve_domain
 
 __all__ = ["longest_first", "original_folder", "own_domain"]
-collect_seldom()
+reduce_garbage_collection()
 SAMPLE = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
 
 
@@ -23,7 +23,7 @@ def longest_first(items: list[pytest.Item], longest: Sequence[str]) -> None:
 @pytest.fixture(scope="module")
 def own_domain() -> Iterator[int]:
     """A ROS domain for the tests of a module and the processes that they start, on this host only."""
-    with reserved_domain({}) as number, pytest.MonkeyPatch.context() as patch:
+    with reserve_domain({}) as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield number

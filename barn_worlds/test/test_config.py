@@ -13,7 +13,7 @@ from barn_worlds.base.config import (
     quantity,
     replace_dotted,
 )
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ def test_what_is_wrong_with_a_change_is_named(changes, message):
     ],
 )
 def test_a_value_in_a_message_is_short(value, text):
-    assert shown(value).startswith(text)
-    assert len(shown(value)) < 130
-    assert "\n" not in shown(value)
+    assert format_value(value).startswith(text)
+    assert len(format_value(value)) < 130
+    assert "\n" not in format_value(value)
 
 
 def test_a_long_list_of_known_names_is_cut():

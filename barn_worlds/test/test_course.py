@@ -7,14 +7,14 @@ import pytest
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import write_map
-from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.world_yaml import write_world_yaml
-from barn_worlds.robots.files import STANDARD, load_robot
-from barn_worlds.worlds.course import LONGEST_CHOSEN_M, for_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+from barn_worlds.worlds.course import LONGEST_AUTOMATIC_M, fit_to_robot
 from barn_worlds.worlds.cspace import configuration_space
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 CELL_M = 0.1
@@ -42,7 +42,7 @@ def written(tmp_path, grid, *course):
     return tmp_path / "hall.yaml"
 
 
-def opened(path, robot=STANDARD):
+def opened(path, robot=STANDARD_ROBOT):
     return open_dataset(path, robot).load(0)
 
 
@@ -55,7 +55,7 @@ def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region(
     world = opened(written(tmp_path, grid))
     ends = np.array([(world.start.x, world.start.y), (world.goal.x, world.goal.y)])
     assert np.allclose(world.path_m()[[0, -1]], ends)
-    assert 15.0 < world.path_length_m <= LONGEST_CHOSEN_M
+    assert 15.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
     room = np.array([[40, 20], [80, 60]]) * CELL_M + np.array(CORNER_M)
     assert not ((room[0] < ends) & (ends < room[1])).all(axis=1).any()
     assert not configuration_space(grid, world.footprint_cells)[
@@ -77,10 +77,10 @@ def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
     world = opened(written(tmp_path, grid))
     away = np.abs(
         world.cylinders_m[:, None]
-        - [(one.x, one.y) for one in (world.start, world.goal)]
+        - [(pose.x, pose.y) for pose in (world.start, world.goal)]
     )
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
-    assert 10.0 < world.path_length_m <= LONGEST_CHOSEN_M
+    assert 10.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
 
 
 def test_start_and_goal_come_from_the_file_of_the_map(tmp_path):
@@ -98,25 +98,25 @@ def test_start_and_goal_come_from_the_file_of_the_map(tmp_path):
 
 def test_start_and_goal_stay_with_a_world_in_every_format(tmp_path):
     world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
-    write_own(tmp_path / "set.npz", "set", {0: world})
+    write_dataset_file(tmp_path / "set.npz", "set", {0: world})
     write_world_yaml(world, tmp_path / "world_0.world.yaml")
     write_map(
         world.occupancy_map(), tmp_path / "again_0.yaml", course=world.course_numbers
     )
     for name in ("set.npz", "world_0.world.yaml", "again_0.yaml"):
-        found = opened(tmp_path / name)
-        assert found.checksum == world.checksum
-        assert (found.start, found.goal) == (world.start, world.goal)
+        dataset = opened(tmp_path / name)
+        assert dataset.checksum == world.checksum
+        assert (dataset.start, dataset.goal) == (world.start, world.goal)
 
 
 @pytest.mark.parametrize("flavour", ["classic", "gz"])
 def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
     world = open_dataset("barn300").load(0)
     course = (-2.25, 3.0, 1.5, *np.round(world.path_m()[-4], 6).tolist(), 1.0)
-    world = for_robot(world, STANDARD, course)
+    world = fit_to_robot(world, STANDARD_ROBOT, course)
     write_sdf(world, tmp_path / "w_0.world", flavour)
     assert opened(tmp_path / "w_0.world").course_numbers == course
-    own = opened(
+    copy = opened(
         written(
             tmp_path,
             np.kron(hall(), np.ones((3, 3), bool))[:, ::3],
@@ -128,10 +128,10 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
             0.0,
         )
     )
-    write_sdf(own, tmp_path / "h_0.world", flavour)
+    write_sdf(copy, tmp_path / "h_0.world", flavour)
     again = opened(tmp_path / "h_0.world")
-    assert (again.grid == own.grid).all() and np.allclose(
-        again.bounds_m + again.course_numbers, own.bounds_m + own.course_numbers
+    assert (again.grid == copy.grid).all() and np.allclose(
+        again.bounds_m + again.course_numbers, copy.bounds_m + copy.course_numbers
     )
     text = (
         (tmp_path / "w_0.world")
@@ -144,9 +144,10 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
 
 
 def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
-    path, husky = written(tmp_path, hall()), load_robot("husky")
+    path = written(tmp_path, hall())
+    husky = load_robot("husky")
     world = opened(path)
-    driven = for_robot(world, husky)
+    driven = fit_to_robot(world, husky)
     assert (
         driven.footprint_cells == husky.footprint_cells(CELL_M) > world.footprint_cells
     )
@@ -154,18 +155,18 @@ def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
         tuple(driven.path.T)
     ].any()
     assert driven.checksum == opened(path, husky).checksum
-    assert for_robot(world, STANDARD) is world
+    assert fit_to_robot(world, STANDARD_ROBOT) is world
 
 
 def test_worlds_of_the_benchmark_have_no_start_of_their_own_and_stay_as_they_are():
     world = open_dataset("barn300").load(0)
     assert world.start is None
-    assert for_robot(world, load_robot("husky")) is world
+    assert fit_to_robot(world, load_robot("husky")) is world
 
 
 def test_a_course_is_put_in_place_of_a_worlds_own(tmp_path):
     world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
-    driven = for_robot(world, STANDARD, (2.0, 3.0, 1.0, 5.0, 8.0))
+    driven = fit_to_robot(world, STANDARD_ROBOT, (2.0, 3.0, 1.0, 5.0, 8.0))
     assert (driven.start, driven.goal.x, driven.goal.y) == (
         Pose2D(2.0, 3.0, 1.0),
         5.0,
@@ -212,18 +213,18 @@ def test_a_course_that_cannot_be_driven_is_refused_in_one_line(
 ):
     world = opened(written(tmp_path, hall(gap_m)))
     with refused(WorldError, message):
-        for_robot(world, STANDARD, course)
+        fit_to_robot(world, STANDARD_ROBOT, course)
 
 
 def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(tmp_path):
     world = opened(written(tmp_path, hall()))
-    driven = for_robot(world, STANDARD, (0.0, 10.75, 0.0, 5.0, 5.0))
+    driven = fit_to_robot(world, STANDARD_ROBOT, (0.0, 10.75, 0.0, 5.0, 5.0))
     assert configuration_space(world.grid, world.footprint_cells)[tuple(driven.path[0])]
 
 
 def test_a_map_without_room_for_the_robot_is_refused(tmp_path):
     with pytest.raises(
-        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no way in it"
+        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no path in it"
     ):
         opened(written(tmp_path, np.tile(np.arange(60) % 4 == 0, (60, 1))))
     with pytest.raises(WorldError, match="hall: no cell of it is free"):

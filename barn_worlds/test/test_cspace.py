@@ -8,8 +8,8 @@ from hypothesis.extra import numpy as npst
 from scipy import ndimage
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.cspace import configuration_space, label_regions, through_region
-from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 14), st.integers(1, 14)))
 
@@ -30,7 +30,7 @@ def test_footprints_that_have_no_middle_cell_are_refused(side):
 
 def test_cspaces_equal_the_original_ones(original_folder):
     dataset = open_dataset(original_folder)
-    for index in dataset.indices:
+    for index in dataset.world_numbers:
         expected = np.load(original_folder / "cspace_files" / f"cspace_{index}.npy")
         world = dataset.load(index)
         assert world.footprint_cells == 5

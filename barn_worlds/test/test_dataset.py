@@ -9,26 +9,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats.npz import to_npy
-from barn_worlds.formats.original import write_original
-from barn_worlds.formats.sdf import write_sdf
-from barn_worlds.robots.files import ROBOTS
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
-from barn_worlds.worlds.generate import (
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.generate import (
     TABLE_I,
     DatasetParameters,
     WorldParameters,
     generate_dataset,
 )
+from barn_worlds.formats.npz import encode_npy
+from barn_worlds.formats.original import write_original
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.robots.files import ROBOTS
 
 
 @pytest.fixture(scope="module")
 def worlds():
     """Three worlds by number."""
-    made = generate_dataset(
+    dataset = generate_dataset(
         DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5])
     )
-    return dict(zip((0, 6, 120), made, strict=True))
+    return dict(zip((0, 6, 120), dataset, strict=True))
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def layout(tmp_path, worlds):
 
 
 def same(dataset, worlds):
-    return {k: dataset.load(k).checksum for k in dataset.indices} == {
+    return {k: dataset.load(k).checksum for k in dataset.world_numbers} == {
         k: w.checksum for k, w in worlds.items()
     }
 
@@ -52,7 +52,7 @@ def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missi
     for part in missing:
         shutil.rmtree(layout / part)
     dataset = open_dataset(layout)
-    assert (dataset.name, dataset.indices) == ("layout", (0, 6, 120))
+    assert (dataset.name, dataset.world_numbers) == ("layout", (0, 6, 120))
     assert same(dataset, worlds)
     assert dataset.load(6).provenance.source == "original"
     assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [
@@ -71,16 +71,14 @@ def test_parts_of_the_layout_are_data_sets_too(layout, worlds, part):
 
 def test_the_originals_written_again_are_the_originals(original_folder, tmp_path):
     dataset = open_dataset(original_folder)
-    some = {index: dataset.load(index) for index in dataset.indices[::10]}
+    some = {index: dataset.load(index) for index in dataset.world_numbers[::10]}
     write_original(tmp_path / "again", some, historical=True)
     assert same(open_dataset(tmp_path / "again"), some)
     for index in some:
         for kind in ("grid", "cspace", "path"):
             name = f"{kind}_files/{kind}_{index}.npy"
-            written, published = (
-                np.load(tmp_path / "again" / name),
-                np.load(original_folder / name),
-            )
+            written = np.load(tmp_path / "again" / name)
+            published = np.load(original_folder / name)
             assert written.dtype == published.dtype
             assert np.array_equal(written, published)
 
@@ -111,9 +109,9 @@ def test_single_files_and_where_their_path_comes_from(layout, worlds, tmp_path):
 
 def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_path):
     for name in ("b", "a"):
-        (tmp_path / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
+        (tmp_path / f"{name}.npy").write_bytes(encode_npy(worlds[0].grid))
     dataset = open_dataset(tmp_path)
-    assert [dataset.load(index).name for index in dataset.indices] == ["a", "b"]
+    assert [dataset.load(index).name for index in dataset.world_numbers] == ["a", "b"]
 
 
 def test_data_sets_can_be_handed_to_other_processes(layout, worlds):
@@ -132,7 +130,7 @@ def test_a_world_is_read_once_and_not_handed_to_other_processes():
 
 
 def test_only_so_many_worlds_are_kept(monkeypatch):
-    monkeypatch.setattr("barn_worlds.worlds.dataset._MOST_KEPT", 2)
+    monkeypatch.setattr("barn_worlds.datasets.dataset._MAX_CACHED_WORLDS", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first
@@ -195,7 +193,7 @@ def test_what_holds_no_worlds_is_refused(tmp_path, layout):
     ],
 )
 def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
-    (layout / name).write_bytes(to_npy(array))
+    (layout / name).write_bytes(encode_npy(array))
     dataset = open_dataset(layout)
     with pytest.raises(WorldError, match=message):
         dataset.load(6)
@@ -204,7 +202,7 @@ def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
 def test_a_grid_without_a_way_through_is_refused(tmp_path):
     grid = np.zeros((30, 30), np.int64)
     grid[:, 15] = 1
-    (tmp_path / "wall.npy").write_bytes(to_npy(grid))
+    (tmp_path / "wall.npy").write_bytes(encode_npy(grid))
     with pytest.raises(
         WorldError,
         match="no path from the first to the last column for a robot of 5 x 5 cells",
@@ -222,7 +220,7 @@ SIXTH = tuple(range(0, 300, 6))
 
 
 @pytest.mark.parametrize(
-    ("spec", "indices", "chosen"),
+    ("spec", "indices", "selection"),
     [
         ("0", range(300), [0]),
         ("0-3", range(300), [0, 1, 2, 3]),
@@ -235,8 +233,8 @@ SIXTH = tuple(range(0, 300, 6))
         ("0:999999999", SIXTH, list(SIXTH)),
     ],
 )
-def test_choices(spec, indices, chosen):
-    assert select_worlds(spec, indices) == chosen
+def test_choices(spec, indices, selection):
+    assert select_worlds(spec, indices) == selection
 
 
 @pytest.mark.parametrize(
@@ -274,12 +272,12 @@ def test_a_range_beyond_a_set_without_gaps_is_refused(spec, missing):
 @given(st.text(max_size=30))
 def test_any_text_either_chooses_or_is_refused(spec):
     try:
-        chosen = select_worlds(spec, SIXTH)
+        selection = select_worlds(spec, SIXTH)
     except WorldError:
         return
-    assert chosen
-    assert len(set(chosen)) == len(chosen)
-    assert set(chosen) <= set(SIXTH)
+    assert selection
+    assert len(set(selection)) == len(selection)
+    assert set(selection) <= set(SIXTH)
 
 
 def test_no_worlds_no_choice():

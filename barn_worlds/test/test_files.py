@@ -14,17 +14,17 @@ import pytest
 
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.base.files import (
-    new_folder,
+    create_folder,
     read_bytes,
     read_maybe_gzipped,
-    remove_partial,
-    replacing,
+    remove_partial_files,
+    replace_file,
     write_bytes,
 )
 from barn_worlds.base.text_files import (
     LARGEST_YAML_BYTES,
     LONGEST_LINE_BYTES,
-    finite,
+    make_json_safe,
     parse_yaml,
     read_json,
     read_lines,
@@ -33,7 +33,8 @@ from barn_worlds.base.text_files import (
 
 
 def test_sizes_are_bounded_packed_and_unpacked(tmp_path):
-    plain, bomb = tmp_path / "plain", tmp_path / "bomb.gz"
+    plain = tmp_path / "plain"
+    bomb = tmp_path / "bomb.gz"
     plain.write_bytes(b"x" * 101)
     bomb.write_bytes(gzip.compress(bytes(50_000_000)))
     with pytest.raises(
@@ -76,18 +77,18 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch):
 
 def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     target = tmp_path / "set"
-    with pytest.raises(RuntimeError), new_folder(target) as folder:
+    with pytest.raises(RuntimeError), create_folder(target) as folder:
         (folder / "half").write_text("x")
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []
-    with new_folder(target) as folder:
+    with create_folder(target) as folder:
         (folder / "whole").write_text("x")
         assert not target.exists()
     assert [file.name for file in target.iterdir()] == ["whole"]
     assert [file.name for file in tmp_path.iterdir()] == ["set"]
     with (
         pytest.raises(WorldError, match="exists already; name a new folder"),
-        new_folder(target),
+        create_folder(target),
     ):
         pass
     assert [file.name for file in target.iterdir()] == ["whole"]
@@ -95,7 +96,7 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
 
 def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
     path = tmp_path / "a.gif"
-    with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
+    with pytest.raises(KeyboardInterrupt), replace_file(path) as temporary:
         temporary.write_bytes(b"half")
         assert temporary.stat().st_mode & 0o777 == 0o600
         raise KeyboardInterrupt
@@ -107,20 +108,20 @@ def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
 
 def test_what_a_killed_writer_left_is_hidden_and_removed(tmp_path):
     script = (
-        "import os, signal, sys; from pathlib import Path; from barn_worlds.base.files import replacing\n"
-        "with replacing(Path(sys.argv[1])) as temporary: os.kill(os.getpid(), signal.SIGKILL)"
+        "import os, signal, sys; from pathlib import Path; from barn_worlds.base.files import replace_file\n"
+        "with replace_file(Path(sys.argv[1])) as temporary: os.kill(os.getpid(), signal.SIGKILL)"
     )
     subprocess.run([sys.executable, "-c", script, tmp_path / "a.gif"], check=False)
     (left,) = tmp_path.iterdir()
     assert left.name.startswith(".a.gif.")
     assert left.name.endswith(".partial")
-    remove_partial(tmp_path)
+    remove_partial_files(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_two_writers_leave_the_file_of_one(tmp_path):
     path = tmp_path / "page.html"
-    with replacing(path) as first, replacing(path) as second:
+    with replace_file(path) as first, replace_file(path) as second:
         first.write_bytes(b"first")
         second.write_bytes(b"second")
     assert path.read_bytes() == b"first"
@@ -166,7 +167,7 @@ def test_numbers_without_a_word_in_json_become_null(tmp_path):
         "a": {"b": -math.inf, "c": True, "d": None},
     }
     path = tmp_path / "file.json"
-    path.write_text(json.dumps(finite(content), allow_nan=False))
+    path.write_text(json.dumps(make_json_safe(content), allow_nan=False))
     assert read_json(path) == {
         "1": [None, [None, 2.5]],
         "a": {"b": None, "c": True, "d": None},

@@ -10,10 +10,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats.gazebo import cylinders, fill_hollow, grid_of, read_grid
+from barn_worlds.datasets.generate import TABLE_I, generate_grid
+from barn_worlds.formats.gazebo import (
+    GazeboFile,
+    fill_hollow,
+)
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.generate import TABLE_I, grow
 from barn_worlds.worlds.world import World
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
@@ -37,7 +40,7 @@ def document(*parts):
 
 
 def grid_in(content):
-    return grid_of(*cylinders(content, "a.world"), "a.world")
+    return GazeboFile(content, "a.world").grid()
 
 
 def test_grids_from_the_original_files_equal_the_original_grids(original_folder):
@@ -45,7 +48,7 @@ def test_grids_from_the_original_files_equal_the_original_grids(original_folder)
     assert files
     for file in files:
         index = file.name.split("_")[1].split(".")[0]
-        grid, resolution_m = read_grid(file)
+        grid, resolution_m = GazeboFile.read(file).grid()
         assert resolution_m == 0.15
         expected = np.load(original_folder / "grid_files" / f"grid_{index}.npy")
         assert np.array_equal(grid, expected == 1), file.name
@@ -53,17 +56,19 @@ def test_grids_from_the_original_files_equal_the_original_grids(original_folder)
 
 @given(GRIDS)
 def test_filling_is_consistent_with_what_is_shown(grid):
-    shown = grid & ~geometry.hollow(grid)
-    filled = fill_hollow(shown)
-    assert (filled & ~geometry.hollow(filled)).tolist() == shown.tolist()
+    hull = grid & ~geometry.hollow_cells(grid)
+    filled = fill_hollow(hull)
+    assert (filled & ~geometry.hollow_cells(filled)).tolist() == hull.tolist()
     assert (filled >= grid).all()  # what was left out is always filled again
 
 
 def test_filling_recovers_generated_worlds():
     for number, parameters in enumerate(TABLE_I):
         for k in range(20):
-            grid = grow(parameters, np.random.default_rng([number, k]))
-            assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid), (
+            grid = generate_grid(parameters, np.random.default_rng([number, k]))
+            assert np.array_equal(
+                fill_hollow(grid & ~geometry.hollow_cells(grid)), grid
+            ), (
                 number,
                 k,
             )
@@ -73,7 +78,7 @@ def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
     grid = np.zeros((7, 9), bool)
     grid[1:6, 1:8] = True
     grid[3, 4] = False  # its neighbours are shown because of it
-    assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid)
+    assert np.array_equal(fill_hollow(grid & ~geometry.hollow_cells(grid)), grid)
 
 
 @given(
@@ -94,9 +99,9 @@ def test_worlds_come_back_from_our_files(
     world = World("<w & 'x'>", grid, path, resolution_m)
     file = tmp_path_factory.mktemp("sdf") / ("w.world.gz" if packed else "w.sdf")
     write_sdf(world, file, flavour, movable=movable)
-    read, size = read_grid(file)
+    read, size = GazeboFile.read(file).grid()
     assert size == resolution_m
-    assert np.array_equal(read, fill_hollow(grid & ~geometry.hollow(grid)))
+    assert np.array_equal(read, fill_hollow(grid & ~geometry.hollow_cells(grid)))
 
 
 def test_sdf_says_what_the_simulator_needs(small_world):
@@ -133,7 +138,7 @@ def test_sdf_says_what_the_simulator_needs(small_world):
     assert set(lowest) == {0.0}
 
     with pytest.raises(
-        WorldError, match="unknown flavour of SDF 'clasic'; did you mean 'classic'"
+        WorldError, match="unknown flavor of SDF 'clasic'; did you mean 'classic'"
     ):
         sdf_text(small_world, "clasic")
 
@@ -145,7 +150,7 @@ def test_poses_of_model_link_and_collision_add_up():
     )
     link = f"<link name='l'><pose>0.075 0.075 0 0 0 0</pose>{collision}</link>"
     content = document(f"<model name='m'><pose>-1.5 5.1 0 0 -0 0</pose>{link}</model>")
-    assert cylinders(content, "w")[0].tolist() == [
+    assert GazeboFile(content, "w").cylinders[0].tolist() == [
         [pytest.approx(-1.425), pytest.approx(5.325)]
     ]
 
@@ -244,7 +249,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr("barn_worlds.formats.gazebo.LARGEST_WORLD_FILE", 1_000_000)
     bomb.write_bytes(gzip.compress(b" " * 2_000_000))
     with pytest.raises(WorldError, match="unpacks to more than"):
-        read_grid(bomb)
+        GazeboFile.read(bomb)
     monkeypatch.setattr("barn_worlds.formats.gazebo.MOST_TAGS", 1000)
     with pytest.raises(WorldError, match="more than 1000 tags"):
         grid_in(document("<a/>" * 1000))

@@ -9,9 +9,9 @@ from PIL import Image
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
-from barn_worlds.formats.map_server import grid_of, read_map, write_map
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.map_server import extract_grid, read_map, write_map
 from barn_worlds.formats.single import read_world
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 YAML = "image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
@@ -72,24 +72,25 @@ def test_worlds_come_back_from_their_maps(historical, grid):
     grid[[0, -1]] = True
     grid[1] = False
     world = World("w", grid, np.array([[1, 0]]))
-    assert np.array_equal(grid_of(world.occupancy_map(historical=historical)), grid)
+    assert np.array_equal(
+        extract_grid(world.occupancy_map(historical=historical)), grid
+    )
 
 
 def test_original_maps_give_the_original_grids(original_folder):
-    worlds, maps = (
-        open_dataset(original_folder),
-        open_dataset(original_folder / "map_files"),
-    )
-    assert maps.indices == worlds.indices
+    worlds = open_dataset(original_folder)
+    maps = open_dataset(original_folder / "map_files")
+    assert maps.world_numbers == worlds.world_numbers
     assert all(
         maps.load(index).checksum == worlds.load(index).checksum
-        for index in maps.indices
+        for index in maps.world_numbers
     )
 
 
 def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
     data = np.zeros((20, 30), np.int8)
-    data[[0, -1]], data[3, :4] = 100, -1
+    data[[0, -1]] = 100
+    data[3, :4] = -1
     write_map(OccupancyMap(data, 0.15, 3.0, 4.0), tmp_path / "room.yaml")
     world = read_world(tmp_path / "room.yaml")
     assert np.array_equal(world.grid, data.T != 0)

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats import own
-from barn_worlds.formats.npz import parse_npy, to_npy
-from barn_worlds.formats.own import read_own, write_own
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats import dataset_file
+from barn_worlds.formats.dataset_file import read_dataset_file, write_dataset_file
+from barn_worlds.formats.npz import encode_npy, parse_npy
 from barn_worlds.worlds.world import Provenance, World
 
 
@@ -36,7 +36,7 @@ def described(shape, descr="'<i8'"):
 )
 def test_arrays_come_back(array):
     assert np.array_equal(
-        parse_npy(to_npy(array), "x"), array, equal_nan=array.dtype == np.float64
+        parse_npy(encode_npy(array), "x"), array, equal_nan=array.dtype == np.float64
     )
 
 
@@ -76,12 +76,13 @@ def test_malformed_arrays_are_refused_at_once(content, message, refused):
 
 @st.composite
 def worlds(draw):
-    rows, cols = draw(st.integers(1, 12)), draw(st.integers(1, 12))
+    rows = draw(st.integers(1, 12))
+    cols = draw(st.integers(1, 12))
     grid = draw(npst.arrays(bool, (rows, cols)))
     row = draw(st.integers(0, rows - 1))
     grid[row] = False
     path = np.stack([np.full(cols, row), np.arange(cols)], axis=1)
-    about = Provenance(
+    provenance = Provenance(
         "generated", parameters={"initial_fill": draw(st.floats(0, 1))}, seed=(1, 2, 3)
     )
     return World(
@@ -90,31 +91,31 @@ def worlds(draw):
         path,
         draw(st.sampled_from([0.05, 0.15])),
         draw(st.sampled_from([1, 5])),
-        about,
+        provenance,
     )
 
 
 @given(st.dictionaries(st.integers(0, 1000), worlds(), min_size=1, max_size=5))
 def test_own_files_come_back(tmp_path_factory, numbered):
     path = tmp_path_factory.mktemp("own") / "set.npz"
-    write_own(path, "a set", numbered)
+    write_dataset_file(path, "a set", numbered)
     first = path.read_bytes()
     dataset = open_dataset(path)
     assert dataset.name == "a set"
-    assert dataset.indices == tuple(sorted(numbered))
+    assert dataset.world_numbers == tuple(sorted(numbered))
     for index, world in numbered.items():
         read = dataset.load(index)
         assert read.checksum == world.checksum
         assert read.provenance.parameters == world.provenance.parameters
         assert read.provenance.seed == world.provenance.seed
-    write_own(path, "a set", numbered)
+    write_dataset_file(path, "a set", numbered)
     assert path.read_bytes() == first
 
 
 @pytest.fixture
-def own_file(tmp_path, small_world):
+def npz_file(tmp_path, small_world):
     path = tmp_path / "set.npz"
-    write_own(path, "set", {3: small_world})
+    write_dataset_file(path, "set", {3: small_world})
     return path
 
 
@@ -124,21 +125,24 @@ def own_file(tmp_path, small_world):
         ({"grid.npy": None}, "world 3 is damaged: 'grid'"),
         ({"index.npy": None}, "it has no index.npy"),
         ({"grid.npy": b"x"}, "grid.npy: not a .npy file"),
-        ({"grid.npy": to_npy(np.zeros(3))}, "world 3 is damaged: "),
-        ({"grid.npy": to_npy(np.zeros(3, np.uint8))}, "world 3 is damaged: "),
-        ({"path.npy": to_npy(np.zeros((3, 3), int))}, "world 3 is damaged: "),
+        ({"grid.npy": encode_npy(np.zeros(3))}, "world 3 is damaged: "),
+        ({"grid.npy": encode_npy(np.zeros(3, np.uint8))}, "world 3 is damaged: "),
+        ({"path.npy": encode_npy(np.zeros((3, 3), int))}, "world 3 is damaged: "),
         (
-            {"shape.npy": to_npy(np.array([[10**6, 10**6]]))},
+            {"shape.npy": encode_npy(np.array([[10**6, 10**6]]))},
             "world 3 is damaged: sides must be 1 to 2000 cells",
         ),
         (
-            {"shape.npy": to_npy(np.array([[-9, -12]]))},
+            {"shape.npy": encode_npy(np.array([[-9, -12]]))},
             "world 3 is damaged: sides must be 1 to 2000 cells",
         ),
-        ({"path_cells.npy": to_npy(np.array([3]))}, "world 3 is damaged: its checksum"),
-        ({"index.npy": to_npy(np.array([1, 2]))}, "numbers of worlds do not match"),
         (
-            {"index.npy": to_npy(np.array([-1]))},
+            {"path_cells.npy": encode_npy(np.array([3]))},
+            "world 3 is damaged: its checksum",
+        ),
+        ({"index.npy": encode_npy(np.array([1, 2]))}, "numbers of worlds do not match"),
+        (
+            {"index.npy": encode_npy(np.array([-1]))},
             "numbers of worlds must be from 0, each once",
         ),
         ({"manifest.json": b"{"}, "manifest.json: not JSON"),
@@ -153,17 +157,18 @@ def own_file(tmp_path, small_world):
         ),
     ],
 )
-def test_malformed_own_files_are_refused(own_file, change, message, refused):
-    repack(own_file, change)
-    with refused(WorldError, f"^{own_file}.*{message}"):
-        open_dataset(own_file).load(3)
+def test_malformed_own_files_are_refused(npz_file, change, message, refused):
+    repack(npz_file, change)
+    with refused(WorldError, f"^{npz_file}.*{message}"):
+        open_dataset(npz_file).load(3)
 
 
-def test_a_zip_bomb_is_refused_before_it_is_unpacked(own_file, monkeypatch):
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(npz_file, monkeypatch):
     monkeypatch.setattr(
-        "barn_worlds.formats.own.FORMAT", replace(own.FORMAT, largest=1_000_000)
+        "barn_worlds.formats.dataset_file.FORMAT",
+        replace(dataset_file.FORMAT, largest=1_000_000),
     )
-    repack(own_file, {"grid.npy": bytes(1_000_000)})
+    repack(npz_file, {"grid.npy": bytes(1_000_000)})
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(WorldError, match="unpacks to more than the allowed"):
-        read_own(own_file)
+        read_dataset_file(npz_file)

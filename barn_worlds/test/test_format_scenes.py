@@ -9,12 +9,12 @@ import yaml
 from archives import members, repack
 
 from barn_worlds.base.errors import BarnError
-from barn_worlds.formats.npz import to_npy
-from barn_worlds.formats.own import read_own, write_own
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import build_arena
+from barn_worlds.formats.dataset_file import read_dataset_file, write_dataset_file
+from barn_worlds.formats.npz import encode_npy
 from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
-from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0))
@@ -40,10 +40,11 @@ MOVING = (
 @pytest.fixture
 def scenes(small_world):
     """An arena, a static world, and one with walls and motion, by number."""
-    grid, path = small_world.grid, small_world.path
+    grid = small_world.grid
+    path = small_world.path
     turning = np.array([[6, 0], [6, 1], [6, 1], [5, 2], [4, 3], [4, 3], [4, 3]])
     return {
-        0: arena_world("arena", MOVING[:2]),
+        0: build_arena("arena", MOVING[:2]),
         3: small_world,
         7: World(
             "both",
@@ -59,42 +60,42 @@ def scenes(small_world):
 
 
 @pytest.fixture
-def own_file(scenes, tmp_path):
+def dataset_file(scenes, tmp_path):
     """A data set file of them."""
-    write_own(tmp_path / "scenes.npz", "scenes", scenes)
+    write_dataset_file(tmp_path / "scenes.npz", "scenes", scenes)
     return tmp_path / "scenes.npz"
 
 
-def assert_same(found, world):
-    assert found.checksum == world.checksum
+def assert_same(copy, world):
+    assert copy.checksum == world.checksum
     for part in ("name", "walls", "moving", "corner_m"):
-        assert getattr(found, part) == getattr(world, part)
-    assert np.array_equal(found.path, world.path) and np.array_equal(
-        found.grid, world.grid
+        assert getattr(copy, part) == getattr(world, part)
+    assert np.array_equal(copy.path, world.path) and np.array_equal(
+        copy.grid, world.grid
     )
 
 
-def test_worlds_with_motion_come_back_from_a_data_set_file(own_file, scenes):
-    dataset = open_dataset(own_file)
-    assert dataset.indices == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
+def test_worlds_with_motion_come_back_from_a_data_set_file(dataset_file, scenes):
+    dataset = open_dataset(dataset_file)
+    assert dataset.world_numbers == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
     assert (
-        len(read_own(own_file).arrays["motion_kind"]) == 3
+        len(read_dataset_file(dataset_file).arrays["motion_kind"]) == 3
     )  # equal motions are stored once
 
 
 def test_static_data_sets_are_written_as_before(small_world, tmp_path):
-    write_own(tmp_path / "static.npz", "static", {3: small_world})
+    write_dataset_file(tmp_path / "static.npz", "static", {3: small_world})
     assert "moving.npy" not in members(tmp_path / "static.npz")
-    assert read_own(tmp_path / "static.npz").manifest["schema"] == 1
+    assert read_dataset_file(tmp_path / "static.npz").manifest["schema"] == 1
 
 
 def test_worlds_with_motion_come_back_from_yaml(scenes, tmp_path):
     for index, world in scenes.items():
         write_world_yaml(world, tmp_path / "folder" / f"w_{index}.world.yaml")
     dataset = open_dataset(tmp_path / "folder")
-    assert dataset.indices == tuple(scenes)
+    assert dataset.world_numbers == tuple(scenes)
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
         alone = open_dataset(tmp_path / "folder" / f"w_{index}.world.yaml")
@@ -103,7 +104,7 @@ def test_worlds_with_motion_come_back_from_yaml(scenes, tmp_path):
 
 def test_every_world_of_dynabarn_survives_yaml(tmp_path):
     dataset = open_dataset("dynabarn60")
-    for index in dataset.indices[::15]:
+    for index in dataset.world_numbers[::15]:
         write_world_yaml(dataset.load(index), tmp_path / "one.world.yaml")
         assert_same(
             open_dataset(tmp_path / "one.world.yaml").load(0), dataset.load(index)
@@ -112,7 +113,7 @@ def test_every_world_of_dynabarn_survives_yaml(tmp_path):
 
 def test_dynabarn60_is_what_was_published():
     dataset = open_dataset("dynabarn60")
-    assert dataset.indices == tuple(range(60))
+    assert dataset.world_numbers == tuple(range(60))
     assert (
         "MIT" in dataset.manifest["licence"]
         and "DynaBARN" in dataset.manifest["credit"]
@@ -130,7 +131,13 @@ def test_dynabarn60_is_what_was_published():
         counts = [len(world.moving) for world in worlds]
         assert (min(counts), max(counts)) == (low, high)
     assert (
-        len({one for index in dataset.indices for one in dataset.load(index).moving})
+        len(
+            {
+                obstacle
+                for index in dataset.world_numbers
+                for obstacle in dataset.load(index).moving
+            }
+        )
         == 469
     )
 
@@ -222,12 +229,12 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refuse
     ],
 )
 def test_malformed_motion_in_a_data_set_file_is_one_clear_line(
-    own_file, name, array, message, refused
+    dataset_file, name, array, message, refused
 ):
-    repack(own_file, {f"{name}.npy": to_npy(array)})
+    repack(dataset_file, {f"{name}.npy": encode_npy(array)})
     with refused(BarnError, re.escape(message)):
-        dataset = open_dataset(own_file)
-        for index in dataset.indices:
+        dataset = open_dataset(dataset_file)
+        for index in dataset.world_numbers:
             dataset.load(index)
 
 
@@ -238,10 +245,10 @@ def test_the_example_of_the_page_is_a_world(tmp_path):
     (example,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", page.read_text("utf-8"))
     (tmp_path / "example.world.yaml").write_text(example)
     world = open_dataset(tmp_path / "example.world.yaml").load(0)
-    assert [one.name for one in world.moving] == ["person", "cart"]
+    assert [obstacle.name for obstacle in world.moving] == ["person", "cart"]
     assert (len(world.walls), world.path_length_m) == (1, 20.0)
     (tmp_path / "wrong.world.yaml").write_text(example.replace("[20, 0.0", "[9, 0.0"))
     with pytest.raises(BarnError) as caught:
         open_dataset(tmp_path / "wrong.world.yaml").load(0)
-    told = str(caught.value).removeprefix(f"{tmp_path / 'wrong.world.yaml'}: ")
-    assert told in page.read_text("utf-8")
+    message = str(caught.value).removeprefix(f"{tmp_path / 'wrong.world.yaml'}: ")
+    assert message in page.read_text("utf-8")

@@ -12,22 +12,22 @@ from hypothesis.extra import numpy as npst
 from scipy import ndimage
 
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.formats.own import Order
-from barn_worlds.worlds.dataset import open_dataset, shipped
-from barn_worlds.worlds.generate import (
+from barn_worlds.datasets.dataset import dataset_files, open_dataset
+from barn_worlds.datasets.generate import (
     TABLE_I,
     DatasetParameters,
     WorldParameters,
+    automaton_grids,
     generate_dataset,
+    generate_grid,
     generate_world,
-    grow,
-    iterations,
     narrowness,
-    reordered,
+    renumber,
     smooth,
     write_dataset,
     write_ordered,
 )
+from barn_worlds.formats.dataset_file import WorldOrder
 
 SMALL = DatasetParameters("small", seed=3, worlds_per_set=2, sets=TABLE_I[:4])
 
@@ -78,9 +78,9 @@ def test_a_world_does_not_depend_on_how_many_others_there_are():
 
 
 def test_progress_is_reported_after_each_world():
-    told = []
-    generate_dataset(SMALL, lambda done, total: told.append((done, total)))
-    assert told == [(k, 8) for k in range(1, 9)]
+    reports = []
+    generate_dataset(SMALL, lambda done, total: reports.append((done, total)))
+    assert reports == [(k, 8) for k in range(1, 9)]
 
 
 def test_a_world_nobody_can_pass_ends_with_an_error():
@@ -109,18 +109,22 @@ def test_parameters_that_are_not_allowed(change, message):
 def test_worlds_can_be_numbered_by_any_score(tmp_path):
     worlds = generate_dataset(SMALL)
     scores = tuple(float(k % 3) for k in range(8))
-    numbered = reordered(worlds, Order("a test", scores))
+    numbered = renumber(worlds, WorldOrder("a test", scores))
     assert [numbered[k].checksum for k in range(8)] == [
         worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)
     ]
     assert [numbered[k].name for k in range(2)] == ["world_0", "world_1"]
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
-        reordered(worlds, Order("a test", scores[1:]))
+        renumber(worlds, WorldOrder("a test", scores[1:]))
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
-        reordered(worlds, Order("a test", (*scores[1:], float("nan"))))
+        renumber(worlds, WorldOrder("a test", (*scores[1:], float("nan"))))
 
     write_ordered(
-        tmp_path / "small.npz", "small", worlds, Order("a test", scores), {"seed": 3}
+        tmp_path / "small.npz",
+        "small",
+        worlds,
+        WorldOrder("a test", scores),
+        {"seed": 3},
     )
     dataset = open_dataset(tmp_path / "small.npz")
     assert [dataset.load(k).checksum for k in range(8)] == [
@@ -139,17 +143,19 @@ def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):
 
 def test_the_shipped_data_set_is_what_its_command_makes(tmp_path):
     write_dataset(tmp_path / "barn300.npz")
-    made, there = open_dataset(tmp_path / "barn300.npz"), open_dataset("barn300")
-    assert there.indices == tuple(range(300))
-    if there.manifest["order"]["by"] == made.manifest["order"]["by"]:
-        assert made.checksum == there.checksum
-    assert {made.load(k).checksum for k in made.indices} == {
-        there.load(k).checksum for k in there.indices
+    copy = open_dataset(tmp_path / "barn300.npz")
+    shipped = open_dataset("barn300")
+    assert shipped.world_numbers == tuple(range(300))
+    if shipped.manifest["order"]["by"] == copy.manifest["order"]["by"]:
+        assert copy.checksum == shipped.checksum
+    assert {copy.load(k).checksum for k in copy.world_numbers} == {
+        shipped.load(k).checksum for k in shipped.world_numbers
     }
 
 
 def test_the_shipped_manifest_says_what_is_inside():
-    dataset, file = open_dataset("barn300"), shipped()["barn300"]
+    dataset = open_dataset("barn300")
+    file = dataset_files()["barn300"]
     assert (
         json.loads(file.with_suffix(".manifest.json").read_text()) == dataset.manifest
     )
@@ -192,15 +198,17 @@ def test_smoothing_equals_the_plain_rule(grid, fill, clear):
 
 @given(st.integers(0, 2**32), st.sampled_from(TABLE_I))
 def test_iterations_are_successive_and_keep_the_side_walls(seed, parameters):
-    grids = list(iterations(parameters, np.random.default_rng(seed)))
+    grids = list(automaton_grids(parameters, np.random.default_rng(seed)))
     assert len(grids) == parameters.smoothing_iterations + 1
     for before, after in itertools.pairwise(grids):
         assert np.array_equal(after, smooth(before, 5, 1))
     assert all(grid[[0, -1]].all() for grid in grids)
-    assert np.array_equal(grow(parameters, np.random.default_rng(seed)), grids[-1])
+    assert np.array_equal(
+        generate_grid(parameters, np.random.default_rng(seed)), grids[-1]
+    )
 
 
 def test_random_fill_has_the_share_asked_for():
     parameters = WorldParameters(initial_fill=0.3, rows=402, cols=500)
-    inner = next(iterations(parameters, np.random.default_rng(1)))[1:-1]
+    inner = next(automaton_grids(parameters, np.random.default_rng(1)))[1:-1]
     assert abs(inner.mean() - 0.3) < 4 * np.sqrt(0.21 / inner.size)

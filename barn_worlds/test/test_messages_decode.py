@@ -21,8 +21,8 @@ from barn_worlds.base.types import (
     yaw_from_quaternion,
 )
 from barn_worlds.messages import decode, encode
-from barn_worlds.messages.cdr import deserialise, make, serialise
-from barn_worlds.messages.encode import header
+from barn_worlds.messages.cdr import deserialize, make_message, serialize
+from barn_worlds.messages.encode import make_header
 
 metres = st.floats(-1e3, 1e3)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
@@ -102,10 +102,10 @@ def test_odometry_of_whatever_frames(stamp_ns, frame, child, pose, velocity):
     data = encode.OdometryEncoder(frame, child).encode(
         Odometry(stamp_ns, pose, velocity), stamp_ns
     )
-    message = deserialise(data, "nav_msgs/msg/Odometry")
+    message = deserialize(data, "nav_msgs/msg/Odometry")
     message.pose.covariance = message.twist.covariance = np.arange(36.0)
     message.twist.twist.linear.y = 5.0
-    for sent in (data, serialise(message)):
+    for sent in (data, serialize(message)):
         assert decode.odometry(sent) == Odometry(
             stamp_ns, pose.through_quaternion(), velocity
         )
@@ -126,10 +126,10 @@ def test_poses_of_robots_that_stand_or_are_tilted(stamp_ns, frame, pose, turn):
         assert decoder(data) == pose.through_quaternion()
         assert math.isclose(math.cos(decoder(data).yaw - pose.yaw), 1.0, abs_tol=1e-12)
         assert decode.header(data) == (stamp_ns, frame)
-    message = make("geometry_msgs/msg/PoseStamped")
+    message = make_message("geometry_msgs/msg/PoseStamped")
     at = message.pose.orientation
     at.x, at.y, at.z, at.w = turn
-    assert decode.pose(serialise(message)).yaw == yaw_from_quaternion(*turn)
+    assert decode.pose(serialize(message)).yaw == yaw_from_quaternion(*turn)
 
 
 @given(frames, velocities)
@@ -141,13 +141,13 @@ def test_either_kind_of_command_is_read(frame, velocity):
             encode.TwistStampedEncoder(frame).encode(velocity, 7),
         ),
     ):
-        message = deserialise(data, type_name)
+        message = deserialize(data, type_name)
         getattr(message, "twist", message).linear.y = getattr(
             message, "twist", message
         ).angular.x = 9.0
         assert (
             decode.command(data, type_name)
-            == decode.command(serialise(message), type_name)
+            == decode.command(serialize(message), type_name)
             == velocity
         )
         assert not decode.command(data[:9], type_name).is_finite()
@@ -161,18 +161,18 @@ def test_either_kind_of_command_is_read(frame, velocity):
 )
 def test_scans_keep_every_bit(stamp_ns, frame, values, intensities):
     sent = Scan(stamp_ns, np.array(values, np.float32), -1.0, 0.5, 0.125, 30.0)
-    message = deserialise(
+    message = deserialize(
         encode.ScanEncoder(sent, frame, 0.05).encode(sent, stamp_ns),
         "sensor_msgs/msg/LaserScan",
     )
     message.intensities = np.array(intensities, np.float32)
-    data = serialise(message)
-    found = decode.scan(data)
-    assert content(found) == content(sent)
+    data = serialize(message)
+    scan = decode.scan(data)
+    assert content(scan) == content(sent)
     assert (
-        found.ranges.flags.writeable
-        and found.ranges.flags.aligned
-        and found.ranges.dtype.isnative
+        scan.ranges.flags.writeable
+        and scan.ranges.flags.aligned
+        and scan.ranges.dtype.isnative
     )
     assert decode.header(data).frame == frame
     assert message.angle_max == pytest.approx(-1.0 + 0.5 * (len(values) - 1))
@@ -183,19 +183,19 @@ def test_maps(size, x, y):
     sent = OccupancyMap(
         np.arange(size[0] * size[1], dtype=np.int8).reshape(size), 0.25, x, y
     )
-    found = decode.occupancy_map(encode.encode_map(sent, 7, "map"))
-    assert content(found) == content(sent)
-    assert found.data.flags.writeable
+    grid_map = decode.occupancy_map(encode.encode_map(sent, 7, "map"))
+    assert content(grid_map) == content(sent)
+    assert grid_map.data.flags.writeable
 
 
 def test_a_map_of_a_wrong_size_or_rotated_is_refused():
     type_name = "nav_msgs/msg/OccupancyGrid"
-    wide, turned = (deserialise(SAMPLES[type_name][1], type_name) for _ in range(2))
+    wide, turned = (deserialize(SAMPLES[type_name][1], type_name) for _ in range(2))
     wide.info.width = 4
     with pytest.raises(
         MessageError, match=r"^map data has 6 cells, its size says 2 x 4$"
     ):
-        decode.occupancy_map(serialise(wide))
+        decode.occupancy_map(serialize(wide))
     turned.info.origin.orientation.z, turned.info.origin.orientation.w = (
         math.sin(0.25),
         math.cos(0.25),
@@ -203,7 +203,7 @@ def test_a_map_of_a_wrong_size_or_rotated_is_refused():
     with pytest.raises(
         MessageError, match=r"^map origin must not be rotated, got a yaw of 0.5 rad$"
     ):
-        decode.occupancy_map(serialise(turned))
+        decode.occupancy_map(serialize(turned))
 
 
 @given(st.booleans(), st.floats(), frames)
@@ -225,49 +225,52 @@ def test_paths(points):
 
 
 def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
-    def one(kind, action=encode.ADD, x=0.0, points=()):
-        made = encode.marker("odom", "some", kind, action=action)
-        made.scale.x, made.pose.position.x = 0.5, x
-        made.pose.orientation.z, made.pose.orientation.w = (
+    def marker(kind, action=encode.ADD, x=0.0, points=()):
+        message = encode.make_marker("odom", "some", kind, action=action)
+        message.scale.x = 0.5
+        message.pose.position.x = x
+        message.pose.orientation.z, message.pose.orientation.w = (
             math.sin(math.pi / 4.0),
             math.cos(math.pi / 4.0),
         )
-        made.points = [make("geometry_msgs/msg/Point", x=x, y=y) for x, y in points]
-        return made
+        message.points = [
+            make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points
+        ]
+        return message
 
     markers = [
-        one(encode.CYLINDER, encode.DELETE_ALL),
-        one(encode.CYLINDER, x=1.0),
-        one(encode.SPHERE, x=2.0),
-        one(encode.LINE_STRIP, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),
-        one(
+        marker(encode.CYLINDER, encode.DELETE_ALL),
+        marker(encode.CYLINDER, x=1.0),
+        marker(encode.SPHERE, x=2.0),
+        marker(encode.LINE_STRIP, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),
+        marker(
             encode.LINE_LIST, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]
         ),  # half a line at its end
-        one(encode.CUBE),
+        marker(encode.CUBE),
     ]
-    found = decode.markers(
-        serialise(make("visualization_msgs/msg/MarkerArray", markers=markers))
+    shapes = decode.markers(
+        serialize(make_message("visualization_msgs/msg/MarkerArray", markers=markers))
     )
-    assert found.frame == "odom"
-    assert found.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
-    assert [len(line) for line in found.lines] == [3, 2]
+    assert shapes.frame == "odom"
+    assert shapes.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
+    assert [len(line) for line in shapes.lines] == [3, 2]
     np.testing.assert_allclose(
-        found.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12
+        shapes.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12
     )
 
 
 def test_transforms_and_diagnostics():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
     sent = encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], 12_000_000_345)
-    found = decode.transforms(sent)
-    assert found == [
+    transforms = decode.transforms(sent)
+    assert transforms == [
         ("map", "odom", POSE.through_quaternion()),
         ("odom", "base_link", Pose2D(1.0, 2.0, 0.0)),
     ]
     stamps = [
-        one.header.stamp for one in deserialise(sent, encoder.type_name).transforms
+        stamp.header.stamp for stamp in deserialize(sent, encoder.type_name).transforms
     ]
-    assert [(one.sec, one.nanosec) for one in stamps] == [(12, 345)] * 2
+    assert [(stamp.sec, stamp.nanosec) for stamp in stamps] == [(12, 345)] * 2
     values = {"status": "blocked", "cost": "1.5"}
     assert decode.diagnostics(
         encode.encode_diagnostics(7, encode.FINE, "planner", "", values)
@@ -277,11 +280,11 @@ def test_transforms_and_diagnostics():
 def refusal(decoder, data, expected=None):
     """Return why bytes are refused, an empty text if they are read; the content is then what is expected, if given."""
     try:
-        found = content(decoder(data))
+        decoded = content(decoder(data))
     except MessageError as error:
         assert str(error)
         return str(error)
-    assert expected is None or found == expected
+    assert expected is None or decoded == expected
     return ""
 
 
@@ -316,7 +319,7 @@ def test_a_length_of_four_gigabytes_takes_no_memory():
     struct.pack_into("<I", data, 4, 2**32 - 1)
     with pytest.raises(MessageError, match="std_msgs/msg/String"):
         decode.text(bytes(data))
-    data = serialise(header("odom", 7))
+    data = serialize(make_header("odom", 7))
     with pytest.raises(MessageError, match="not a message of type std_msgs/msg/Header"):
         decode.header(data[:12] + b"\xff" * 4 + data[16:])
 
@@ -332,5 +335,5 @@ def test_other_encodings_are_named():
 
 
 def test_a_frame_that_is_no_text_is_read_as_ros_reads_it():
-    data = serialise(header("abcd", 7)).replace(b"abcd", b"a\xffcd")
+    data = serialize(make_header("abcd", 7)).replace(b"abcd", b"a\xffcd")
     assert decode.header(data).frame == "a\ufffdcd"

@@ -31,20 +31,27 @@ from barn_worlds.base.types import (
     quaternion_from_yaw,
 )
 from barn_worlds.messages import encode
-from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
-from barn_worlds.messages.encode import LINE_STRIP, marker
+from barn_worlds.messages.cdr import (
+    Template,
+    deserialize,
+    find_slots,
+    make_message,
+    serialize,
+)
+from barn_worlds.messages.encode import LINE_STRIP, make_marker
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 MARKERS = "visualization_msgs/msg/MarkerArray"
-STAMP, TIME = 12_345_678_901, Time(sec=12, nanosec=345_678_901)
+STAMP = 12_345_678_901
+TIME = Time(sec=12, nanosec=345_678_901)
 ODOMETRY = Odometry(STAMP, POSE, Velocity2D(0.5, -0.25))
 RANGES = np.array([0.5, math.inf, -math.inf, math.nan, 29.9, 1.0, 2.0], np.float32)
 SCAN = Scan(STAMP, RANGES, -2.35619, 0.7, 0.1, 30.0)
 GRID = OccupancyMap(np.arange(-1, 5, dtype=np.int8).reshape(2, 3), 0.15, -4.5, 0.25)
 COVARIANCE = [{0: 0.1, 7: 0.2, 35: 0.3}.get(place, 0.0) for place in range(36)]
 COLOUR = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
-LINE = marker(
-    "odom", "lines", LINE_STRIP, index=3, colour=tuple(COLOUR.values()), stamp_ns=STAMP
+LINE = make_marker(
+    "odom", "lines", LINE_STRIP, index=3, color=tuple(COLOUR.values()), stamp_ns=STAMP
 )
 LINE.scale.x = 0.5
 
@@ -146,7 +153,7 @@ CASES = {
         DiagnosticArray(header=header(), status=[STATUS]),
     ),
     "marker": (
-        serialise(make(MARKERS, markers=[LINE])),
+        serialize(make_message(MARKERS, markers=[LINE])),
         MarkerArray(
             markers=[
                 Marker(
@@ -186,24 +193,33 @@ def test_bytes_are_those_that_ros_sends(label):
         serialize_message(deserialize_message(data, type(message))),
     ):
         assert len(sent) >= len(data)
-        assert serialise(deserialise(sent[: len(data)], type_name)) == data
+        assert serialize(deserialize(sent[: len(data)], type_name)) == data
 
 
 def transforms_of(data: bytes):
-    return deserialise(data, encode.TransformEncoder.type_name).transforms
+    return deserialize(data, encode.TransformEncoder.type_name).transforms
 
 
 def test_fixed_transforms():
-    (one,) = transforms_of(
+    (transform,) = transforms_of(
         encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)})
     )
-    assert (one.header.frame_id, one.child_frame_id, one.header.stamp.sec) == (
+    assert (
+        transform.header.frame_id,
+        transform.child_frame_id,
+        transform.header.stamp.sec,
+    ) == (
         "base_link",
         "laser",
         0,
     )
-    where = one.transform.translation
-    assert (where.x, where.y, where.z, one.transform.rotation.w) == (0.1, 0.2, 0.3, 1.0)
+    where = transform.transform.translation
+    assert (where.x, where.y, where.z, transform.transform.rotation.w) == (
+        0.1,
+        0.2,
+        0.3,
+        1.0,
+    )
     (turned,) = transforms_of(
         encode.encode_fixed_transforms(
             "base_link", {"laser": (0.0, 0.0, 0.0)}, {"laser": 0.8}
@@ -223,15 +239,13 @@ def test_an_encoder_forgets_the_message_before():
 
 
 def test_the_stamp_given_takes_the_place_of_the_reading_s_own():
-    odometry, scan = (
-        encode.OdometryEncoder("odom", "base_link"),
-        encode.ScanEncoder(SCAN, "lidar_link", 0.05),
-    )
+    odometry = encode.OdometryEncoder("odom", "base_link")
+    scan = encode.ScanEncoder(SCAN, "lidar_link", 0.05)
     for encoder, reading in ((odometry, ODOMETRY), (scan, SCAN)):
-        later = deserialise(encoder.encode(reading, 77_000_000_005), encoder.type_name)
+        later = deserialize(encoder.encode(reading, 77_000_000_005), encoder.type_name)
         assert (later.header.stamp.sec, later.header.stamp.nanosec) == (77, 5)
         later.header.stamp.sec, later.header.stamp.nanosec = divmod(STAMP, 10**9)
-        assert serialise(later) == encoder.encode(reading, STAMP)
+        assert serialize(later) == encoder.encode(reading, STAMP)
 
 
 @settings(max_examples=50, deadline=None)
@@ -241,18 +255,18 @@ def test_the_stamp_given_takes_the_place_of_the_reading_s_own():
 )
 def test_layout_finds_every_field_whatever_the_texts(frame, child):
     child = child.replace("\0", "")
-    header = make("std_msgs/msg/Header", frame_id=frame)
-    message = make("nav_msgs/msg/Odometry", header=header, child_frame_id=child)
-    names = [name for name in layout(message) if "covariance" not in name]
+    header = make_message("std_msgs/msg/Header", frame_id=frame)
+    message = make_message("nav_msgs/msg/Odometry", header=header, child_frame_id=child)
+    names = [name for name in find_slots(message) if "covariance" not in name]
     template = Template(message, names)
     values = [
         7 if name.startswith("header") else 0.5 + index
         for index, name in enumerate(names)
     ]
-    decoded = deserialise(template.fill(*values), template.type_name)
+    decoded = deserialize(template.fill(*values), template.type_name)
     assert [attrgetter(name)(decoded) for name in names] == values
 
 
 def test_make_rejects_an_unknown_field():
     with pytest.raises(KeyError, match="has no field 'linaer'"):
-        make("geometry_msgs/msg/Twist", linaer=1.0)
+        make_message("geometry_msgs/msg/Twist", linaer=1.0)

@@ -7,9 +7,16 @@ import pytest
 
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
-from barn_worlds.messages.cdr import deserialise, make, serialise
-from barn_worlds.messages.encode import CUBE, CYLINDER, LINE_LIST, header, marker
+from barn_worlds.messages.cdr import deserialize, make_message, serialize
+from barn_worlds.messages.encode import (
+    CUBE,
+    CYLINDER,
+    LINE_LIST,
+    make_header,
+    make_marker,
+)
 from barn_worlds.messages.scenes import (
     TRAIL_S,
     decode_moving,
@@ -22,7 +29,6 @@ from barn_worlds.messages.scenes import (
 )
 from barn_worlds.messages.topics import MOVING, MOVING_POSES, WORLD
 from barn_worlds.moving.motion import MOST_MOVING, Motion, MovingObstacle
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
 
@@ -54,7 +60,7 @@ def world() -> World:
 
 def test_markers_and_poses_are_those_of_the_tracks(world):
     expected = world.tracks.at(12.3)[0]
-    message = deserialise(
+    message = deserialize(
         encode_moving_poses(world, 12.3, 5_000_000_007), MOVING_POSES.type_name
     )
     assert (
@@ -66,11 +72,11 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         tuple(row) for row in expected.tolist()
     ]
     assert message.poses[-1].orientation.z == pytest.approx(np.sin(0.25))
-    markers = deserialise(
+    markers = deserialize(
         encode_moving(world, 12.3, 5_000_000_007), MOVING.type_name
     ).markers
     kinds = {
-        name: [one for one in markers if one.ns == name]
+        name: [marker for marker in markers if marker.ns == name]
         for name in ("obstacles", "walls", "trails")
     }
     assert (
@@ -79,9 +85,12 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         == len(world.moving) + len(world.walls) + 1
     )
     assert [
-        (one.pose.position.x, one.pose.position.y) for one in kinds["obstacles"]
+        (marker.pose.position.x, marker.pose.position.y)
+        for marker in kinds["obstacles"]
     ] == [tuple(p) for p in expected]
-    first, box, wall = kinds["obstacles"][0], kinds["obstacles"][-1], kinds["walls"][0]
+    first = kinds["obstacles"][0]
+    box = kinds["obstacles"][-1]
+    wall = kinds["walls"][0]
     assert (first.type, first.scale.x, first.scale.z, first.pose.position.z) == (
         CYLINDER,
         1.0,
@@ -95,7 +104,7 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         world.walls[0].size_y_m,
     )
     assert kinds["trails"][0].type == LINE_LIST
-    assert len({(one.ns, one.id) for one in markers}) == len(markers)
+    assert len({(marker.ns, marker.id) for marker in markers}) == len(markers)
 
 
 def test_a_trail_is_the_way_of_the_last_second_without_jumps(world):
@@ -111,23 +120,25 @@ def test_a_trail_is_the_way_of_the_last_second_without_jumps(world):
 def test_what_is_written_is_read_again(world):
     bodies, walls = decode_moving(encode_moving(world, 12.3, 0))
     expected = moving_bodies(world.tracks, 12.3), wall_bodies(world.walls)
-    for found, written in zip((bodies, walls), expected, strict=True):
-        for one, other in zip(found, written, strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-12)
+    for bodies_read, written in zip((bodies, walls), expected, strict=True):
+        for value, other in zip(bodies_read, written, strict=True):
+            np.testing.assert_allclose(value, other, atol=1e-12)
     np.testing.assert_array_equal(
         decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2]
     )
 
 
 def test_no_obstacles_are_none():
-    empty = serialise(make(MOVING_POSES.type_name, header=header("map", 0)))
+    empty = serialize(
+        make_message(MOVING_POSES.type_name, header=make_header("map", 0))
+    )
     assert decode_moving_poses(empty).shape == (0, 2)
 
 
 def changed(data, type_name, change):
-    message = deserialise(data, type_name)
+    message = deserialize(data, type_name)
     change(message)
-    return serialise(message)
+    return serialize(message)
 
 
 @pytest.mark.parametrize(
@@ -197,16 +208,16 @@ SCENE = TrialScene(
 
 
 def encoded(*markers):
-    return serialise(make(WORLD.type_name, markers=list(markers)))
+    return serialize(make_message(WORLD.type_name, markers=list(markers)))
 
 
 def test_a_scene_comes_out_as_it_went_in():
-    found = decode_scene(encode_scene(SCENE, 2_500_000_000))
-    assert found.cylinders_m.tolist() == SCENE.cylinders_m.tolist()
-    assert (found.radius_m, found.height_m, len(found.walls_m)) == (0.075, 1.0, 1)
-    assert found.path_m.tolist() == SCENE.path_m.tolist()
-    assert (found.goal.x, found.goal.y, found.goal_distance_m) == (-2.25, 13.0, 0.3)
-    assert (found.start.x, found.start.y, found.start.yaw) == pytest.approx(
+    scene = decode_scene(encode_scene(SCENE, 2_500_000_000))
+    assert scene.cylinders_m.tolist() == SCENE.cylinders_m.tolist()
+    assert (scene.radius_m, scene.height_m, len(scene.walls_m)) == (0.075, 1.0, 1)
+    assert scene.path_m.tolist() == SCENE.path_m.tolist()
+    assert (scene.goal.x, scene.goal.y, scene.goal_distance_m) == (-2.25, 13.0, 0.3)
+    assert (scene.start.x, scene.start.y, scene.start.yaw) == pytest.approx(
         (-2.25, 3.0, 1.5)
     )
     bare = decode_scene(
@@ -220,35 +231,40 @@ def test_a_scene_comes_out_as_it_went_in():
 
 def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
     first, moved = (
-        deserialise(encode_scene(scene, 7), WORLD.type_name).markers
-        for scene in (SCENE, SCENE.moved(SCENE.cylinders_m + 1.0))
+        deserialize(encode_scene(scene, 7), WORLD.type_name).markers
+        for scene in (SCENE, SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0))
     )
-    keys = [(one.ns, one.id) for one in first]
+    keys = [(marker.ns, marker.id) for marker in first]
     assert len(set(keys)) == len(keys) == 6
-    assert keys == [(one.ns, one.id) for one in moved]
-    assert {one.header.frame_id for one in first} == {"map"}
+    assert keys == [(marker.ns, marker.id) for marker in moved]
+    assert {marker.header.frame_id for marker in first} == {"map"}
     assert all(
-        one.color.a > 0.0 and one.scale.x > 0.0 and one.action == 0 for one in first
+        marker.color.a > 0.0 and marker.scale.x > 0.0 and marker.action == 0
+        for marker in first
     )
-    assert all(one.pose.orientation.w != 0.0 for one in first)
-    upright = [one for one in first if one.type == CYLINDER and one.ns != "goal"]
-    assert [(one.pose.position.z, one.scale.z) for one in upright] == [(0.5, 1.0)] * 3
-    assert [one.pose.position.x for one in moved[:3]] == [0.0, -1.5, 1.0]
+    assert all(marker.pose.orientation.w != 0.0 for marker in first)
+    upright = [
+        marker for marker in first if marker.type == CYLINDER and marker.ns != "goal"
+    ]
+    assert [(marker.pose.position.z, marker.scale.z) for marker in upright] == [
+        (0.5, 1.0)
+    ] * 3
+    assert [marker.pose.position.x for marker in moved[:3]] == [0.0, -1.5, 1.0]
 
 
 def test_other_markers_are_no_scene():
-    def one(frame="map", namespace="walls", x=0.0, size=1.0, index=0):
-        made = marker(frame, namespace, CYLINDER, index=index)
-        made.pose.position.x = x
-        made.scale.x = made.scale.y = made.scale.z = size
-        return made
+    def marker(frame="map", namespace="walls", x=0.0, size=1.0, index=0):
+        message = make_marker(frame, namespace, CYLINDER, index=index)
+        message.pose.position.x = x
+        message.scale.x = message.scale.y = message.scale.z = size
+        return message
 
     refused = {
-        "namespace 'band'": encoded(one(namespace="band")),
-        "frame 'odom'": encoded(one("odom")),
-        "different sizes": encoded(one(size=2.0), one(index=1)),
-        "not finite": encoded(one(namespace="goal", x=np.nan)),
-        "not finite, or no size": encoded(one(namespace="obstacles", size=np.inf)),
+        "namespace 'band'": encoded(marker(namespace="band")),
+        "frame 'odom'": encoded(marker("odom")),
+        "different sizes": encoded(marker(size=2.0), marker(index=1)),
+        "not finite": encoded(marker(namespace="goal", x=np.nan)),
+        "not finite, or no size": encoded(marker(namespace="obstacles", size=np.inf)),
         "not a message": b"\0\1\0\0\xff\xff",
     }
     for reason, data in refused.items():

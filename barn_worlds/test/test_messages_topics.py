@@ -27,7 +27,7 @@ def test_types_are_known_frames_exist_and_latched_topics_keep_one_message(topic)
 
 def test_a_name_has_two_entries_only_where_type_or_sender_differ():
     shared = {
-        topic.path: [one for one in ALL.values() if one.path == topic.path]
+        topic.path: [entry for entry in ALL.values() if entry.path == topic.path]
         for topic in ALL.values()
     }
     assert {path for path, both in shared.items() if len(both) > 1} == {
@@ -40,10 +40,8 @@ def test_a_name_has_two_entries_only_where_type_or_sender_differ():
 
 def test_frames_are_those_of_the_node():
     frames = Frames("world", "wheels", "robot", "laser", planning="world")
-    fixed, moving = (
-        (topics.GROUND_TRUTH, topics.PLAN),
-        (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK),
-    )
+    fixed = (topics.GROUND_TRUTH, topics.PLAN)
+    moving = (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK)
     assert [frames.of(topic) for topic in (*fixed, *moving)] == [
         "world",
         "world",
@@ -56,11 +54,11 @@ def test_frames_are_those_of_the_node():
 
 def test_qualities_of_service_in_rclpy():
     rclpy_qos = pytest.importorskip("rclpy.qos", reason="ROS 2 is not installed")
-    from barn_worlds.ros.topics import profile  # noqa: PLC0415
+    from barn_worlds.ros.topics import qos_profile  # noqa: PLC0415
 
-    assert profile(BEST_EFFORT) == rclpy_qos.qos_profile_sensor_data
-    assert profile(RELIABLE) == rclpy_qos.QoSProfile(depth=10)
-    latched = profile(LATCHED)
+    assert qos_profile(BEST_EFFORT) == rclpy_qos.qos_profile_sensor_data
+    assert qos_profile(RELIABLE) == rclpy_qos.QoSProfile(depth=10)
+    latched = qos_profile(LATCHED)
     assert latched.durability is rclpy_qos.DurabilityPolicy.TRANSIENT_LOCAL
     assert (latched.reliability, latched.depth) == (
         rclpy_qos.ReliabilityPolicy.RELIABLE,
@@ -70,12 +68,12 @@ def test_qualities_of_service_in_rclpy():
 
 def test_every_type_has_its_class_and_one_that_is_not_installed_has_none():
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_worlds.ros.topics import message_class  # noqa: PLC0415
+    from barn_worlds.ros.topics import find_message_class  # noqa: PLC0415
 
     for topic in ALL.values():
-        kind = message_class(topic.type_name)
+        kind = find_message_class(topic.type_name)
         if kind is None:
             assert topic.type_name == "tf2_msgs/msg/TFMessage"
         else:
             assert kind.__name__ == topic.type_name.rpartition("/")[2]
-    assert message_class("no_such_msgs/msg/Thing") is None
+    assert find_message_class("no_such_msgs/msg/Thing") is None

@@ -10,13 +10,13 @@ import yaml
 
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.geometry.polygon import area, contains, hull, regular
-from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
+from barn_worlds.geometry.polygon import area, contains, convex_hull, regular_polygon
+from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot, robot_yaml
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
-from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
+from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, read_chassis, rotation_matrix
 
-BURGER = shipped_robots()["turtlebot3_burger"]
-HUSKY = shipped_robots()["husky"]
+BURGER = find_robot_files()["turtlebot3_burger"]
+HUSKY = find_robot_files()["husky"]
 
 
 @pytest.fixture
@@ -88,15 +88,15 @@ def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
 
 
 @pytest.mark.parametrize(
-    "name, said",
+    "name, message",
     [
         ("husk", "did you mean 'husky'"),
         ("", "known: husky, jackal"),
         ("a/b", "name a file"),
     ],
 )
-def test_an_unknown_robot_is_answered_with_the_near_one(name, said):
-    with pytest.raises(ConfigError, match="^unknown robot .*" + said):
+def test_an_unknown_robot_is_answered_with_the_near_one(name, message):
+    with pytest.raises(ConfigError, match="^unknown robot .*" + message):
         load_robot(name)
 
 
@@ -153,19 +153,19 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
-    changes, said, *source = WRONG[what]
+    changes, message, *source = WRONG[what]
     path = changed(changes, *source)
-    with refused(ConfigError, f"^{path.parent}.*{said}"):
+    with refused(ConfigError, f"^{path.parent}.*{message}"):
         load_robot(path)
 
 
 def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
     (tmp_path / "mine.urdf").write_text(
-        shipped_robots()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8"
+        find_robot_files()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8"
     )
     mine = load_robot(
         changed(
-            {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, shipped_robots()["jackal"]
+            {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, find_robot_files()["jackal"]
         )
     )
     jackal = load_robot("jackal")
@@ -191,34 +191,36 @@ TURNED = """<robot name="r">
 def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(TURNED, "utf-8")
-    found = chassis_of(path)
-    assert found["mass_kg"] == 2.0
-    assert found["centre_of_mass_m"] == pytest.approx(
+    chassis = read_chassis(path)
+    assert chassis["mass_kg"] == 2.0
+    assert chassis["centre_of_mass_m"] == pytest.approx(
         (0.0, 0.0, 0.0), abs=1e-12
     )  # 1 ahead, 1 back
-    assert found["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
-    assert found["base_height_m"] == pytest.approx(0.2)
-    assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx(
-        (0.4, 0.0, 0.3)
-    )
+    assert chassis["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
+    assert chassis["base_height_m"] == pytest.approx(0.2)
     assert (
-        found["wheel_radius_m"],
-        found["wheel_width_m"],
-        found["wheel_z_m"],
+        chassis["track_m"],
+        chassis["wheelbase_m"],
+        chassis["axle_x_m"],
+    ) == pytest.approx((0.4, 0.0, 0.3))
+    assert (
+        chassis["wheel_radius_m"],
+        chassis["wheel_width_m"],
+        chassis["wheel_z_m"],
     ) == pytest.approx((0.1, 0.02, -0.1))
 
 
 def test_a_rotation_is_about_fixed_axes():
-    assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx(
+    assert rotation_matrix(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx(
         [0.0, 1.0, 0.0]
     )
-    turned = rotation(0.3, -0.2, 0.5)
+    turned = rotation_matrix(0.3, -0.2, 0.5)
     assert turned @ turned.T == pytest.approx(np.eye(3))
     assert turned[2, 0] == pytest.approx(math.sin(0.2))
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [
         ("<robot><link/></robot>", "'name'"),
         ("<robot", "unclosed token"),
@@ -235,11 +237,11 @@ def test_a_rotation_is_about_fixed_axes():
         (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
     ],
 )
-def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said, refused):
+def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, message, refused):
     path = tmp_path / "r.urdf"
     path.write_text(text, "utf-8")
-    with refused(ConfigError, f"^{path}.*{said}"):
-        chassis_of(path)
+    with refused(ConfigError, f"^{path}.*{message}"):
+        read_chassis(path)
 
 
 def test_axles_are_where_the_kind_of_drive_has_them():
@@ -282,11 +284,11 @@ def test_polygons():
     assert not contains(square, (1.1, 0.5))
     rng = np.random.default_rng(5)
     points = [(x, y) for x, y in rng.normal(size=(60, 2)).tolist()]
-    around = hull(points)
+    around = convex_hull(points)
     assert area(around) > 0.0
     assert set(around) <= set(points)
     assert all(contains(around, point) for point in points)
-    assert area(regular(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
+    assert area(regular_polygon(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
 
 
 def test_a_path_and_its_text_name_the_same_robot(changed):
@@ -298,5 +300,5 @@ def test_a_path_and_its_text_name_the_same_robot(changed):
 @pytest.mark.parametrize("name", list(ROBOTS))
 def test_a_robot_that_is_written_is_read_as_the_same(tmp_path, name):
     file = tmp_path / "robot.yaml"
-    file.write_text(robot_text(ROBOTS[name]), "utf-8")
+    file.write_text(robot_yaml(ROBOTS[name]), "utf-8")
     assert load_robot(file) == ROBOTS[name]

@@ -11,7 +11,12 @@ from rclpy.parameter import Parameter  # noqa: E402
 
 from barn_worlds.base.config import Checked, quantity  # noqa: E402
 from barn_worlds.base.errors import ConfigError  # noqa: E402
-from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown  # noqa: E402
+from barn_worlds.ros.parameters import (  # noqa: E402
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+    warn_about_unknown_parameters,
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ def make(context, **overrides):
 
 def test_defaults_overrides_and_descriptions(context):
     node = make(context, **{"beams": 360, "inner.range_max_m": 10.0})
-    config = declare(node, Config())
+    config = declare_parameters(node, Config())
     assert config == Config(beams=360, inner=Inner(10.0))
     described = node.describe_parameter("inner.range_max_m")
     assert described.description == "longest range [m]"
@@ -75,15 +80,15 @@ def test_defaults_overrides_and_descriptions(context):
 )
 def test_wrong_value_or_type_is_one_line(context, overrides, config, message, refused):
     with refused(ConfigError, message):
-        declare(make(context, **overrides), config)
+        declare_parameters(make(context, **overrides), config)
 
 
 def test_an_integer_serves_where_a_float_is_wanted(context):
     node = make(context, **{"inner.range_max_m": 10})
-    assert declare(node, Config()).inner.range_max_m == 10.0
-    check_with(node, Config())
+    assert declare_parameters(node, Config()).inner.range_max_m == 10.0
+    refuse_invalid_changes(node, Config())
     assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
-    assert current(node, Config()).inner.range_max_m == 20.0
+    assert read_parameters(node, Config()).inner.range_max_m == 20.0
     assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[
         0
     ].successful
@@ -91,22 +96,22 @@ def test_an_integer_serves_where_a_float_is_wanted(context):
 
 def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):
     node = make(context, beems=3, use_sim_time=False)
-    declare(node, Config())
-    warn_of_unknown(node)
-    said = capfd.readouterr().err
-    assert "unknown parameter 'beems'; did you mean 'beams'?" in said
-    assert "use_sim_time" not in said
+    declare_parameters(node, Config())
+    warn_about_unknown_parameters(node)
+    output = capfd.readouterr().err
+    assert "unknown parameter 'beems'; did you mean 'beams'?" in output
+    assert "use_sim_time" not in output
 
 
 def test_later_changes_are_checked_and_seen(context):
     node = make(context)
-    declare(node, Config())
-    check_with(node, Config())
+    declare_parameters(node, Config())
+    refuse_invalid_changes(node, Config())
     refused = node.set_parameters([Parameter("mode", value="none")])[0]
     assert not refused.successful
     assert "one of exact, amcl" in refused.reason
     assert node.set_parameters([Parameter("beams", value=10)])[0].successful
-    assert current(node, Config()).beams == 10
+    assert read_parameters(node, Config()).beams == 10
 
 
 @pytest.mark.parametrize(
@@ -118,7 +123,9 @@ def test_later_changes_are_checked_and_seen(context):
     ],
 )
 def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
-    given = ["--ros-args", *arguments] if arguments else []
-    node = Node("declared", context=context, cli_args=given, enable_rosout=False)
-    assert declare(node, Lists()) == expected
-    assert current(node, Lists()) == expected
+    arguments_of_ros = ["--ros-args", *arguments] if arguments else []
+    node = Node(
+        "declared", context=context, cli_args=arguments_of_ros, enable_rosout=False
+    )
+    assert declare_parameters(node, Lists()) == expected
+    assert read_parameters(node, Lists()) == expected

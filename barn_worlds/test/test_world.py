@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import read_map
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 OPEN = np.zeros((30, 30), bool)
@@ -17,7 +17,7 @@ STRAIGHT = np.stack([np.full(30, 15), np.arange(30)], axis=1)
 
 def test_cells_stand_where_the_gazebo_files_put_them():
     rows, cols = np.indices((30, 30)).reshape(2, -1)
-    centres = geometry.cell_centres(np.stack([rows, cols], axis=1), 30, 0.15)
+    centres = geometry.cell_centers(np.stack([rows, cols], axis=1), 30, 0.15)
     assert np.allclose(
         centres,
         np.stack([-4.425 + 0.15 * rows, 5.175 + 0.15 * cols], axis=1),
@@ -50,11 +50,11 @@ def test_containment_is_a_back_wall_and_two_side_walls():
 
 
 def test_hollow_interiors_are_left_out_of_the_cylinders(small_world):
-    shown = geometry.containing_cells(small_world.obstacles_m, 9, 0.15).tolist()
+    cells = geometry.containing_cells(small_world.obstacles_m, 9, 0.15).tolist()
     # rows 0 to 3 of columns 4 to 8 are filled: rows 1 and 2 are surrounded in columns 5 to 7
     hidden = {(row, col) for row in (1, 2) for col in (5, 6, 7)}
     assert {tuple(cell) for cell in np.argwhere(small_world.grid).tolist()} - set(
-        map(tuple, shown)
+        map(tuple, cells)
     ) == hidden
     assert len(small_world.cylinders_m) == len(small_world.obstacles_m) + len(
         small_world.containment_m
@@ -69,9 +69,11 @@ def test_path_length_counts_repeated_cells_once():
 
 
 def test_arrays_are_copies_that_cannot_be_written():
-    grid, path = OPEN.copy(), STRAIGHT.copy()
+    grid = OPEN.copy()
+    path = STRAIGHT.copy()
     world = World("w", grid, path)
-    grid[3], path[0] = True, 0
+    grid[3] = True
+    path[0] = 0
     assert not world.grid.any()
     assert world.start_cell == (15, 0)
     for array in (
@@ -121,7 +123,7 @@ def test_checksum_tells_content_but_not_names_apart():
             {"path": STRAIGHT + [0, 1]},
             r"path leaves the grid of \(30, 30\) at \[15, 30\]",
         ),
-        ({"path": STRAIGHT[::2]}, r"neighbouring cell, got \[15, 0\] then \[15, 2\]"),
+        ({"path": STRAIGHT[::2]}, r"neighboring cell, got \[15, 0\] then \[15, 2\]"),
         ({"grid": ~OPEN}, r"path goes through the filled cell \[15, 0\]"),
         ({"resolution_m": 0.0}, "resolution must be from 0.01 to 10 m"),
         ({"resolution_m": float("nan")}, "resolution must be from 0.01 to 10 m"),
@@ -139,7 +141,7 @@ def test_original_worlds_have_the_published_path_lengths(original_folder):
     table = np.loadtxt(
         original_folder / "trials.csv", delimiter=",", skiprows=1, usecols=(0, 1)
     )
-    assert len(table) == len(dataset.indices) > 0
+    assert len(table) == len(dataset.world_numbers) > 0
     for index, length_m in table:
         assert dataset.load(int(index)).path_length_m == pytest.approx(
             length_m, abs=1e-5
@@ -148,7 +150,7 @@ def test_original_worlds_have_the_published_path_lengths(original_folder):
 
 def test_historical_maps_equal_the_original_ones(original_folder):
     dataset = open_dataset(original_folder)
-    for index in dataset.indices:
+    for index in dataset.world_numbers:
         published = read_map(original_folder / "map_files" / f"yaml_{index}.yaml")
         ours = dataset.load(index).occupancy_map(historical=True)
         assert published.data.shape == (66, 30)
@@ -174,10 +176,10 @@ def test_a_map_of_any_resolution_is_occupied_where_a_cylinder_reaches_into(
     below = occupancy.origin_y + np.arange(height) * resolution_m
     expected = np.zeros((height, width), bool)
     hollow = np.argwhere(
-        geometry.hollow(small_world.grid)
+        geometry.hollow_cells(small_world.grid)
     )  # where .world files leave cylinders out
     for x, y in np.concatenate(
-        [small_world.cylinders_m, geometry.cell_centres(hollow, small_world.rows, 0.15)]
+        [small_world.cylinders_m, geometry.cell_centers(hollow, small_world.rows, 0.15)]
     ):
         dx = np.maximum(0.0, np.maximum(left - x, x - left - resolution_m))
         dy = np.maximum(0.0, np.maximum(below - y, y - below - resolution_m))

@@ -1,9 +1,12 @@
-"""Check parameter files against source: `python3 check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]`.
+"""Check parameter files against source code.
 
-Nav2 ignores parameters that it does not know, so that a misspelt one goes unnoticed. For every parameter, the name has
-to occur as a quoted name in the source of the package that reads it; for every plugin, one of the trees has to export
-its class. Without files, those in `params` are checked. Prints each that fails, and how many were checked; exits with 1
-if there are any.
+    python3 check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]
+
+Nav2 ignores parameters that it does not know, so a misspelled one goes unnoticed. The
+name of every parameter must occur in quotes in the source of the package that reads it.
+For every plugin, one of the trees must export its class. Without files, those in
+`params` are checked. The script prints each failure and how many parameters were
+checked, and exits with 1 if there is a failure.
 """
 
 import re
@@ -14,17 +17,20 @@ from pathlib import Path
 import yaml
 
 HERE = Path(__file__).resolve().parent
-# where the parameters of a node are read, if not in the package nav2_NAME of a node NAME or NAME_server
-SOURCES = {
+YAML_SUFFIXES = (".yaml", ".yml")
+SOURCE_SUFFIXES = ("cpp", "hpp", "h", "py")
+# Packages that read the parameters of a node. By default a node NAME or NAME_server is
+# in the package nav2_NAME.
+PACKAGES = {
     "controller_server": ["nav2_controller", "nav2_dwb_controller"],
     "local_costmap": ["nav2_costmap_2d"],
     "global_costmap": ["nav2_costmap_2d"],
     "behavior_server": ["nav2_behaviors"],
     "bt_navigator": ["nav2_bt_navigator", "nav2_behavior_tree"],
 }
-# what any node takes: of rclcpp, and of Nav2's lifecycle nodes
+# Parameters of any node: of rclcpp and of Nav2's lifecycle nodes.
 COMMON = {"use_sim_time", "start_type_description_service", "bond_heartbeat_period"}
-# class of a critic by its short name, for the controllers that have critics
+# Class of a critic by its short name, for the controllers that have critics.
 CRITICS = {
     "nav2_mppi_controller::MPPIController": "mppi::critics::{}",
     "dwb_core::DWBLocalPlanner": "dwb_critics::{}Critic",
@@ -32,119 +38,135 @@ CRITICS = {
 
 
 def main(arguments):
-    """Print what no package knows and return how the check went."""
-    files = [Path(one) for one in arguments if one.endswith((".yaml", ".yml"))]
-    trees = tuple(Path(one) for one in arguments if not one.endswith((".yaml", ".yml")))
-    missing = [str(one) for one in (*files, *trees) if not one.exists()]
+    """Print all failures and return the exit code."""
+    paths = [Path(argument) for argument in arguments]
+    files = [path for path in paths if path.suffix in YAML_SUFFIXES]
+    trees = tuple(path for path in paths if path.suffix not in YAML_SUFFIXES)
+    missing = [str(path) for path in (*files, *trees) if not path.exists()]
     if missing or not any((tree / "nav2_controller").is_dir() for tree in trees):
-        print(
-            "usage: check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]",
-            *missing,
-            file=sys.stderr,
-        )
+        usage = "check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]"
+        print(f"usage: {usage}", *missing, file=sys.stderr)
         return 2
-    checked = 0
-    unknown = []
+
+    count = 0
+    failures = []
     for path in files or sorted((HERE / "params").glob("*.yaml")):
         try:
-            found = list(nodes(yaml.safe_load(path.read_text("utf-8"))))
+            content = yaml.safe_load(path.read_text("utf-8"))
         except (yaml.YAMLError, UnicodeDecodeError, IsADirectoryError) as error:
-            found = (
-                unknown.append(
-                    f"{path}: cannot be read: {' '.join(str(error).split())}"
-                )
-                or []
-            )
-        for node, values in found:
-            named = SOURCES.get(node, [f"nav2_{node.removesuffix('_server')}"])
-            places = tuple(
-                tree / one for tree in trees for one in named if (tree / one).is_dir()
-            )
-            for name, problem in problems(values, places or trees, trees):
-                checked += 1
-                unknown += [f"{path.name}: {node}: {name}{problem}"] if problem else []
-    print(
-        "\n".join([*unknown, f"{checked} parameters checked, {len(unknown)} unknown"])
-    )
-    return 1 if unknown else 0
+            reason = " ".join(str(error).split())
+            failures.append(f"{path}: cannot be read: {reason}")
+            continue
+        for node, parameters in find_nodes(content):
+            folders = package_folders(node, trees) or trees
+            for name, problem in check(parameters, folders, trees):
+                count += 1
+                if problem:
+                    failures.append(f"{path.name}: {node}: {name}{problem}")
+
+    print(*failures, sep="\n", end="\n" if failures else "")
+    print(f"{count} parameters checked, {len(failures)} unknown")
+    return 1 if failures else 0
 
 
-def nodes(content):
-    """Yield each node of a parameter file with its parameters; costmaps stand in a namespace of their own name."""
-    for name, about in content.items() if isinstance(content, dict) else ():
-        if isinstance(about, dict) and isinstance(about.get("ros__parameters"), dict):
-            yield name, about["ros__parameters"]
+def find_nodes(content):
+    """Yield each node of a parameter file with its parameters.
+
+    Costmaps stand in a namespace of their own name, so nodes can be nested.
+    """
+    if not isinstance(content, dict):
+        return
+    for name, section in content.items():
+        if isinstance(section, dict) and isinstance(
+            section.get("ros__parameters"), dict
+        ):
+            yield name, section["ros__parameters"]
         else:
-            yield from nodes(about)
+            yield from find_nodes(section)
 
 
-def problems(values, places, trees, prefix=""):
-    """Yield (dotted name, what is wrong with it, if anything) of each parameter that is read in these places."""
-    plugin = values.get("plugin")
+def package_folders(node, trees):
+    """Return the folders of the packages that read the parameters of a node.
+
+    Args:
+        node: Name of the node.
+        trees: Source trees.
+    """
+    packages = PACKAGES.get(node, [f"nav2_{node.removesuffix('_server')}"])
+    folders = [tree / package for tree in trees for package in packages]
+    return tuple(folder for folder in folders if folder.is_dir())
+
+
+def check(parameters, folders, trees, prefix=""):
+    """Yield the dotted name of each parameter and what is wrong with it, if anything.
+
+    Args:
+        parameters: Nested parameters of a node.
+        folders: Source folders that may read them.
+        trees: Source trees, whose plugins bring folders of their own.
+        prefix: Dotted name of the section.
+    """
+    plugins = exported_classes(trees)
+    plugin = parameters.get("plugin")
     if isinstance(plugin, str):
-        places = exported(trees).get(plugin, ())
-        yield (
-            f"{prefix}plugin",
-            ""
-            if places
-            else f": no plugin {plugin} in these trees, what it reads is not checked",
-        )
-        if not places:
+        folders = plugins.get(plugin, ())
+        if not folders:
+            problem = f"no plugin {plugin} in these trees, what it reads is not checked"
+            yield f"{prefix}plugin", f": {problem}"
             return
-    for key, value in values.items():
+        yield f"{prefix}plugin", ""
+
+    for key, value in parameters.items():
+        name = f"{prefix}{key}"
         if isinstance(value, dict):
-            yield from problems(value, places, trees, f"{prefix}{key}.")
+            yield from check(value, folders, trees, f"{name}.")
         elif key == "critics" and plugin in CRITICS:
-            missing = [
-                one
-                for one in value
-                if CRITICS[plugin].format(one) not in exported(trees)
-            ]
-            yield prefix + key, f": no plugin {', '.join(missing)}" if missing else ""
+            classes = {critic: CRITICS[plugin].format(critic) for critic in value}
+            missing = [critic for critic in value if classes[critic] not in plugins]
+            yield name, f": no plugin {', '.join(missing)}" if missing else ""
         elif key != "plugin" and key not in COMMON:
-            last = re.escape(str(key).rpartition(".")[2])
-            known = any(
-                re.search(rf"""["'](?:[\w.]*\.)?{last}["']""", source(place))
-                for place in places
-            )
-            yield (
-                prefix + key,
-                ""
-                if known
-                else f" is not read by {', '.join(place.name for place in places)}",
-            )
+            readers = ", ".join(folder.name for folder in folders)
+            is_read = any(reads(folder, str(key)) for folder in folders)
+            yield name, "" if is_read else f" is not read by {readers}"
+
+
+def reads(folder, key):
+    """Return whether the source of a folder has a parameter's name in quotes.
+
+    Args:
+        folder: Package or tree.
+        key: Name of the parameter, of which only the part after the last dot counts.
+    """
+    last_part = re.escape(key.rpartition(".")[2])
+    return re.search(rf"""["'](?:[\w.]*\.)?{last_part}["']""", source(folder))
 
 
 @cache
 def source(folder):
-    """Return all code of a package or a tree."""
-    files = [
-        one
-        for end in ("cpp", "hpp", "h", "py")
-        for one in folder.rglob(f"*.{end}")
-        if "test" not in one.parts
-    ]
-    return "\n".join(file.read_text("utf-8", "replace") for file in files)
+    """Return all code of a package or a tree, without its tests."""
+    texts = []
+    for suffix in SOURCE_SUFFIXES:
+        for file in folder.rglob(f"*.{suffix}"):
+            if "test" not in file.parts:
+                texts.append(file.read_text("utf-8", "replace"))
+    return "\n".join(texts)
 
 
 @cache
-def exported(trees):
-    """Return the classes that plugin descriptions export, by type and by name, each with the folders it is read in."""
-    found = {}
+def exported_classes(trees):
+    """Return the folder of each class that a plugin description exports, as a tuple."""
+    folders = {}
     for tree in trees:
         for file in tree.rglob("*.xml"):
-            # a tree of one package, or of many
-            place = (
-                tree
-                if (tree / "package.xml").is_file()
-                else tree / file.relative_to(tree).parts[0]
-            )
+            # A tree is one package or holds many.
+            folder = tree / file.relative_to(tree).parts[0]
+            if (tree / "package.xml").is_file():
+                folder = tree
             text = file.read_text("utf-8", "replace")
-            for name in re.findall(
-                r'<class\s[^>]*?\b(?:type|name)="([^"]+)"', text, re.DOTALL
-            ):
-                found[name] = (place,)
-    return found
+            pattern = r'<class\s[^>]*?\b(?:type|name)="([^"]+)"'
+            for name in re.findall(pattern, text, re.DOTALL):
+                folders[name] = (folder,)
+    return folders
 
 
 if __name__ == "__main__":

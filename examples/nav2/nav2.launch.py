@@ -1,8 +1,11 @@
-"""Bring up Nav2 for the simulated Jackal: `ros2 launch examples/nav2/nav2.launch.py controller:=mppi map:=false`.
+"""Start Nav2 for the simulated Jackal.
 
-Starts the servers, their lifecycle manager and `nav2_trial`, by which the evaluator gives each trial a fresh Nav2.
-The simulator publishes /scan, /odom, /clock and all transforms; the evaluator publishes /goal_pose and, where the
-protocol has one, /map. If one of the processes ends, all do, so that whoever supervises the launch hears of it.
+    ros2 launch examples/nav2/nav2.launch.py controller:=mppi map:=false
+
+Starts the servers, their lifecycle manager, and `nav2_trial`, with which the evaluator
+gives each trial a fresh Nav2. The simulator publishes /scan, /odom, /clock and all
+transforms. The evaluator publishes /goal_pose and, if the protocol has one, /map. If
+one process ends, all end, so that the evaluator notices.
 """
 
 import sys
@@ -23,9 +26,11 @@ from launch_ros.actions import Node
 
 HERE = Path(__file__).resolve().parent
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
+BOOLEANS = ("true", "false")
 MANAGER = "lifecycle_manager_navigation"
-# package, executable, which is its name too, and remappings; commands go from controller and behaviours to the velocity
-# smoother, from there to the collision monitor and on to cmd_vel
+# Package, executable (also the node's name) and remappings. Commands go from controller
+# and behaviors to the velocity smoother, then to the collision monitor, then to
+# cmd_vel.
 SERVERS = (
     ("nav2_controller", "controller_server", {"cmd_vel": "cmd_vel_nav"}),
     ("nav2_planner", "planner_server", {}),
@@ -34,111 +39,91 @@ SERVERS = (
     ("nav2_collision_monitor", "collision_monitor", {}),
     ("nav2_bt_navigator", "bt_navigator", {}),
 )
+# Name, default, description and choices of the launch arguments.
+ARGUMENTS = (
+    ("controller", "mppi", "local planner", CONTROLLERS),
+    ("map", "false", "plan on a map", BOOLEANS),
+    ("stamped", "false", "send TwistStamped, not Twist", BOOLEANS),
+    ("use_sim_time", "true", "take the time from /clock", None),
+    ("params_file", "", "more parameters, which count most", None),
+    ("log_level", "info", "debug, info, warn, error or fatal", None),
+)
 
 
 def generate_launch_description():
-    """Return the servers with their arguments."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "controller",
-                default_value="mppi",
-                choices=CONTROLLERS,
-                description="local planner",
-            ),
-            DeclareLaunchArgument(
-                "map",
-                default_value="false",
-                choices=["true", "false"],
-                description="plan on a map",
-            ),
-            DeclareLaunchArgument(
-                "stamped",
-                default_value="false",
-                choices=["true", "false"],
-                description="send TwistStamped, not Twist",
-            ),
-            DeclareLaunchArgument(
-                "use_sim_time",
-                default_value="true",
-                description="take the time from /clock",
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value="",
-                description="more parameters, which count most",
-            ),
-            DeclareLaunchArgument(
-                "log_level",
-                default_value="info",
-                description="debug, info, warn, error or fatal",
-            ),
-            OpaqueFunction(function=make_nodes),
-        ]
-    )
-
-
-def make_nodes(context):
-    """Return all processes, each ending the launch when it ends."""
-
-    def argument(name):
-        return LaunchConfiguration(name).perform(context)
-
-    common = {
-        "use_sim_time": argument("use_sim_time") == "true",
-        "enable_stamped_cmd_vel": argument("stamped") == "true",
-    }
-    files = [
-        *parameter_files(argument("controller"), argument("map") == "true"),
-        argument("params_file"),
+    """Return the launch arguments and what starts the processes."""
+    arguments = [
+        DeclareLaunchArgument(
+            name, default_value=default, description=description, choices=choices
+        )
+        for name, default, description, choices in ARGUMENTS
     ]
-    parameters = [*filter(None, files), common]
-    log = ["--ros-args", "--log-level", argument("log_level")]
-    nodes = [
-        Node(
+    return LaunchDescription([*arguments, OpaqueFunction(function=make_processes)])
+
+
+def make_processes(context):
+    """Return all processes; each ends the launch when it ends."""
+    values = {
+        name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS
+    }
+    use_sim_time = values["use_sim_time"] == "true"
+    parameters = parameter_files(values["controller"], values["map"] == "true")
+    if values["params_file"]:
+        parameters.append(values["params_file"])
+    parameters.append(
+        {
+            "use_sim_time": use_sim_time,
+            "enable_stamped_cmd_vel": values["stamped"] == "true",
+        }
+    )
+    log_arguments = ["--ros-args", "--log-level", values["log_level"]]
+
+    processes = []
+    for package, executable, remappings in SERVERS:
+        server = Node(
             package=package,
             executable=executable,
             output="screen",
             parameters=parameters,
             remappings=list(remappings.items()),
-            arguments=log,
+            arguments=log_arguments,
         )
-        for package, executable, remappings in SERVERS
-    ]
-    names = [executable for _, executable, _ in SERVERS]
-    manager = {
-        "use_sim_time": common["use_sim_time"],
+        processes.append(server)
+
+    manager_parameters = {
+        "use_sim_time": use_sim_time,
         "autostart": True,
-        "node_names": names,
+        "node_names": [executable for _, executable, _ in SERVERS],
     }
-    nodes.append(
-        Node(
-            package="nav2_lifecycle_manager",
-            executable="lifecycle_manager",
-            name=MANAGER,
-            output="screen",
-            parameters=[manager],
-            arguments=log,
-        )
+    manager = Node(
+        package="nav2_lifecycle_manager",
+        executable="lifecycle_manager",
+        name=MANAGER,
+        output="screen",
+        parameters=[manager_parameters],
+        arguments=log_arguments,
     )
-    time = ["-p", f"use_sim_time:={argument('use_sim_time')}"]
-    nodes.append(
-        ExecuteProcess(
-            cmd=[sys.executable, str(HERE / "trial_node.py"), *log, *time],
-            output="screen",
-        )
+    time_arguments = ["-p", f"use_sim_time:={values['use_sim_time']}"]
+    script = str(HERE / "trial_node.py")
+    trial_node = ExecuteProcess(
+        cmd=[sys.executable, script, *log_arguments, *time_arguments], output="screen"
     )
-    end = EmitEvent(event=Shutdown(reason="a process of Nav2 has ended"))
-    return [
-        *nodes,
-        *(
-            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end]))
-            for node in nodes
-        ),
+    processes += [manager, trial_node]
+
+    end_launch = EmitEvent(event=Shutdown(reason="a process of Nav2 has ended"))
+    handlers = [
+        RegisterEventHandler(OnProcessExit(target_action=process, on_exit=[end_launch]))
+        for process in processes
     ]
+    return processes + handlers
 
 
-def parameter_files(controller, with_map):
-    """Return the files with the parameters, later ones count more."""
-    names = ("common", "map" if with_map else "mapless", controller)
+def parameter_files(controller, use_map):
+    """Return the parameter files, of which later ones count more.
+
+    Args:
+        controller: Name of the local planner.
+        use_map: Whether Nav2 plans on a map.
+    """
+    names = ("common", "map" if use_map else "mapless", controller)
     return [str(HERE / "params" / f"{name}.yaml") for name in names]

@@ -1,17 +1,22 @@
-"""Give every trial a fresh Nav2, and say when it is ready; the evaluator uses it as `planner_node:=/nav2_trial`.
+"""Give every trial a fresh Nav2, and tell the evaluator when Nav2 is ready.
 
-Costmaps, goal and the controller's memory would otherwise outlive the world that they belong to. Between two trials
-the simulator stands still and keeps publishing the clock and the transforms of the start, which is what Nav2's servers
-need to become active.
+The evaluator uses it as `planner_node:=/nav2_trial`. Costmaps, goal and the
+controller's memory would otherwise outlive the world that they belong to. Between two
+trials the simulator stands still. It goes on publishing the clock and the transforms of
+the start, which Nav2's servers need to become active.
 
 Services
-    ~/reset (std_srvs/Trigger): take Nav2 down to unconfigured, and begin to bring it up again
-    ~/ready (std_srvs/Trigger): succeeds once Nav2 is active, works on a goal and has a plan; else says what is missing
+    ~/reset (std_srvs/Trigger): takes Nav2 down to unconfigured and begins to start it
+    again ~/ready (std_srvs/Trigger): succeeds once Nav2 is active, works on a goal and
+    has a
+        plan; otherwise its message says what is missing
 Calls
-    MANAGER/manage_nodes (nav2_msgs/ManageLifecycleNodes), MANAGER/is_active (std_srvs/Trigger)
+    MANAGER/manage_nodes (nav2_msgs/ManageLifecycleNodes)
+    MANAGER/is_active (std_srvs/Trigger)
 Subscribes
     navigate_to_pose/_action/status (action_msgs/GoalStatusArray), plan (nav_msgs/Path)
-Parameter `manager` (lifecycle_manager_navigation): name of the lifecycle manager.
+Parameter
+    manager (lifecycle_manager_navigation): name of the lifecycle manager
 """
 
 import signal
@@ -27,27 +32,33 @@ from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-WORKING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+WORKING_STATUSES = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 POLL_PERIOD_S = 0.2
 
 
 class TrialNode(Node):
-    """Leads the lifecycle manager and keeps in mind how far Nav2 is."""
+    """Commands the lifecycle manager and tracks the state of Nav2."""
 
     def __init__(self):
         super().__init__("nav2_trial")
         self._manager = self.declare_parameter(
             "manager", "lifecycle_manager_navigation"
         ).value
-        self._active = self._goal = self._plan = False
-        self._renewing = False
+        self._is_active = False
+        self._has_goal = False
+        self._has_plan = False
+        self._is_restarting = False
         self._failure = ""
-        self._asked = None  # the manager answers only between two changes, so its answers are not waited for
-        self._is_active = self.create_client(Trigger, f"{self._manager}/is_active")
-        # a reset waits for the manager's answers, so it must not keep their callbacks from running
+        # The manager answers only between two changes of state, so nothing waits for
+        # its answer to a poll.
+        self._poll_answer = None
+        self._active_client = self.create_client(Trigger, f"{self._manager}/is_active")
+        # A reset waits for the manager's answers, so it must not keep their callbacks
+        # from running.
         group = ReentrantCallbackGroup()
-        # made once, and connected by the first reset: a client that is used as soon as it is made can miss the answer
-        self._manage = self.create_client(
+        # A client that is used as soon as it is made can miss the answer. This one is
+        # made here, and the poll checks that it is connected.
+        self._manage_client = self.create_client(
             ManageLifecycleNodes, f"{self._manager}/manage_nodes", callback_group=group
         )
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
@@ -57,62 +68,72 @@ class TrialNode(Node):
         self.create_subscription(Path, "plan", self._on_plan, 1)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=group)
         self.create_service(Trigger, "~/ready", self._on_ready)
-        # by the machine's clock: simulated time stands still while Nav2 comes up
-        self.create_timer(
-            POLL_PERIOD_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        # By the machine's clock: simulated time stands still while Nav2 starts.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(POLL_PERIOD_S, self._poll, clock=clock)
 
     def missing(self):
-        """Return what Nav2 still lacks, an empty text if nothing."""
+        """Return what Nav2 still lacks, or an empty text."""
         if self._failure:
             return self._failure
-        if self._renewing or not self._active:
+        if self._is_restarting or not self._is_active:
             return "Nav2 is being brought up"
-        if not self._goal:
+        if not self._has_goal:
             return "Nav2 has taken no goal yet"
-        return "" if self._plan else "Nav2 has no plan yet"
+        return "" if self._has_plan else "Nav2 has no plan yet"
 
     def _poll(self):
-        if self._asked is not None and self._asked.done():
-            self._active = not self._renewing and self._asked.result().success
-            self._asked = None
-        connected = (
-            self._is_active.service_is_ready() and self._manage.service_is_ready()
+        if self._poll_answer is not None and self._poll_answer.done():
+            is_active = self._poll_answer.result().success
+            self._is_active = is_active and not self._is_restarting
+            self._poll_answer = None
+        is_connected = (
+            self._active_client.service_is_ready()
+            and self._manage_client.service_is_ready()
         )
-        if self._asked is None and not self._renewing and connected:
-            self._asked = self._is_active.call_async(Trigger.Request())
+        if self._poll_answer is None and not self._is_restarting and is_connected:
+            self._poll_answer = self._active_client.call_async(Trigger.Request())
 
     def _on_status(self, message):
-        # kept even where the poll has not seen yet that Nav2 is active: a status comes only once
-        self._goal = any(one.status in WORKING for one in message.status_list)
+        # A status comes only once, so it counts even before a poll has found Nav2
+        # active.
+        self._has_goal = any(
+            goal.status in WORKING_STATUSES for goal in message.status_list
+        )
 
     def _on_plan(self, message):
-        self._plan = bool(message.poses)
+        self._has_plan = bool(message.poses)
 
     async def _on_reset(self, _, response):
-        """Answer once Nav2 is down: from then on no goal can reach what is left of the last trial."""
+        """Answer once Nav2 is down, so that no goal reaches the last trial."""
         self._failure = ""
-        if self._active:  # what is not up yet has nothing to forget
-            self._active, self._renewing = False, True
-            await self._change("RESET")
-            self._goal = self._plan = False
+        # A Nav2 that is not active yet has nothing to forget.
+        if self._is_active:
+            self._is_active = False
+            self._is_restarting = True
+            await self._change_state("RESET")
+            self._has_goal = False
+            self._has_plan = False
             self.executor.create_task(self._start)
-        response.success, response.message = not self._failure, self._failure
+        response.success = not self._failure
+        response.message = self._failure
         return response
 
     async def _start(self):
         if not self._failure:
-            await self._change("STARTUP")
-        self._renewing, self._asked = False, None
+            await self._change_state("STARTUP")
+        self._is_restarting = False
+        self._poll_answer = None
 
-    async def _change(self, name):
-        """Ask the lifecycle manager for STARTUP or RESET, and note it if not all its nodes have done it."""
-        self.get_logger().info(f"{name} of Nav2")
+    async def _change_state(self, command):
+        """Call the lifecycle manager with STARTUP or RESET and record a failure."""
+        self.get_logger().info(f"{command} of Nav2")
         request = ManageLifecycleNodes.Request(
-            command=getattr(ManageLifecycleNodes.Request, name)
+            command=getattr(ManageLifecycleNodes.Request, command)
         )
-        if not (await self._manage.call_async(request)).success:
-            self._failure = f"{self._manager} could not do {name}"
+        answer = await self._manage_client.call_async(request)
+        if not answer.success:
+            self._failure = f"{self._manager} could not do {command}"
             self.get_logger().error(self._failure)
 
     def _on_ready(self, _, response):
@@ -122,8 +143,8 @@ class TrialNode(Node):
 
 
 def main():
-    """Run the node until it is told to end."""
-    # rclpy ends the spinning on Ctrl-C; an exception on top of that could strike anywhere
+    """Run the node until SIGINT or SIGTERM."""
+    # rclpy ends the spinning on Ctrl-C. An exception in addition could strike anywhere.
     signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init()
     node = TrialNode()
@@ -131,7 +152,8 @@ def main():
         rclpy.spin(node)
     except ExternalShutdownException:
         pass
-    except Exception:  # whatever was under way may fail when its context is gone
+    except Exception:
+        # A callback that runs while the context goes away may fail; that is no error.
         if rclpy.ok():
             raise
     finally:

@@ -1,1 +1,1 @@
-"""Training in `barn/Jackal-v0`: batches and policy files for Stable-Baselines3, and worlds from easy to difficult."""
+"""Training in `barn/Jackal-v0`: Stable-Baselines3, and a curriculum of worlds."""

@@ -1,4 +1,4 @@
-"""Worlds from easy to difficult: those drawn at present, which become more with success."""
+"""A curriculum: worlds from easy to difficult, more of them with success."""
 
 from bisect import bisect_right
 from collections import deque
@@ -28,49 +28,55 @@ class CurriculumConfig(Checked):
 
 
 class Curriculum(gymnasium.Wrapper):  # type: ignore[type-arg, misc, unused-ignore]
-    """An environment whose worlds are drawn from easy (level 0) up to a `level` that rises with success.
+    """An environment whose worlds become harder with success.
 
-    env: `barn/Jackal-v0`, whose worlds are taken in the order of their numbers, which is that of their difficulty in
-    the shipped data sets.
+    Its worlds are ordered by number, which in the shipped data sets is the order of
+    their difficulty. They are drawn from the easiest (level 0) up to `level`.
     """
 
     def __init__(
         self, env: gymnasium.Env[Any, Any], config: CurriculumConfig | None = None
     ) -> None:
+        """Wrap an environment.
+
+        Args:
+            env: `barn/Jackal-v0` with all worlds of the curriculum.
+            config: Levels and success rate.
+        """
         super().__init__(env)
         self.config = config or CurriculumConfig()
-        self._jackal: Any = env.unwrapped
-        self._all = self._jackal.worlds
-        self._recent: deque[bool] = deque(maxlen=self.config.window)
         self.level = self.config.first_level
-        self._choose()
+        self._jackal: Any = env.unwrapped
+        self._worlds = self._jackal.worlds
+        self._successes: deque[bool] = deque(maxlen=self.config.window)
+        self._select_worlds()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Take the step, and take note of an episode's end."""
-        seen, reward, terminated, truncated, info = super().step(action)
+        """Take a step and record the success at the end of an episode."""
+        observation, reward, terminated, truncated, info = super().step(action)
         if terminated or truncated:
             self.record(info["is_success"])
-        return seen, reward, terminated, truncated, info
+        return observation, reward, terminated, truncated, info
 
     def record(self, success: bool) -> bool:
-        """Take note of an episode's end; raise the level and count anew once enough are successes; tell whether."""
-        self._recent.append(success)
-        full = len(self._recent) == self.config.window
-        if (
-            not full
-            or self.level >= 1.0
-            or sum(self._recent) < self.config.promotion_rate * self.config.window
-        ):
+        """Record the end of an episode; return whether that raises the level."""
+        self._successes.append(success)
+        if len(self._successes) < self.config.window or self.level >= 1.0:
+            return False
+        needed = self.config.promotion_rate * self.config.window
+        if sum(self._successes) < needed:
             return False
         self.widen()
         return True
 
     def widen(self) -> None:
-        """Raise the level by the configured step, and forget the episodes before."""
+        """Raise the level by a step and count successes from zero again."""
         self.level = min(1.0, self.level + self.config.step)
-        self._recent.clear()
-        self._choose()
+        self._successes.clear()
+        self._select_worlds()
 
-    def _choose(self) -> None:
-        levels = np.linspace(0.0, 1.0, len(self._all)) if len(self._all) > 1 else [0.0]
-        self._jackal.worlds = self._all[: bisect_right(levels, self.level + 1e-12)]
+    def _select_worlds(self) -> None:
+        # The easiest world has level 0, also if it is the only one.
+        levels = np.linspace(0.0, 1.0, len(self._worlds))
+        count = bisect_right(levels.tolist(), self.level + 1e-12)
+        self._jackal.worlds = self._worlds[:count]

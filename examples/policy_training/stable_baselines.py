@@ -1,9 +1,9 @@
-"""For Stable-Baselines3: a batch of environments, and what it has learned as a policy file."""
+"""Stable-Baselines3: a batch of environments, and models as policy files."""
 
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,36 +15,42 @@ from barn_planners.policy.file import Policy, write_policy
 from barn_worlds.base.errors import ConfigError
 from policy_training.curriculum import Curriculum, CurriculumConfig
 
+# Activations of policy files by the names of torch's modules.
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}
 
 
 class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
-    """`count` environments of a configuration that advance together.
+    """Environments of one configuration that advance together.
 
-    curriculum: how each draws its worlds; an episode that ends counts for those after the next, which has begun.
-
-    An episode begins anew in the step that ends it. The info of that step has `terminal_observation`,
-    `TimeLimit.truncated`, and `outcome` and `is_success` of the episode; other steps have none.
+    The step that ends an episode also begins the next one. Its info holds
+    `terminal_observation`, `TimeLimit.truncated`, `outcome` and `is_success` of the
+    episode that ended. The infos of other steps are empty.
     """
 
     def __init__(
         self, count: int, config: EnvConfig, curriculum: CurriculumConfig | None = None
     ) -> None:
+        """Make the environments.
+
+        Args:
+            count: Number of environments.
+            config: What each of them is.
+            curriculum: How each draws its worlds. An episode counts for the next but
+                one, since the next one has already begun when it ends.
+        """
         self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep")
-        self.curricula = (
-            [Curriculum(env, curriculum) for env in self._batch.envs]
-            if curriculum
-            else []
-        )
-        super().__init__(
-            [partial(self._batch.envs.__getitem__, k) for k in range(count)]
-        )
+        envs = self._batch.envs
+        self.curricula: list[Curriculum] = []
+        if curriculum is not None:
+            self.curricula = [Curriculum(env, curriculum) for env in envs]
+        super().__init__([partial(envs.__getitem__, index) for index in range(count)])
 
     def reset(self) -> npt.NDArray[np.float32]:
-        """Begin episodes in all environments."""
-        seen: npt.NDArray[np.float32] = self._batch.reset(seed=self._seeds)[0]
+        """Begin episodes in all environments and return their observations."""
+        observations: npt.NDArray[np.float32]
+        observations, _ = self._batch.reset(seed=self._seeds)
         self._reset_seeds()
-        return seen
+        return observations
 
     def step_wait(
         self,
@@ -54,98 +60,125 @@ class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
         npt.NDArray[np.bool_],
         list[dict[str, Any]],
     ]:
-        """Take the step."""
-        seen, rewards, terminated, truncated, told = self._batch.step(self.actions)
+        """Take the step; return observations, rewards, ends and infos."""
+        observations, rewards, terminated, truncated, batch_info = self._batch.step(
+            self.actions
+        )
+        is_done = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for k in np.flatnonzero(terminated | truncated).tolist():
-            final = told["final_info"]
-            infos[k] = {
-                "terminal_observation": told["final_obs"][k],
-                "TimeLimit.truncated": bool(truncated[k]),
-                "outcome": final["outcome"][k],
-                "is_success": bool(final["is_success"][k]),
+        for index in np.flatnonzero(is_done).tolist():
+            final_info = batch_info["final_info"]
+            is_success = bool(final_info["is_success"][index])
+            infos[index] = {
+                "terminal_observation": batch_info["final_obs"][index],
+                "TimeLimit.truncated": bool(truncated[index]),
+                "outcome": final_info["outcome"][index],
+                "is_success": is_success,
             }
             if self.curricula:
-                self.curricula[k].record(infos[k]["is_success"])
-        return seen, rewards.astype(np.float32), terminated | truncated, infos
+                self.curricula[index].record(is_success)
+        return observations, rewards.astype(np.float32), is_done, infos
 
     def close(self) -> None:
-        """Release the environments."""
+        """Close the environments."""
         self._batch.close()
+
+
+class _Actor(NamedTuple):
+    """The part of a model that acts."""
+
+    modules: list[Any]  # from the observation to the mean of the action
+    squashes: bool  # whether tanh follows
 
 
 def export_policy(
     model: Any, config: EnvConfig, path: Path, about: Mapping[str, Any] | None = None
 ) -> Policy:
-    """Write what a model has learned as a policy file and return it; ConfigError for what it cannot hold.
+    """Write the actor of a model as a policy file.
 
-    model: of PPO, A2C, SAC, TD3 or DDPG with an "MlpPolicy", trained in an environment of this `config`. about: for
-    people.
+    Args:
+        model: PPO, A2C, SAC, TD3 or DDPG with an "MlpPolicy".
+        config: Configuration of the environment that it was trained in.
+        path: Policy file to write.
+        about: Notes for people.
+
+    Returns:
+        The policy in the file.
+
+    Raises:
+        ConfigError: If a policy file cannot hold the actor.
     """
-    normalising = model.get_vec_normalize_env()
-    if normalising is not None and normalising.norm_obs:
+    _check_inputs(model)
+    actor = _find_actor(model.policy)
+    modules = actor.modules
+    squashes = actor.squashes
+    if _kind(modules[-1]) == "Tanh":
+        modules = modules[:-1]
+        squashes = True
+
+    layers = modules[::2]
+    activations = {_kind(module) for module in modules[1::2]}
+    is_linear = {_kind(layer) for layer in layers} == {"Linear"}
+    if not is_linear or len(activations) > 1 or not activations <= _ACTIVATIONS.keys():
+        allowed = ", ".join(_ACTIVATIONS)
+        kinds = ", ".join(_kind(module) for module in modules)
         raise ConfigError(
-            "VecNormalize: observations are in [-1, 1] already; train with norm_obs=False"
+            f"policy must be linear layers with one of {allowed} between, got {kinds}"
         )
-    extractor = type(
-        getattr(model.policy, "features_extractor", None)
-        or model.policy.actor.features_extractor
-    )
-    if extractor.__name__ != "FlattenExtractor":
-        raise ConfigError(
-            f"features extractor must be FlattenExtractor, as MlpPolicy has it, got {extractor.__name__}"
-        )
-    modules, squash = _modules(model.policy)
-    if type(modules[-1]).__name__ == "Tanh":
-        modules, squash = modules[:-1], True
-    layers, activations = (
-        modules[::2],
-        {type(module).__name__ for module in modules[1::2]},
-    )
-    kinds = {type(layer).__name__ for layer in layers}
-    if (
-        kinds != {"Linear"}
-        or len(activations) > 1
-        or not activations <= set(_ACTIVATIONS)
-    ):
-        found = ", ".join(type(module).__name__ for module in modules)
-        raise ConfigError(
-            f"policy must be linear layers with one of {', '.join(_ACTIVATIONS)} between, got {found}"
-        )
-    made = Policy(
+
+    # A single layer has no activation; the file names one all the same.
+    activation = _ACTIVATIONS[activations.pop()] if activations else "tanh"
+    notes = {"algorithm": _kind(model), "steps": int(model.num_timesteps)}
+    policy = Policy(
         config.observation,
         config.action,
-        tuple(np.ascontiguousarray(_numbers(layer.weight).T) for layer in layers),
-        tuple(_numbers(layer.bias) for layer in layers),
-        _ACTIVATIONS[activations.pop()] if activations else "tanh",
-        "tanh" if squash else "clip",
-        {
-            "algorithm": type(model).__name__,
-            "steps": int(model.num_timesteps),
-            **(about or {}),
-        },
+        tuple(np.ascontiguousarray(_to_array(layer.weight).T) for layer in layers),
+        tuple(_to_array(layer.bias) for layer in layers),
+        activation,
+        "tanh" if squashes else "clip",
+        {**notes, **(about or {})},
         "model",
     )
-    write_policy(path, made)
-    return made
+    write_policy(path, policy)
+    return policy
 
 
-def _modules(policy: Any) -> tuple[list[Any], bool]:
-    """Return the modules from the observation to the mean of the action, and whether tanh follows."""
-    if hasattr(policy, "mlp_extractor"):  # on-policy algorithms
-        return [*policy.mlp_extractor.policy_net, policy.action_net], bool(
-            policy.squash_output
+def _check_inputs(model: Any) -> None:
+    """Check that the actor gets observations as the environment makes them."""
+    normalization = model.get_vec_normalize_env()
+    if normalization is not None and normalization.norm_obs:
+        raise ConfigError(
+            "VecNormalize: observations are in [-1, 1] already; "
+            "train with norm_obs=False"
         )
+    extractor = getattr(model.policy, "features_extractor", None)
+    kind = _kind(extractor or model.policy.actor.features_extractor)
+    if kind != "FlattenExtractor":
+        raise ConfigError(
+            "features extractor must be FlattenExtractor, as MlpPolicy has it, "
+            f"got {kind}"
+        )
+
+
+def _find_actor(policy: Any) -> _Actor:
+    # On-policy algorithms: PPO, A2C.
+    if hasattr(policy, "mlp_extractor"):
+        modules = [*policy.mlp_extractor.policy_net, policy.action_net]
+        return _Actor(modules, bool(policy.squash_output))
     actor: Any = getattr(policy, "actor", None)
-    if hasattr(actor, "latent_pi"):  # SAC
-        return [*actor.latent_pi, actor.mu], True
-    if hasattr(actor, "mu"):  # TD3, DDPG
-        return [*actor.mu], False
-    raise ConfigError(f"{type(policy).__name__} has no actor that could be exported")
+    # SAC.
+    if hasattr(actor, "latent_pi"):
+        return _Actor([*actor.latent_pi, actor.mu], squashes=True)
+    # TD3, DDPG.
+    if hasattr(actor, "mu"):
+        return _Actor([*actor.mu], squashes=False)
+    raise ConfigError(f"{_kind(policy)} has no actor that could be exported")
 
 
-def _numbers(tensor: Any) -> np.ndarray[Any, np.dtype[np.float32]]:
-    numbers: np.ndarray[Any, np.dtype[np.float32]] = (
-        tensor.detach().cpu().numpy().astype(np.float32)
-    )
-    return numbers
+def _kind(module: Any) -> str:
+    return type(module).__name__
+
+
+def _to_array(tensor: Any) -> npt.NDArray[np.float32]:
+    array: npt.NDArray[np.float32] = tensor.detach().cpu().numpy().astype(np.float32)
+    return array

@@ -14,10 +14,8 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=[
-        "numpy",
-        "numba",
-    ],  # and the suite, which is barn-suite or barn_planners, as it was installed
+    # The suite is not listed: it is barn-suite or barn_planners, as it was installed.
+    install_requires=["numpy", "numba"],
     zip_safe=False,
     entry_points={
         "barn_planners.planners": [

@@ -103,7 +103,8 @@ def collected() -> dict[str, Any]:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def main(goal: float, as_json: bool) -> None:
     """Report the branches that tests reach."""
-    found, reasons = counted(collected()), yaml.safe_load(REASONS.read_text("utf-8"))
+    found = counted(collected())
+    reasons = yaml.safe_load(REASONS.read_text("utf-8"))
     whys = by_reason(found["all"].missing, reasons)
     if as_json:
         content = {

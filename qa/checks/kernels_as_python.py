@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_sim.body import tyres
-from barn_sim.motion import state
+from barn_sim.body import state, tires
 
 _whole = state.Fleet.of.__func__  # type: ignore[attr-defined]
 
@@ -31,4 +30,4 @@ def _rounded_once(a: float, b: float, c: float) -> float:
 
 made: Any = state.Fleet
 made.of = classmethod(_with_attributes)
-tyres.fused = _rounded_once
+tires.fused = _rounded_once

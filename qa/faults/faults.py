@@ -32,8 +32,12 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-BEGIN, END = "<!-- fault table -->", "<!-- end of the fault table -->"
-PASSED, FAILED, SKIPPED, UNTRIED = "passed", "failed", "skipped", "not tried"
+BEGIN = "<!-- fault table -->"
+END = "<!-- end of the fault table -->"
+PASSED = "passed"
+FAILED = "failed"
+SKIPPED = "skipped"
+UNTRIED = "not tried"
 _MEASURED = 160  # characters of the table
 
 
@@ -54,14 +58,18 @@ def tried(case: Case, kept: Path, labs: list[Lab]) -> Outcome:
     labs.append(lab)
     began = time.monotonic()
     try:
-        status, measured = PASSED, case.act(lab)
+        status = PASSED
+        measured = case.act(lab)
         lab.nothing_left()
     except Skipped as reason:
-        status, measured = SKIPPED, str(reason)
+        status = SKIPPED
+        measured = str(reason)
     except Wrong as wrong:
-        status, measured = FAILED, str(wrong)
+        status = FAILED
+        measured = str(wrong)
     except Exception as error:  # a case is not to end the others
-        status, measured = FAILED, f"{type(error).__name__}: {error}"
+        status = FAILED
+        measured = f"{type(error).__name__}: {error}"
     duration_s = time.monotonic() - began
     lab.end_all()
     labs.remove(lab)

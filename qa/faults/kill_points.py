@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from barn_eval.results.rows import ResultRows
+from barn_eval.results.rows import RowFile
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BarnError
 
@@ -39,10 +39,8 @@ ROLES = {
     "ros": ("campaign", "worker", "guard", "simulator", "planner", "evaluator"),
 }
 # What is waited for in wall-clock time is waited for longer than usual: a busy machine is not what is looked at.
-PATIENT, PATIENCE_S = (
-    ("simulator", "gate", "service", "command", "clock", "vanished"),
-    300,
-)
+PATIENT = ("simulator", "gate", "service", "command", "clock", "vanished")
+PATIENCE_S = 300
 SESSIONS = 5  # most, until a campaign must be complete
 LEFT_S = 60.0  # time that processes have to end after one of them was killed
 SESSION_S = 600.0  # after which a session hangs
@@ -180,7 +178,7 @@ def compared(point: Point, out: Path, model: Path) -> Point:
         problems = check_folder(out).problems
         died = [
             one.trial_id
-            for one in ResultRows(out).read()
+            for one in RowFile(out).read()
             if one.detail == "the planner was killed by SIGKILL"
         ]
     except BarnError as error:
@@ -226,7 +224,8 @@ def drawn(
     found = []
     for number in range(points):
         mode = modes[number % len(modes)]
-        role, at_s = draw.choice(ROLES[mode]), draw.uniform(0.0, durations_s[mode])
+        role = draw.choice(ROLES[mode])
+        at_s = draw.uniform(0.0, durations_s[mode])
         found.append(Point(mode, role, round(at_s, 3)))
     return found
 
@@ -304,10 +303,8 @@ def table(points: Sequence[Point]) -> Table:
     ):
         own = [one for one in points if (one.mode, one.role) == (mode, role)]
         died = sum(bool(one.planner_died) for one in own)
-        sessions, longest_s = (
-            max(one.sessions for one in own),
-            max(one.seconds for one in own),
-        )
+        sessions = max(one.sessions for one in own)
+        longest_s = max(one.seconds for one in own)
         equal = sum(one.equal for one in own)
         shown.add_row(mode, role, *map(str, (number, equal, died, sessions, longest_s)))
     return shown

@@ -38,7 +38,8 @@ from rich.table import Table
 from scipy.stats import linregress, t
 
 WORLDS = 10
-BLOCKS, SETTLED = 20, 0.1
+BLOCKS = 20
+SETTLED = 0.1
 ALLOWED_SHARE = 0.05  # growth of memory that is allowed over a whole run, of its mean
 ALLOWED_COUNT = 1.0  # of handles, threads and files
 _PERIOD_S = 1.0
@@ -62,7 +63,8 @@ Sample = dict[str, float]
 
 def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growth:
     """Return the growth of a quantity over a run; ValueError with fewer samples than blocks."""
-    x, y = np.asarray(trials, float), np.asarray(values, float)
+    x = np.asarray(trials, float)
+    y = np.asarray(values, float)
     settled = x >= SETTLED * x[-1]
     x, y = x[settled], y[settled]
     if len(x) < BLOCKS:
@@ -114,11 +116,9 @@ def run(
     """
     with tempfile.TemporaryDirectory(prefix="barn_long_run_") as name:
         folder = Path(name)
-        mark, temporary, rows = (
-            folder.name,
-            folder / "tmp",
-            folder / "out" / "results.jsonl",
-        )
+        mark = folder.name
+        temporary = folder / "tmp"
+        rows = folder / "out" / "results.jsonl"
         segments: set[str] = (
             set()
         )  # of shared memory that one of the processes was seen to use
@@ -201,7 +201,8 @@ def main(
 ) -> None:
     """Run trials for long; exit code 1 if something grows or is left behind."""
     console = Console(stderr=True)
-    report, good = {}, True
+    report = {}
+    good = True
     for mode, trials in (("direct", direct), ("ros", ros)):
         if not trials:
             continue

@@ -60,7 +60,7 @@ def marked(mark: str) -> list[Seen]:
 def role(arguments: Sequence[str]) -> str:
     """Return what a process of ours is for, by its command line; "other" where that is none of the known ones."""
     scripts = [argument.rsplit("/", 1)[-1] for argument in arguments[1:4]]
-    if "guard.py" in scripts:
+    if "launcher.py" in scripts:
         return "guard"
     if "barn_eval.running.worker" in scripts:
         return "worker"

@@ -16,11 +16,17 @@ from matplotlib.figure import Figure
 
 from barn_eval.commands.options import console
 from barn_eval.commands.tables import FittedTable, table
-from barn_eval.pages.figures import label_axes, new_figure, plain, style, write_figure
+from barn_eval.pages.figures import (
+    label_axes,
+    new_figure,
+    plain_text,
+    style,
+    write_figure,
+)
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 # By which side has failures among its trials of the world: (ours, published).
@@ -79,7 +85,7 @@ def _panel(axes: Axes, one: Calibration, limits: tuple[float, float]) -> None:
             edgecolor=colour,
             label=label,
         )
-    title = f"{plain(one.label)}: Spearman {one.correlation.estimate:.2f} over {len(one.worlds)} worlds"
+    title = f"{plain_text(one.label)}: Spearman {one.correlation.estimate:.2f} over {len(one.worlds)} worlds"
     label_axes(axes, "published mean time of a world [s]", "our mean time [s]", title)
     axes.set(xlim=limits, ylim=limits, box_aspect=1.0)
 
@@ -88,7 +94,7 @@ def _table(one: Calibration) -> FittedTable:
     sides = (one.ours, one.published)
     rows = (
         ("trials", *(str(side.trials) for side in sides)),
-        ("failures [%]", *(side.failure_share.scaled(100.0).text(1) for side in sides)),
+        ("failures [%]", *(side.failure_share.scale(100.0).text(1) for side in sides)),
         (
             "mean time per metre [s/m]",
             *(side.normalised_s_per_m.text() for side in sides),
@@ -154,7 +160,7 @@ def main(
     except BarnError as error:
         raise click.ClickException(str(error)) from None
     if as_json:
-        click.echo(json.dumps(finite(as_dict(report)), indent=2))
+        click.echo(json.dumps(make_json_safe(as_dict(report)), indent=2))
         return
     console.print(*map(_table, report.planners))
     for joint in report.joint:

@@ -15,7 +15,7 @@ from barn_eval.analysis.statistics import (
     rank_correlation,
     repetition_spread,
 )
-from barn_metrics.bootstrap import Interval, over_worlds
+from barn_metrics.bootstrap import Interval, bootstrap_interval
 from barn_metrics.model.evaluation import determination
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -278,7 +278,7 @@ def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
         np.array(list(_by_world(side, side.normalised_s_per_m).values()))
         for side in (ours, published)
     )
-    ratio = over_worlds(
+    ratio = bootstrap_interval(
         lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine)
     )
     low, high = (

@@ -13,13 +13,13 @@ from dataclasses import replace
 import click
 import numpy as np
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import open_dataset
 
 STEPS = 120
 
@@ -30,7 +30,9 @@ def episode(
     """Yield the state after every step of an episode as bytes, which decides the world, the start and the commands."""
     rng = np.random.default_rng(seed)
     dataset = open_dataset("barn300")
-    world = dataset.load(dataset.indices[rng.integers(len(dataset.indices))])
+    world = dataset.load(
+        dataset.world_numbers[rng.integers(len(dataset.world_numbers))]
+    )
     preset = with_robot(PRESETS["default"], robot)
     config = replace(
         preset, obstacles=replace(preset.obstacles, movable=bool(rng.integers(2)))
@@ -51,7 +53,8 @@ def episode(
         simulator.command(command)
         simulator.advance(10)
         moved = simulator.moved_obstacles()
-        truth, odometry = simulator.read_truth(), simulator.read_odometry()
+        truth = simulator.read_truth()
+        odometry = simulator.read_odometry()
         said = repr(
             (truth, odometry, simulator.read_collision(), simulator.read_joints())
         ).encode()
@@ -96,11 +99,9 @@ def first_difference(
 )
 def main(episodes: int, first: int, robot: str) -> None:
     """Compare episodes and exit with 1 if any differs."""
-    clients, different, driven = (
-        (PhysicsClient(), PhysicsClient()),
-        0,
-        load_robot(robot),
-    )
+    clients = (PhysicsClient(), PhysicsClient())
+    different = 0
+    driven = load_robot(robot)
     with click.progressbar(range(first, first + episodes)) as seeds:
         for seed in seeds:
             step = first_difference(seed, driven, clients)

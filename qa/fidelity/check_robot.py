@@ -18,8 +18,8 @@ from planar import Planar
 from rich.console import Console
 from rich.table import Table
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
@@ -29,7 +29,8 @@ from barn_worlds.worlds.world import World
 
 LARGEST_DEVIATION = 0.03
 _START = Pose2D(200.0, 0.0, 0.3)  # far from everything in a world
-_SETTLED_S, _MEASURED_S = 1.0, 1.0
+_SETTLED_S = 1.0
+_MEASURED_S = 1.0
 _SLIPS_S = 4.0  # that a skid-steer robot takes for a steady arc
 _SIDEWAYS = 0.3  # share of the friction that an arc may take
 _LAGS = 6.0  # after so many time constants motors have followed
@@ -85,8 +86,10 @@ class _SelfTest:
         )  # scans that take no time
 
     def straight(self) -> Iterator[Measured]:
-        speed, simulator = self._robot.drive.max_speed_m_s, self._simulator()
-        start, settling_s = simulator.sense().truth.pose, self._settling_s(speed)
+        speed = self._robot.drive.max_speed_m_s
+        simulator = self._simulator()
+        start = simulator.sense().truth.pose
+        settling_s = self._settling_s(speed)
         reached, covered = self._theory.go(speed, settling_s)
         self._drive(simulator, Velocity2D(speed, 0.0), settling_s)
         gone = simulator.sense().truth.pose.distance(start)
@@ -103,7 +106,8 @@ class _SelfTest:
         )
 
     def turn(self) -> Iterator[Measured]:
-        simulator, turn = self._simulator(), 0.5 * self._robot.drive.max_yaw_rate_rad_s
+        simulator = self._simulator()
+        turn = 0.5 * self._robot.drive.max_yaw_rate_rad_s
         command = Velocity2D(0.0, turn)
         self._drive(simulator, command, self._settling_s(0.0, turn))
         rate = self._drive(simulator, command, _MEASURED_S)[1]
@@ -139,7 +143,8 @@ class _SelfTest:
         yield from self._steady("arc to the right", speed, -0.5 * turn)
 
     def _steady(self, manoeuvre: str, speed: float, turn: float) -> Iterator[Measured]:
-        simulator, command = self._simulator(), Velocity2D(speed, turn)
+        simulator = self._simulator()
+        command = Velocity2D(speed, turn)
         slips_s = _SLIPS_S if self._robot.chassis.kind == "skid_steer" else 0.0
         self._drive(simulator, command, self._settling_s(speed, turn) + slips_s)
         driven = self._drive(simulator, command, _MEASURED_S)
@@ -184,7 +189,8 @@ class _SelfTest:
 
 def show(found: Robot, driven: list[Measured]) -> None:
     """Print how a robot drove, and whether that is as theory says."""
-    drive, chassis = found.drive, found.chassis
+    drive = found.drive
+    chassis = found.chassis
     size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
     limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
     click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")

@@ -22,8 +22,13 @@ from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.base.errors import BarnError, ConfigError, reported_as, shown
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.base.errors import (
+    BarnError,
+    ConfigError,
+    convert_os_errors,
+    format_value,
+)
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 # How failures stand in the paper's table: exactly 30 s, or cut off at 50 s.
@@ -71,7 +76,7 @@ def read_published(path: Path) -> dict[str, TimedTrials]:
     """Return the published trials by planner; ConfigError in one line for a file that is no such table."""
     lengths: dict[int, float] = {}
     times: dict[str, list[tuple[int, float]]] = {}
-    with reported_as(ConfigError, path), path.open(newline="") as file:
+    with convert_os_errors(ConfigError, path), path.open(newline="") as file:
         for line, row in enumerate(csv.DictReader(file, strict=True), 2):
             where = f"{path}, line {line}"
             world = int(_above(-1.0, where, "world", row))
@@ -105,14 +110,15 @@ def _above(low: float, where: str, column: str, row: Mapping[str, str]) -> float
         value = math.nan
     if not low < value < math.inf:
         raise ConfigError(
-            f"{where}: {column} must be a number above {low:g}, got {shown(row.get(column))}"
+            f"{where}: {column} must be a number above {low:g}, got {format_value(row.get(column))}"
         )
     return value
 
 
 def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
     """Return the worlds of a table, by number, and the trials in them; ConfigError for worlds with other paths."""
-    published, dataset = read_published(path), open_dataset(path.resolve().parent)
+    published = read_published(path)
+    dataset = open_dataset(path.resolve().parent)
     first = next(iter(published.values()))
     worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
     if (

@@ -37,7 +37,9 @@ from barn_worlds.base.types import (
 )
 
 DEPTHS = ("controller", "plan", "observations")
-TIGHT, LOOSE = (0.005, 0.01), (0.02, 0.05)  # tolerances in m/s and rad/s
+# tolerances in m/s and rad/s
+TIGHT = (0.005, 0.01)
+LOOSE = (0.02, 0.05)
 PRESET = "paper2020"
 _PLACE_M = 1e-4
 _ROUNDED_M = 1e-6  # recordings keep places in single precision
@@ -96,10 +98,8 @@ class Recording:
         x, y, yaw, speed, turn = recorded["odometry"][cycle].tolist()
         stamp_ns = int(recorded["stamp_ns"][cycle])
         odometry = Odometry(stamp_ns, Pose2D(x, y, yaw), Velocity2D(speed, turn))
-        angles, limits = (
-            (self.number("angle_min"), self.number("angle_increment")),
-            (self.number("range_min"), self.number("range_max")),
-        )
+        angles = (self.number("angle_min"), self.number("angle_increment"))
+        limits = (self.number("range_min"), self.number("range_max"))
         scan = Scan(
             int(recorded["scan_stamp_ns"][cycle]),
             recorded["ranges"][cycle],
@@ -172,7 +172,8 @@ class _RecordedPlans(GlobalPlanner):
     """A global planner that returns the plans of a recording; poses but the goal have yaw 0."""
 
     def __init__(self, recording: Recording):
-        self._recording, self.cycle = recording, 0
+        self._recording = recording
+        self.cycle = 0
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
         """Return the plan of the cycle."""
@@ -199,10 +200,8 @@ class Cycle:
 
     def within(self, tolerance: tuple[float, float]) -> bool:
         """Tell whether the commands are equal within m/s and rad/s."""
-        speed, turn = (
-            abs(self.ours.linear - self.original.linear),
-            abs(self.ours.angular - self.original.angular),
-        )
+        speed = abs(self.ours.linear - self.original.linear)
+        turn = abs(self.ours.angular - self.original.angular)
         return speed <= tolerance[0] and turn <= tolerance[1]
 
     def __str__(self) -> str:
@@ -237,7 +236,8 @@ class Replay(NavigationPlanner):
         made = planner_entry(recording.planner).build(config)
         assert isinstance(made, NavigationPlanner)
         super().__init__(config, made.controller)
-        self._recording, self._depth = recording, depth
+        self._recording = recording
+        self._depth = depth
         self._given: list[_RecordedCosts | _RecordedPlans] = []
         self.start(recording.task, seed=0)
 
@@ -246,12 +246,14 @@ class Replay(NavigationPlanner):
         super().start(task, seed)
         recorded = self._recording
         if self._depth != "observations":
-            self._local = _RecordedCosts(self._local, recorded, "local")
-            self._global = _RecordedCosts(self._global, recorded, "global")
-            self._given += [self._local, self._global]
+            self._local_costmap = _RecordedCosts(self._local_costmap, recorded, "local")
+            self._global_costmap = _RecordedCosts(
+                self._global_costmap, recorded, "global"
+            )
+            self._given += [self._local_costmap, self._global_costmap]
         if self._depth == "controller":
-            self._planner = _RecordedPlans(recorded)
-            self._given.append(self._planner)
+            self._global_planner = _RecordedPlans(recorded)
+            self._given.append(self._global_planner)
 
     def compare(self) -> Iterator[Cycle]:
         """Yield the driving cycles: those in which the original's local planner was asked and sent a command."""
@@ -266,10 +268,14 @@ class Replay(NavigationPlanner):
                 yield self._compared(number, sent, original)
 
     def _compared(self, number: int, sent: Velocity2D, original: Velocity2D) -> Cycle:
-        recorded, band = self._recording, self.controller.view().band
+        recorded = self._recording
+        band = self.controller.view().band
         local, whole = (
             int((ours.costs != recorded.costs(name)[number]).sum())
-            for ours, name in ((self._local, "local"), (self._global, "global"))
+            for ours, name in (
+                (self._local_costmap, "local"),
+                (self._global_costmap, "global"),
+            )
         )
         plan = np.empty((0, 2)) if self._plan is None else self._plan[:, :2]
         bubbles = np.empty((0, 3)) if band is None else band

@@ -32,7 +32,8 @@ CORPUS = Path(__file__).parent / "corpus"
 LIMIT_S = float(
     os.environ.get("FUZZ_LIMIT_S", "2")
 )  # of processor time, which a busy machine stretches
-LIMIT_BYTES, LONGEST_MESSAGE = 1 << 30, 2000
+LIMIT_BYTES = 1 << 30
+LONGEST_MESSAGE = 2000
 _HANGS_S = 20.0  # of processor time, after which a child is killed
 _NUMBER, _READ = (
     0,
@@ -46,11 +47,13 @@ def finding(reader: Reader, path: Path) -> tuple[str, bool]:
     try:
         reader.read(path)
     except BarnError as error:
-        text, read = str(error), False
+        text = str(error)
+        read = False
     except Exception:
         return traceback.format_exc(), False
     else:
-        text, read = "", True
+        text = ""
+        read = True
     if "\n" in text or len(text) > LONGEST_MESSAGE:
         return (
             f"message of {len(text)} characters, or of several lines: {text[:300]!r}",
@@ -139,12 +142,14 @@ def keep(out: Path, name: str, content: bytes, complaint: str) -> str:
 
 def _watched(child: Any, shared: Any) -> str:
     """Wait for a child and return why it was killed, if it was: an input that takes far too long."""
-    at, since_s = -1, 0.0
+    at = -1
+    since_s = 0.0
     while child.is_alive():
         child.join(0.5)
         used_s = _processor_s(child.pid)
         if shared[_NUMBER] != at:
-            at, since_s = shared[_NUMBER], used_s
+            at = shared[_NUMBER]
+            since_s = used_s
         elif used_s - since_s > _HANGS_S:
             child.kill()
             child.join()

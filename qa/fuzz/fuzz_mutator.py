@@ -124,7 +124,8 @@ def mutated_plain(draw: random.Random, content: Any) -> Any:
 
 
 def _change_plain(draw: random.Random, holder: Any) -> None:
-    parent, key = holder, 0
+    parent = holder
+    key = 0
     while (
         isinstance(parent[key], (dict, list)) and parent[key] and draw.random() < 0.85
     ):

@@ -20,30 +20,30 @@ from rosbags import rosbag2
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.tables import trials_table
-from barn_eval.pages.replay.page import facts, subtitle
-from barn_eval.pages.replay.payload import payload
+from barn_eval.pages.replay.page import describe, list_facts
+from barn_eval.pages.replay.payload import make_payload
 from barn_eval.pages.template import script_json
 from barn_eval.results.bags.decode import TOPICS
-from barn_eval.results.bags.recorded import read_recorded
-from barn_eval.results.folder import opened
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.rows import (
-    ResultRows,
-    TrackRows,
+    RowFile,
+    TrackFile,
     results_table,
-    sealed,
+    seal_line,
     timing_table,
-    unsealed,
+    unseal_line,
 )
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.store import Record
-from barn_eval.results.tracks import from_track_line, track_line
+from barn_eval.results.store import TrialRecord
+from barn_eval.results.tracks import parse_track_line, track_line
 from barn_eval.running.request import read_request
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, load_protocol
 from barn_eval.trials.result import from_json_line, to_json_line
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 from barn_metrics.model import load_model
 from barn_metrics.model.inputs import STRIPS, summary_names
 from barn_metrics.model.predictor import DifficultyModel, RouteNetwork
@@ -55,16 +55,16 @@ from barn_sim.body.model import description_text
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.formats.map_server import grid_of, read_map, write_map
-from barn_worlds.formats.own import write_own
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.formats.map_server import extract_grid, read_map, write_map
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.formats.single import read_world
 from barn_worlds.formats.world_yaml import world_yaml
-from barn_worlds.messages.cdr import jazzy_types, make, serialise
+from barn_worlds.messages.cdr import jazzy_types, make_message, serialize
 from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
-from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.robots.urdf import chassis_of
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.robots.files import find_robot_files, load_robot
+from barn_worlds.robots.urdf import read_chassis
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 
@@ -103,7 +103,7 @@ def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
         return mutated(draw, data, others)
     number = draw.randrange(len(lines))
     try:
-        line = unsealed(lines[number].decode(), "")
+        line = unseal_line(lines[number].decode(), "")
         content = (
             _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
         )
@@ -113,7 +113,7 @@ def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
             else _json(draw, line.encode(), others)
         )
         if draw.random() < 0.5:
-            changed = sealed(changed.decode()).encode()
+            changed = seal_line(changed.decode()).encode()
         lines[number] = changed
     except (ValueError, ConfigError):
         return mutated(draw, data, others)
@@ -144,7 +144,8 @@ def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     if name.endswith(".json"):
         members[name] = _json(draw, members[name], [members[name]])
     else:
-        head, rest = members[name][:128], members[name][128:]
+        head = members[name][:128]
+        rest = members[name][128:]
         members[name] = (
             mutated(draw, head, [head]) + rest
             if draw.random() < 0.7
@@ -166,7 +167,7 @@ def _files(*paths: Path) -> list[bytes]:
 
 
 def _world() -> Any:
-    return open_dataset("barn_test").load(open_dataset("barn_test").indices[0])
+    return open_dataset("barn_test").load(open_dataset("barn_test").world_numbers[0])
 
 
 def _scene() -> Any:
@@ -177,12 +178,12 @@ def _scene() -> Any:
 
 def _experiment(folder: Path) -> Path:
     """Make a folder of an experiment in which every trial timed out, with tracks."""
-    asked = Experiment(
+    asked = RunConfig(
         worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa"))
     )
     specs = asked.trials()
     out = folder / "experiment"
-    with opened(out, asked, Execution(), specs) as kept:
+    with ResultsFolder.open(out, asked, ExecutionConfig(), specs) as kept:
         for spec in specs:
             steps = np.linspace(0.0, 2.0, 40)
             driven = Trajectory(
@@ -192,10 +193,10 @@ def _experiment(folder: Path) -> Path:
                 np.full((40, 2), 0.5),
                 np.zeros(40, bool),
             )
-            finished = conclude(
+            finished = finish_trial(
                 spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
             )
-            kept.append(Record(finished.result, track_line(finished)))
+            kept.append(TrialRecord(finished.result, track_line(finished)))
         kept.complete()
     return out
 
@@ -209,7 +210,7 @@ def _beside(folder: Path, name: str) -> list[bytes]:
 
 
 def _rows(path: Path) -> None:
-    found = ResultRows(path.parent).read()
+    found = RowFile(path.parent).read()
     results_table(found), timing_table(found), trials_table(found, "").csv()
     for one in found:
         assert from_json_line(to_json_line(one), "") == one
@@ -217,19 +218,19 @@ def _rows(path: Path) -> None:
 
 
 def _tracks(path: Path) -> None:
-    for line in TrackRows(path.parent).read().values():
-        assert from_track_line(line, "")[1].packed
+    for line in TrackFile(path.parent).read().values():
+        assert parse_track_line(line, "")[1].packed
 
 
 def _run(path: Path) -> None:
-    RunFile.read(path.parent).configuration()
+    RunFile.read(path.parent).run_config()
     assert read_source(path.parent).results
 
 
 def _request(path: Path) -> None:
-    asked = read_request(path, {}).experiment
+    asked = read_request(path, {}).config
     for planner in asked.planners:
-        asked.settings(planner)
+        asked.resolve_planner(planner)
 
 
 def _protocol(path: Path) -> None:
@@ -269,7 +270,7 @@ def _protocol_seeds(_: Path) -> list[bytes]:
 
 
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
-    jackal = shipped_robots()["jackal"]
+    jackal = find_robot_files()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
     return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
 
@@ -279,7 +280,7 @@ def _robot(path: Path) -> None:
 
 
 def _urdf(path: Path) -> None:
-    chassis_of(path)
+    read_chassis(path)
 
 
 def _bag_seeds(_: Path) -> list[bytes]:
@@ -307,7 +308,7 @@ def _bag_seeds(_: Path) -> list[bytes]:
                 writer.add_message(
                     channel,
                     time * 10**8,
-                    serialise(_message(make, kind, time)),
+                    serialize(_message(make_message, kind, time)),
                     time * 10**8,
                 )
         writer.add_metadata(
@@ -323,39 +324,49 @@ def _bag_seeds(_: Path) -> list[bytes]:
     return found
 
 
-def _message(make: Any, kind: str, time: int) -> Any:
+def _message(make_message: Any, kind: str, time: int) -> Any:
     """Return a message of a type that a replay shows something of."""
     if kind == "sensor_msgs/msg/LaserScan":
-        return make(
+        return make_message(
             kind,
             ranges=np.full(20, 2.0, np.float32),
             angle_increment=0.1,
             range_max=30.0,
         )
     if kind == "nav_msgs/msg/OccupancyGrid":
-        info = make("nav_msgs/msg/MapMetaData", width=4, height=3, resolution=0.15)
-        return make(kind, info=info, data=np.zeros(12, np.int8))
-    if kind == "nav_msgs/msg/Path":
-        return make(kind, poses=[make("geometry_msgs/msg/PoseStamped")] * 3)
-    if kind == "visualization_msgs/msg/MarkerArray":
-        point = make("geometry_msgs/msg/Point", x=0.1 * time)
-        return make(
-            kind,
-            markers=[make("visualization_msgs/msg/Marker", type=4, points=[point] * 3)],
+        info = make_message(
+            "nav_msgs/msg/MapMetaData", width=4, height=3, resolution=0.15
         )
-    if kind == "tf2_msgs/msg/TFMessage":
-        return make(
+        return make_message(kind, info=info, data=np.zeros(12, np.int8))
+    if kind == "nav_msgs/msg/Path":
+        return make_message(
+            kind, poses=[make_message("geometry_msgs/msg/PoseStamped")] * 3
+        )
+    if kind == "visualization_msgs/msg/MarkerArray":
+        point = make_message("geometry_msgs/msg/Point", x=0.1 * time)
+        return make_message(
             kind,
-            transforms=[
-                make("geometry_msgs/msg/TransformStamped", child_frame_id="laser")
+            markers=[
+                make_message(
+                    "visualization_msgs/msg/Marker", type=4, points=[point] * 3
+                )
             ],
         )
-    return make(kind)
+    if kind == "tf2_msgs/msg/TFMessage":
+        return make_message(
+            kind,
+            transforms=[
+                make_message(
+                    "geometry_msgs/msg/TransformStamped", child_frame_id="laser"
+                )
+            ],
+        )
+    return make_message(kind)
 
 
 def _bag(path: Path) -> None:
-    found = read_recorded(path if path.suffix == ".mcap" else path.parent)
-    script_json(payload(found)), facts(found), subtitle(found).encode()
+    found = read_recorded_trial(path if path.suffix == ".mcap" else path.parent)
+    script_json(make_payload(found)), list_facts(found), describe(found).encode()
 
 
 def _sqlite_seeds(folder: Path) -> list[bytes]:
@@ -368,7 +379,9 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
             kind = sorted(kinds)[0]
             connection = writer.add_connection(topic, kind, typestore=jazzy_types())
             for time in range(2):
-                writer.write(connection, time, serialise(_message(make, kind, time)))
+                writer.write(
+                    connection, time, serialize(_message(make_message, kind, time))
+                )
     text = (folder / "bag" / "metadata.yaml").read_text()
     (folder / "metadata.yaml").write_text(text.replace("bag.db3", "input.db3"))
     return _files(folder / "bag" / "bag.db3")
@@ -381,14 +394,14 @@ def _npy_seeds(folder: Path) -> list[bytes]:
 
 
 def _own_seeds(folder: Path) -> list[bytes]:
-    write_own(folder / "own.npz", "own", {0: _world(), 3: _world()})
-    write_own(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
+    write_dataset_file(folder / "own.npz", "own", {0: _world(), 3: _world()})
+    write_dataset_file(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
     return _files(folder / "own.npz", folder / "scenes.npz")
 
 
 def _dataset(path: Path) -> None:
     found = open_dataset(path)
-    assert [found.load(index).name.encode() for index in found.indices[:3]]
+    assert [found.load(index).name.encode() for index in found.world_numbers[:3]]
 
 
 def _single(path: Path) -> None:
@@ -427,7 +440,7 @@ def _image_seeds(folder: Path) -> list[bytes]:
 
 
 def _image(path: Path) -> None:
-    grid_of(read_map(path.with_name("map.yaml")))
+    extract_grid(read_map(path.with_name("map.yaml")))
 
 
 def _policy(path: Path) -> None:

@@ -34,7 +34,8 @@ class Reference:
         readme = package / "README.md"
         text = readme.read_text("utf-8")
         for name, section in self.sections.items():
-            begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+            begin = f"<!-- {name}: begin -->"
+            end = f"<!-- {name}: end -->"
             before, found, rest = text.partition(begin)
             _, closed, after = rest.partition(end)
             if not found or not closed:
@@ -74,7 +75,7 @@ def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ())
             f"`{name}`",
             *(_cell(config[name]) for config in values),
             about.unit,
-            about.text(unit=False),
+            about.summary(unit=False),
         ]
         for name, about, _ in fields_of(next(iter(columns.values())))
         if name not in leave_out
@@ -103,7 +104,7 @@ def parameter_file(
     lines += [f"    {_entry(name, value)}" for name, value in first.items()]
     for name, (about, value) in found.items():
         if name not in leave_out:
-            lines += [f"    # {about.text()}", f"    {_entry(name, value)}"]
+            lines += [f"    # {about.summary()}", f"    {_entry(name, value)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -150,10 +151,8 @@ def simulator() -> Reference:
     """Return the tables, a file of all parameters, and one per preset of those that differ from the default."""
     from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 
-    node, default = (
-        SimulatorNodeConfig(),
-        {name: value for name, _, value in fields_of(SimulatorConfig())},
-    )
+    node = SimulatorNodeConfig()
+    default = {name: value for name, _, value in fields_of(SimulatorConfig())}
     title = "The simulator with its defaults."
     files = {
         "simulator.yaml": parameter_file(
@@ -182,7 +181,7 @@ def planners() -> Reference:
     """
     from barn_planners.registry import planner_entry, planner_names
     from barn_planners.ros.planner import NodeConfig
-    from barn_planners.runtime.session import SyncConfig
+    from barn_planners.runtime.synchronizer import SyncConfig
 
     entries = {name: planner_entry(name) for name in planner_names()}
     ours = {
@@ -190,7 +189,8 @@ def planners() -> Reference:
         for name, one in entries.items()
         if one.config_class.__module__.startswith("barn_planners.")
     }
-    texts, files = [], {}
+    texts = []
+    files = {}
     for name, entry in ours.items():
         summary = entry.summary[:1].upper() + entry.summary[1:]
         texts.append(f"### `{name}`\n\n{summary}.\n\n{parameter_table(entry.presets)}")
@@ -220,7 +220,7 @@ def evaluator() -> Reference:
     """Return the tables and the parameter file; what only a supervisor sets is left out of the file."""
     from barn_eval.commands.main import COMMANDS
     from barn_eval.trials.protocol import PROTOCOLS
-    from barn_eval.trials.ros_config import EvaluatorConfig, RosSetup
+    from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig
 
     defaults = EvaluatorConfig()
     sections = {
@@ -229,7 +229,7 @@ def evaluator() -> Reference:
             [[f"`barn {name}`", about] for name, about in COMMANDS.items()],
         ),
         "protocols": parameter_table(PROTOCOLS),
-        "ros settings": parameter_table({"default": RosSetup()}),
+        "ros settings": parameter_table({"default": RosConfig()}),
         "evaluator parameters": parameter_table({"default": defaults}),
     }
     title = "The evaluator with its defaults."

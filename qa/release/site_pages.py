@@ -16,6 +16,7 @@ PAGES = (
     "*.md",
     "docs/**/*.md",
     "barn_*/README.md",
+    "qa/README.md",
     "barn_*/barn_*/data/*.md",
     "examples/**/README.md",
 )

@@ -26,15 +26,15 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.statistics import mean_interval, rank_correlation
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
-from barn_metrics.bootstrap import Interval, over_worlds
+from barn_metrics.bootstrap import Interval, bootstrap_interval
 from barn_metrics.metrics import METRICS, world_metrics
 from barn_metrics.model import load_model
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import FAINT, PLANNERS
-from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = "barn300"
 LEARNED = "Predicted difficulty"
@@ -126,21 +126,17 @@ def read_folders(folders: Sequence[Path]) -> Trials:
     rows = []
     for folder in folders:
         source = read_source(folder)
-        dataset, standard = (
-            open_dataset(str(source.configuration["dataset"])),
-            open_dataset(GRIDS),
-        )
+        dataset = open_dataset(str(source.configuration["dataset"]))
+        standard = open_dataset(GRIDS)
         for one in source.results:
             world = dataset.load(one.world)
             if not np.array_equal(world.grid, standard.load(one.world).grid):
                 raise ConfigError(
                     f"{folder}: world {one.world} has not the grid of that of {GRIDS}"
                 )
-            name, seed, scores = (
-                source.chassis.name,
-                int(source.configuration["seed"]),
-                one.scores,
-            )
+            name = source.chassis.name
+            seed = int(source.configuration["seed"])
+            scores = one.scores
             time_s = round(scores.scored_time_s, 3)
             rows.append(
                 Trial(
@@ -216,7 +212,8 @@ def results_table(trials: Trials) -> str:
 
 def predictors(worlds: Integers) -> dict[str, Floats]:
     """Return what may predict times, by name: metrics of barn300's worlds and the shipped model's difficulty."""
-    dataset, model = open_dataset(GRIDS), load_model()
+    dataset = open_dataset(GRIDS)
+    model = load_model()
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
     found = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
@@ -277,7 +274,8 @@ def regression_table(trials: Trials) -> str:
     rows = []
     for planner in trials.planners:
         for robot in others:
-            x, y = trials.times(first, planner), trials.times(robot, planner)
+            x = trials.times(first, planner)
+            y = trials.times(robot, planner)
             solved = ~(trials.failed(first, planner) | trials.failed(robot, planner))
             line = [
                 _over(part, x[solved], y[solved])
@@ -380,7 +378,7 @@ def _repeatability(trials: Trials, robot: str, planner: str) -> str:
 def _over(
     statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats
 ) -> Interval:
-    return over_worlds(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
+    return bootstrap_interval(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
 
 
 def tables(trials: Trials) -> dict[str, str]:

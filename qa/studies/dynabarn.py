@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from barn_worlds.formats.own import write_own
-from barn_worlds.moving.generate import arena_world
+from barn_worlds.datasets.generate_motion import build_arena
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 
@@ -40,12 +40,12 @@ def main() -> None:
         provenance = Provenance(
             "original", parameters={"difficulty": entry["difficulty"]}
         )
-        worlds[index] = arena_world(
+        worlds[index] = build_arena(
             f"dynabarn_{index}",
             [obstacles[name] for name in entry["obstacles"]],
             provenance,
         )
-    write_own(
+    write_dataset_file(
         TARGET,
         "dynabarn60",
         worlds,

@@ -15,11 +15,12 @@ from metrics_figures import draw_documentation_figures
 from barn_eval.pages.figures import style, write_figure
 from barn_eval.studies.reproduction.page import read_results, write_figures
 from barn_worlds.base.errors import BarnError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import world_figure
-from barn_worlds.worlds.dataset import open_dataset
 
-MOVING, MOVING_WORLD = "dynabarn60", 5
+MOVING = "dynabarn60"
+MOVING_WORLD = 5
 # What draws the others.
 ELSEWHERE = {
     "trial.gif": "make animation",

@@ -19,9 +19,9 @@ from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Fo
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import Dataset, open_dataset
+from barn_worlds.datasets.generate import WorldParameters, automaton_grids
 from barn_worlds.drawing.palette import BLUE, ORANGE, VERMILION
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.generate import WorldParameters, iterations
 from barn_worlds.worlds.world import World
 
 FIG_1 = WorldParameters(
@@ -35,7 +35,7 @@ _EXAMPLE_RANKS = (
     0.95,
 )  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
-# Published values by the name of the field of `barn_worlds.worlds.generate.WorldParameters`; each combination was
+# Published values by the name of the field of `barn_worlds.datasets.generate.WorldParameters`; each combination was
 # repeated.
 TABLE_I: dict[str, tuple[float, ...]] = {
     "initial_fill": (0.15, 0.20, 0.25, 0.30),
@@ -86,7 +86,7 @@ def automaton_figure(
     parameters: WorldParameters = FIG_1, seed: int = _FIG_1_SEED
 ) -> Figure:
     """Show the random grid and the grid after each smoothing iteration (Fig. 1)."""
-    grids = list(iterations(parameters, np.random.default_rng(seed)))
+    grids = list(automaton_grids(parameters, np.random.default_rng(seed)))
     figure = new_figure(405)
     for k, (axes, grid) in enumerate(
         zip(figure.subplots(1, len(grids)), grids, strict=True)
@@ -123,10 +123,8 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
         published = TABLE_II[metric.name]
-        low, high = (
-            published["mean"] - published["std"],
-            published["mean"] + published["std"],
-        )
+        low = published["mean"] - published["std"]
+        high = published["mean"] + published["std"]
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
         axes.axvline(
@@ -160,7 +158,9 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
 
 def table_i(dataset: Dataset) -> str:
     """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
-    made_with = [dataset.load(index).provenance.parameters for index in dataset.indices]
+    made_with = [
+        dataset.load(index).provenance.parameters for index in dataset.world_numbers
+    ]
     repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
     rows = []
     for name, published in TABLE_I.items():
@@ -181,7 +181,8 @@ def table_ii(table: MetricsTable) -> str:
     """Return Table II as Markdown: published / ours in each column."""
     rows = []
     for metric in METRICS:
-        published, ours = TABLE_II[metric.name], table.summary_of(metric)
+        published = TABLE_II[metric.name]
+        ours = table.summary_of(metric)
         # The extremes are of cells, for tortuosity of paths.
         ours |= {
             name: ours.get(f"cell_{name}", ours[name])
@@ -237,7 +238,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _at_rank(dataset: Dataset, share: float) -> World:
     """Return the world at a position in a data set's order: 0 is the first, 1 the last."""
-    indices = dataset.indices
+    indices = dataset.world_numbers
     return dataset.load(indices[round(share * (len(indices) - 1))])
 
 

@@ -17,9 +17,9 @@ from rich.table import Table
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.moving.motion import MovingObstacle
 from barn_worlds.moving.tracks import Tracks, jumps
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 DURATION_S = 100.0  # the challenge's limit
@@ -60,10 +60,8 @@ def motion_statistics(world: World) -> MotionStatistics:
         )
     along_x, along_y = (path[-1] - path[0]) / length_m
     from_start = positions - path[0]
-    on_line, beside = (
-        from_start @ np.array([along_x, along_y]),
-        from_start @ np.array([-along_y, along_x]),
-    )
+    on_line = from_start @ np.array([along_x, along_y])
+    beside = from_start @ np.array([-along_y, along_x])
     reach_m = np.maximum(world.tracks.radius_m, np.hypot(*world.tracks.size_m.T) / 2.0)
     return MotionStatistics(
         len(speeds),
@@ -123,7 +121,7 @@ def by_class(source: str) -> dict[str, list[World]]:
     """Return the worlds of a data set by their class of motion."""
     found: dict[str, list[World]] = {}
     dataset = open_dataset(source)
-    for world in map(dataset.load, dataset.indices):
+    for world in map(dataset.load, dataset.world_numbers):
         given = world.provenance.parameters
         found.setdefault(
             str(given.get("motion", given).get("difficulty", "all")), []

@@ -27,15 +27,17 @@ from barn_metrics.metrics import (
     world_metrics,
 )
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 _CELLS = ListedColormap([WHITE, UNKNOWN, OBSTACLE])
 WIDTH_PX = 1280
 _DOTS_PER_INCH = 128
-_PANEL_WIDTH_PX, _PANEL_FRAME_PX, _TITLE_PX = 315, 110, 30
+_PANEL_WIDTH_PX = 315
+_PANEL_FRAME_PX = 110
+_TITLE_PX = 30
 
 
 def new_figure(height_px: int) -> Figure:
@@ -130,7 +132,8 @@ def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
     shown = np.ma.masked_invalid(values)
-    norm, ticks = Normalize(0.0, top), None
+    norm = Normalize(0.0, top)
+    ticks = None
     if metric.name == "dispersion":  # always even: every opening has two sides
         norm = BoundaryNorm(np.arange(-1.0, top + 2.0, 2.0), colours.N)
         ticks = np.arange(0.0, top + 1.0, 2.0)

@@ -15,7 +15,9 @@ import pandas as pd
 import barn_eval as barn
 from barn_worlds.base.errors import BarnError
 
-_SIZE_IN, _SHOWN_M = (3.2, 6.4), (2.4, 13.4)  # from the start to the goal
+# from the start to the goal
+_SIZE_IN = (3.2, 6.4)
+_SHOWN_M = (2.4, 13.4)
 
 
 def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Comparisons of planners on the worlds and seeds that they share."""
+"""Comparisons of two planners on the worlds and seeds that they share."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,78 +12,100 @@ from barn_eval.analysis.measures import (
     COMPARED,
     MEASURES,
     Measure,
-    metric_of,
-    with_motion,
+    ranking_measure,
+    with_moving_measures,
 )
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import (
     Source,
-    by_planner,
-    chosen_planners,
+    group_by_planner,
     notes_on,
     read_source,
     require_same_task,
+    select_planners,
 )
-from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
-from barn_eval.analysis.text_table import joined
+from barn_eval.analysis.statistics import (
+    Paired,
+    TrialValues,
+    compare_pairs,
+    rank_correlation,
+)
+from barn_eval.analysis.text_table import join_names
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
-from barn_eval.running.command_files import told_parameters
-from barn_eval.trials.identity import MISSING, leaves
-from barn_eval.trials.result import Groups, Rows
+from barn_eval.running.command_files import read_node_parameters
+from barn_eval.trials.identity import NOT_SET, flatten
+from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
-_NAMED = 5  # of the parameters that differ
+_MAX_NAMED_PARAMETERS = 5
+# What two trials of one world and repetition must share, and how a message names it.
+_SHARED_FIELDS = {
+    "protocol": "protocols",
+    "task": "tasks (protocol, simulator or robot)",
+    "world_checksum": "worlds of the same number",
+    "simulator_seed": "simulator seeds",
+}
 
 
 @dataclass(frozen=True)
 class PairedMeasure:
-    """The comparison of A and B by one measure, named by key and title, over the trials that both have a value for.
-
-    p_holm: the p-value after Holm for all pairs that are compared together, that of `paired` if there is one only.
-    """
+    """A and B compared by one measure, over the trials for which both have a value."""
 
     key: str
     measure: str
     unit: str
     larger_is_better: bool
     paired: Paired
+
     p_holm: float
+    """The p-value after Holm for all pairs that are compared together."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B on what they share, under one protocol and task (its fingerprint).
-
-    metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time
-    per metre over worlds. available: how many worlds the data set has, 0 if unknown. pairs: how many are compared
-    together. notes: what to know of the folders, such as that one is not finished. robot: its name, empty for the
-    Jackal. parameters: in which the planners are known to differ, in a sentence.
-    """
+    """A and B on what they share, under one protocol and task."""
 
     a: str
     b: str
     protocol: str
+
     task: str
+    """Fingerprint of the task."""
+
     metric: str
+    """Key of the measure that ranks planners under the protocol."""
+
     trials_a: int
     trials_b: int
     rows: tuple[PairedMeasure, ...]
+
     rank_correlation: Interval
+    """Spearman's correlation of the counted time per meter over worlds."""
+
     available: int
+    """Number of worlds in the data set, 0 if unknown."""
+
     pairs: int = 1
+    """Number of pairs that are compared together."""
+
     notes: tuple[str, ...] = ()
+    """What to know about the folders, such as that a run is not finished."""
+
     robot: str = ""
+    """Name of the robot, empty for the Jackal."""
+
     parameters: str = ""
+    """A sentence that names the parameters in which the planners differ."""
 
     @property
     def worlds(self) -> int:
-        """The number of worlds with a pair of trials that the metric is known of."""
+        """Number of worlds with a pair of trials that the ranking measure knows."""
         return self.row(self.metric).paired.worlds
 
     def row(self, key: str) -> PairedMeasure:
@@ -91,17 +113,22 @@ class Comparison:
         return next(row for row in self.rows if row.key == key)
 
     def columns(self) -> list[dict[str, Any]]:
-        """Return a row of a table per measure."""
+        """Return a row of a table for each measure."""
         return [
-            {"a": self.a, "b": self.b, "measure": row.key, "unit": row.unit}
-            | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
-            | row.paired.difference.columns("difference")
-            | {
+            {
+                "a": self.a,
+                "b": self.b,
+                "measure": row.key,
+                "unit": row.unit,
+                "mean_a": row.paired.mean_a,
+                "mean_b": row.paired.mean_b,
+                **row.paired.difference.columns("difference"),
                 "p": row.paired.p,
                 "p_holm": row.p_holm,
                 "p_a_better": row.paired.improvement.estimate,
+                "worlds": row.paired.worlds,
+                "trials": row.paired.trials,
             }
-            | {"worlds": row.paired.worlds, "trials": row.paired.trials}
             for row in self.rows
         ]
 
@@ -113,55 +140,89 @@ def compare(
     label_b: str = "",
     keys: Sequence[str] = COMPARED,
 ) -> Comparison:
-    """Compare the results of one planner with those of another, or of the same one under other settings.
+    """Compare the results of two planners, or of one planner under two settings.
 
-    keys: of the measures; the metric of the protocol is among them in any case. Raises BarnError for results that
-    cannot be paired: of different protocols, of worlds that are not the same, of other seeds, or with no trial in
-    common.
+    Args:
+        a: Results of A.
+        b: Results of B.
+        label_a: Name of A in tables. By default the planner's name.
+        label_b: Name of B in tables. By default the planner's name.
+        keys: Keys of measures. The ranking measure is always compared.
+
+    Raises:
+        BarnError: The results cannot be paired: their protocols, worlds or seeds
+            differ, or they have no trial in common.
     """
-    check_pairs(a, b)
-    of_a, of_b = a[0], b[0]  # each side is of one planner, both are of one task
-    first, second = (
-        columns(one, MEASURES["normalised_time_s_per_m"]) for one in (a, b)
+    require_pairs(a, b)
+    measure = ranking_measure(a)
+    if measure.key not in keys:
+        keys = (measure.key, *keys)
+    rows = []
+    for key in with_moving_measures(keys, a, b):
+        rows.append(_compare_by(MEASURES[key], a, b))
+
+    time_per_meter = MEASURES["normalised_time_s_per_m"]
+    times_a = trial_values(a, time_per_meter)
+    times_b = trial_values(b, time_per_meter)
+    correlation = rank_correlation(
+        (times_a.values, times_a.worlds), (times_b.values, times_b.worlds)
     )
-    metric = metric_of(a).key
-    compared = with_motion(keys if metric in keys else (metric, *keys), a, b)
     return Comparison(
-        label_a or of_a.planner,
-        label_b or of_b.planner,
-        of_a.protocol,
-        of_a.task,
-        metric,
-        len(a),
-        len(b),
-        tuple(_row(a, b, MEASURES[key]) for key in compared),
-        rank_correlation((first.values, first.worlds), (second.values, second.worlds)),
-        worlds_of(a),
+        a=label_a or a[0].planner,
+        b=label_b or b[0].planner,
+        protocol=a[0].protocol,
+        task=a[0].task,
+        metric=measure.key,
+        trials_a=len(a),
+        trials_b=len(b),
+        rows=tuple(rows),
+        rank_correlation=correlation,
+        available=count_available_worlds(a),
     )
 
 
-def worlds_of(results: Rows) -> int:
-    """Return how many worlds the data set of results has, 0 where it is not at hand."""
+def _compare_by(measure: Measure, a: Rows, b: Rows) -> PairedMeasure:
+    """Compare two planners by one measure."""
+    larger = measure.better == "larger"
+    paired = compare_pairs(
+        trial_values(a, measure), trial_values(b, measure), larger_is_better=larger
+    )
+    return PairedMeasure(
+        key=measure.key,
+        measure=measure.title,
+        unit=measure.unit,
+        larger_is_better=larger,
+        paired=paired,
+        p_holm=paired.p,
+    )
+
+
+def count_available_worlds(results: Rows) -> int:
+    """Return the number of worlds in the data set of results, 0 if it is missing."""
     try:
-        return len(open_dataset(results[0].dataset).indices)
+        return len(open_dataset(results[0].dataset).world_numbers)
     except (BarnError, IndexError, OSError):
         return 0
 
 
-def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Return comparisons by the same measures with their p-values after Holm, for each measure over all pairs."""
-    adjusted = [
-        holm([row.paired.p for row in rows])
-        for rows in zip(*(one.rows for one in comparisons), strict=True)
-    ]
-    made = []
-    for pair, one in enumerate(comparisons):
+def adjust_by_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
+    """Correct the p-values of comparisons for the number of pairs.
+
+    Holm's correction is made for each measure over all pairs. All comparisons must have
+    the same measures.
+    """
+    p_values_by_measure = []
+    for rows in zip(*(comparison.rows for comparison in comparisons), strict=True):
+        p_values_by_measure.append(holm([row.paired.p for row in rows]))
+
+    adjusted = []
+    for pair, comparison in enumerate(comparisons):
         rows = tuple(
-            replace(row, p_holm=adjusted[measure][pair])
-            for measure, row in enumerate(one.rows)
+            replace(row, p_holm=p_values[pair])
+            for row, p_values in zip(comparison.rows, p_values_by_measure, strict=True)
         )
-        made.append(replace(one, rows=rows, pairs=len(comparisons)))
-    return tuple(made)
+        adjusted.append(replace(comparison, rows=rows, pairs=len(comparisons)))
+    return tuple(adjusted)
 
 
 def compare_folders(
@@ -171,168 +232,249 @@ def compare_folders(
     keys: Sequence[str] = COMPARED,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[Comparison]:
-    """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
+    """Compare the results of two folders, or the planners of one folder.
 
-    Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
-    folder. keys: of the measures. progress: gets the share of the pairs that is done. ConfigError if nothing is left to
-    compare, BarnError as `compare`.
+    Where both folders hold several planners and none is selected, planners of the same
+    name are compared and their labels name the folder.
+
+    Args:
+        a: A results folder, or FOLDER:PLANNER; its run may be unfinished.
+        b: Another. By default the planners of `a` are compared.
+        keys: Keys of measures.
+        progress: Receives the share of the pairs that is done, from 0 to 1.
+
+    Raises:
+        ConfigError: There is nothing to compare.
+        BarnError: As for `compare`.
     """
-    (source_a, first), (source_b, second) = chosen = (
-        selected_results(a),
-        selected_results(b or a),
-    )
-    pairs: list[tuple[str, ...]]
-    if b is None:
-        pairs = list(combinations(first, 2))
-    elif len(first) == len(second) == 1:
-        pairs = [(*first, *second)]
-    else:
-        pairs = [(name, name) for name in first if name in second]
-    if not pairs:
-        if b is None:
-            raise ConfigError(
-                f"{a}: has one planner only, {', '.join(first)}; name a second folder"
-            )
-        raise ConfigError(
-            f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: name them as FOLDER:PLANNER"
+    source_a, groups_a = read_selection(a)
+    source_b, groups_b = read_selection(b or a)
+    pairs = _pair_planners(a, b, list(groups_a), list(groups_b))
+    require_same_task([source_a.path, source_b.path])
+    place_a, place_b = _name_folders(source_a.path, source_b.path)
+
+    comparisons = []
+    for done, (planner_a, planner_b) in enumerate(pairs, 1):
+        label_a = planner_a
+        label_b = planner_b
+        if planner_a == planner_b:
+            label_a = f"{spelling(planner_a)} ({place_a})"
+            label_b = f"{spelling(planner_b)} ({place_b})"
+        comparison = compare(
+            groups_a[planner_a], groups_b[planner_b], label_a, label_b, keys
         )
-    folders = [source_a.path, source_b.path]
-    require_same_task(folders)
-    places = list(dict.fromkeys(path.resolve().name for path in folders))
-    places = places if len(places) == 2 else list(map(str, folders))
-    found = []
-    for done, (one, other) in enumerate(pairs, 1):
-        name_a, name_b = (
-            (f"{spelling(one)} ({place})" for place in places)
-            if one == other
-            else (one, other)
+        parameters = describe_parameter_changes(
+            source_a, planner_a, source_b, planner_b
         )
-        made = compare(first[one], second[other], name_a, name_b, keys)
-        found.append(
-            replace(made, parameters=changed_parameters(source_a, one, source_b, other))
-        )
+        comparisons.append(replace(comparison, parameters=parameters))
         progress(done / len(pairs))
-    notes = (
-        notes_on(source, [*chain.from_iterable(groups.values())])
-        for source, groups in chosen
-    )
-    told = tuple(dict.fromkeys(chain.from_iterable(notes)))
+
+    notes = [
+        *notes_on(source_a, list(chain.from_iterable(groups_a.values()))),
+        *notes_on(source_b, list(chain.from_iterable(groups_b.values()))),
+    ]
+    unique_notes = tuple(dict.fromkeys(notes))
     return [
-        replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)
+        replace(comparison, notes=unique_notes, robot=source_a.robot)
+        for comparison in adjust_by_holm(comparisons)
     ]
 
 
-def selected_results(path: Path) -> tuple[Source, Groups]:
-    """Return a folder, given as FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER, with the results of these planners.
+def _pair_planners(
+    a: Path, b: Path | None, names_a: list[str], names_b: list[str]
+) -> list[tuple[str, str]]:
+    """Return the pairs of planners to compare; ConfigError if there is none."""
+    if b is None:
+        if len(names_a) < 2:
+            raise ConfigError(
+                f"{a}: has one planner only, {', '.join(names_a)}; name a second folder"
+            )
+        return list(combinations(names_a, 2))
 
-    BarnError if the folder has no results, ConfigError if a planner has none in it.
+    if len(names_a) == len(names_b) == 1:
+        return [(names_a[0], names_b[0])]
+    pairs = [(name, name) for name in names_a if name in names_b]
+    if not pairs:
+        raise ConfigError(
+            f"{a} has {', '.join(names_a)} and {b} has {', '.join(names_b)}: "
+            "name them as FOLDER:PLANNER"
+        )
+    return pairs
+
+
+def _name_folders(a: Path, b: Path) -> tuple[str, str]:
+    """Return the names of two folders, or their paths where the names are equal."""
+    if a.resolve().name == b.resolve().name:
+        return str(a), str(b)
+    return a.resolve().name, b.resolve().name
+
+
+def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
+    """Read a folder and the results of planners selected from it.
+
+    Args:
+        path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
+
+    Returns:
+        The folder, and the results by planner.
+
+    Raises:
+        BarnError: The folder has no results.
+        ConfigError: A planner has no results in it.
     """
-    chosen: list[str] = []
+    planners: list[str] = []
     if not path.exists() and ":" in path.name:
         folder, _, names = str(path).rpartition(":")
-        path, chosen = Path(folder), names.split(",")
+        path = Path(folder)
+        planners = names.split(",")
     source = read_source(path, read_results(path))
-    return source, chosen_planners(path, by_planner(source.results), chosen)
+    return source, select_planners(path, group_by_planner(source.results), planners)
 
 
-def groups_of(a: Path, b: Path | None = None) -> Groups:
-    """Return results by planner of one folder or two, given as for `selected_results`, each by its own name."""
-    chosen = [selected_results(path) for path in (a, b) if path is not None]
-    names = [name for _, groups in chosen for name in groups]
-    return {
-        spelling(name) + (f" ({source.path})" if names.count(name) > 1 else ""): results
-        for source, groups in chosen
-        for name, results in groups.items()
-    }
+def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:
+    """Return the results of one folder or two by the spelling of their planners.
+
+    A planner that is in both folders has the folder in its name.
+
+    Args:
+        a: A folder, as for `read_selection`.
+        b: A second folder.
+    """
+    selections = [read_selection(path) for path in (a, b) if path is not None]
+    names = [name for _, groups in selections for name in groups]
+    results_by_label: dict[str, Rows] = {}
+    for source, groups in selections:
+        for name, results in groups.items():
+            label = spelling(name)
+            if names.count(name) > 1:
+                label = f"{label} ({source.path})"
+            results_by_label[label] = results
+    return results_by_label
 
 
-def _row(a: Rows, b: Rows, measure: Measure) -> PairedMeasure:
-    larger = measure.better == "larger"
-    found = paired(columns(a, measure), columns(b, measure), larger_is_better=larger)
-    return PairedMeasure(
-        measure.key, measure.title, measure.unit, larger, found, found.p
+def trial_values(results: Rows, measure: Measure) -> TrialValues:
+    """Return a measure of results for the statistics.
+
+    Args:
+        results: Results of one planner.
+        measure: A measure of the catalog.
+    """
+    worlds = np.array([result.world for result in results], np.int64)
+    repetitions = np.array([result.repetition for result in results], np.int64)
+    trials = TrialValues(measure.values(results), worlds, repetitions)
+    value_as_failure = measure.as_failure
+    if value_as_failure is None:
+        return trials
+
+    failures = [not result.scores.success for result in results]
+    as_failure = [value_as_failure(result) for result in results]
+    return replace(
+        trials,
+        failures=np.array(failures, np.int64),
+        as_failure=np.array(as_failure, np.float64),
+        best=measure.best,
     )
 
 
-def columns(results: Rows, measure: Measure) -> Columns:
-    """Return a measure of results as statistics take it."""
-    worlds, repetitions = (
-        np.array([getattr(one, of) for one in results], np.int64)
-        for of in ("world", "repetition")
-    )
-    made = Columns(measure.values(results), worlds, repetitions)
-    if (of_failure := measure.as_failure) is None:
-        return made
-    failures = np.array([not result.scores.success for result in results], np.int64)
-    as_failure = np.array([of_failure(result) for result in results], np.float64)
-    return replace(made, failures=failures, as_failure=as_failure, best=measure.best)
+def require_pairs(a: Rows, b: Rows) -> None:
+    """Check that the results of two planners can be paired.
 
+    Args:
+        a: Results of one planner.
+        b: Results of the other.
 
-def check_pairs(a: Rows, b: Rows) -> None:
-    """Raise BarnError if the two are not results of the same task, or have nothing in common."""
-    first, second = (
-        {(one.world, one.repetition): one for one in results} for results in (a, b)
-    )
-    if len(first) != len(a) or len(second) != len(b):
+    Raises:
+        BarnError: Their tasks differ, or they have no trial in common.
+    """
+    trials_a = {(result.world, result.repetition): result for result in a}
+    trials_b = {(result.world, result.repetition): result for result in b}
+    if len(trials_a) != len(a) or len(trials_b) != len(b):
         raise BarnError(
-            "results of several planners cannot be compared as one; choose a planner of each"
+            "results of several planners cannot be compared as one; "
+            "choose a planner of each"
         )
-    shared = first.keys() & second.keys()
+    shared = trials_a.keys() & trials_b.keys()
     if not shared:
         raise BarnError("the two have no trial of the same world and repetition")
+
     for key in sorted(shared):
-        one, other = first[key], second[key]
-        for name, what in (
-            ("protocol", "protocols"),
-            ("task", "tasks (protocol, simulator or robot)"),
-            ("world_checksum", "worlds of the same number"),
-            ("simulator_seed", "simulator seeds"),
-        ):
-            values = getattr(one, name), getattr(other, name)
-            if values[0] != values[1]:
+        trial_a = trials_a[key]
+        trial_b = trials_b[key]
+        for name, description in _SHARED_FIELDS.items():
+            value_a = getattr(trial_a, name)
+            value_b = getattr(trial_b, name)
+            if value_a != value_b:
                 raise BarnError(
-                    f"{one.trial_id} and {other.trial_id} have different {what}: {values[0]}, {values[1]}"
+                    f"{trial_a.trial_id} and {trial_b.trial_id} have different "
+                    f"{description}: {value_a}, {value_b}"
                 )
 
 
-def changed_parameters(a: Source, of_a: str, b: Source, of_b: str) -> str:
-    """Return in a sentence what differs between two planners' parameters and files (SHA-256); empty if nothing does.
+def describe_parameter_changes(
+    a: Source, planner_a: str, b: Source, planner_b: str
+) -> str:
+    """Say in a sentence which parameters or files of two planners differ.
 
-    Those of the registry by their presets and overrides, others as their nodes told them; of planners or nodes that are
-    not of the same name, nothing is said, and of files of other names only where nothing else differs.
+    Planners of the registry are compared by presets and overrides, others by what their
+    nodes reported and by the SHA-256 of their files. Nothing is said about planners or
+    nodes of different names, and about files of different names only where nothing else
+    differs.
+
+    Args:
+        a: Folder of the first planner.
+        planner_a: Its name there.
+        b: Folder of the second planner.
+        planner_b: Its name there.
+
+    Returns:
+        The sentence, empty if nothing differs.
     """
-    one, other = _parameters(a, of_a), _parameters(b, of_b)
-    shared = {key.partition(" ")[0] for key in one} & {
-        key.partition(" ")[0] for key in other
-    }
+    values_a = _read_parameters(a, planner_a)
+    values_b = _read_parameters(b, planner_b)
+    # A key begins with the name of the planner or node that it belongs to.
+    owners_a = {key.partition(" ")[0] for key in values_a}
+    owners_b = {key.partition(" ")[0] for key in values_b}
+    shared_owners = owners_a & owners_b
     keys = [
         key
-        for key in one | other
-        if key.partition(" ")[0] in shared and one.get(key) != other.get(key)
+        for key in values_a | values_b
+        if key.partition(" ")[0] in shared_owners
+        and values_a.get(key) != values_b.get(key)
     ]
-    keys = [
+    comparable = [
         key
         for key in keys
-        if not key.startswith("file ") or key in one.keys() & other.keys()
-    ] or keys
-    named = [
-        f"{key} ({one.get(key, MISSING)} against {other.get(key, MISSING)})"
-        for key in keys[:_NAMED]
+        if not key.startswith("file ") or (key in values_a and key in values_b)
     ]
-    more = [f"{len(keys) - _NAMED} more"] if len(keys) > _NAMED else []
-    return f"Parameters that differ: {joined([*named, *more])}." if named else ""
+    keys = comparable or keys
+    if not keys:
+        return ""
+
+    changes = []
+    for key in keys[:_MAX_NAMED_PARAMETERS]:
+        value_a = values_a.get(key, NOT_SET)
+        value_b = values_b.get(key, NOT_SET)
+        changes.append(f"{key} ({value_a} against {value_b})")
+    rest = len(keys) - _MAX_NAMED_PARAMETERS
+    if rest > 0:
+        changes.append(f"{rest} more")
+    return f"Parameters that differ: {join_names(changes)}."
 
 
-def _parameters(source: Source, planner: str) -> dict[str, Any]:
+def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
+    """Return a planner's parameters and files; empty where they cannot be known.
+
+    That is so for folders of other versions, and planners that are not installed.
+    """
     try:
-        (choice,) = (one for one in source.experiment.planners if one.name == planner)
+        (choice,) = (c for c in source.run_config.planners if c.name == planner)
         if not choice.registered:
             files = {
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
-            return files | told_parameters(source.path / LOGS, planner)
-        settings = source.experiment.settings(choice)
-        config = planner_config(planner, settings["preset"], settings["overrides"])
-        return {f"{planner} {key}": value for key, value in leaves(as_dict(config))}
+            return files | read_node_parameters(source.path / LOGS, planner)
+        setup = source.run_config.resolve_planner(choice)
+        config = planner_config(planner, setup.preset, setup.overrides)
     except (BarnError, ValueError):
-        return {}  # of another version of the suite, or of a planner that is not installed here
+        return {}
+    return {f"{planner} {key}": value for key, value in flatten(as_dict(config))}

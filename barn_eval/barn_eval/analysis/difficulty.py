@@ -1,4 +1,4 @@
-"""Worlds from easy to difficult, and bands of them."""
+"""Worlds from easy to difficult, as trials show it, and bands of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,88 +7,116 @@ from itertools import groupby
 import numpy as np
 
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.summary import Summary, summarise
+from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.trials.result import Rows, TrialResult
 
-IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
-MOST_BANDS = 4
-_FEWEST_WORLDS = 3  # of a band
+BAND_MEASURES = (
+    "success",
+    "traversal_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+)
+_MAX_BANDS = 4
+_MIN_WORLDS_PER_BAND = 3
 
 
 @dataclass(frozen=True)
-class Difficulty:
-    """Worlds from easy to difficult.
-
-    worlds: their numbers; mean_s_per_m: counted time per metre, averaged over all trials of the world, each entry
-    weighing the same (the paper's measure, Sec. IV-B).
-    left_out: worlds that some entry has no trial of.
-    """
+class WorldOrder:
+    """Worlds from easy to difficult."""
 
     worlds: tuple[int, ...]
+    """Numbers of the worlds."""
+
     mean_s_per_m: tuple[float, ...]
+    """Counted time per meter, averaged over all trials of a world.
+
+    Each entry has the same weight. This is the paper's measure (Sec. IV-B).
+    """
+
     left_out: int
+    """Number of worlds in which some entry has no trial."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """Neighbouring worlds of the order, and what each entry did there, in the order of entries."""
+    """Neighboring worlds of an order, and what each entry did in them."""
 
     name: str
     worlds: tuple[int, ...]
+
     limits_s_per_m: tuple[float, float]
+    """Counted time per meter of the easiest and the hardest of its worlds."""
+
     summaries: tuple[Summary, ...]
+    """In the order of entries."""
 
 
-def by_world(results: Rows) -> dict[int, list[TrialResult]]:
+def results_by_world(results: Rows) -> dict[int, list[TrialResult]]:
     """Return results by world, worlds ascending."""
-    ordered = sorted(results, key=lambda one: (one.world, one.repetition))
-    return {
-        world: list(group) for world, group in groupby(ordered, lambda one: one.world)
-    }
+    ordered = sorted(results, key=lambda result: (result.world, result.repetition))
+    groups = groupby(ordered, lambda result: result.world)
+    return {world: list(group) for world, group in groups}
 
 
-def difficulty(entries: Sequence[Entry]) -> Difficulty:
-    """Return the order of the worlds that all entries have trials of; of all worlds, if there is none such."""
-    groups = [by_world(entry.results) for entry in entries]
-    known = set().union(*groups)
-    shared = set.intersection(*map(set, groups)) or known
-    rows = []
-    for world in shared:
-        there = (group[world] for group in groups if world in group)
-        times = [
-            np.array([one.scores.normalised_time_s_per_m for one in trials])
-            for trials in there
-        ]
-        rows.append((float(np.mean([part.mean() for part in times])), world))
-    rows.sort()
-    means, worlds = zip(*rows, strict=True)
-    return Difficulty(worlds, means, len(known) - len(shared))
+def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
+    """Order the worlds in which all entries have trials, or else all worlds."""
+    groups = [results_by_world(entry.results) for entry in entries]
+    all_worlds = set().union(*groups)
+    shared_worlds = set.intersection(*map(set, groups)) or all_worlds
+
+    order = []
+    for world in shared_worlds:
+        means = []
+        for group in groups:
+            times_s_per_m = [
+                result.scores.normalised_time_s_per_m for result in group.get(world, [])
+            ]
+            if times_s_per_m:
+                means.append(np.array(times_s_per_m).mean())
+        order.append((float(np.mean(means)), world))
+    order.sort()
+
+    return WorldOrder(
+        worlds=tuple(world for _, world in order),
+        mean_s_per_m=tuple(mean for mean, _ in order),
+        left_out=len(all_worlds) - len(shared_worlds),
+    )
 
 
-def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
-    """Return up to four bands of equally many worlds; none where there are too few worlds for two."""
-    count = min(MOST_BANDS, len(order.worlds) // _FEWEST_WORLDS)
+def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
+    """Return up to four bands of equally many worlds.
+
+    Args:
+        entries: Planners whose results are summarized.
+        order: Their worlds from easy to difficult.
+
+    Returns:
+        The bands, easiest first; none if there are too few worlds for two.
+    """
+    count = min(_MAX_BANDS, len(order.worlds) // _MIN_WORLDS_PER_BAND)
     if count < 2:
         return []
-    groups = [by_world(entry.results) for entry in entries]
-    names = [
-        "easiest",
-        *(f"{number} of {count}" for number in range(2, count)),
-        "hardest",
-    ]
-    made = []
-    for name, part in zip(
-        names, np.array_split(np.arange(len(order.worlds)), count), strict=True
-    ):
-        worlds = tuple(order.worlds[index] for index in part)
-        limits = order.mean_s_per_m[part[0]], order.mean_s_per_m[part[-1]]
-        results = (
-            [one for world in worlds for one in group.get(world, [])]
-            for group in groups
-        )
-        made.append(
+
+    groups = [results_by_world(entry.results) for entry in entries]
+    middle_names = [f"{number} of {count}" for number in range(2, count)]
+    names = ["easiest", *middle_names, "hardest"]
+    positions = np.array_split(np.arange(len(order.worlds)), count)
+    bands = []
+    for name, part in zip(names, positions, strict=True):
+        worlds = tuple(order.worlds[position] for position in part)
+        summaries = []
+        for group in groups:
+            results = [result for world in worlds for result in group.get(world, [])]
+            summaries.append(summarize(results, BAND_MEASURES))
+        bands.append(
             Band(
-                name, worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)
+                name=name,
+                worlds=worlds,
+                limits_s_per_m=(
+                    order.mean_s_per_m[part[0]],
+                    order.mean_s_per_m[part[-1]],
+                ),
+                summaries=tuple(summaries),
             )
         )
-    return made
+    return bands

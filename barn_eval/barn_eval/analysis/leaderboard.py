@@ -1,321 +1,430 @@
-"""Planners of many campaigns, or settings of a sweep, in one order with intervals; ties share a rank."""
+"""Planners of many runs, or settings of a sweep, in one order; ties share a rank."""
 
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from barn_eval.analysis.measures import MEASURES, SCORED, Measure, metric_of
+from barn_eval.analysis.measures import MEASURES, SCORED, Measure, ranking_measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import (
     Entry,
     Source,
-    compute_way,
-    labelled,
+    computing_of,
+    label_entries,
     read_entries,
     require_same_task,
 )
-from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.analysis.text_table import TextTable, counted, joined
-from barn_eval.analysis.verdict import Ranking, cautions, rank_results
-from barn_eval.running.sweep import LATENCY, value_text, values_of
+from barn_eval.analysis.summary import Summary, summarize
+from barn_eval.analysis.text_table import TextTable, count_noun, join_names
+from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
+from barn_eval.running.setting_folders import (
+    LATENCY,
+    format_setting_value,
+    parse_folder_name,
+)
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
-from barn_worlds.worlds.dataset import select_worlds
+from barn_worlds.datasets.dataset import select_worlds
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
 RANKINGS = {
-    key: key for key in ("challenge", "challenge_2022", "efficiency", "success")
+    "challenge": "challenge",
+    "challenge_2022": "challenge_2022",
+    "efficiency": "efficiency",
+    "success": "success",
+    "time": "normalised_time_s_per_m",
 }
-RANKINGS |= {"time": "normalised_time_s_per_m"}
+# The slowest class of speed caps; each class is twice as fast as the one before.
+_SLOWEST_CLASS_MPS = 0.5
+_SWEEP_MEASURES = ("success", "normalised_time_s_per_m")
+
+
+class TrialKey(NamedTuple):
+    """What is equal for trials that can be compared."""
+
+    world: int
+    world_checksum: str
+    run_seed: int
+    repetition: int
+
+    @classmethod
+    def of(cls, result: TrialResult) -> "TrialKey":
+        """Return the key of a result."""
+        return cls(
+            result.world,
+            result.world_checksum,
+            result.campaign_seed,
+            result.repetition,
+        )
+
+
+class BoardClass(NamedTuple):
+    """What all planners of a board share."""
+
+    protocol: str
+    speed_class_mps: float
+    computing: str
 
 
 @dataclass(frozen=True)
 class Place:
-    """A place on the board.
-
-    tied: whether others share the rank. better_than: labels of those that it is clearly better than, which are all
-    below where it has them all. configuration: its checksum. bags: how many are kept.
-    """
+    """A place on a board."""
 
     rank: int
+
     tied: bool
+    """Whether another place has the same rank."""
+
     better_than: tuple[str, ...]
+    """Labels of the planners below that it is significantly better than."""
+
     entry: Entry
     summary: Summary
+
     configuration: str
+    """Checksum of the configuration."""
+
     bags: int
+    """Number of bags that the run kept."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """The planners that can be ranked together, by a measure: of one protocol, worlds, class of speed caps, computing.
-
-    ranking: with the tests of all pairs. notes: what to be careful about.
-    """
+    """Planners that can be ranked together, by a measure."""
 
     title: str
     measure: Measure
     places: tuple[Place, ...]
+
     ranking: Ranking
+    """The tests of all pairs."""
+
     notes: tuple[str, ...]
+    """What to be careful about."""
 
 
-def leaderboard(
+@dataclass
+class TrialGroup:
+    """Entries that share trials, and the trials that all of them have."""
+
+    entries: list[Entry]
+    common_trials: set[TrialKey]
+
+    def accepts(self, trials: set[TrialKey]) -> bool:
+        """Tell whether an entry with these trials can join."""
+        return bool(self.common_trials & trials)
+
+    def common_entries(self) -> list[Entry]:
+        """Return the entries with the common trials alone."""
+        entries = []
+        for entry in self.entries:
+            results = [
+                result
+                for result in entry.results
+                if TrialKey.of(result) in self.common_trials
+            ]
+            entries.append(replace(entry, results=tuple(results)))
+        return entries
+
+
+def make_boards(
     paths: Sequence[Path], ranking: str = "", worlds: str = "all"
 ) -> list[Board]:
-    """Return a board for each protocol, set of worlds, class of speed caps and way of computing, of worlds as "0-49".
+    """Rank the planners of results folders.
 
-    Entries with trials of the same worlds and seeds stand on one board, which is of the trials that all of them have.
-    Raises BarnError in one line for what cannot be read, and for two tasks under the name of one protocol.
+    There is a board for each protocol, class of speed caps, way of computing and set of
+    worlds. Planners are in the order of their means. Those without a significant
+    difference, after Holm for all pairs of the board, share a rank.
 
-    Planners are ordered by the mean of what is ranked by, without `ranking` the metric of the protocol. Those whose
-    paired difference is not clear, after Holm for all pairs of the board, share a rank.
+    Args:
+        paths: Results folders, or folders of sweeps.
+        ranking: A key of `RANKINGS`. By default the ranking measure of the protocol.
+        worlds: Worlds that count, such as "0-49".
+
+    Raises:
+        ConfigError: The ranking is unknown, or two tasks have the name of one protocol.
+        BarnError: A folder cannot be read.
     """
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
-    groups: dict[tuple[str, float, str], list[Entry]] = {}
-    every = read_entries(paths)
-    chosen = set(
-        select_worlds(worlds, (one.world for entry in every for one in entry.results))
-    )
-    for entry in every:
-        if own := tuple(one for one in entry.results if one.world in chosen):
-            groups.setdefault(_kind(entry), []).append(replace(entry, results=own))
-    for protocol in {
-        kind[0] for kind in groups
-    }:  # also where boards are apart for another reason
-        for entries in _in_common(
-            [one for kind in groups if kind[0] == protocol for one in groups[kind]]
-        ):
-            require_same_task([entry.source.path for entry in entries])
-    made = []
-    for _, several in sorted(groups.items()):
-        for entries in _in_common(several):
-            measure = (
-                MEASURES[RANKINGS[ranking]]
-                if ranking
-                else metric_of(entries[0].results)
-            )
-            made.append(board(labelled(entries), measure))
-    return made
+    entries = read_entries(paths)
+    world_numbers = (result.world for entry in entries for result in entry.results)
+    selected_worlds = set(select_worlds(worlds, world_numbers))
+
+    classes: dict[BoardClass, list[Entry]] = {}
+    for entry in entries:
+        results = [row for row in entry.results if row.world in selected_worlds]
+        if results:
+            board_class = _board_class(entry)
+            selection = replace(entry, results=tuple(results))
+            classes.setdefault(board_class, []).append(selection)
+    _require_one_task_per_protocol(classes)
+
+    boards = []
+    for _, class_entries in sorted(classes.items()):
+        for group in group_by_common_trials(class_entries):
+            measure = ranking_measure(group.entries[0].results)
+            if ranking:
+                measure = MEASURES[RANKINGS[ranking]]
+            boards.append(make_board(label_entries(group.common_entries()), measure))
+    return boards
+
+
+def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) -> None:
+    """Raise ConfigError if entries that share trials and a protocol differ in task.
+
+    They may be of different classes: the name of a protocol means one set of rules.
+    """
+    entries_by_protocol: dict[str, list[Entry]] = {}
+    for board_class, entries in classes.items():
+        entries_by_protocol.setdefault(board_class.protocol, []).extend(entries)
+    for entries in entries_by_protocol.values():
+        for group in group_by_common_trials(entries):
+            require_same_task([entry.source.path for entry in group.entries])
 
 
 def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
-    """Return a row per place: board, rank, tied, planner, better_than, and the columns of the planner's summary."""
+    """Return a row per place: board, rank, planner, and the planner's summary."""
     return [
         {
             "board": board.title,
-            "rank": one.rank,
-            "tied": one.tied,
-            "planner": one.entry.label,
+            "rank": place.rank,
+            "tied": place.tied,
+            "planner": place.entry.label,
+            "better_than": list(place.better_than),
+            **place.summary.columns(),
         }
-        | {"better_than": list(one.better_than)}
-        | one.summary.columns()
         for board in boards
-        for one in board.places
+        for place in board.places
     ]
 
 
-def board(entries: Sequence[Entry], measure: Measure) -> Board:
-    """Return the board of at least one entry of the same task; ConfigError if two cannot be ranked together."""
-    found = rank_results({entry.label: entry.results for entry in entries}, measure)
+def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
+    """Rank entries of one task.
+
+    Args:
+        entries: At least one, with distinct labels.
+        measure: What they are ranked by.
+
+    Raises:
+        ConfigError: Two entries cannot be ranked together.
+    """
+    results = {entry.label: entry.results for entry in entries}
+    ranking = rank_results(results, measure)
+    entry_by_label = {entry.label: entry for entry in entries}
+    ranks = ranking.ranks
     places = []
-    for place, entry in enumerate(
-        sorted(entries, key=lambda one: found.names.index(one.label))
-    ):
-        better_than = (
-            name
-            for other, name in enumerate(found.names)
-            if other > place and found.clear(place, other)
-        )
+    for position, label in enumerate(ranking.names):
+        entry = entry_by_label[label]
+        below = range(position + 1, len(ranking.names))
+        better_than = [ranking.names[k] for k in below if ranking.is_clear(position, k)]
+        bags = [entry.source.bag(row.trial_id).exists() for row in entry.results]
         places.append(
             Place(
-                found.ranks[place],
-                found.ranks.count(found.ranks[place]) > 1,
-                tuple(better_than),
-                entry,
-                summarise(entry.results, (*SCORED, "contact_s")),
-                configuration_hash(entry.source, entry.planner),
-                sum(
-                    entry.source.bag(result.trial_id).exists()
-                    for result in entry.results
-                ),
+                rank=ranks[position],
+                tied=ranks.count(ranks[position]) > 1,
+                better_than=tuple(better_than),
+                entry=entry,
+                summary=summarize(entry.results, (*SCORED, "contact_s")),
+                configuration=configuration_hash(entry.source, entry.planner),
+                bags=sum(bags),
             )
         )
-    notes = cautions(found.worlds, dict.fromkeys(entry.source for entry in entries))
-    trials = {
-        entry: sum(one.planner == entry.planner for one in entry.source.results)
-        for entry in entries
-    }
-    more = [entry.label for entry in entries if len(entry.results) < trials[entry]]
-    if more:
-        notes = (
-            f"Ranked on the {counted(found.worlds, 'world')} that all have; {joined(more)} have more.",
-            *notes,
+
+    sources = dict.fromkeys(entry.source for entry in entries)
+    notes = list(list_cautions(ranking.worlds, sources))
+    larger = [entry.label for entry in entries if _has_further_trials(entry)]
+    if larger:
+        worlds = count_noun(ranking.worlds, "world")
+        notes.insert(
+            0, f"Ranked on the {worlds} that all have; {join_names(larger)} have more."
         )
-    return Board(_title(entries[0]), measure, tuple(places), found, notes)
+    return Board(_title(entries[0]), measure, tuple(places), ranking, tuple(notes))
+
+
+def _has_further_trials(entry: Entry) -> bool:
+    """Tell whether the planner of an entry has trials that the entry leaves out."""
+    trials = [r for r in entry.source.results if r.planner == entry.planner]
+    return len(entry.results) < len(trials)
 
 
 def configuration_hash(source: Source, planner: str) -> str:
-    """Return a short name of the configuration that a planner was run with: equal ones have equal names."""
-    listed = source.configuration.get("planners", ())
-    own = [
-        one
-        for one in listed
-        if (one.get("name") if isinstance(one, Mapping) else one) == planner
-    ]
-    text = json.dumps({**source.configuration, "planners": own}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    """Return a short checksum of the configuration that a planner ran with.
+
+    Args:
+        source: The results folder.
+        planner: Name of the planner in it.
+    """
+    choices = []
+    for choice in source.configuration.get("planners", ()):
+        name = choice.get("name") if isinstance(choice, Mapping) else choice
+        if name == planner:
+            choices.append(choice)
+    content = json.dumps({**source.configuration, "planners": choices}, sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
-def _in_common(entries: Sequence[Entry]) -> list[list[Entry]]:
-    """Return entries by board, those with most trials first, with the trials that all of a board have."""
-    boards: list[tuple[set[tuple[Any, ...]], list[Entry]]] = []
-    for entry in sorted(entries, key=lambda one: -len(one.results)):
-        own = {_trial(one) for one in entry.results}
-        place = next(
-            (at for at, (shared, _) in enumerate(boards) if shared & own), len(boards)
-        )
-        shared, members = boards[place] if place < len(boards) else (own, [])
-        boards[place : place + 1] = [(shared & own, [*members, entry])]
-    return [
-        [
-            replace(
-                one, results=tuple(row for row in one.results if _trial(row) in shared)
-            )
-            for one in members
-        ]
-        for shared, members in boards
-    ]
+def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
+    """Group entries so that each group can be compared on the same trials.
+
+    Args:
+        entries: Results of one planner each, under one protocol and speed class.
+
+    Returns:
+        Groups in order of size. An entry joins the first group that shares a trial with
+        it, so an entry with few trials shrinks the group that it joins.
+    """
+    groups: list[TrialGroup] = []
+    # Largest first, so that a group's common trials start as wide as possible.
+    for entry in sorted(entries, key=lambda entry: -len(entry.results)):
+        trials = {TrialKey.of(result) for result in entry.results}
+        for group in groups:
+            if group.accepts(trials):
+                group.entries.append(entry)
+                group.common_trials &= trials
+                break
+        else:
+            groups.append(TrialGroup([entry], trials))
+    return groups
 
 
-def _trial(result: TrialResult) -> tuple[Any, ...]:
-    """Return what is equal for trials that can be compared."""
-    return result.world, result.world_checksum, result.campaign_seed, result.repetition
-
-
-def _kind(entry: Entry) -> tuple[str, float, str]:
-    """Return what an entry shares with a board; ConfigError if its trials follow several protocols."""
+def _board_class(entry: Entry) -> BoardClass:
+    """Return the class of an entry; ConfigError if its trials have several protocols."""
     protocols = {result.protocol for result in entry.results}
     if len(protocols) > 1:
         raise ConfigError(
             f"{entry.source.path}: {entry.planner} has trials of several protocols"
         )
-    way = compute_way(entry.results)
-    return (
-        protocols.pop(),
-        speed_class_mps(entry),
-        "too slow" if way.startswith("its score") else way,
+    return BoardClass(
+        protocol=protocols.pop(),
+        speed_class_mps=speed_class_mps(entry),
+        computing=computing_of(entry.results).class_name,
     )
 
 
 def speed_class_mps(entry: Entry) -> float:
-    """Return the upper end of the class of an entry's speed cap: each class is twice the one before, 0.5 m/s is one.
+    """Return the upper end of the class of an entry's speed cap.
 
-    0 for rows of versions that had no caps.
+    The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
+    it. Rows of versions without caps are in class 0.
     """
     cap_mps = max(result.speed_cap_mps or 0.0 for result in entry.results)
-    return 0.5 * 2.0 ** math.ceil(math.log2(cap_mps / 0.5) - 1e-9) if cap_mps else 0.0
+    if not cap_mps:
+        return 0.0
+    # A cap at the end of a class belongs to it in spite of rounding.
+    doublings = math.ceil(math.log2(cap_mps / _SLOWEST_CLASS_MPS) - 1e-9)
+    return _SLOWEST_CLASS_MPS * 2.0**doublings
 
 
 def _title(entry: Entry) -> str:
-    results, robot = (
-        entry.results,
-        f"robot {entry.source.robot}, " if entry.source.robot else "",
-    )
-    worlds = counted(len({result.world for result in results}), "world")
-    dataset = ", ".join(sorted({result.dataset for result in results}))
+    """Say what a board is about, from any of its entries."""
+    results = entry.results
+    worlds = count_noun(len({result.world for result in results}), "world")
+    datasets = ", ".join(sorted({result.dataset for result in results}))
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
+    parts = [
+        f"{results[0].protocol} protocol",
+        f"{worlds} of {datasets}",
+        f"seed {seeds}",
+    ]
     fastest = speed_class_mps(entry)
-    caps = f"up to {fastest:g} m/s, " if fastest else ""
-    way = compute_way(results)
-    way = "computing on a faster computer" if way.startswith("its score") else way
-    shared = ", ".join(filter(None, (f"{caps}{robot}task {results[0].task}", way)))
-    return (
-        f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {shared}"
-    )
+    if fastest:
+        parts.append(f"up to {fastest:g} m/s")
+    if entry.source.robot:
+        parts.append(f"robot {entry.source.robot}")
+    parts.append(f"task {results[0].task}")
+
+    computing = computing_of(results)
+    if computing.is_too_slow:
+        parts.append("computing on a faster computer")
+    elif computing.text:
+        parts.append(computing.text)
+    return ", ".join(parts)
 
 
-_BESIDE = ("success", "normalised_time_s_per_m")
+def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
+    """Return the parameters by which entries are settings of one sweep.
+
+    The sweep is of one planner, or of the delay of several. The list is empty if the
+    entries are no such settings.
+    """
+    values = [parse_folder_name(entry.source.path) for entry in entries]
+    planners = {entry.planner for entry in entries}
+    parameters = list(values[0])
+    is_one_sweep = all(setting.keys() == values[0].keys() for setting in values)
+    is_one_question = len(planners) == 1 or len(parameters) == 1
+    if is_one_sweep and is_one_question and len(values) > len(planners):
+        return parameters
+    return []
 
 
-def parameters_of(entries: Sequence[Entry]) -> list[str]:
-    """Return the parameters by which all entries are settings of one sweep, of a planner or over the delay; or none."""
-    found, planners = (
-        [values_of(entry.source.path) for entry in entries],
-        {entry.planner for entry in entries},
-    )
-    same = all(one.keys() == found[0].keys() for one in found) and (
-        len(planners) == 1 or len(found[0]) == 1
-    )
-    return list(found[0]) if same and len(found) > len(planners) else []
+def make_sweep_board(folder: Path) -> Board:
+    """Return the settings of a sweep as one board, whatever their speed caps.
 
-
-def sweep_board(folder: Path) -> Board:
-    """Return the settings of a sweep as one board, whatever their speed caps; BarnError as `read_entries`."""
+    Raises:
+        BarnError: As for `read_entries`.
+    """
     entries = read_entries([folder])
-    return board(entries, metric_of(entries[0].results))
+    return make_board(entries, ranking_measure(entries[0].results))
 
 
-def sweep_rows(found: Board) -> list[dict[str, Any]]:
-    """Return a row per setting, best first: whether it is level with the best, parameters, figures."""
+def sweep_rows(board: Board) -> list[dict[str, Any]]:
+    """Return a row per setting, best first: level, parameters and figures."""
     return [
         {
-            "level_with_best": place in found.ranking.leaders,
-            "planner": one.entry.planner,
+            "level_with_best": position in board.ranking.leaders,
+            "planner": place.entry.planner,
+            **parse_folder_name(place.entry.source.path),
+            **place.summary.columns(),
+            "folder": str(place.entry.source.path),
         }
-        | values_of(one.entry.source.path)
-        | one.summary.columns()
-        | {"folder": str(one.entry.source.path)}
-        for place, one in _in_order(found)
+        for position, place in _order_settings(board)
     ]
 
 
-def sweep_table(found: Board) -> TextTable:
-    """Return the settings as a table, best first."""
-    names = list(values_of(found.places[0].entry.source.path))
-    measures = [
-        found.measure,
-        *(MEASURES[key] for key in _BESIDE if key != found.measure.key),
-    ]
+def sweep_table(board: Board) -> TextTable:
+    """Return the settings of a sweep as a table, best first."""
+    parameters = list(parse_folder_name(board.places[0].entry.source.path))
+    keys = dict.fromkeys((board.measure.key, *_SWEEP_MEASURES))
+    measures = [MEASURES[key] for key in keys]
     rows = []
-    for place, one in _in_order(found):
-        texts = map(value_text, values_of(one.entry.source.path).values())
-        level = (
-            "best"
-            if place == 0
-            else "level"
-            if place in found.ranking.leaders
-            else "worse"
+    for position, place in _order_settings(board):
+        level = "worse"
+        if position == 0:
+            level = "best"
+        elif position in board.ranking.leaders:
+            level = "level"
+        values = parse_folder_name(place.entry.source.path).values()
+        rows.append(
+            (
+                spelling(place.entry.planner),
+                *(format_setting_value(value) for value in values),
+                level,
+                *(measure.text(place.summary[measure.key]) for measure in measures),
+            )
         )
-        figures = (measure.text(one.summary[measure.key]) for measure in measures)
-        rows.append((spelling(one.entry.planner), *texts, level, *figures))
-    columns = (
-        "planner",
-        *names,
-        "against the best",
-        *(one.heading for one in measures),
+
+    headings = [measure.heading for measure in measures]
+    columns = ("planner", *parameters, "against the best", *headings)
+    caption = (
+        f"By {board.measure.title}, with 95 % intervals; all pairs of settings tested, "
+        "corrected after Holm. Level: not clearly worse than the best."
     )
-    about = (
-        f"By {found.measure.title}, with 95 % intervals; all pairs of settings tested, corrected after Holm. Level: not"
-        " clearly worse than the best."
-    )
-    return TextTable("sweep", found.title, columns, tuple(rows), 2 + len(names), about)
+    texts = 2 + len(parameters)
+    return TextTable("sweep", board.title, columns, tuple(rows), texts, caption)
 
 
-def _in_order(found: Board) -> list[tuple[int, Place]]:
-    """Return places with their numbers, best first, or planner by planner over the delay."""
-    places = list(enumerate(found.places))
-    if list(values_of(found.places[0].entry.source.path)) != [LATENCY]:
-        return places
-    return sorted(
-        places,
-        key=lambda one: (
-            one[1].entry.planner,
-            values_of(one[1].entry.source.path)[LATENCY],
-        ),
-    )
+def _order_settings(board: Board) -> list[tuple[int, Place]]:
+    """Return places with their positions, best first.
+
+    A sweep over the delay is in the order of planners and delays.
+    """
+    places = list(enumerate(board.places))
+    values = [parse_folder_name(place.entry.source.path) for place in board.places]
+    if list(values[0]) == [LATENCY]:
+        places.sort(key=lambda p: (p[1].entry.planner, values[p[0]][LATENCY]))
+    return places

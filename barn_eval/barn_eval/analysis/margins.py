@@ -1,29 +1,43 @@
-"""Is B no worse than A, by more than a margin: non-inferiority, which "cannot be told apart" does not show."""
+"""Non-inferiority: whether B is no worse than A by more than a margin.
+
+A difference that is not significant does not show that.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
+
+Decision = Literal["not worse", "worse", "not shown"]
 
 
 @dataclass(frozen=True)
 class Margin:
-    """How much worse a measure, named by its key, may be: in its unit, or as a share of A's mean."""
+    """How much worse a measure may become."""
 
     measure: str
+    """Key of the measure."""
+
     margin: float
+    """In the unit of the measure, or a share of A's mean if `relative`."""
+
     relative: bool
 
     @classmethod
     def parse(cls, text: str) -> "Margin":
-        """Return the margin of a text such as "challenge:0.01" or "challenge:5%"; ConfigError for another."""
+        """Read a margin such as "challenge:0.01" or "challenge:5%".
+
+        Raises:
+            ConfigError: The text names no measure with a better direction, or its
+                margin is neither a number from 0 nor a share.
+        """
         key, _, size = text.partition(":")
         if key not in MEASURES or not MEASURES[key].better:
-            known = [one.key for one in MEASURES.values() if one.better]
+            keys = [measure.key for measure in MEASURES.values() if measure.better]
             raise ConfigError(
-                f"--fail-if-worse: unknown measure {key!r}{suggest(key, known)}"
+                f"--fail-if-worse: unknown measure {key!r}{suggest(key, keys)}"
             )
         try:
             margin = float(size.removesuffix("%"))
@@ -31,71 +45,83 @@ class Margin:
             margin = -1.0
         if not 0.0 <= margin < float("inf"):
             rule = "must be MEASURE:MARGIN, a number from 0 or a share such as 5%"
-            raise ConfigError(f"--fail-if-worse {key}: {rule}, got {shown(size)}")
+            raise ConfigError(
+                f"--fail-if-worse {key}: {rule}, got {format_value(size)}"
+            )
         relative = size.endswith("%")
         return cls(key, margin / 100.0 if relative else margin, relative)
 
 
 @dataclass(frozen=True)
 class MarginTest:
-    """Whether B is worse than A by more than a margin, both in the unit of the measure.
-
-    decision: "not worse" where the 95 % interval of the loss lies within the margin, "worse" where it lies beyond it,
-    else "not shown". loss: how much worse B is, on average; low, high: its limits, None where there are none.
-    """
+    """Whether B is worse than A by more than a margin."""
 
     a: str
     b: str
+
     measure: str
+    """Key of the measure, in whose unit the figures below are."""
+
     margin: float
+
     loss: float
+    """How much worse B is on average."""
+
     low: float | None
+    """Lower limit of the loss, None if there is none."""
+
     high: float | None
-    decision: Literal["not worse", "worse", "not shown"]
+
+    # "not worse" if the 95 % interval of the loss lies within the margin, "worse" if it
+    # lies beyond the margin, else "not shown".
+    decision: Decision
 
     @property
     def text(self) -> str:
-        """What it says, in a sentence."""
+        """The decision in a sentence."""
         measure = MEASURES[self.measure]
         unit = " percentage points" if measure.percent else measure.after
-        limit = f"{measure.number(self.margin)}{unit}"
-        words = {
-            "not worse": f"{self.b} is not worse than {self.a} by more than {limit}",
-            "worse": f"{self.b} is worse than {self.a} by more than {limit}",
-            "not shown": f"it is not shown that {self.b} is not worse than {self.a} by more than {limit}",
-        }
-        high = (
-            "none can be given"
-            if self.high is None
-            else f"{measure.number(self.high)}{unit}"
-        )
-        return (
-            f"{words[self.decision]} ({measure.title}; upper limit of the loss: {high})"
-        )
+        margin = f"{measure.number(self.margin)}{unit}"
+        claim = f"{self.b} is not worse than {self.a} by more than {margin}"
+        if self.decision == "worse":
+            claim = f"{self.b} is worse than {self.a} by more than {margin}"
+        elif self.decision == "not shown":
+            claim = f"it is not shown that {claim}"
+
+        limit = "none can be given"
+        if self.high is not None:
+            limit = f"{measure.number(self.high)}{unit}"
+        return f"{claim} ({measure.title}; upper limit of the loss: {limit})"
 
 
-def decide_margin(found: Comparison, margin: Margin) -> MarginTest:
-    """Return what a comparison, which has the measure among its rows, says of B by a margin."""
-    row = found.row(margin.measure)
-    of_a_less_b = row.paired.difference
-    loss = of_a_less_b if row.larger_is_better else of_a_less_b.mirrored()
-    limit = margin.margin * (abs(row.paired.mean_a) if margin.relative else 1.0)
-    decision: Literal["not worse", "worse", "not shown"] = "not shown"
+def decide_margin(comparison: Comparison, margin: Margin) -> MarginTest:
+    """Decide whether B is worse than A by more than a margin.
+
+    Args:
+        comparison: A and B, compared by at least the measure of the margin.
+        margin: How much worse B may be.
+    """
+    row = comparison.row(margin.measure)
+    loss = row.paired.difference
+    if not row.larger_is_better:
+        loss = loss.negate()
+    limit = margin.margin
+    if margin.relative:
+        limit = margin.margin * abs(row.paired.mean_a)
+
+    decision: Decision = "not shown"
     if loss.low is not None and loss.high is not None:
-        decision = (
-            "not worse"
-            if loss.high <= limit
-            else "worse"
-            if loss.low > limit
-            else decision
-        )
+        if loss.high <= limit:
+            decision = "not worse"
+        elif loss.low > limit:
+            decision = "worse"
     return MarginTest(
-        found.a,
-        found.b,
-        margin.measure,
-        limit,
-        loss.estimate,
-        loss.low,
-        loss.high,
-        decision,
+        a=comparison.a,
+        b=comparison.b,
+        measure=margin.measure,
+        margin=limit,
+        loss=loss.estimate,
+        low=loss.low,
+        high=loss.high,
+        decision=decision,
     )

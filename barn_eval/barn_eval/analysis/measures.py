@@ -1,6 +1,7 @@
-"""The catalogue of measures: what each figure of a trial is called, its unit, and which way is better.
+"""The catalog of measures: name, unit and better direction of each figure of a trial.
 
-Tables, comparisons, rankings, pages and figures name measures by their key and write values as the catalogue says.
+Tables, comparisons, rankings, pages and figures name measures by their key and write
+values as the catalog says.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ import numpy as np
 
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import Rows, TrialResult
-from barn_eval.trials.trajectory import CLOSE_M
+from barn_eval.trials.trajectory import NEAR_CONTACT_M
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, suggest
@@ -22,41 +23,49 @@ Better = Literal["larger", "smaller", ""]
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure of a trial.
-
-    path: of the field of a result that has it, in parts that not all trials have. better: which way is.
-    successes_only: whether means and comparisons leave failed trials out. maximum: the highest value there can be,
-    where readers need it. percent: whether it lies in 0 to 1 and is shown in percent. as_failure: what a trial counts
-    with, or would, as a failure; None where failures have no value of their own. of: what it is computed by where no
-    field has it.
-    """
+    """A figure of a trial."""
 
     path: str
+    """Field of a result that holds it, dotted; not all trials have all fields."""
+
     label: str
     unit: str
     digits: int
     better: Better = ""
+
     successes_only: bool = False
+    """Whether means and comparisons leave failed trials out."""
+
     maximum: float | None = None
+    """Highest possible value, where readers need it."""
+
     percent: bool = False
+    """Whether the value lies in 0 to 1 and is shown in percent."""
+
     as_failure: Callable[[TrialResult], float] | None = None
-    of: Callable[[TrialResult], float] | None = None
+    """Value that a trial has, or would have, as a failure; None if failures have none."""
+
+    compute: Callable[[TrialResult], float] | None = None
+    """Computes the value where no field holds it."""
 
     @property
     def key(self) -> str:
-        """Its column in the tables of results, or its own name where there is none."""
+        """Its column in the tables of results, or a name of its own."""
         return self.path.rpartition(".")[2]
 
     def value(self, result: TrialResult) -> float | None:
-        """Return the figure of a trial, None where it has none."""
-        found: Any = result
+        """Return the figure of a trial, None if the trial has none."""
+        if self.compute is not None:
+            return self.compute(result)
+        field: Any = result
         for name in self.path.split("."):
-            found = getattr(found, name, None)
-        return self.of(result) if self.of else found
+            field = getattr(field, name, None)
+        value: float | None = field
+        return value
 
     @property
     def title(self) -> str:
-        """The label, and which trials are in."""
+        """The label, and which trials count."""
         return f"{self.label} of successes" if self.successes_only else self.label
 
     @property
@@ -66,50 +75,54 @@ class Measure:
 
     @property
     def trial_heading(self) -> str:
-        """The label with its unit, for the values of single trials."""
+        """The label with its unit, for values of single trials."""
         return self._with_unit(self.label)
 
     @property
     def after(self) -> str:
-        """What follows a value in a sentence: its unit."""
+        """The unit as it follows a value in a sentence."""
         return " %" if self.percent else f" {self.unit}".rstrip()
 
     def values(self, results: Rows) -> Floats:
-        """Return the value of each trial (n,), NaN where it has none that counts."""
-        found = (
-            self.value(one) if one.scores.success or not self.successes_only else None
-            for one in results
-        )
-        return np.array([np.nan if one is None else one for one in found], np.float64)
+        """Return the value of each trial (n,), NaN where none counts."""
+        values: Floats = np.full(len(results), np.nan)
+        for position, result in enumerate(results):
+            if self.successes_only and not result.scores.success:
+                continue
+            value = self.value(result)
+            if value is not None:
+                values[position] = value
+        return values
 
     @property
     def best(self) -> float:
-        """The best value that there can be, of a measure that counts failures."""
+        """The best possible value of a measure that counts failures."""
         if self.better == "smaller":
             return 0.0
         return 1.0 if self.maximum is None else self.maximum
 
-    def shown(self, interval: Interval) -> Interval:
+    def in_heading_unit(self, interval: Interval) -> Interval:
         """Return an estimate of the measure in the unit of its heading."""
-        return interval.scaled(100.0) if self.percent else interval
+        return interval.scale(100.0) if self.percent else interval
 
     def text(self, interval: Interval) -> str:
         """Return an estimate of the measure with its limits, without the unit."""
-        return self.shown(interval).text(self.digits)
+        return self.in_heading_unit(interval).text(self.digits)
 
     def number(self, value: float | None) -> str:
-        """Return a value of the measure without the unit."""
-        return number(
-            100.0 * value if self.percent and value is not None else value, self.digits
-        )
+        """Return a value of the measure as text, without the unit."""
+        if self.percent and value is not None:
+            value = 100.0 * value
+        return number(value, self.digits)
 
     def _with_unit(self, name: str) -> str:
-        of = "" if self.maximum is None else f" (of {self.maximum:g})"
+        if self.maximum is not None:
+            name = f"{name} (of {self.maximum:g})"
         unit = "%" if self.percent else self.unit
-        return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
+        return f"{name} [{unit}]" if unit else name
 
 
-def _nothing(_: TrialResult) -> float:
+def _zero(_: TrialResult) -> float:
     return 0.0
 
 
@@ -122,10 +135,9 @@ def _path_ratio(result: TrialResult) -> float:
 
 
 _FAILURE_S = attrgetter("scores.failure_time_s")
-_TIME = "scores.normalised_time_s_per_m"
-_ALL = (
+_CATALOG = (
     Measure(
-        "scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing
+        "scores.success", "success", "", 1, "larger", percent=True, as_failure=_zero
     ),
     Measure("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
     Measure(
@@ -137,7 +149,7 @@ _ALL = (
         as_failure=_FAILURE_S,
     ),
     Measure(
-        _TIME,
+        "scores.normalised_time_s_per_m",
         "time per metre as counted",
         "s/m",
         3,
@@ -152,7 +164,7 @@ _ALL = (
         3,
         "larger",
         maximum=0.5,
-        as_failure=_nothing,
+        as_failure=_zero,
     ),
     Measure(
         "scores.challenge_2022",
@@ -161,7 +173,7 @@ _ALL = (
         3,
         "larger",
         maximum=0.25,
-        as_failure=_nothing,
+        as_failure=_zero,
     ),
     Measure(
         "scores.efficiency",
@@ -170,7 +182,7 @@ _ALL = (
         1,
         "larger",
         percent=True,
-        as_failure=_nothing,
+        as_failure=_zero,
     ),
     Measure("scores.least_time_s", "least time possible", "s", 2),
     Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),
@@ -185,14 +197,14 @@ _ALL = (
         3,
         "smaller",
         successes_only=True,
-        of=_path_ratio,
+        compute=_path_ratio,
     ),
     Measure("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
     Measure("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
     Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),
     Measure(
         "measures.near_contact_s",
-        f"time within {CLOSE_M:g} m of obstacles",
+        f"time within {NEAR_CONTACT_M:g} m of obstacles",
         "s",
         2,
         "smaller",
@@ -277,13 +289,20 @@ _ALL = (
         percent=True,
     ),
 )
-MEASURES = {one.key: one for one in _ALL}
-SCORED = tuple(one.key for one in _ALL if one.path.startswith("scores.") and one.better)
-MOVING = tuple(one.key for one in _ALL if one.path.startswith("motion."))
+MEASURES = {measure.key: measure for measure in _CATALOG}
 _KEYS = tuple(MEASURES)
-DRIVEN = _KEYS[
-    _KEYS.index("driven_m") : _KEYS.index(MOVING[0])
-]  # what reports and summaries say beside
+
+SCORED = tuple(
+    measure.key
+    for measure in _CATALOG
+    if measure.path.startswith("scores.") and measure.better
+)
+# Measures of trials among moving obstacles.
+MOVING = tuple(
+    measure.key for measure in _CATALOG if measure.path.startswith("motion.")
+)
+# What reports and summaries list beside the scores.
+DRIVEN = _KEYS[_KEYS.index("driven_m") : _KEYS.index(MOVING[0])]
 COMPARED = (
     *SCORED,
     "driven_m",
@@ -291,43 +310,54 @@ COMPARED = (
     "contact_s",
     "rms_jerk_mps3",
     "rotation_rad",
+    "compute_p50_ms",
+    "compute_p95_ms",
 )
-COMPARED += ("compute_p50_ms", "compute_p95_ms")
 
 
-def with_motion(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
-    """Return keys of measures, and those made for moving obstacles where each group has trials among such."""
-    moving = bool(groups) and all(
-        any(one.motion is not None for one in group) for group in groups
-    )
-    return (*keys, *MOVING) if moving else tuple(keys)
+def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
+    """Add the measures for moving obstacles where every planner has met some.
+
+    Args:
+        keys: Keys of measures.
+        *groups: Results of each planner.
+    """
+    meets_motion = [
+        any(result.motion is not None for result in results) for results in groups
+    ]
+    if meets_motion and all(meets_motion):
+        return (*keys, *MOVING)
+    return tuple(keys)
 
 
-def measures_named(names: Sequence[str]) -> tuple[str, ...]:
-    """Return keys of measures as they are; ConfigError for one that the catalogue does not have."""
+def require_measures(names: Sequence[str]) -> tuple[str, ...]:
+    """Return keys of measures without repetitions.
+
+    Raises:
+        ConfigError: The catalog does not have one of them.
+    """
     for name in names:
         if name not in MEASURES:
             raise ConfigError(f"unknown measure {name!r}{suggest(name, MEASURES)}")
     return tuple(dict.fromkeys(names))
 
 
-def metric_of(results: Rows) -> Measure:
-    """Return the measure that the protocol of results ranks planners by; rows of version 1 do not name it."""
+def ranking_measure(results: Rows) -> Measure:
+    """Return the measure by which the protocol of results ranks planners."""
     first = results[0]
-    return MEASURES[
-        first.metric
-        or (
-            "challenge"
-            if first.protocol == CHALLENGE.name
-            else "normalised_time_s_per_m"
-        )
-    ]
+    if first.metric:
+        return MEASURES[first.metric]
+    # Rows of schema 1 do not name it.
+    if first.protocol == CHALLENGE.name:
+        return MEASURES["challenge"]
+    return MEASURES["normalised_time_s_per_m"]
 
 
-def safety_of(results: Rows) -> Measure:
-    """Return the clearance that tells how safe trials were: to what moves, where all were among such."""
-    return MEASURES[
-        "moving_clearance_m"
-        if all(one.motion is not None for one in results)
-        else "min_clearance_m"
-    ]
+def clearance_measure(results: Rows) -> Measure:
+    """Return the clearance that says how safe trials were.
+
+    Where all trials are among moving obstacles, it is the clearance to these.
+    """
+    if all(result.motion is not None for result in results):
+        return MEASURES["moving_clearance_m"]
+    return MEASURES["min_clearance_m"]

@@ -1,4 +1,4 @@
-"""All that a report says: figures, computed once for tables and drawings, and how its results are made again."""
+"""What a report says: figures, computed once, and how its results are reproduced."""
 
 import itertools
 import json
@@ -14,22 +14,22 @@ import yaml
 
 from barn_eval.analysis.compare import (
     Comparison,
-    changed_parameters,
+    adjust_by_holm,
     compare,
-    holm_adjusted,
+    describe_parameter_changes,
 )
-from barn_eval.analysis.difficulty import Band, Difficulty, bands
+from barn_eval.analysis.difficulty import Band, WorldOrder, make_bands
 from barn_eval.analysis.measures import (
     COMPARED,
     DRIVEN,
     MEASURES,
     SCORED,
-    metric_of,
-    with_motion,
+    ranking_measure,
+    with_moving_measures,
 )
 from barn_eval.analysis.significance import ALPHA, holm
 from barn_eval.analysis.sources import Entry, Source
-from barn_eval.analysis.summary import Summary, summarise
+from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.tables import (
     bands_table,
     comparison_table,
@@ -37,15 +37,15 @@ from barn_eval.analysis.tables import (
     measures_table,
     outcomes_table,
 )
-from barn_eval.analysis.text_table import TextTable, joined
+from barn_eval.analysis.text_table import TextTable, join_names
 from barn_eval.analysis.verdict import (
     Conclusion,
+    conclude_ranking,
+    conclude_results,
     rank_results,
-    results_verdict,
-    verdict,
 )
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
@@ -53,9 +53,12 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.robots.files import ROBOTS
 
 Jobs = Sequence[Callable[[], Any]]
-MOST_PAIRS = 45  # of ten entries; more would be no table to read
-_ALIKE = 3  # pairs without a clear difference that are named
-_IN = ("success", "traversal_time_s", "min_clearance_m", "contact_s")
+
+# All pairs of ten entries; more would make no table that anyone reads.
+MAX_PAIRS = 45
+# More pairs than these without a significant difference share one sentence.
+_MAX_NAMED_PAIRS = 3
+_SENTENCE_MEASURES = ("success", "traversal_time_s", "min_clearance_m", "contact_s")
 
 
 @dataclass(frozen=True)
@@ -69,246 +72,293 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries.
-
-    verdict: by the metric, None where `refusals` says why there is none. where, why: planners differ, and in what.
-    """
+    """The figures of a report."""
 
     summaries: tuple[Summary, ...]
-    order: Difficulty
+    """In the order of entries."""
+
+    order: WorldOrder
     bands: tuple[Band, ...]
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
-    verdict: Conclusion | None
+
+    conclusion: Conclusion | None
+    """By the ranking measure; None where `refusals` says why there is none."""
+
     where: Mapping[str, str]
+    """By band, which planners differ in its worlds."""
+
     why: Sequence[str]
+    """Sentences on the measures in which planners differ."""
 
 
-def analyse(
+def analyze(
     entries: Sequence[Entry],
-    order: Difficulty,
+    order: WorldOrder,
     run: Callable[[Jobs], list[Any]],
-    columns: Sequence[str] = (),
+    keys: Sequence[str] = (),
 ) -> Overview:
-    """Return what a report says in figures of at least one entry, all of one task.
+    """Compute the figures of a report.
 
-    run: calls jobs, the longest first, and returns what they return. columns: keys of more measures.
+    Args:
+        entries: Planners of one task, at least one.
+        order: Their worlds from easy to difficult.
+        run: Calls jobs, the longest first, and returns what they return.
+        keys: Keys of further measures.
     """
-    pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
-    keys = tuple(
-        dict.fromkeys(
-            (
-                *with_motion(SCORED + DRIVEN, *(entry.results for entry in entries)),
-                *columns,
-            )
-        )
-    )
-    compared = tuple(dict.fromkeys((*COMPARED, *columns)))
+    pairs = list(itertools.combinations(entries, 2))[:MAX_PAIRS]
+    groups = [entry.results for entry in entries]
+    summary_keys = with_moving_measures(SCORED + DRIVEN, *groups)
+    summary_keys = tuple(dict.fromkeys((*summary_keys, *keys)))
+    compared_keys = tuple(dict.fromkeys((*COMPARED, *keys)))
     jobs: list[Callable[[], Any]] = [
-        partial(_compared, a, b, compared) for a, b in pairs
+        *(partial(_compare_entries, a, b, compared_keys) for a, b in pairs),
+        *(partial(summarize, results, summary_keys) for results in groups),
+        partial(make_bands, entries, order),
     ]
-    jobs += [partial(summarise, entry.results, keys) for entry in entries]
-    *found, in_bands = run([*jobs, partial(bands, entries, order)])
-    summaries = tuple(found[len(pairs) :])
-    comparisons = holm_adjusted([one for one in found if isinstance(one, Comparison)])
-    told = None
+    *figures, bands = run(jobs)
+
+    pair_figures = figures[: len(pairs)]
+    comparisons = adjust_by_holm(
+        [figure for figure in pair_figures if isinstance(figure, Comparison)]
+    )
+    conclusion = None
+    # The refusals say why there is none.
     with suppress(BarnError):
-        told = results_verdict({entry.label: entry.results for entry in entries})
+        results = {entry.label: entry.results for entry in entries}
+        conclusion = conclude_results(results, comparisons)
     return Overview(
-        summaries,
-        order,
-        tuple(in_bands),
-        comparisons,
-        tuple(one for one in found if isinstance(one, Refusal)),
-        told,
-        where(entries, in_bands) if told else {},
-        why(comparisons),
+        summaries=tuple(figures[len(pairs) :]),
+        order=order,
+        bands=tuple(bands),
+        comparisons=comparisons,
+        refusals=tuple(f for f in pair_figures if isinstance(f, Refusal)),
+        conclusion=conclusion,
+        where=conclude_bands(entries, bands) if conclusion else {},
+        why=explain_differences(comparisons),
     )
 
 
-def where(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
-    """Return by the name of each band what its worlds say of all planners, by tests that share one correction (Holm).
+def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
+    """Say for each band what its worlds show about all planners.
 
-    Nothing for one planner. Planners must have done the same task.
+    The tests of all bands share one correction (Holm).
+
+    Args:
+        entries: Planners of one task.
+        bands: Bands of their worlds.
+
+    Returns:
+        A sentence by band; none for a single planner.
     """
     if len(entries) < 2 or not bands:
         return {}
-    measure = metric_of(entries[0].results)
-    found = {}
+    measure = ranking_measure(entries[0].results)
+    rankings = {}
     for band in bands:
-        inside = set(band.worlds)
-        own = {
-            entry.label: [one for one in entry.results if one.world in inside]
+        worlds = set(band.worlds)
+        results = {
+            entry.label: [row for row in entry.results if row.world in worlds]
             for entry in entries
         }
-        with suppress(ConfigError):  # no trial in it that all have
-            found[band.name] = rank_results(own, measure)
-    adjusted = iter(
-        holm([one.differences[pair].p for one in found.values() for pair in one.p])
-    )
-    ranked = {
-        name: replace(one, p={pair: next(adjusted) for pair in one.p})
-        for name, one in found.items()
-    }
-    return {name: verdict(one, measure).short for name, one in ranked.items()}
+        # A band may have no trial that all planners have.
+        with suppress(ConfigError):
+            rankings[band.name] = rank_results(results, measure)
+
+    p_values = []
+    for ranking in rankings.values():
+        p_values += [ranking.differences[pair].p for pair in ranking.p]
+    adjusted = iter(holm(p_values))
+    sentences = {}
+    for name, ranking in rankings.items():
+        p = {pair: next(adjusted) for pair in ranking.p}
+        sentences[name] = conclude_ranking(replace(ranking, p=p), measure).short
+    return sentences
 
 
-def why(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return a sentence on each pair: in which measures they differ clearly, which not; many without any share one."""
-    texts, alike = [], []
-    for one in comparisons:
-        clear, unclear = [], []
-        for row in (row for row in one.rows if row.key in (one.metric, *_IN)):
-            measure, pair = MEASURES[row.key], row.paired
-            if row.p_holm <= ALPHA:
-                means = f"{measure.number(pair.mean_a)} against {measure.number(pair.mean_b)}{measure.after}"
-                clear.append(f"{row.measure} ({means})")
-            else:
-                unclear.append(row.measure)
-        told = [f"differ clearly in {joined(clear)}"] if clear else []
-        if unclear:
-            told.append(
-                ("not" if clear else "do not differ clearly")
-                + f" in {joined(unclear, 'or')}"
-            )
-        texts.append(f"{one.a} and {one.b} {', '.join(told)}.")
-        alike += [] if clear else texts[-1:]
-    few = (
-        comparisons if len(comparisons) <= _ALIKE else ()
-    )  # labels of many settings say what differs
-    changed = [
-        f"{one.a} and {one.b}: {one.parameters}" for one in few if one.parameters
-    ]
-    if len(alike) <= _ALIKE:
-        return texts + changed
-    others = "The other" if len(texts) > len(alike) else "All"
-    rest = f"{others} {len(alike)} pairs do not {alike[0].partition(' do not ')[2]}"
-    return [*(text for text in texts if text not in alike), rest, *changed]
+def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
+    """Say for each pair in which measures the planners differ.
 
+    Many pairs without a significant difference share one sentence.
+    """
+    explanations = [_explain_difference(comparison) for comparison in comparisons]
+    equal = [explanation for explanation in explanations if not explanation.differs]
+    parameters = []
+    # The labels of many settings say already what differs.
+    if len(comparisons) <= _MAX_NAMED_PAIRS:
+        for comparison in comparisons:
+            if comparison.parameters:
+                names = f"{comparison.a} and {comparison.b}"
+                parameters.append(f"{names}: {comparison.parameters}")
+    if len(equal) <= _MAX_NAMED_PAIRS:
+        return [explanation.sentence() for explanation in explanations] + parameters
 
-def tables(
-    entries: Sequence[Entry], found: Overview, columns: Sequence[str] = ()
-) -> list[TextTable]:
-    """Return all tables, the headline first, which has the measures named by columns, where there are any."""
-    labels, summaries = [entry.label for entry in entries], found.summaries
-    metric = metric_of(entries[0].results)
-    keys = [key for key in summaries[0].means if key not in SCORED]
-    driven = [
-        key
-        for key in keys
-        if any(math.isfinite(one[key].estimate) for one in summaries)
-    ]
-    made = [
-        headline_table(labels, summaries, metric, columns),
-        measures_table(labels, summaries, driven),
-    ]
-    if found.bands:
-        made.append(bands_table(labels, found.bands))
-    made += [
-        comparison_table(one, f"paired_{index}")
-        for index, one in enumerate(found.comparisons, 1)
-    ]
-    return [*made, outcomes_table(labels, summaries)]
-
-
-def _compared(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
-    try:
-        found = compare(a.results, b.results, a.label, b.label, keys)
-        return replace(
-            found,
-            parameters=changed_parameters(a.source, a.planner, b.source, b.planner),
-        )
-    except BarnError as error:
-        return Refusal(a.label, b.label, str(error))
+    subject = "The other" if len(explanations) > len(equal) else "All"
+    summary = f"{subject} {len(equal)} pairs {equal[0].claim}."
+    different = [e.sentence() for e in explanations if e.differs]
+    return [*different, summary, *parameters]
 
 
 @dataclass(frozen=True)
-class Repeat:
-    """A command; the protocol as YAML where it is none of the suite's own; what the command cannot say."""
+class _Explanation:
+    """In which measures two planners differ."""
+
+    pair: str
+    claim: str
+    differs: bool
+
+    def sentence(self) -> str:
+        """Return the whole sentence."""
+        return f"{self.pair} {self.claim}."
+
+
+def _explain_difference(comparison: Comparison) -> _Explanation:
+    """Say in which measures two planners differ significantly, and in which not."""
+    clear = []
+    unclear = []
+    for row in comparison.rows:
+        if row.key not in (comparison.metric, *_SENTENCE_MEASURES):
+            continue
+        if row.p_holm <= ALPHA:
+            measure = MEASURES[row.key]
+            mean_a = measure.number(row.paired.mean_a)
+            mean_b = measure.number(row.paired.mean_b)
+            clear.append(f"{row.measure} ({mean_a} against {mean_b}{measure.after})")
+        else:
+            unclear.append(row.measure)
+
+    no_difference = f"in {join_names(unclear, 'or')}"
+    claim = f"do not differ clearly {no_difference}"
+    if clear:
+        claim = f"differ clearly in {join_names(clear)}"
+        if unclear:
+            claim += f", not {no_difference}"
+    pair = f"{comparison.a} and {comparison.b}"
+    return _Explanation(pair, claim, bool(clear))
+
+
+def make_tables(
+    entries: Sequence[Entry], overview: Overview, keys: Sequence[str] = ()
+) -> list[TextTable]:
+    """Return all tables of a report, the headline first.
+
+    Args:
+        entries: Planners of the report.
+        overview: Its figures.
+        keys: Keys of the measures of the headline. By default rates, times and scores.
+    """
+    labels = [entry.label for entry in entries]
+    summaries = overview.summaries
+    measure = ranking_measure(entries[0].results)
+    # Rows of older versions lack some measures.
+    other_keys = [
+        key
+        for key in summaries[0].means
+        if key not in SCORED
+        and any(math.isfinite(summary[key].estimate) for summary in summaries)
+    ]
+    tables = [
+        headline_table(labels, summaries, measure, keys),
+        measures_table(labels, summaries, other_keys),
+    ]
+    if overview.bands:
+        tables.append(bands_table(labels, overview.bands))
+    for number, comparison in enumerate(overview.comparisons, 1):
+        tables.append(comparison_table(comparison, f"paired_{number}"))
+    tables.append(outcomes_table(labels, summaries))
+    return tables
+
+
+def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
+    """Compare two entries, or say why they cannot be compared."""
+    try:
+        comparison = compare(a.results, b.results, a.label, b.label, keys)
+        parameters = describe_parameter_changes(
+            a.source, a.planner, b.source, b.planner
+        )
+    except BarnError as error:
+        return Refusal(a.label, b.label, str(error))
+    return replace(comparison, parameters=parameters)
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """How results are made again."""
 
     command: str
+
     protocol_yaml: str = ""
+    """The protocol as YAML if it is not one of the suite's."""
+
     note: str = ""
+    """What the command cannot say."""
 
 
-def repeat(source: Source) -> Repeat:
-    """Return how the results of a source are made again."""
+def reproduce(source: Source) -> Reproduction:
+    """Return how the results of a folder are made again."""
     try:
-        experiment = source.experiment
+        run = source.run_config
     except BarnError as error:
-        return Repeat(
-            "",
-            note=f"this version of the suite does not read the configuration: {error}",
-        )
-    words = [
-        "barn",
-        "run",
-        "--dataset",
-        experiment.dataset,
-        "--worlds",
-        experiment.worlds,
-    ]
-    words += [
-        "--repetitions",
-        str(experiment.repetitions),
-        "--seed",
-        str(experiment.seed),
-        "--mode",
-        experiment.mode,
-    ]
-    names = [
-        f"{one.name}:{one.preset}" if one.preset else one.name
-        for one in experiment.planners
-    ]
-    words += ["--planners", ",".join(names), "--bags", experiment.bags]
-    for one in experiment.planners:
-        words += _settings(
-            "--set",
-            {f"{one.name}.{key}": value for key, value in one.overrides.items()},
-        )
-        words += (
-            ["--planner-command", f"{one.name}={one.command}"] if one.command else []
-        )
-    protocol, notes = experiment.protocol, []
-    own = PROTOCOLS.get(protocol.name) == protocol
-    words += ["--protocol", protocol.name if own else "protocol.yaml"]
-    if live := [one.name for one in experiment.planners if one.source]:
-        notes.append(f"Given as Python objects, not by a command: {', '.join(live)}.")
-    robot = None
-    if name := source.robot:
-        robot = ROBOTS.get(name)
-        shipped = robot is not None and robot.chassis == source.chassis
-        words += ["--robot", name if shipped else f"{name}.yaml"]
-        if not shipped:
-            robot = robot_of(experiment.simulator)
+        note = f"this version of the suite does not read the configuration: {error}"
+        return Reproduction("", note=note)
+
+    planners = ",".join(
+        f"{planner.name}:{planner.preset}" if planner.preset else planner.name
+        for planner in run.planners
+    )
+    words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
+    words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]
+    words += ["--mode", run.mode, "--planners", planners, "--bags", run.bags]
+    notes = []
+    for planner in run.planners:
+        parameters = {f"{planner.name}.{k}": v for k, v in planner.overrides.items()}
+        words += _option_words("--set", parameters)
+        if planner.command:
+            words += ["--planner-command", f"{planner.name}={planner.command}"]
+
+    is_shipped_protocol = PROTOCOLS.get(run.protocol.name) == run.protocol
+    protocol = run.protocol.name if is_shipped_protocol else "protocol.yaml"
+    words += ["--protocol", protocol]
+    objects = [planner.name for planner in run.planners if planner.source]
+    if objects:
+        names = ", ".join(objects)
+        notes.append(f"Given as Python objects, not by a command: {names}.")
+
+    robot = ROBOTS.get(source.robot)
+    if source.robot:
+        if robot is not None and robot.chassis == source.chassis:
+            words += ["--robot", source.robot]
+        else:
+            words += ["--robot", f"{source.robot}.yaml"]
+            robot = robot_of(run.simulator)
             notes.append(
-                f"Robot {name} is from a file, which is not kept with results."
+                f"Robot {source.robot} is from a file, which is not kept with results."
             )
-    words += _settings(
-        "--sim", _changed(experiment.simulator, simulator_config(protocol, None, robot))
-    )
-    words += [
-        *_settings("--ros", _changed(experiment.ros, RosSetup())),
-        "--out",
-        "results",
-    ]
-    text = (
-        ""
-        if own
-        else yaml.safe_dump({"schema_version": 1} | as_dict(protocol), sort_keys=False)
-    )
-    return Repeat(shlex.join(words), text, " ".join(notes))
+
+    standard = simulator_config(run.protocol, None, robot)
+    words += _option_words("--sim", _changed_fields(run.simulator, standard))
+    words += _option_words("--ros", _changed_fields(run.ros, RosConfig()))
+    words += ["--out", "results"]
+    protocol_yaml = ""
+    if not is_shipped_protocol:
+        content = {"schema_version": 1} | as_dict(run.protocol)
+        protocol_yaml = yaml.safe_dump(content, sort_keys=False)
+    return Reproduction(shlex.join(words), protocol_yaml, " ".join(notes))
 
 
-def _changed(config: Checked, standard: Checked) -> dict[str, Any]:
-    """Return the fields of a configuration that differ from the standard one, by dotted name."""
-    known = {name: value for name, _, value in fields_of(standard)}
-    return {name: value for name, _, value in fields_of(config) if known[name] != value}
+def _changed_fields(config: Checked, standard: Checked) -> dict[str, Any]:
+    """Return the fields of a configuration that differ from the standard, dotted."""
+    standard_values = {name: value for name, _, value in fields_of(standard)}
+    return {
+        name: value
+        for name, _, value in fields_of(config)
+        if standard_values[name] != value
+    }
 
 
-def _settings(option: str, values: Mapping[str, Any]) -> list[str]:
-    return [
-        word
-        for key, value in values.items()
-        for word in (option, f"{key}={json.dumps(value)}")
-    ]
+def _option_words(option: str, values: Mapping[str, Any]) -> list[str]:
+    """Return an option of the command line for each value."""
+    words = []
+    for key, value in values.items():
+        words += [option, f"{key}={json.dumps(value)}"]
+    return words

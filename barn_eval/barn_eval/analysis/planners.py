@@ -1,4 +1,4 @@
-"""Names and colours of planners, the same wherever they are written or drawn."""
+"""Names and colors of planners, the same wherever they are written or drawn."""
 
 from collections.abc import Sequence
 
@@ -11,41 +11,50 @@ _SPELLINGS = {
     "gap": "gap",
     "policy": "policy",
 }
-_COLOURS = dict(zip(_SPELLINGS, PLANNERS, strict=False))
-_OTHERS = (*PLANNERS[len(_SPELLINGS) :], *PLANNERS[: len(_SPELLINGS)])
+_SUITE_COLORS = dict(zip(_SPELLINGS, PLANNERS, strict=False))
+# In the order in which other planners take them.
+_FREE_COLORS = (*PLANNERS[len(_SPELLINGS) :], *PLANNERS[: len(_SPELLINGS)])
 
 
 def spelling(planner: str) -> str:
-    """Return the name of a planner as readers know it: the suite's own in their usual spelling, others as they are."""
+    """Return the usual spelling of the suite's planners, other names unchanged."""
     return _SPELLINGS.get(planner, planner)
 
 
-def colours(planners: Sequence[str]) -> list[str]:
-    """Return the colour of each planner of a figure.
+def assign_colors(planners: Sequence[str]) -> list[str]:
+    """Return a color for each planner of a figure.
 
-    The suite's own planners have theirs wherever they are; others, and a planner that is there again, take those that
-    are left, in their order, a light one after a dark one and the other way round. After seven all colours come again.
+    The suite's planners always have the same color. Other planners, and a planner that
+    appears again, take the remaining colors in order, a light one after a dark one and
+    the other way round. After seven planners colors repeat.
     """
-    own = [
-        _COLOURS.get(name) if name not in planners[:place] else None
-        for place, name in enumerate(planners)
-    ]
-    chosen: list[str] = []
+    fixed_colors: list[str | None] = []
+    for position, name in enumerate(planners):
+        is_first = name not in planners[:position]
+        fixed_colors.append(_SUITE_COLORS.get(name) if is_first else None)
+
+    colors: list[str] = []
     free: list[str] = []
-    for known in own:
-        free = (
-            free
-            or [one for one in _OTHERS if one not in own and one not in chosen]
-            or list(_OTHERS)
-        )
-        colour = known or ""
-        if not known:
-            other = [one for one in free if chosen and _dark(one) != _dark(chosen[-1])]
-            colour = (other or free)[0]
-            free.remove(colour)
-        chosen.append(colour)
-    return chosen
+    for fixed in fixed_colors:
+        if not free:
+            taken = {*fixed_colors, *colors}
+            free = [color for color in _FREE_COLORS if color not in taken]
+        if not free:
+            free = list(_FREE_COLORS)
+
+        if fixed:
+            colors.append(fixed)
+            continue
+        color = free[0]
+        if colors:
+            contrasting = [c for c in free if _is_dark(c) != _is_dark(colors[-1])]
+            color = (contrasting or free)[0]
+        free.remove(color)
+        colors.append(color)
+
+    return colors
 
 
-def _dark(colour: str) -> bool:
-    return PLANNERS.index(colour) % 2 == 0
+def _is_dark(color: str) -> bool:
+    """Tell whether a color is one of the dark ones, which alternate with light ones."""
+    return PLANNERS.index(color) % 2 == 0

@@ -1,8 +1,9 @@
-"""Two planners compared while trials come in: looks at planned numbers of worlds, with one error over all of them.
+"""Two planners compared while trials come in, with one error over all looks.
 
-The chance of a false alarm is spent over the looks as O'Brien and Fleming's bounds have it (Lan and DeMets 1983,
-"Discrete sequential boundaries for clinical trials"). What is spent is counted in patterns of signs of whole worlds, as
-in `significance.paired_difference`, and not by the normal distribution.
+The chance of a false alarm is spent over the looks as the bounds of O'Brien and Fleming
+do (Lan and DeMets 1983, "Discrete sequential boundaries for clinical trials"). It is
+counted in patterns of signs of whole worlds, as in `significance.paired_difference`,
+not by the normal distribution.
 """
 
 import math
@@ -14,109 +15,123 @@ import numpy as np
 from scipy import special
 
 from barn_eval.analysis.significance import ALPHA, FLIPS, sign_patterns
-from barn_eval.analysis.statistics import Columns, difference
+from barn_eval.analysis.statistics import TrialValues, difference
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats, Integers
 
-LOOKS = 5  # at a plan
-_FUTILE_BELOW = 0.1  # the chance that the plan's last look would still be clear, by what has been seen
-Decided = Literal["better", "worse", "futile", "continue", "open"]
+LOOKS = 5
+# A look is futile if the last look would be clear with less than this chance.
+_FUTILE_CHANCE = 0.1
+# Before half of the worlds the trend says too little about that chance.
+_MIN_FUTILE_SHARE = 0.5
+
+Decision = Literal["better", "worse", "futile", "continue", "open"]
 
 
 @dataclass(frozen=True)
 class LookResult:
-    """What a look at a plan says of B against A.
+    """What a look says about B against A."""
 
-    decided: B is "better" or "worse"; "futile" where that would hardly come out any more; "continue" until the next;
-    "open" where the last one is not clear. worlds: of the look, 0 before the first. difference: B - A over these, with
-    its 95 % interval as if it were the only look.
-    """
+    # B is "better" or "worse"; "futile" if a later look would hardly show either;
+    # "continue" until the next look; "open" if the last look is not clear.
+    decision: Decision
 
-    decided: Decided
     worlds: int
+    """Number of worlds of the look, 0 before the first."""
+
     difference: Interval
+    """B - A over these worlds, with its interval as if this were the only look."""
 
 
-def planned_looks(worlds: int) -> list[int]:
-    """Return the numbers of worlds at which a plan of so many is looked at, the last of them the plan."""
-    return [
-        look for number in range(1, LOOKS + 1) if (look := worlds * number // LOOKS)
-    ]
+def plan_looks(worlds: int) -> list[int]:
+    """Return the numbers of worlds at which a comparison of so many is looked at."""
+    looks = [worlds * number // LOOKS for number in range(1, LOOKS + 1)]
+    return [look for look in looks if look]
 
 
 def decide(
-    a: Columns,
-    b: Columns,
+    a: TrialValues,
+    b: TrialValues,
     order: Sequence[int],
     looks: Sequence[int],
     *,
     larger_is_better: bool,
     flips: int = FLIPS,
 ) -> LookResult:
-    """Return what the first look says that decides, or the last that there are worlds for.
+    """Return the first look that decides, or the last one that there are worlds for.
 
-    A look decides if its sum of differences is beyond a bound that equal planners reach in 5 % of all plans at most, at
-    this look or an earlier one, and if failures not seen would not turn its sign.
+    A look decides if its sum of differences is beyond a bound that equal planners reach
+    in at most 5 % of all comparisons, at this look or an earlier one, and if failures
+    that did not occur would not turn the sign.
 
     Args:
-        a: Trials of one planner.
-        b: The same trials of the other, as many in each world.
-        order: All worlds of the plan as they come, which must not follow from results.
-        looks: Numbers of worlds at which it is looked, ascending; the last is the plan.
-        larger_is_better: Which way is better.
-        flips: How many patterns of signs there are.
+        a: Trials of A.
+        b: The same trials of B, as many in each world.
+        order: All planned worlds in the order in which they are driven. It must not
+            depend on results.
+        looks: Numbers of worlds at which to look, ascending; the last is the plan.
+        larger_is_better: Whether larger values of the measure are better.
+        flips: Number of patterns of signs.
     """
-    place = {world: number for number, world in enumerate(order)}
-    came: Integers = np.array([place[world] for world in a.worlds.tolist()], np.int64)
-    sums = np.bincount(came, b.values - a.values, minlength=looks[-1]).astype(
-        np.float64
-    )
+    position = {world: number for number, world in enumerate(order)}
+    arrivals: Integers = np.array([position[w] for w in a.worlds.tolist()], np.int64)
+    gaps = b.values - a.values
+    sums: Floats = np.bincount(arrivals, gaps, minlength=looks[-1]).astype(np.float64)
+    worlds_done = len(np.unique(arrivals))
+
     patterns = sign_patterns(looks[-1], 0, flips)
-    alive, used, crossed = np.ones(len(patterns), bool), 0.0, False
-    found = LookResult("continue", 0, Interval(math.nan))
-    for look in (one for one in looks if one <= len(np.unique(came))):
-        share, own = look / looks[-1], sums[:look]
-        sizes = np.where(alive, np.abs(patterns[:, :look] @ own), -1.0)
-        # The patterns of largest sums cross, as many as may have by now; of equal sums all or none.
-        most = np.sort(sizes)[::-1][math.floor((_spent(share) - used) * len(sizes))]
-        crossing = sizes > most
-        crossed, used, alive = (
-            crossed or bool(crossing[0]),
-            used + float(crossing.mean()),
-            alive & ~crossing,
-        )
-        there = np.flatnonzero(came < look)
-        plain = difference(b.at(there), a.at(there), flips=flips)
-        decided: Decided = "open" if look == looks[-1] else "continue"
-        if crossed and plain.p <= ALPHA:
-            decided = (
-                "better"
-                if (plain.interval.estimate > 0.0) == larger_is_better
-                else "worse"
-            )
-        elif (
-            decided == "continue"
-            and share >= 0.5
-            and _chance_left(own, share) < _FUTILE_BELOW
-        ):
-            decided = "futile"
-        found = LookResult(decided, look, plain.interval)
-        if decided != "continue":
+    is_alive = np.ones(len(patterns), bool)  # patterns beyond no bound so far
+    error_spent = 0.0
+    has_crossed = False
+    result = LookResult("continue", 0, Interval(math.nan))
+    for look in looks:
+        if look > worlds_done:
             break
-    return found
+        share = look / looks[-1]
+        sizes = np.abs(patterns[:, :look] @ sums[:look])
+        sizes = np.where(is_alive, sizes, -1.0)
+        # The patterns with the largest sums cross the bound, as many as the error
+        # allows by now; of equal sums all cross or none.
+        allowed = math.floor((_error_to_spend(share) - error_spent) * len(sizes))
+        bound = np.sort(sizes)[::-1][allowed]
+        is_crossing = sizes > bound
+        error_spent += float(is_crossing.mean())
+        is_alive &= ~is_crossing
+        # The first pattern is the data.
+        has_crossed = has_crossed or bool(is_crossing[0])
+
+        done = np.flatnonzero(arrivals < look)
+        test = difference(b.at(done), a.at(done), flips=flips)
+        decision: Decision = "open" if look == looks[-1] else "continue"
+        if has_crossed and test.p <= ALPHA:
+            is_better = (test.interval.estimate > 0.0) == larger_is_better
+            decision = "better" if is_better else "worse"
+        elif (
+            decision == "continue"
+            and share >= _MIN_FUTILE_SHARE
+            and _conditional_power(sums[:look], share) < _FUTILE_CHANCE
+        ):
+            decision = "futile"
+        result = LookResult(decision, look, test.interval)
+        if decision != "continue":
+            break
+
+    return result
 
 
-def _spent(share: float) -> float:
-    """Return how much of ALPHA may be spent when that share of the worlds is there."""
+def _error_to_spend(share: float) -> float:
+    """Return how much of ALPHA may be spent when a share of the worlds is done."""
     return 2.0 * float(special.ndtr(special.ndtri(ALPHA / 2.0) / math.sqrt(share)))
 
 
-def _chance_left(sums: Floats, share: float) -> float:
-    """Return the chance that the last look is clear if the rest is like that share: conditional power, by the trend."""
+def _conditional_power(sums: Floats, share: float) -> float:
+    """Return the chance that the last look is clear if the trend goes on.
+
+    Args:
+        sums: Sum of the differences of each world that is done (m,).
+        share: Share of the planned worlds that these are, below 1.
+    """
     size = math.sqrt(float(sums @ sums))
     z = abs(float(sums.sum())) / size if size > 0.0 else 0.0
-    return float(
-        special.ndtr(
-            (z / math.sqrt(share) + special.ndtri(ALPHA / 2.0)) / math.sqrt(1.0 - share)
-        )
-    )
+    expected = z / math.sqrt(share) + special.ndtri(ALPHA / 2.0)
+    return float(special.ndtr(expected / math.sqrt(1.0 - share)))

@@ -1,6 +1,7 @@
-"""Shares and differences whose uncertainty respects that trials of one world are alike.
+"""Shares and differences whose uncertainty respects that trials of a world are alike.
 
-Functions take one value per trial and, beside it, the number of its world. A world is the unit of sampling throughout.
+Functions take one value per trial and, beside it, the number of its world. A world is
+the unit of sampling throughout.
 """
 
 import math
@@ -15,77 +16,111 @@ from scipy import special
 from barn_metrics.bootstrap import LEVEL, Interval, number
 from barn_worlds.base.arrays import Floats, Integers
 
-ALPHA = 1.0 - LEVEL  # a difference is clear from this p-value down
-FLIPS = 10_000
-_ENUMERATED_WORLDS = (
-    13  # up to so many worlds all sign patterns are tried, 8192 at most
-)
-_TOLERANCE = 1e-9  # of a sum that is rounded differently for another order of signs
-_TELLING_WORLDS = 3
+# A difference is significant from this p-value down.
+ALPHA = 1.0 - LEVEL
 POWER = 0.8
-_MOST_WORLDS = 1_000_000
+FLIPS = 10_000
+
+# Up to so many worlds a test tries all sign patterns, 8192 at most.
+_MAX_ENUMERATED_WORLDS = 13
+# Share of a sum by which it may be rounded differently for another order of signs.
+_ROUNDING = 1e-9
+# Fewer worlds than these say too little about how alike the trials of a world are.
+_MIN_INFORMATIVE_WORLDS = 3
+_MAX_WORLDS = 1_000_000
 
 
 @dataclass(frozen=True)
 class Components:
-    """Variance of a figure, or of a paired difference, between worlds and between the trials of a world.
-
-    unseen: what a failure costs of each planner that has not failed so far, of which the variance knows nothing.
-    """
+    """Variance of a figure, or of a paired difference, by where it comes from."""
 
     between: float
+    """Variance between worlds."""
+
     within: float
+    """Variance between the trials of a world."""
+
     unseen: tuple[float, ...] = ()
+    """Cost of a failure for each planner that has not failed yet.
+
+    The variance knows nothing of such failures.
+    """
 
     def standard_error(self, worlds: int, repetitions: int) -> float:
-        """Return the standard error of the mean over so many worlds with so many trials each."""
+        """Return the standard error of a mean.
+
+        Args:
+            worlds: Number of worlds that the mean is over.
+            repetitions: Number of trials in each world.
+        """
         return math.sqrt((self.between + self.within / repetitions) / worlds)
 
 
-def components(values: Floats, worlds: Integers) -> Components:
-    """Return the components of variance of one value per trial (n,) by the analysis of variance (Searle 1971).
+def variance_components(values: Floats, worlds: Integers) -> Components:
+    """Split the variance of values by the analysis of variance (Searle 1971).
 
-    Worlds may have different numbers of trials. With one trial a world all variance counts as that between worlds.
+    With one trial per world all variance counts as variance between worlds.
+
+    Args:
+        values: One value per trial (n,).
+        worlds: Number of each trial's world (n,); worlds may differ in trials.
     """
     _, world = np.unique(worlds, return_inverse=True)
     counts = np.bincount(world)
-    trials, groups = len(values), len(counts)
+    trials = len(values)
+    groups = len(counts)
     means = np.bincount(world, values) / counts
+
     if trials == groups:
-        return Components(
-            float(np.var(values, ddof=1)) if trials > 1 else math.nan, 0.0
-        )
+        variance = float(np.var(values, ddof=1)) if trials > 1 else math.nan
+        return Components(variance, 0.0)
     within = float(np.sum((values - means[world]) ** 2)) / (trials - groups)
     if groups < 2:
         return Components(math.nan, within)
-    mean_square = float(np.sum(counts * (means - np.mean(values)) ** 2)) / (groups - 1)
+
+    deviations = (means - np.mean(values)) ** 2
+    mean_square = float(np.sum(counts * deviations)) / (groups - 1)
+    # The number of trials per world that stands for worlds of unequal size.
     size = (trials - float(np.sum(counts**2)) / trials) / (groups - 1)
     return Components(max(0.0, (mean_square - within) / size), within)
 
 
 def t_quantile(p: float, freedom: int) -> float:
-    """Return the p-quantile of Student's distribution with that many degrees of freedom."""
+    """Return a quantile of Student's distribution.
+
+    Args:
+        p: Probability below the quantile.
+        freedom: Degrees of freedom.
+    """
     return float(special.stdtrit(freedom, p))
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A mean paired difference A - B.
-
-    interval: of the difference, None limits where there are too few worlds for any. p: two-sided probability of a mean
-    as far from 0 if the two were alike, NaN without data. worlds: that both have a value in. parts: its variance.
-    """
+    """A mean paired difference A - B."""
 
     interval: Interval
+    """The difference; its limits are None where there are too few worlds for any."""
+
     p: float
+    """Two-sided probability of such a mean if A and B were alike; NaN without data."""
+
     worlds: int
+    """Number of worlds in which both have a value."""
+
     trials: int
     parts: Components
+
+    def negate(self) -> "Difference":
+        """Return B - A."""
+        return Difference(
+            self.interval.negate(), self.p, self.worlds, self.trials, self.parts
+        )
 
 
 @dataclass(frozen=True)
 class Share:
-    """A share of trials, and the number of independent trials that would tell it as well."""
+    """A share of trials, and how many independent trials would be as informative."""
 
     share: float
     effective: float
@@ -93,164 +128,191 @@ class Share:
     @property
     def limits(self) -> tuple[float, float]:
         """The 95 % interval of Clopper and Pearson (1934)."""
-        p, n = self.share, self.effective
-        low = (
-            float(special.betaincinv(p * n, n - p * n + 1.0, ALPHA / 2.0))
-            if p > 0.0
-            else 0.0
-        )
-        return low, upper_share(p, n)
+        successes = self.share * self.effective
+        failures = self.effective - successes
+        low = 0.0
+        if self.share > 0.0:
+            low = special.betaincinv(successes, failures + 1.0, ALPHA / 2.0)
+        return float(low), upper_share(self.share, self.effective)
 
     def p_above(self, share: float) -> float:
         """Return the two-sided p-value of a true share that is above this one."""
         if share >= 1.0:
             return 0.0
-        seen = self.share * self.effective
-        return min(
-            1.0, 2.0 * float(special.betaincc(seen + 1.0, self.effective - seen, share))
-        )
+        successes = self.share * self.effective
+        failures = self.effective - successes
+        return min(1.0, 2.0 * float(special.betaincc(successes + 1.0, failures, share)))
 
 
 def upper_share(share: float, effective: float) -> float:
-    """Return the upper limit of a share of so many independent trials."""
-    seen = share * effective
-    return (
-        float(special.betaincinv(seen + 1.0, effective - seen, 1.0 - ALPHA / 2.0))
-        if share < 1.0
-        else 1.0
-    )
+    """Return the upper limit of a share, after Clopper and Pearson.
+
+    Args:
+        share: Observed share, 0 to 1.
+        effective: Number of independent trials behind it.
+    """
+    if share >= 1.0:
+        return 1.0
+    successes = share * effective
+    probability = 1.0 - ALPHA / 2.0
+    limit = special.betaincinv(successes + 1.0, effective - successes, probability)
+    return float(limit)
 
 
 def share_of(values: Floats | Integers, worlds: Integers) -> Share:
-    """Return the mean of values (n,) in 0 to 1 as a share.
+    """Return the mean of values from 0 to 1 as a share.
 
-    Where fewer than three worlds have any, they tell little of how alike trials of a world are: each world then counts
-    as one trial.
+    Where fewer than three worlds have a value above 0, they say little about how alike
+    the trials of a world are. Each world then counts as one trial.
+
+    Args:
+        values: One value per trial (n,), such as 1 for a failure.
+        worlds: Number of each trial's world (n,).
     """
-    p, effective, drawn = effective_trials(values, worlds)
-    few = len(np.unique(worlds[values > 0.0])) < _TELLING_WORLDS
-    return Share(p, float(drawn) if few else max(1.0, effective))
+    mean, effective, world_count = effective_trials(values, worlds)
+    informative_worlds = len(np.unique(worlds[values > 0.0]))
+    if informative_worlds < _MIN_INFORMATIVE_WORLDS:
+        return Share(mean, float(world_count))
+    return Share(mean, max(1.0, effective))
 
 
 def proportion(successes: Integers, worlds: Integers) -> Interval:
-    """Return the share of successes (n,), each 0 or 1, with Wilson's interval for the effective number of trials.
+    """Return the share of successes with Wilson's interval for the effective trials.
 
-    The quantile is Student's with one degree of freedom less than worlds (Franco et al. 2019, "Comparative study of
-    confidence intervals for proportions in complex sample surveys"). Where all worlds are alike, each counts once.
+    The quantile is Student's with one degree of freedom less than worlds (Franco et
+    al. 2019, "Comparative study of confidence intervals for proportions in complex
+    sample surveys"). Where all worlds are alike, each world counts as one trial.
+
+    Args:
+        successes: 1 for each trial that succeeded, else 0 (n,).
+        worlds: Number of each trial's world (n,).
     """
     if not len(successes):
         return Interval(math.nan)
-    p, effective, drawn = effective_trials(successes, worlds)
-    if drawn < 2:
+    p, effective, world_count = effective_trials(successes, worlds)
+    if world_count < 2:
         return Interval(p)
-    z = t_quantile(0.5 + LEVEL / 2.0, drawn - 1)
-    middle = (p + z * z / (2.0 * effective)) / (1.0 + z * z / effective)
-    half = (
-        z
-        * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2)
-        / (1.0 + z * z / effective)
-    )
+
+    z = t_quantile(0.5 + LEVEL / 2.0, world_count - 1)
+    scale = 1.0 + z * z / effective
+    middle = (p + z * z / (2.0 * effective)) / scale
+    variance = p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2
+    half = z * math.sqrt(variance) / scale
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
 
 
 def effective_trials(
     values: Floats | Integers, worlds: Integers
 ) -> tuple[float, float, int]:
-    """Return a share (n,), the number of independent trials that would tell it as well, and of worlds.
+    """Return a share, its effective number of independent trials, and of worlds.
 
-    That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n.
+    The effective number is p (1 - p) / v, at most n, where v is the variance of the
+    share as the worlds' own shares show it.
+
+    Args:
+        values: One value from 0 to 1 per trial (n,).
+        worlds: Number of each trial's world (n,).
     """
     _, world = np.unique(worlds, return_inverse=True)
-    p, trials, drawn = float(np.mean(values)), len(values), int(world.max()) + 1
-    # The variance of a ratio of sums over worlds, by its linearisation.
+    p = float(np.mean(values))
+    trials = len(values)
+    world_count = int(world.max()) + 1
+
+    # The variance of a ratio of sums over worlds, by its linearization.
     residuals = np.bincount(world, values - p)
-    variance = float(residuals @ residuals) * drawn / max(1, drawn - 1) / trials**2
-    return (
-        p,
-        min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn),
-        drawn,
-    )
+    variance = float(residuals @ residuals) * world_count
+    variance = variance / max(1, world_count - 1) / trials**2
+    if variance <= 0.0:
+        return p, float(world_count), world_count
+    return p, min(p * (1.0 - p) / variance, trials), world_count
 
 
 def paired_difference(
     differences: Floats, worlds: Integers, seed: int = 0, flips: int = FLIPS
 ) -> Difference:
-    """Return the mean of paired differences (n,) with an interval and a test that flip the sign of whole worlds.
+    """Return a mean paired difference with its interval and test by flips of signs.
 
-    If A and B are alike, each world's sum is as likely to have the other sign: the test is exact for any distribution.
-    The interval holds the shifts that it does not reject; its limits are quantiles of the larger and the smaller mean
-    of the two groups that each pattern of signs makes (Hartigan 1969, "typical values"). flips: how many patterns are
-    drawn where there are too many to try all; no p-value is smaller than 1 / (flips + 1).
+    If A and B are alike, the sum of each world is as likely to have the other sign, so
+    the test is exact for any distribution. The interval holds the shifts that the test
+    does not reject: its limits are quantiles of the larger and the smaller mean of the
+    two groups into which a pattern of signs parts the worlds (Hartigan 1969, "Using
+    subsample values as typical values").
+
+    Args:
+        differences: Value of A minus value of B for each pair of trials (n,).
+        worlds: Number of each pair's world (n,).
+        seed: Seed of the patterns, where there are too many worlds to try all.
+        flips: Number of patterns then; no p-value is below 1 / (flips + 1).
     """
     if not len(differences):
-        return Difference(
-            Interval(math.nan), math.nan, 0, 0, Components(math.nan, math.nan)
-        )
-    order = np.lexsort(
-        (differences, worlds)
-    )  # sums must not depend on the order of the trials
-    differences, worlds = differences[order], worlds[order]
-    numbers, world = np.unique(worlds, return_inverse=True)
-    sums, counts = np.bincount(world, differences), np.bincount(world)
+        nothing = Components(math.nan, math.nan)
+        return Difference(Interval(math.nan), math.nan, 0, 0, nothing)
+
+    # Sums must not depend on the order in which trials come.
+    order = np.lexsort((differences, worlds))
+    differences = differences[order]
+    worlds = worlds[order]
+    world_numbers, world = np.unique(worlds, return_inverse=True)
+    sums = np.bincount(world, differences)
+    counts = np.bincount(world)
     mean = float(sums.sum() / counts.sum())
-    signs = sign_patterns(len(numbers), seed, flips)
-    flipped, size = (signs @ np.stack([sums, counts], axis=1)).T
     total = float(sums.sum())
-    reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
+
+    signs = sign_patterns(len(world_numbers), seed, flips)
+    flipped_sums, flipped_counts = (signs @ np.stack([sums, counts], axis=1)).T
+    threshold = abs(total) - _ROUNDING * float(np.abs(sums).sum())
+    p = float((np.abs(flipped_sums) >= threshold).mean())
+
     with np.errstate(divide="ignore", invalid="ignore"):
-        groups = np.stack(
-            [
-                (total + flipped) / (counts.sum() + size),
-                (total - flipped) / (counts.sum() - size),
-            ]
-        )
-    low = np.where(np.isfinite(groups), groups, -np.inf).min(
-        axis=0
-    )  # a group of none has no mean
-    high = np.where(np.isfinite(groups), groups, np.inf).max(axis=0)
-    limits = (
-        float(np.quantile(low, ALPHA, method="lower")),
-        float(np.quantile(high, LEVEL, method="higher")),
-    )
-    interval = (
-        Interval(mean, *limits) if all(map(math.isfinite, limits)) else Interval(mean)
-    )
-    return Difference(
-        interval,
-        float(reached.mean()),
-        len(numbers),
-        len(differences),
-        components(differences, worlds),
-    )
+        plus_means = (total + flipped_sums) / (counts.sum() + flipped_counts)
+        minus_means = (total - flipped_sums) / (counts.sum() - flipped_counts)
+    means = np.stack([plus_means, minus_means])
+    # A group without worlds has no mean.
+    is_mean = np.isfinite(means)
+    smaller_means = np.where(is_mean, means, -np.inf).min(axis=0)
+    larger_means = np.where(is_mean, means, np.inf).max(axis=0)
+    low = float(np.quantile(smaller_means, ALPHA, method="lower"))
+    high = float(np.quantile(larger_means, LEVEL, method="higher"))
+    interval = Interval(mean)
+    if math.isfinite(low) and math.isfinite(high):
+        interval = Interval(mean, low, high)
+
+    parts = variance_components(differences, worlds)
+    return Difference(interval, p, len(world_numbers), len(differences), parts)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for testing all of them (Holm 1979): the chance of any false alarm stays below each.
+    """Return p-values adjusted for testing all of them (Holm 1979).
 
-    NaN stands for a test that could not be made; it stays NaN and does not count.
+    The chance of any false alarm stays below each adjusted value. NaN stands for a test
+    that could not be made; it stays NaN and does not count.
     """
     p: Floats = np.array(p_values, np.float64)
-    order = np.argsort(p, kind="stable")[
-        : np.count_nonzero(~np.isnan(p))
-    ]  # NaN comes last
-    p[order] = np.maximum.accumulate(
-        np.minimum(1.0, np.arange(len(order), 0, -1) * p[order])
-    )
-    return list(map(float, p))
+    tests = int(np.count_nonzero(~np.isnan(p)))
+    # NaN comes last in this order.
+    order = np.argsort(p, kind="stable")[:tests]
+    scaled = np.minimum(1.0, np.arange(tests, 0, -1) * p[order])
+    p[order] = np.maximum.accumulate(scaled)
+    return [float(value) for value in p]
 
 
 def p_text(p: float) -> str:
-    """Return a p-value as it is written in a sentence."""
+    """Return a p-value as a sentence has it, such as "p = 0.021"."""
     return "p < 0.001" if p < 0.001 else f"p = {number(p, 3)}"
 
 
 @lru_cache(maxsize=4)
 def sign_patterns(worlds: int, seed: int, flips: int) -> Floats:
-    """Return patterns of signs (m, worlds), that of the data first: all of them for few worlds, else drawn ones.
+    """Return patterns of signs (m, worlds); the first is that of the data.
 
-    Kept, since all measures of a comparison have the same worlds.
+    The patterns are cached, since all measures of a comparison have the same worlds.
+
+    Args:
+        worlds: Number of worlds. For up to 13 all patterns are returned.
+        seed: Seed of random patterns.
+        flips: Number of random patterns beside the first.
     """
-    if worlds <= _ENUMERATED_WORLDS:
+    if worlds <= _MAX_ENUMERATED_WORLDS:
         minus = np.arange(2**worlds)[:, None] >> np.arange(worlds) & 1
     else:
         minus = np.random.default_rng(seed).integers(0, 2, (flips + 1, worlds))
@@ -259,52 +321,81 @@ def sign_patterns(worlds: int, seed: int, flips: int) -> Floats:
 
 
 def half_width(
-    found: Components, worlds: int, repetitions: int, level: float = LEVEL
+    parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return half the width of the interval of a mean over so many worlds with so many trials each.
+    """Return half the width of the interval of a mean.
 
-    It is of what has been seen, or of failures that could come if that is more.
+    The width follows from the variance, or from failures that may still come where
+    these would widen it further.
+
+    Args:
+        parts: Variance of one value.
+        worlds: Number of worlds that the mean is over.
+        repetitions: Number of trials in each world.
+        level: Coverage of the interval.
     """
     if worlds < 2:
         return math.inf
-    seen = t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(
-        worlds, repetitions
-    )
-    return max(seen, *(cost * upper_share(0.0, worlds) for cost in found.unseen), 0.0)
+    quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
+    by_variance = quantile * parts.standard_error(worlds, repetitions)
+    by_failures = [cost * upper_share(0.0, worlds) for cost in parts.unseen]
+    return max(by_variance, *by_failures, 0.0)
 
 
 def detectable_difference(
-    found: Components, worlds: int, repetitions: int, level: float = LEVEL
+    parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return the difference that a test at that level finds 8 times in 10."""
+    """Return the difference that a test finds 8 times in 10.
+
+    Args:
+        parts: Variance of one paired difference.
+        worlds: Number of worlds.
+        repetitions: Number of trials in each world.
+        level: 1 minus the error of the test.
+    """
     if worlds < 2:
         return math.inf
-    by_chance = t_quantile(POWER, worlds - 1) * found.standard_error(
-        worlds, repetitions
-    )
-    return half_width(found, worlds, repetitions, level) + by_chance
+    error = parts.standard_error(worlds, repetitions)
+    by_chance = t_quantile(POWER, worlds - 1) * error
+    return half_width(parts, worlds, repetitions, level) + by_chance
 
 
 def worlds_for_half_width(
-    found: Components, wanted: float, repetitions: int
+    parts: Components, width: float, repetitions: int
 ) -> int | None:
-    """Return the fewest worlds whose interval is no wider than +- `wanted`; None above a million."""
-    return _fewest(lambda worlds: half_width(found, worlds, repetitions) <= wanted)
+    """Return the fewest worlds whose interval is narrow enough; None above a million.
 
-
-def worlds_for_difference(
-    found: Components, wanted: float, repetitions: int, level: float = LEVEL
-) -> int | None:
-    """Return the fewest worlds in which a difference of `wanted` is found 8 times in 10; None above a million."""
-    return _fewest(
-        lambda worlds: (
-            detectable_difference(found, worlds, repetitions, level) <= wanted
-        )
+    Args:
+        parts: Variance of one value.
+        width: Half the width that the interval may have.
+        repetitions: Number of trials in each world.
+    """
+    return _fewest_worlds(
+        lambda worlds: half_width(parts, worlds, repetitions) <= width
     )
 
 
-def _fewest(enough: Callable[[int], bool]) -> int | None:
-    """Return the smallest number from 2 that is enough, where all above it are."""
-    numbers = range(2, _MOST_WORLDS + 1)
-    place = bisect_left(numbers, True, key=enough)
-    return numbers[place] if place < len(numbers) else None
+def worlds_for_difference(
+    parts: Components, size: float, repetitions: int, level: float = LEVEL
+) -> int | None:
+    """Return the fewest worlds that show a difference 8 times in 10.
+
+    Args:
+        parts: Variance of one paired difference.
+        size: The difference.
+        repetitions: Number of trials in each world.
+        level: 1 minus the error of the test.
+
+    Returns:
+        The number of worlds; None above a million.
+    """
+    return _fewest_worlds(
+        lambda worlds: detectable_difference(parts, worlds, repetitions, level) <= size
+    )
+
+
+def _fewest_worlds(suffice: Callable[[int], bool]) -> int | None:
+    """Return the fewest worlds from 2 on that suffice, if more always suffice too."""
+    candidates = range(2, _MAX_WORLDS + 1)
+    position = bisect_left(candidates, True, key=suffice)
+    return candidates[position] if position < len(candidates) else None

@@ -1,290 +1,384 @@
-"""Runs and campaigns on disk, and the planners in them, each with a label and a colour of its own."""
+"""Results folders, and the planners in them with their labels and colors."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-from barn_eval.analysis.planners import colours, spelling
+from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.results.bags import BAGS
-from barn_eval.results.folder import read_results, results_of
-from barn_eval.results.rows import TrackRows
+from barn_eval.results.folder import read_results, select_scored
+from barn_eval.results.rows import TrackFile
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.sweep import expanded
+from barn_eval.running.setting_folders import expand_sweeps
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import (
-    MOST_MISSED,
-    WAYS,
-    Groups,
+    COMPUTE_MODE_LABELS,
+    MAX_MISSED_SHARE,
     Rows,
+    RowsByPlanner,
     TrialResult,
-    assumption,
+    describe_computer,
 )
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
-from barn_worlds.geometry.footprint import Footprint, contact_of
-from barn_worlds.robots.files import other_name
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.worlds.course import for_robot
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
-_NAMED = 5  # trials made at a second attempt that a message names
+_MAX_NAMED_TRIALS = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """One folder of results, in the order of the plan.
-
-    configuration: of its run.json, as plain data; sessions: versions, commit and machine of each; planned: number of
-    trials that it is to have, None where that cannot be told. tracks: lines of those that were kept, by trial.
-    """
+    """One results folder."""
 
     path: Path
+
     kind: str
+    """Whether it is a "run" of one planner or a "campaign" of several."""
+
     results: tuple[TrialResult, ...]
+    """Scored trials by world, repetition and planner."""
+
     configuration: Mapping[str, Any]
+    """Configuration of the run as plain data, which may be of another version."""
+
     sessions: tuple[Mapping[str, Any], ...]
+    """Versions, commit and machine of each session."""
+
     planned: int | None
+    """Number of trials of the whole run, None if unknown."""
+
     tracks: Mapping[str, str] = field(default_factory=dict)
+    """Lines of tracks by trial."""
 
     @cached_property
-    def experiment(self) -> Experiment:
+    def run_config(self) -> RunConfig:
         """What was run; BarnError if this version does not read the configuration."""
-        return from_dict(Experiment, dict(self.configuration), str(self.path))
+        return from_dict(RunConfig, dict(self.configuration), str(self.path))
 
     @cached_property
     def chassis(self) -> Chassis:
-        """Body of the robot; ConfigError if the configuration says what is not allowed."""
+        """Body of the robot; ConfigError if the configuration is invalid."""
         return chassis_in(self.configuration.get("simulator"))
 
     @property
     def robot(self) -> str:
-        """Name of the robot; empty for the standard one."""
-        return other_name(self.chassis)
+        """Name of the robot, empty for the Jackal."""
+        return name_unless_standard(self.chassis)
 
     @cached_property
     def outline(self) -> Footprint:
-        """Footprint of what can touch of the robot."""
-        return contact_of(self.chassis)
+        """Footprint of the parts of the robot that can touch something."""
+        return contact_footprint(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
-        """Return where the bag of a trial is, if it was kept."""
+        """Return where the bag of a trial is, if the run kept it."""
         return self.path / BAGS / trial_id
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """The trials of one planner of one source, under a label and colour that no other entry of the report has."""
+    """The trials of one planner of one folder, under a label and color of their own."""
 
     label: str
-    colour: str
+    color: str
     source: Source
     planner: str
     results: tuple[TrialResult, ...]
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Return the results of an experiment, finished or not; ConfigError or BarnError in one line if there is none.
+    """Read a results folder; its run may be unfinished.
 
-    rows: of the folder, where they have been read already; there may be none yet, and tracks are left out then.
+    Args:
+        path: The folder.
+        rows: Its rows, if they have been read already. There may be none yet. Tracks
+            are not read then.
+
+    Raises:
+        ConfigError: The folder holds no run, or results of another task.
+        BarnError: A file cannot be read.
     """
-    run = RunFile.read(path)
-    results = read_results(path) if rows is None else results_of(run, path, rows)
-    names = _named(run.experiment)
-    names += sorted({one.planner for one in results}.difference(names))
-    # in the order of the plan, so that nothing tells which worker was faster
-    results.sort(key=lambda one: (one.world, one.repetition, names.index(one.planner)))
+    run_file = RunFile.read(path)
+    tracks: Mapping[str, str] = {}
+    if rows is None:
+        results = read_results(path)
+        tracks = TrackFile(path).read()
+    else:
+        results = select_scored(run_file, path, rows)
+
+    planners = _planner_names(run_file.config)
+    kind = "campaign" if len(planners) > 1 else "run"
+    planners += sorted({result.planner for result in results}.difference(planners))
+    # In the order of the schedule, so that nothing shows which worker was faster.
+    results.sort(
+        key=lambda result: (
+            result.world,
+            result.repetition,
+            planners.index(result.planner),
+        )
+    )
     return Source(
-        path,
-        "campaign" if len(_named(run.experiment)) > 1 else "run",
-        tuple(results),
-        run.experiment,
-        run.sessions,
-        _planned(run.experiment),
-        TrackRows(path).read() if rows is None else {},
+        path=path,
+        kind=kind,
+        results=tuple(results),
+        configuration=run_file.config,
+        sessions=run_file.sessions,
+        planned=_count_planned_trials(run_file.config),
+        tracks=tracks,
     )
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:
-    """Return what to know of a folder and results of it: unfinished, late commands, planners that are too slow."""
-    trials, planned = len(source.results), source.planned
-    partial = (
-        f"{source.path} is partial: {trials} of {planned} trials"
-        if planned and planned > trials
-        else ""
-    )
-    return [
-        *filter(
-            None,
-            (
-                partial,
-                _late_text(source.path, results),
-                assumed_text(source.path, results),
-            ),
-        )
-    ]
+    """Return what to know about results: unfinished, late commands, slow planners.
+
+    Args:
+        source: The folder.
+        results: Some or all of its results.
+    """
+    notes = []
+    trials = len(source.results)
+    if source.planned and source.planned > trials:
+        notes.append(f"{source.path} is partial: {trials} of {source.planned} trials")
+    notes.append(_late_text(source.path, results))
+    notes.append(assumption_text(source.path, results))
+    return [note for note in notes if note]
 
 
 def _late_text(path: Path, results: Rows) -> str:
-    """Return how many trials in a folder are marked, for late commands or a second attempt; empty if none is."""
-    late = sum(result.wall_clock.late for result in results)
-    text = (
-        f"{late} of {len(results)} trials in {path} are marked: more than {MOST_MISSED:.0%} of their control periods"
-        " had no command in time, so they tell of the machine as well as of the planner"
-    )
-    again = [result for result in results if result.wall_clock.attempts > 1]
-    named = ", ".join(
-        f"{one.trial_id}: {one.wall_clock.retried}" for one in again[:_NAMED]
-    )
-    more = f" and {len(again) - _NAMED} more" if len(again) > _NAMED else ""
-    repeated = f"{len(again)} of {len(results)} trials in {path} were not made at the first attempt: {named}{more}"
-    return "; ".join(filter(None, (text if late else "", repeated if again else "")))
+    """Say how many trials have late commands or a second attempt; empty if none."""
+    notes = []
+    late = sum(result.wall_clock.is_late for result in results)
+    if late:
+        notes.append(
+            f"{late} of {len(results)} trials in {path} are marked: more than "
+            f"{MAX_MISSED_SHARE:.0%} of their control periods had no command in time, "
+            "so they tell of the machine as well as of the planner"
+        )
+
+    repeated = [result for result in results if result.wall_clock.attempts > 1]
+    if repeated:
+        names = ", ".join(
+            f"{result.trial_id}: {result.wall_clock.retry_note}"
+            for result in repeated[:_MAX_NAMED_TRIALS]
+        )
+        rest = len(repeated) - _MAX_NAMED_TRIALS
+        if rest > 0:
+            names += f" and {rest} more"
+        notes.append(
+            f"{len(repeated)} of {len(results)} trials in {path} were not made at the "
+            f"first attempt: {names}"
+        )
+    return "; ".join(notes)
 
 
-def compute_way(results: Rows) -> str:
-    """Return in words what trials of a planner charge for its computing; those of unlike ways are not ranked together.
+@dataclass(frozen=True)
+class Computing:
+    """How trials of a planner charge its computing."""
 
-    One that declares its computing, or nothing, must fit what it declares or the control period on the reference
-    computer, in the median of its trials; else the text says so. Empty for rows of versions that did not say.
+    modes: tuple[str, ...]
+    """Labels of the compute modes; none for rows of versions without them."""
+
+    computer: float
+    """Speed of the computer that the scores assume, 1 for the reference computer.
+
+    It is the median over trials that charge nothing or what the planner declares, and 0
+    if there is none.
     """
-    ways = {WAYS[result.compute] for result in results if result.compute}
+
+    @property
+    def is_too_slow(self) -> bool:
+        """Whether the planner needs a computer faster than the reference computer."""
+        return self.computer > 1.0
+
+    @property
+    def text(self) -> str:
+        """How computing is charged, in words; empty if unknown."""
+        return describe_computer(self.computer) or " and ".join(self.modes)
+
+    @property
+    def class_name(self) -> str:
+        """Name of the class within which planners can be ranked."""
+        return "too slow" if self.is_too_slow else self.text
+
+
+def computing_of(results: Rows) -> Computing:
+    """Return how trials of one planner charge its computing."""
+    modes = {
+        COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
+    }
     computers = [
-        one.wall_clock.computer
-        for one in results
-        if one.wall_clock.computer is not None
+        result.wall_clock.computer
+        for result in results
+        if result.wall_clock.computer is not None
     ]
-    return assumption(median(computers) if computers else 0.0) or " and ".join(
-        sorted(ways)
+    return Computing(
+        modes=tuple(sorted(modes)), computer=median(computers) if computers else 0.0
     )
 
 
-def assumed_text(path: Path, results: Rows) -> str:
-    """Return which planners of a folder do not fit the control period and are not charged for it; empty if none."""
-    ways = (
-        (spelling(name), compute_way(one)) for name, one in by_planner(results).items()
-    )
-    return "; ".join(
-        f"{name} in {path}: {way}" for name, way in ways if way.startswith("its score")
-    )
+def assumption_text(path: Path, results: Rows) -> str:
+    """Say which planners need a faster computer than they are charged for.
+
+    Args:
+        path: Folder of the results.
+        results: Results of any planners.
+
+    Returns:
+        The text, empty if there is no such planner.
+    """
+    notes = []
+    for planner, rows in group_by_planner(results).items():
+        computing = computing_of(rows)
+        if computing.is_too_slow:
+            notes.append(f"{spelling(planner)} in {path}: {computing.text}")
+    return "; ".join(notes)
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
-    """Return the planners of all folders, in the order given; ConfigError if a folder is named twice.
+    """Return the planners of folders, in the order given.
 
-    The folder of a sweep stands for those of its settings.
+    The folder of a sweep stands for the folders of its settings.
+
+    Raises:
+        ConfigError: A folder is named twice.
     """
-    paths = expanded(paths)
-    for path, count in Counter(path.resolve() for path in paths).items():
+    folders = expand_sweeps(paths)
+    for path, count in Counter(path.resolve() for path in folders).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")
-    return entries_of([read_source(path) for path in paths])
+    return entries_of([read_source(path) for path in folders])
 
 
 def entries_of(sources: Sequence[Source]) -> list[Entry]:
-    """Return the planners of all sources, told apart."""
-    groups = (
-        (source, *one)
-        for source in sources
-        for one in by_planner(source.results).items()
-    )
-    return labelled(
-        [
-            Entry("", "", source, planner, tuple(results))
-            for source, planner, results in groups
-        ]
-    )
+    """Return the planners of all folders, with distinct labels."""
+    entries = []
+    for source in sources:
+        for planner, results in group_by_planner(source.results).items():
+            entries.append(Entry("", "", source, planner, tuple(results)))
+    return label_entries(entries)
 
 
-def labelled(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries with labels and colours by which they are told apart beside each other.
+def label_entries(entries: Sequence[Entry]) -> list[Entry]:
+    """Return entries with labels and colors that distinguish them from each other.
 
-    Entries of one planner have in their labels the settings in which they differ, or else their folders.
+    Entries of one planner are labeled by the settings in which they differ, or else by
+    their folders.
     """
-    planners = [entry.planner for entry in entries]
-    same = {
-        planner: [one for one in entries if one.planner == planner]
-        for planner in planners
-    }
-    choices: tuple[Callable[[Entry], str], ...] = (
-        lambda one: _differing(one, same[one.planner]),
-        lambda one: (
-            f" ({one.source.path.resolve().name})" if len(same[one.planner]) > 1 else ""
-        ),
-        lambda one: f" ({one.source.path})",
-    )
-    told = [[spelling(one.planner) + more(one) for one in entries] for more in choices]
-    labels = next((one for one in told if len(set(one)) == len(one)), told[-1])
-    marks = zip(entries, labels, colours(planners), strict=True)
+    entries_by_planner: dict[str, list[Entry]] = {}
+    for entry in entries:
+        entries_by_planner.setdefault(entry.planner, []).append(entry)
+
+    by_setting = []
+    by_name = []
+    by_path = []
+    for entry in entries:
+        name = spelling(entry.planner)
+        same_planner = entries_by_planner[entry.planner]
+        by_setting.append(name + _distinct_settings(entry, same_planner))
+        folder = f" ({entry.source.path.resolve().name})"
+        by_name.append(name + folder if len(same_planner) > 1 else name)
+        by_path.append(f"{name} ({entry.source.path})")
+
+    labels = by_path
+    if len(set(by_setting)) == len(entries):
+        labels = by_setting
+    elif len(set(by_name)) == len(entries):
+        labels = by_name
+    colors = assign_colors([entry.planner for entry in entries])
     return [
-        replace(entry, label=label, colour=colour) for entry, label, colour in marks
+        replace(entry, label=label, color=color)
+        for entry, label, color in zip(entries, labels, colors, strict=True)
     ]
 
 
-def _differing(entry: Entry, others: Sequence[Entry]) -> str:
-    """Return the settings of an entry's planner that others of the planner have not, in brackets."""
-    own, known = _settings(entry), [_settings(other) for other in others]
-    names = [
-        f"{key.rpartition('.')[2]}={own[key]}"
-        for key in own
-        if any(one.get(key) != own[key] for one in known)
-    ]
-    return f" ({', '.join(names)})" if names else ""
+def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
+    """Return in brackets the settings of an entry that not all of its planner have."""
+    settings = _planner_settings(entry)
+    other_settings = [_planner_settings(other) for other in same_planner]
+    texts = []
+    for key, value in settings.items():
+        if any(other.get(key) != value for other in other_settings):
+            texts.append(f"{key.rpartition('.')[2]}={value}")
+    return f" ({', '.join(texts)})" if texts else ""
 
 
-def _settings(entry: Entry) -> dict[str, Any]:
-    """Return what was set of an entry's planner, however malformed its configuration."""
+def _planner_settings(entry: Entry) -> dict[str, Any]:
+    """Return what was set of an entry's planner, however malformed its run.json."""
+    choice: Mapping[str, Any] = {}
     planners = entry.source.configuration.get("planners")
-    listed = planners if isinstance(planners, list) else ()
-    own = next(
-        (
-            one
-            for one in listed
-            if isinstance(one, dict) and one.get("name") == entry.planner
-        ),
-        {},
-    )
-    overrides = own.get("overrides")
-    named = {key: own[key] for key in ("preset", "max_speed_mps") if own.get(key)}
-    return named | (overrides if isinstance(overrides, dict) else {})
+    for candidate in planners if isinstance(planners, list) else ():
+        if isinstance(candidate, dict) and candidate.get("name") == entry.planner:
+            choice = candidate
+            break
+
+    settings = {
+        key: choice[key] for key in ("preset", "max_speed_mps") if choice.get(key)
+    }
+    overrides = choice.get("overrides")
+    if isinstance(overrides, dict):
+        settings |= overrides
+    return settings
 
 
 def require_same_task(folders: Sequence[Path]) -> None:
-    """Raise ConfigError naming the first key by which the tasks of folders of results differ.
+    """Check that results folders have one task: protocol, simulator and robot.
 
-    A task is everything but worlds and planners: protocol, simulator, robot.
+    Raises:
+        ConfigError: Two tasks differ; the message names the first key that does.
     """
-    (first, known), *others = [
-        (folder, RunFile.read(folder).task()) for folder in folders
-    ]
-    for folder, task in others:
-        one, other = (chassis_in(found["simulator"]).name for found in (known, task))
-        if one != other:
+    first, *others = folders
+    task = RunFile.read(first).task()
+    robot = chassis_in(task["simulator"]).name
+    for folder in others:
+        other_task = RunFile.read(folder).task()
+        other_robot = chassis_in(other_task["simulator"]).name
+        if robot != other_robot:
             raise ConfigError(
-                f"different robots cannot be compared: {one} in {first}, {other} in {folder}"
+                f"different robots cannot be compared: {robot} in {first}, "
+                f"{other_robot} in {folder}"
             )
-        if found := first_difference(known, task):
-            key, old, new = found
+        change = first_difference(task, other_task)
+        if change is not None:
+            key, value, other_value = change
             raise ConfigError(
-                f"different tasks cannot be compared: {key} is {old!r} in {first}, {new!r} in {folder}"
+                f"different tasks cannot be compared: {key} is {value!r} in {first}, "
+                f"{other_value!r} in {folder}"
             )
 
 
-def by_planner(results: Iterable[TrialResult]) -> Groups:
-    """Return the results of each planner, planners in the order in which they come."""
+def group_by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:
+    """Return results by planner, planners in the order in which they appear."""
     groups: dict[str, list[TrialResult]] = {}
     for result in results:
         groups.setdefault(result.planner, []).append(result)
     return groups
 
 
-def chosen_planners(path: Path, groups: Groups, names: Sequence[str]) -> Groups:
-    """Return the results of some planners of a folder, of all without names; ConfigError for one it does not have."""
+def select_planners(
+    path: Path, groups: RowsByPlanner, names: Sequence[str]
+) -> RowsByPlanner:
+    """Return the results of some planners of a folder.
+
+    Args:
+        path: The folder, for messages.
+        groups: Its results by planner.
+        names: The planners; all planners if empty.
+
+    Raises:
+        ConfigError: The folder has no such planner.
+    """
     for name in names:
         if name not in groups:
             raise ConfigError(f"{path}: has no planner {name!r}{suggest(name, groups)}")
@@ -294,50 +388,54 @@ def chosen_planners(path: Path, groups: Groups, names: Sequence[str]) -> Groups:
 def read_worlds(
     results: Iterable[tuple[TrialResult, Source]],
 ) -> dict[str, World | str]:
-    """Return the worlds of results, each given with its source, by checksum; a text says why there is none."""
-    opened = cache(open_dataset)
-    found: dict[str, World | str] = {}
+    """Read the worlds of results.
+
+    Args:
+        results: Results, each with its folder.
+
+    Returns:
+        Worlds by checksum; a text says why a world is missing.
+    """
+    open_once = cache(open_dataset)
+    worlds: dict[str, World | str] = {}
     for result, source in results:
-        if result.world_checksum in found:
+        checksum = result.world_checksum
+        if checksum in worlds:
             continue
-        world: World | str
         dataset = str(source.configuration.get("dataset", result.dataset))
         try:
-            world = opened(dataset).load(result.world)
-            if world.checksum != result.world_checksum:
-                world = for_robot(
-                    world,
-                    robot_of(source.experiment.simulator),
-                    source.experiment.course,
-                )
-            if world.checksum != result.world_checksum:
-                world = f"world {result.world} of {dataset} is not the one it ran in any more"
+            world = open_once(dataset).load(result.world)
+            if world.checksum != checksum:
+                # Trials of other robots ran in the same world with a course to fit.
+                robot = robot_of(source.run_config.simulator)
+                world = fit_to_robot(world, robot, source.run_config.course)
         except (BarnError, OSError) as error:
-            world = f"its world cannot be read: {error}"
-        found[result.world_checksum] = world
-    return found
+            worlds[checksum] = f"its world cannot be read: {error}"
+            continue
+        if world.checksum == checksum:
+            worlds[checksum] = world
+        else:
+            worlds[checksum] = (
+                f"world {result.world} of {dataset} is not the one it ran in any more"
+            )
+    return worlds
 
 
-def _named(configuration: Mapping[str, Any]) -> list[str]:
-    """Return the names of the planners of a configuration, however malformed."""
+def _planner_names(configuration: Mapping[str, Any]) -> list[str]:
+    """Return the names of a configuration's planners, however malformed it is."""
     planners = configuration.get("planners")
-    return (
-        [str(one.get("name")) for one in planners if isinstance(one, dict)]
-        if isinstance(planners, list)
-        else []
-    )
+    if not isinstance(planners, list):
+        return []
+    return [str(p.get("name")) for p in planners if isinstance(p, dict)]
 
 
-def _planned(configuration: Mapping[str, Any]) -> int | None:
+def _count_planned_trials(configuration: Mapping[str, Any]) -> int | None:
+    """Return the number of trials of a whole run, None if it cannot be known."""
     try:
-        worlds = select_worlds(
-            str(configuration["worlds"]),
-            open_dataset(str(configuration["dataset"])).indices,
-        )
-        return (
-            len(worlds)
-            * int(configuration["repetitions"])
-            * len(configuration.get("planners", (None,)))
-        )
+        dataset = open_dataset(str(configuration["dataset"]))
+        worlds = select_worlds(str(configuration["worlds"]), dataset.world_numbers)
+        repetitions = int(configuration["repetitions"])
+        planners = len(configuration.get("planners", (None,)))
     except (BarnError, KeyError, TypeError, ValueError, OSError):
         return None
+    return len(worlds) * repetitions * planners

@@ -1,9 +1,10 @@
-"""Means over trials and comparisons of planners, with limits that hold for few worlds, skewed values and rare failures.
+"""Means over trials and comparisons of planners, for few worlds and rare failures.
 
-A world is the unit of sampling: functions take one value per trial and, beside it, the number of its world. No interval
-that is made of what was seen knows of failures that were not drawn. So where failures count, limits also hold what the
-mean would be with the share of failures at either of its own limits. Shares and the test of differences are those of
-`significance` beside this. All are the same for any order of the trials.
+A world is the unit of sampling: functions take one value per trial and, beside it, the
+number of its world. An interval computed from observed trials knows nothing of failures
+that did not happen to occur. So where failures count, limits also hold what the mean
+would be with the share of failures at either of its own limits. Shares and the test of
+differences are in `significance`. No result depends on the order of the trials.
 """
 
 import math
@@ -15,295 +16,393 @@ import numpy as np
 
 from barn_eval.analysis import significance
 from barn_eval.analysis.significance import FLIPS, Components, Difference, Share
-from barn_metrics.bootstrap import LEVEL, Interval, over_worlds, spearman
+from barn_metrics.bootstrap import LEVEL, Interval, bootstrap_interval, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
-    """A measure of some trials.
-
-    values, worlds, repetitions (n,): of each trial. failures (n,): of 0 and 1, as_failure (n,): what each counts with,
-    or would, as a failure; empty where failures have no value of their own. best: the best value that there can be.
-    """
+class TrialValues:
+    """A measure of some trials, with what identifies and excuses each value."""
 
     values: Floats
-    worlds: Integers
-    repetitions: Integers
-    failures: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    as_failure: Floats = field(default_factory=lambda: np.array([]))
-    best: float = math.inf
+    """Value of each trial (n,)."""
 
-    def at(self, places: Integers) -> "Columns":
-        """Return the trials at these places."""
-        values, worlds, repetitions = (
-            self.values[places],
-            self.worlds[places],
-            self.repetitions[places],
+    worlds: Integers
+    """Number of each trial's world (n,)."""
+
+    repetitions: Integers
+    """Number of each trial among the trials of its world (n,)."""
+
+    failures: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    """1 for each trial that failed, else 0 (n,); empty if failures have no value."""
+
+    as_failure: Floats = field(default_factory=lambda: np.array([]))
+    """Value that each trial has, or would have, as a failure (n,)."""
+
+    best: float = math.inf
+    """Best possible value."""
+
+    def at(self, positions: Integers) -> "TrialValues":
+        """Return the trials at these positions."""
+        selection = replace(
+            self,
+            values=self.values[positions],
+            worlds=self.worlds[positions],
+            repetitions=self.repetitions[positions],
         )
-        if not self.counted:
-            return Columns(values, worlds, repetitions)
-        return Columns(
-            values,
-            worlds,
-            repetitions,
-            self.failures[places],
-            self.as_failure[places],
-            self.best,
+        if not self.counts_failures:
+            return selection
+        return replace(
+            selection,
+            failures=self.failures[positions],
+            as_failure=self.as_failure[positions],
         )
 
     @property
-    def counted(self) -> bool:
-        """Whether failures have a value of their own, which is finite as are all values."""
+    def counts_failures(self) -> bool:
+        """Whether failures have a value; then all values are finite."""
         return len(self.failures) > 0
 
     def mean(self) -> Interval:
-        """Return the mean of the values that are finite, with its interval, which holds no value that cannot be."""
-        known = np.flatnonzero(np.isfinite(self.values))
-        trials = self.at(known[np.lexsort((self.values[known], self.worlds[known]))])
-        found = mean_interval(trials.values, trials.worlds)
-        if trials.counted:
-            share = trials.failures_seen
-            found = found.reaching(
+        """Return the mean of the finite values with its interval.
+
+        The interval holds no impossible value.
+        """
+        finite = np.flatnonzero(np.isfinite(self.values))
+        order = np.lexsort((self.values[finite], self.worlds[finite]))
+        trials = self.at(finite[order])
+        interval = mean_interval(trials.values, trials.worlds)
+        if trials.counts_failures:
+            observed = trials.failures_observed
+            interval = interval.widen_to(
                 *(
-                    found.estimate - trials.cost * (one - share.share)
-                    for one in share.limits
+                    interval.estimate - trials.cost * (limit - observed.share)
+                    for limit in observed.limits
                 )
             )
-        if found.low is None or found.high is None:
-            return found
-        low = max(0.0, found.low) if trials.values.min() >= 0.0 else found.low
-        return replace(
-            found,
-            low=low,
-            high=min(found.high, self.best) if self.best > 0.0 else found.high,
-        )
+        if interval.low is None or interval.high is None:
+            return interval
+
+        low = interval.low
+        if trials.values.min() >= 0.0:
+            low = max(0.0, low)
+        high = interval.high
+        if self.best > 0.0:
+            high = min(high, self.best)
+        return replace(interval, low=low, high=high)
 
     def parts(self) -> Components:
-        """Return the variance of the values, all of them finite."""
-        return replace(
-            significance.components(self.values, self.worlds), unseen=self.unseen
-        )
+        """Return the components of variance of the values, all of them finite."""
+        components = significance.variance_components(self.values, self.worlds)
+        return replace(components, unseen=self.unseen)
 
     def failure_share(self) -> Interval | None:
-        """Return the share of failures, None where they have no value of their own."""
-        return (
-            Interval(self.failures_seen.share, *self.failures_seen.limits)
-            if self.counted
-            else None
-        )
+        """Return the share of failures, None if failures have no value."""
+        if not self.counts_failures:
+            return None
+        return Interval(self.failures_observed.share, *self.failures_observed.limits)
 
     @property
     def unseen(self) -> tuple[float, ...]:
-        """What a failure costs, if it counts and none was seen."""
-        return (abs(self.cost),) if self.counted and not self.failures.any() else ()
+        """The cost of a failure, if failures count and none occurred."""
+        if not self.counts_failures or self.failures.any():
+            return ()
+        return (abs(self.cost),)
 
     @cached_property
-    def failures_seen(self) -> Share:
+    def failures_observed(self) -> Share:
         """The share of failures."""
         return significance.share_of(self.failures, self.worlds)
 
     @cached_property
     def cost(self) -> float:
-        """How much a success is worth above a failure: below 0 where small values are better.
+        """The value of a success above a failure; negative where less is better.
 
-        Successes in fewer than two worlds say too little; they are taken to be worth the best value that there can be.
+        Successes in fewer than two worlds say too little. They count as the best
+        possible value.
         """
-        won = self.failures == 0
-        success = (
-            float(np.mean(self.values[won]))
-            if len(np.unique(self.worlds[won])) > 1
-            else self.best
-        )
+        succeeded = self.failures == 0
+        success = self.best
+        if len(np.unique(self.worlds[succeeded])) > 1:
+            success = float(np.mean(self.values[succeeded]))
         return success - float(np.mean(self.as_failure))
 
-    def excess(self, other: "Columns") -> Share:
-        """Return the share of failures that another has not had in the same worlds, of the same trials."""
-        world = np.unique(self.worlds, return_inverse=True)[1]
-        more = np.maximum(
-            0.0, np.bincount(world, self.failures - other.failures) / np.bincount(world)
-        )
-        return significance.share_of(more[world], self.worlds)
+    def excess(self, other: "TrialValues") -> Share:
+        """Return the share of failures that exceed another planner's, world by world.
+
+        Both must have the same trials.
+        """
+        _, world = np.unique(self.worlds, return_inverse=True)
+        counts = np.bincount(world)
+        surplus = np.bincount(world, self.failures - other.failures) / counts
+        share_by_world = np.maximum(0.0, surplus)
+        return significance.share_of(share_by_world[world], self.worlds)
 
 
 def mean_interval(values: Floats, worlds: Integers) -> Interval:
-    """Return the mean of values (n,) over worlds with limits; values that are NaN have no part in it.
+    """Return the mean over worlds with limits that allow for skewness.
 
-    Limits are Student's, of the mean's linearisation as a ratio, with Hall's transformation against skewness (1992, "On
-    the removal of skewness by transformation").
+    The limits are Student's, of the mean's linearization as a ratio, with Hall's
+    transformation (1992, "On the removal of skewness by transformation").
+
+    Args:
+        values: One value per trial (n,); NaN does not count.
+        worlds: Number of each trial's world (n,).
     """
-    known = np.isfinite(values)
-    order = np.lexsort(
-        (values[known], worlds[known])
-    )  # sums must not depend on the order of the trials
-    values, worlds = values[known][order], worlds[known][order]
+    finite = np.isfinite(values)
+    # Sums must not depend on the order in which trials come.
+    order = np.lexsort((values[finite], worlds[finite]))
+    values = values[finite][order]
+    worlds = worlds[finite][order]
     _, world = np.unique(worlds, return_inverse=True)
-    sums, counts = (
-        np.bincount(world, weights).astype(np.float64) for weights in (values, None)
-    )
+    sums = np.bincount(world, values).astype(np.float64)
+    counts = np.bincount(world).astype(np.float64)
+
     if not len(sums):
         return Interval(math.nan)
     mean = float(sums.sum() / counts.sum())
     if len(sums) < 2:
         return Interval(mean)
-    below, above = _errors((sums - mean * counts) / counts.sum())
+    below, above = _limit_distances((sums - mean * counts) / counts.sum())
     return Interval(mean, mean - below, mean + above)
 
 
-def _errors(residuals: Floats) -> tuple[float, float]:
-    """Return how far below and above an estimate its limits are, by what each world adds to its error (m,), m > 1."""
-    worlds, spread = len(residuals), float(residuals @ residuals)
+def _limit_distances(residuals: Floats) -> tuple[float, float]:
+    """Return how far the limits are below and above an estimate.
+
+    Args:
+        residuals: What each world adds to the error of the estimate (m,), m > 1.
+    """
+    worlds = len(residuals)
+    spread = float(residuals @ residuals)
     if spread == 0.0:
         return 0.0, 0.0
+
     error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = significance.t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
-    skewness: float = (
-        float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
-    )
-    if math.isclose(skewness, 0.0, abs_tol=1e-9):  # it counts as symmetric
+    cubes = float(np.sum(residuals**3))
+    skewness: float = cubes * math.sqrt(worlds) / math.pow(spread, 1.5)
+    # The transformation divides by the skewness; here it would only amplify rounding.
+    if math.isclose(skewness, 0.0, abs_tol=1e-9):
         return quantile * error, quantile * error
 
-    def untransformed(y: float) -> float:
-        """Return the studentised error of which y is the transform."""
+    def undo_transformation(y: float) -> float:
+        """Return the studentized error of which y is the transform."""
         inner = 1.0 + skewness * (y / math.sqrt(worlds) - skewness / (6.0 * worlds))
         return math.sqrt(worlds) * 3.0 / skewness * (float(np.cbrt(inner)) - 1.0)
 
-    return untransformed(quantile) * error, -untransformed(-quantile) * error
+    below = undo_transformation(quantile) * error
+    above = -undo_transformation(-quantile) * error
+    return below, above
 
 
 @dataclass(frozen=True)
 class Paired:
-    """A comparison of A and B on what both did in the same worlds with the same seeds.
-
-    mean_a, mean_b: over those trials. difference: mean of A - B over them. p: two-sided, of the test that flips the
-    sign of whole worlds, and not below that at which the interval leaves out 0. parts: variance of the difference.
-    improvement: probability that a trial of A is better than one of B in the same world, ties counting half, averaged
-    over worlds. failures: the share of failures of each, None where they have no value of their own.
-    """
+    """A comparison of A and B on trials of the same worlds and seeds."""
 
     worlds: int
     trials: int
+
     mean_a: float
+    """Mean of A over those trials."""
+
     mean_b: float
+
     difference: Interval
+    """Mean of A - B over those trials."""
+
     p: float
+    """Two-sided p-value of the test that flips the sign of whole worlds.
+
+    It is never below the level at which the interval leaves out 0.
+    """
+
     parts: Components
+    """Variance of the difference."""
+
     improvement: Interval
+    """Probability that a trial of A is better than one of B in the same world.
+
+    Ties count half; the mean is over worlds.
+    """
+
     failures: tuple[Interval | None, Interval | None] = (None, None)
+    """Share of failures of A and of B, None if failures have no value."""
+
+    def test(self) -> Difference:
+        """Return the difference with its test."""
+        return Difference(self.difference, self.p, self.worlds, self.trials, self.parts)
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
-    """Return the standard deviation over a world's trials, averaged over worlds: the paper's +- (Sec. IV).
+    """Return the standard deviation over a world's trials, averaged over worlds.
 
-    It is that of the trials themselves (divisor n); worlds with one trial have none and no part in the average.
+    This is the paper's +- (Sec. IV): the divisor is n, and worlds with one trial do not
+    count.
+
+    Args:
+        values: One value per trial (n,); NaN does not count.
+        worlds: Number of each trial's world (n,).
     """
-    spreads = [part.std() for part in _groups(values, worlds).values() if len(part) > 1]
+    groups = _values_by_world(values, worlds).values()
+    spreads = [group.std() for group in groups if len(group) > 1]
     return float(np.mean(spreads)) if spreads else math.nan
 
 
-def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
-    """Return the trials that all planners have a value for, in the same order of worlds and repetitions.
+def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
+    """Return the trials that all planners have a value for, in the same order.
 
-    Trials of one world and repetition belong together; they met the same noise.
+    Trials of one world and repetition belong together: they met the same noise.
     """
-    found = [(one, _places(one)) for one in columns]
-    keys = sorted(set.intersection(*(set(places) for _, places in found)))
-    return [
-        one.at(np.array([places[key] for key in keys], np.int64))
-        for one, places in found
-    ]
+    positions = [_positions(trials) for trials in planners]
+    shared = sorted(set.intersection(*map(set, positions)))
+    matched = []
+    for trials, position in zip(planners, positions, strict=True):
+        selection = [position[key] for key in shared]
+        matched.append(trials.at(np.array(selection, np.int64)))
+    return matched
 
 
-def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Difference:
-    """Return the mean difference of matched trials, each as `paired_difference` has it.
+def difference(
+    a: TrialValues, b: TrialValues, seed: int = 0, flips: int = FLIPS
+) -> Difference:
+    """Return the mean difference of matched trials.
 
-    Where failures count, it is clear only if it keeps its sign when the better one fails as often as its failures so
-    far allow: by the test alone, a quick planner that fails rarely seems better than a steady one of the same mean as
-    long as no failure was drawn. Limits hold what either one's failures would make of the difference.
+    Where failures count, a difference is significant only if it keeps its sign when the
+    better planner fails as often as its failures so far allow. By the test alone, a
+    quick planner that rarely fails seems better than a steady one of the same mean as
+    long as no failure occurred. The limits hold what the failures of either planner
+    would make of the difference.
+
+    Args:
+        a: Trials of A.
+        b: The same trials of B, in the same order.
+        seed: Seed of the patterns of signs.
+        flips: Number of patterns; see `significance.paired_difference`.
     """
-    found = significance.paired_difference(a.values - b.values, a.worlds, seed, flips)
-    if not (a.counted and b.counted and found.trials):
-        return found
-    size, p, ends = found.interval.estimate, found.p, []
-    for one, other, cost in ((a, b, a.cost), (b, a, -b.cost)):
-        more = one.excess(other)
-        ends.append(size - cost * (more.limits[1] - more.share))
+    plain = significance.paired_difference(a.values - b.values, a.worlds, seed, flips)
+    if not (a.counts_failures and b.counts_failures and plain.trials):
+        return plain
+
+    size = plain.interval.estimate
+    p = plain.p
+    limits = []
+    for planner, other, cost in ((a, b, a.cost), (b, a, -b.cost)):
+        excess = planner.excess(other)
+        limits.append(size - cost * (excess.limits[1] - excess.share))
+        # This planner is the better one, so its failures could turn the sign.
         if size * cost > 0.0:
-            p = max(p, more.p_above(more.share + size / cost))
-    parts = replace(found.parts, unseen=a.unseen + b.unseen)
-    return replace(found, interval=found.interval.reaching(*ends), p=p, parts=parts)
+            p = max(p, excess.p_above(excess.share + size / cost))
+
+    parts = replace(plain.parts, unseen=a.unseen + b.unseen)
+    interval = plain.interval.widen_to(*limits)
+    return replace(plain, interval=interval, p=p, parts=parts)
 
 
-def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> Paired:
-    """Compare two planners on the pairs of trials in which both have a value.
+def compare_pairs(
+    a: TrialValues, b: TrialValues, *, larger_is_better: bool, seed: int = 0
+) -> Paired:
+    """Compare two planners on the trials for which both have a value.
 
-    The probability of improvement looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021,
-    over worlds in place of tasks). Its interval is that of its difference from one half.
+    The probability of improvement looks at every pair of a trial of A and one of B in a
+    world (Agarwal et al. 2021, "Deep reinforcement learning at the edge of the
+    statistical precipice", over worlds in place of tasks). Its interval is that of its
+    difference from one half.
+
+    Args:
+        a: Trials of A.
+        b: Trials of B.
+        larger_is_better: Whether larger values of the measure are better.
+        seed: Seed of the patterns of signs.
     """
     left, right = matched_trials([a, b])
-    found = difference(left, right, seed)
-    if not found.trials:
+    test = difference(left, right, seed)
+    if not test.trials:
+        nothing = Interval(math.nan)
         return Paired(
-            0,
-            0,
-            math.nan,
-            math.nan,
-            found.interval,
-            math.nan,
-            found.parts,
-            Interval(math.nan),
+            worlds=0,
+            trials=0,
+            mean_a=math.nan,
+            mean_b=math.nan,
+            difference=test.interval,
+            p=math.nan,
+            parts=test.parts,
+            improvement=nothing,
         )
+
     larger, smaller = (left, right) if larger_is_better else (right, left)
-    groups, others = (_groups(one.values, one.worlds) for one in (larger, smaller))
-    chances = np.array([_chance(groups[world], others[world]) for world in groups])
+    larger_by_world = _values_by_world(larger.values, larger.worlds)
+    smaller_by_world = _values_by_world(smaller.values, smaller.worlds)
+    world_numbers = np.array(list(larger_by_world))
+    chances = np.array(
+        [
+            _chance_of_larger(values, smaller_by_world[world])
+            for world, values in larger_by_world.items()
+        ]
+    )
+    lead = significance.paired_difference(chances - 0.5, world_numbers, seed)
     return Paired(
-        found.worlds,
-        found.trials,
-        float(left.values.mean()),
-        float(right.values.mean()),
-        found.interval,
-        found.p,
-        found.parts,
-        significance.paired_difference(
-            chances - 0.5, np.array(list(groups)), seed
-        ).interval.shifted(0.5),
-        (left.failure_share(), right.failure_share()),
+        worlds=test.worlds,
+        trials=test.trials,
+        mean_a=float(left.values.mean()),
+        mean_b=float(right.values.mean()),
+        difference=test.interval,
+        p=test.p,
+        parts=test.parts,
+        improvement=lead.interval.shift(0.5),
+        failures=(left.failure_share(), right.failure_share()),
     )
 
 
 def rank_correlation(
     a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0
 ) -> Interval:
-    """Return Spearman's correlation of two planners' means per world, each given as (values, worlds)."""
-    first, second = _groups(*a), _groups(*b)
-    shared = sorted(first.keys() & second.keys())
+    """Return Spearman's correlation of two planners' means per world.
+
+    Args:
+        a: Values of A and the numbers of their worlds, each (n,).
+        b: The same of B (m,); only worlds of both count.
+        seed: Seed of the bootstrap.
+
+    Returns:
+        The correlation with its interval; NaN for fewer than three worlds.
+    """
+    a_by_world = _values_by_world(*a)
+    b_by_world = _values_by_world(*b)
+    shared = sorted(a_by_world.keys() & b_by_world.keys())
     if len(shared) < 3:
         return Interval(math.nan)
-    means = (
-        np.array([groups[world].mean() for world in shared])
-        for groups in (first, second)
+
+    # Spearman depends on ranks only, and whole numbers are ranked faster.
+    ranks = []
+    for by_world in (a_by_world, b_by_world):
+        means = np.array([by_world[world].mean() for world in shared])
+        ranks.append(np.unique(means, return_inverse=True)[1])
+    a_ranks, b_ranks = ranks
+    return bootstrap_interval(
+        lambda sample: spearman(a_ranks[sample], b_ranks[sample]), len(shared), seed
     )
-    ranks = np.array(
-        [np.unique(one, return_inverse=True)[1] for one in means]
-    )  # whole numbers are ranked quickly
-    return over_worlds(lambda drawn: spearman(*ranks[:, drawn]), len(shared), seed)
 
 
-def _chance(a: Floats, b: Floats) -> float:
-    """Return the probability that a value of `a` is above one of `b`, ties counting half."""
-    above = a[:, None] - b[None, :]
-    return float(np.mean((above > 0.0) + 0.5 * (above == 0.0)))
+def _chance_of_larger(a: Floats, b: Floats) -> float:
+    """Return the probability that a value of `a` is above one of `b`; ties count half."""
+    gaps = a[:, None] - b[None, :]
+    return float(np.mean((gaps > 0.0) + 0.5 * (gaps == 0.0)))
 
 
-def _places(columns: Columns) -> dict[tuple[int, int], int]:
-    """Return where the trials with a value are, by world and repetition."""
-    known = np.flatnonzero(np.isfinite(columns.values)).tolist()
-    return {(int(columns.worlds[k]), int(columns.repetitions[k])): k for k in known}
+def _positions(trials: TrialValues) -> dict[tuple[int, int], int]:
+    """Return the position of each trial with a value, by world and repetition."""
+    finite = np.flatnonzero(np.isfinite(trials.values)).tolist()
+    return {(int(trials.worlds[k]), int(trials.repetitions[k])): k for k in finite}
 
 
-def _groups(values: Floats, worlds: Integers) -> dict[int, Floats]:
-    """Return the values of each world that are finite, by size, so that no sum depends on the order of the trials."""
-    known = np.isfinite(values)
-    order = np.lexsort((values[known], worlds[known]))
-    values, worlds = values[known][order], worlds[known][order]
+def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:
+    """Return the finite values of each world, sorted.
+
+    Sorted values have the same sum in whatever order the trials came.
+    """
+    finite = np.isfinite(values)
+    order = np.lexsort((values[finite], worlds[finite]))
+    values = values[finite][order]
+    worlds = worlds[finite][order]
     return {int(number): values[worlds == number] for number in np.unique(worlds)}

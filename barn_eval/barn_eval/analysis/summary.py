@@ -1,27 +1,32 @@
-"""What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
+"""Rates and means of each planner with their uncertainty, and each pair of planners."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
+from barn_eval.analysis.compare import (
+    Comparison,
+    adjust_by_holm,
+    compare,
+    trial_values,
+)
 from barn_eval.analysis.measures import (
     DRIVEN,
     MEASURES,
     SCORED,
     Measure,
-    metric_of,
-    with_motion,
+    ranking_measure,
+    with_moving_measures,
 )
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.sources import Entry, by_planner
+from barn_eval.analysis.sources import Entry, group_by_planner
 from barn_eval.analysis.statistics import repetition_spread
-from barn_eval.analysis.verdict import results_verdict
+from barn_eval.analysis.verdict import conclude_results
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
 from barn_metrics.bootstrap import Interval
@@ -32,164 +37,196 @@ _JSON_NAMES = {"success": "success_rate", "traversal_time_s": "success_time_s"}
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of one planner's trials; intervals are of 95 %.
-
-    means: by key of a measure. spread_s_per_m: standard deviation of the counted time per metre over a world's trials,
-    averaged over worlds, as the paper gives it.
-    """
+    """Figures of one planner's trials; intervals are of 95 %."""
 
     planner: str
     trials: int
     worlds: int
+
     outcomes: Mapping[str, int]
+    """Number of trials by outcome."""
+
     means: Mapping[str, Interval]
+    """Means by key of the measure."""
+
     spread_s_per_m: float
+    """Standard deviation of the counted time per meter over a world's trials.
+
+    It is averaged over worlds, as in the paper.
+    """
 
     def __getitem__(self, key: str) -> Interval:
-        """Return the mean of a measure, named by its key."""
+        """Return the mean of a measure by its key."""
         return self.means[key]
 
     def columns(self) -> dict[str, Any]:
-        """Return what is scored as a row of a table."""
-        means = {
-            name: value
-            for key in SCORED
-            for name, value in self[key].columns(key).items()
-        }
-        return {"trials": self.trials, "worlds": self.worlds} | means
+        """Return the scores as a row of a table."""
+        row: dict[str, Any] = {"trials": self.trials, "worlds": self.worlds}
+        for key in SCORED:
+            row |= self[key].columns(key)
+        return row
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
-        counts = {
+        scores: dict[str, Any] = {
             "trials": self.trials,
             "worlds": self.worlds,
             "outcomes": dict(self.outcomes),
         }
-        means = {_JSON_NAMES.get(key, key): as_dict(self[key]) for key in SCORED}
-        figures = [
-            {
-                "key": key,
-                "name": MEASURES[key].title,
-                "unit": MEASURES[key].unit,
-                "value": as_dict(value),
-            }
-            for key, value in self.means.items()
-            if key not in SCORED
-        ]
-        scores = counts | means | {"spread_s_per_m": self.spread_s_per_m}
+        for key in SCORED:
+            scores[_JSON_NAMES.get(key, key)] = as_dict(self[key])
+        scores["spread_s_per_m"] = self.spread_s_per_m
+
+        figures = []
+        for key, mean in self.means.items():
+            if key not in SCORED:
+                measure = MEASURES[key]
+                figures.append(
+                    {
+                        "key": key,
+                        "name": measure.title,
+                        "unit": measure.unit,
+                        "value": as_dict(mean),
+                    }
+                )
         return {"planner": self.planner, "scores": scores, "figures": figures}
 
 
 @dataclass(frozen=True)
-class CampaignSummary:
-    """What a campaign says: of each planner, and of each pair on the worlds and seeds that both met.
-
-    verdict: what it says of all of them, in a sentence or two.
-    """
+class RunSummary:
+    """Each planner of a run, and each pair on the worlds and seeds that both met."""
 
     planners: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
+
     verdict: str
+    """The conclusion about all planners in a sentence or two."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
-        planners = [one.as_json() for one in self.planners]
         return {
-            "planners": planners,
-            "comparisons": list(map(as_dict, self.comparisons)),
+            "planners": [summary.as_json() for summary in self.planners],
+            "comparisons": [as_dict(comparison) for comparison in self.comparisons],
             "verdict": self.verdict,
         }
 
 
-def summarise(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
-    """Return the figures of one planner's results: the rates and means of the measures named by keys."""
+def summarize(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
+    """Return the rates and means of one planner's results.
+
+    Args:
+        results: Results of the planner; there may be none.
+        keys: Keys of measures. The success rate is always among the means.
+    """
     worlds = np.array([result.world for result in results], np.int64)
-    outcomes = Counter(result.outcome for result in results)
-    succeeded = np.array([result.scores.success for result in results], np.int64)
-    means = {
-        key: columns(results, MEASURES[key]).mean() for key in keys if key != "success"
+    successes = np.array([result.scores.success for result in results], np.int64)
+    means = {"success": proportion(successes, worlds)}
+    for key in keys:
+        if key != "success":
+            means[key] = trial_values(results, MEASURES[key]).mean()
+
+    counts = Counter(result.outcome for result in results)
+    outcomes = {
+        outcome.value: counts[outcome] for outcome in Outcome if counts[outcome]
     }
+    times = MEASURES["normalised_time_s_per_m"].values(results)
     return Summary(
         planner=results[0].planner if results else "",
         trials=len(results),
         worlds=len(np.unique(worlds)),
-        outcomes={
-            outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]
-        },
-        means={"success": proportion(succeeded, worlds)} | means,
-        spread_s_per_m=repetition_spread(
-            MEASURES["normalised_time_s_per_m"].values(results), worlds
-        ),
+        outcomes=outcomes,
+        means=means,
+        spread_s_per_m=repetition_spread(times, worlds),
     )
 
 
-def summarise_campaign(results: Rows) -> CampaignSummary:
-    """Return the summary of at least one result; planners in the order in which they come."""
-    groups = by_planner(results)
-    keys = with_motion(SCORED + DRIVEN, *groups.values())
-    return CampaignSummary(
-        tuple(summarise(group, keys) for group in groups.values()),
-        holm_adjusted(
-            [compare(groups[a], groups[b]) for a, b in combinations(groups, 2)]
-        ),
-        str(results_verdict({spelling(name): group for name, group in groups.items()})),
-    )
+def summarize_run(results: Rows) -> RunSummary:
+    """Return the summary of at least one result, planners in their order."""
+    groups = group_by_planner(results)
+    keys = with_moving_measures(SCORED + DRIVEN, *groups.values())
+    summaries = tuple(summarize(rows, keys) for rows in groups.values())
+
+    pairs = combinations(groups, 2)
+    comparisons = adjust_by_holm([compare(groups[a], groups[b]) for a, b in pairs])
+    labeled_groups = {spelling(name): rows for name, rows in groups.items()}
+    labeled_comparisons = [
+        replace(comparison, a=spelling(comparison.a), b=spelling(comparison.b))
+        for comparison in comparisons
+    ]
+    conclusion = conclude_results(labeled_groups, labeled_comparisons)
+    return RunSummary(summaries, comparisons, str(conclusion))
 
 
 class Bars(NamedTuple):
-    """Bars of planners, best first, over the trials that all of them have.
-
-    rows: label, colour, estimate in words, and lengths in percent of the axis. limit: its end. worlds: how many.
-    """
+    """Bars of planners, best first, over the trials that all of them have."""
 
     rows: list[dict[str, Any]]
+    """Label, color, estimate in words, and lengths in percent of the axis."""
+
     limit: str
+    """The end of the axis."""
+
     worlds: int
 
 
-def bars(entries: Sequence[Entry]) -> Bars:
-    """Return bars of the metric. The axis ends at its limit where it has one, else at the longest."""
-    metric = metric_of(entries[0].results)
-    groups = in_common([entry.results for entry in entries])
-    summaries = [summarise(group, (metric.key,)) for group in groups]
-    shown = [metric.shown(one[metric.key]) for one in summaries]
-    limits = np.array([(one.estimate, one.low, one.high) for one in shown], np.float64)
-    limits = np.maximum(
-        np.nan_to_num(np.where(np.isnan(limits), limits[:, :1], limits)), 0.0
-    )
-    most = 100.0 if metric.percent else metric.maximum or float(limits.max()) or 1.0
+def make_bars(entries: Sequence[Entry]) -> Bars:
+    """Return bars of the ranking measure.
+
+    The axis ends at the limit of the measure, or else at the longest bar.
+    """
+    measure = ranking_measure(entries[0].results)
+    groups = common_trials([entry.results for entry in entries])
+    summaries = [summarize(rows, (measure.key,)) for rows in groups]
+    intervals = [measure.in_heading_unit(summary[measure.key]) for summary in summaries]
+    limits = np.array([(i.estimate, i.low, i.high) for i in intervals], np.float64)
+    # An estimate without limits stands for them; a planner without a value has no bar.
+    limits = np.where(np.isnan(limits), limits[:, :1], limits)
+    limits = np.maximum(np.nan_to_num(limits), 0.0)
+    end = measure.maximum or float(limits.max()) or 1.0
+    if measure.percent:
+        end = 100.0
+
     rows = []
-    for place in sorted_by(metric, summaries):
-        entry, text = entries[place], metric.text(summaries[place][metric.key])
-        lengths = zip(
-            ("bar", "low", "high"), (100.0 * limits[place] / most).tolist(), strict=True
-        )
+    for position in sort_positions(measure, summaries):
+        entry = entries[position]
+        bar, low, high = (100.0 * limits[position] / end).tolist()
         rows.append(
             {
                 "label": entry.label,
-                "colour": entry.colour,
-                "text": text,
-                **dict(lengths),
+                "colour": entry.color,
+                "text": measure.text(summaries[position][measure.key]),
+                "bar": bar,
+                "low": low,
+                "high": high,
             }
         )
-    return Bars(rows, f"{most:.3g}", len({one.world for one in groups[0]}))
+    worlds = {result.world for result in groups[0]}
+    return Bars(rows, f"{end:.3g}", len(worlds))
 
 
-def in_common(groups: Sequence[Rows]) -> list[list[TrialResult]]:
-    """Return of each planner's results those of worlds and repetitions that all have; all where there are none."""
-    keys = [{(one.world, one.repetition) for one in group} for group in groups]
+def common_trials(groups: Sequence[Rows]) -> list[list[TrialResult]]:
+    """Return of each planner's results those whose trials all planners have.
+
+    Where there is no such trial, all results are returned.
+    """
+    keys = [{(row.world, row.repetition) for row in rows} for rows in groups]
     shared = set.intersection(*keys) or set.union(*keys)
     return [
-        [one for one in group if (one.world, one.repetition) in shared]
-        for group in groups
+        [row for row in rows if (row.world, row.repetition) in shared]
+        for rows in groups
     ]
 
 
-def sorted_by(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
-    """Return the places of summaries from best to worst by a measure; what has no value comes last."""
+def sort_positions(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
+    """Return the positions of summaries from best to worst.
+
+    Args:
+        measure: What is ranked by.
+        summaries: Summaries that have the measure; those without a value come last.
+    """
     sign = -1.0 if measure.better == "larger" else 1.0
-    values = [one[measure.key].estimate for one in summaries]
+    values = [summary[measure.key].estimate for summary in summaries]
     return sorted(
         range(len(values)),
-        key=lambda at: (values[at] != values[at], sign * values[at], at),
+        key=lambda k: (np.isnan(values[k]), sign * values[k], k),
     )

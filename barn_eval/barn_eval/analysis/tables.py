@@ -1,316 +1,368 @@
-"""Tables of trials, planners, bands of difficulty, comparisons and papers; names and digits are the catalogue's."""
+"""Tables of trials, planners, difficulty bands, comparisons, and tables for papers.
+
+Names and digits of measures are those of the catalog.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from barn_eval.analysis.compare import Comparison
-from barn_eval.analysis.difficulty import IN_BANDS, Band
-from barn_eval.analysis.measures import MEASURES, Measure, measures_named, metric_of
+from barn_eval.analysis.difficulty import BAND_MEASURES, Band
+from barn_eval.analysis.measures import (
+    MEASURES,
+    Measure,
+    ranking_measure,
+    require_measures,
+)
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
-from barn_eval.analysis.summary import Summary, in_common, sorted_by, summarise
-from barn_eval.analysis.text_table import TextTable, counted, latex_text
-from barn_eval.analysis.verdict import few_worlds, rank_results
-from barn_eval.trials.result import Groups, Rows
+from barn_eval.analysis.summary import (
+    Summary,
+    common_trials,
+    sort_positions,
+    summarize,
+)
+from barn_eval.analysis.text_table import (
+    TextTable,
+    count_noun,
+    latex_text,
+)
+from barn_eval.analysis.verdict import rank_results, warn_of_few_worlds
+from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import ConfigError
 
 SPREAD = "spread over a world's trials [s/m]"
-_TRIAL = (
+PAPER_MEASURES = ("success", "traversal_time_s", "min_clearance_m")
+_TRIAL_MEASURES = (
     "traversal_time_s",
     "normalised_time_s_per_m",
     "challenge",
     "min_clearance_m",
     "real_time_factor",
 )
-_HEADLINE = (
+_HEADLINE_MEASURES = (
     "success",
     "efficiency",
     "traversal_time_s",
     "normalised_time_s_per_m",
     "challenge",
 )
+_LATEX_LABEL = re.compile(r"[\w:.-]+")
 
 
 def trials_table(results: Rows, title: str) -> TextTable:
-    """Return the figures of single trials, a trial per row."""
-    measures = [MEASURES[key] for key in _TRIAL]
-    rows = (
-        (
-            one.trial_id,
-            one.outcome.value,
-            *(by.number(by.value(one)) for by in measures),
-        )
-        for one in results
-    )
-    return TextTable(
-        "trials",
-        title,
-        ("trial", "outcome", *(one.trial_heading for one in measures)),
-        tuple(rows),
-        2,
-    )
+    """Return the figures of single trials, a trial per row.
+
+    Args:
+        results: Results of any planners.
+        title: Title of the table.
+    """
+    measures = [MEASURES[key] for key in _TRIAL_MEASURES]
+    rows = []
+    for result in results:
+        cells = [measure.number(measure.value(result)) for measure in measures]
+        rows.append((result.trial_id, result.outcome.value, *cells))
+    headings = [measure.trial_heading for measure in measures]
+    columns = ("trial", "outcome", *headings)
+    return TextTable("trials", title, columns, tuple(rows), texts=2)
 
 
 def headline_table(
     labels: Sequence[str],
     summaries: Sequence[Summary],
-    metric: Measure,
-    columns: Sequence[str] = (),
+    measure: Measure,
+    keys: Sequence[str] = (),
 ) -> TextTable:
-    """Return measures, a planner per row from best to worst by a metric, which comes first.
+    """Return the main measures, a planner per row from best to worst.
 
-    columns: keys of the measures; rates, times and scores unless given.
+    Args:
+        labels: Name of each planner.
+        summaries: Summary of each planner.
+        measure: The ranking measure, which comes first.
+        keys: Keys of the measures. By default rates, times and scores.
     """
-    known = (
-        key
-        for key in _HEADLINE
-        if any(isfinite(one[key].estimate) for one in summaries)
-    )  # not of older rows
-    keys = tuple(dict.fromkeys((metric.key, *(columns or known))))
+    if not keys:
+        # Rows of older versions lack some.
+        keys = [
+            key
+            for key in _HEADLINE_MEASURES
+            if any(isfinite(summary[key].estimate) for summary in summaries)
+        ]
+    all_keys = tuple(dict.fromkeys((measure.key, *keys)))
+
     rows = []
-    for place in sorted_by(metric, summaries):
-        one = summaries[place]
-        cells = (_counted_text(MEASURES[key], one) for key in keys)
-        rows.append(
-            (labels[place], f"{one.trials} in {one.worlds}", *cells, _spread(one))
-        )
-    columns = (
-        "planner",
-        "trials in worlds",
-        *(MEASURES[key].heading for key in keys),
-        SPREAD,
-    )
-    return TextTable(
-        "headline", "Success, time and scores with 95 % intervals", columns, tuple(rows)
-    )
+    for position in sort_positions(measure, summaries):
+        summary = summaries[position]
+        cells = [_mean_with_count(MEASURES[key], summary) for key in all_keys]
+        extent = f"{summary.trials} in {summary.worlds}"
+        rows.append((labels[position], extent, *cells, _spread_text(summary)))
+
+    headings = [MEASURES[key].heading for key in all_keys]
+    columns = ("planner", "trials in worlds", *headings, SPREAD)
+    title = "Success, time and scores with 95 % intervals"
+    return TextTable("headline", title, columns, tuple(rows))
 
 
 def measures_table(
     labels: Sequence[str], summaries: Sequence[Summary], keys: Sequence[str]
 ) -> TextTable:
-    """Return the means of measures, a planner per column."""
-    rows = [
-        (MEASURES[key].heading, *(MEASURES[key].text(one[key]) for one in summaries))
-        for key in keys
-    ]
-    return TextTable(
-        "measures",
-        "Measures: mean and 95 % interval",
-        ("measure", *labels),
-        tuple(rows),
-    )
+    """Return the means of measures, a planner per column.
+
+    Args:
+        labels: Name of each planner.
+        summaries: Summary of each planner.
+        keys: Keys of the measures, which all summaries have.
+    """
+    rows = []
+    for key in keys:
+        measure = MEASURES[key]
+        cells = [measure.text(summary[key]) for summary in summaries]
+        rows.append((measure.heading, *cells))
+    title = "Measures: mean and 95 % interval"
+    return TextTable("measures", title, ("measure", *labels), tuple(rows))
 
 
 def summary_table(summaries: Sequence[Summary]) -> TextTable:
-    """Return all that summaries of the same measures have, a planner per column."""
-    labels = [spelling(one.planner) for one in summaries]
+    """Return everything in summaries of the same measures, a planner per column."""
+    labels = [spelling(summary.planner) for summary in summaries]
     rows = list(measures_table(labels, summaries, list(summaries[0].means)).rows)
-    rows.append((SPREAD, *map(_spread, summaries)))
-    trials = counted(sum(one.trials for one in summaries), "trial")
-    worlds = counted(max(one.worlds for one in summaries), "world")
-    outcomes = "; ".join(
-        f"{label} "
-        + ", ".join(f"{name} {count}" for name, count in one.outcomes.items())
-        for label, one in zip(labels, summaries, strict=True)
-    )
-    columns = ("mean and 95 % interval", *labels)
-    caption = ". ".join(
-        filter(
-            None,
-            (f"outcomes: {outcomes}", few_worlds(max(one.worlds for one in summaries))),
-        )
-    )
+    rows.append((SPREAD, *map(_spread_text, summaries)))
+
+    planner_outcomes = []
+    for label, summary in zip(labels, summaries, strict=True):
+        counts = [f"{name} {count}" for name, count in summary.outcomes.items()]
+        planner_outcomes.append(f"{label} {', '.join(counts)}")
+    worlds = max(summary.worlds for summary in summaries)
+    notes = [f"outcomes: {'; '.join(planner_outcomes)}", warn_of_few_worlds(worlds)]
+
+    trials = count_noun(sum(summary.trials for summary in summaries), "trial")
     return TextTable(
-        "summary", f"{trials} in {worlds}", columns, tuple(rows), caption=caption
+        "summary",
+        f"{trials} in {count_noun(worlds, 'world')}",
+        ("mean and 95 % interval", *labels),
+        tuple(rows),
+        caption=". ".join(note for note in notes if note),
     )
 
 
 def outcomes_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
-    """Return how often each outcome came, a planner per row."""
-    names = list(dict.fromkeys(name for one in summaries for name in one.outcomes))
-    counts = ((str(one.outcomes.get(name, 0)) for name in names) for one in summaries)
-    rows = tuple((label, *own) for label, own in zip(labels, counts, strict=True))
-    return TextTable("outcomes", "Trials by outcome", ("planner", *names), rows)
+    """Return how often each outcome occurred, a planner per row.
+
+    Args:
+        labels: Name of each planner.
+        summaries: Summary of each planner.
+    """
+    outcomes = list(dict.fromkeys(name for s in summaries for name in s.outcomes))
+    rows = []
+    for label, summary in zip(labels, summaries, strict=True):
+        counts = [str(summary.outcomes.get(name, 0)) for name in outcomes]
+        rows.append((label, *counts))
+    columns = ("planner", *outcomes)
+    return TextTable("outcomes", "Trials by outcome", columns, tuple(rows))
 
 
 def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
-    """Return success and time of each planner in each band."""
+    """Return success and time of each planner in each difficulty band.
+
+    Args:
+        labels: Name of each planner.
+        bands: Bands from easy to difficult.
+    """
     rows = []
     for band in bands:
         low, high = band.limits_s_per_m
-        name = f"{band.name} ({counted(len(band.worlds), 'world')}, {low:.2f} to {high:.2f} s/m)"
-        for label, one in zip(labels, band.summaries, strict=True):
-            rows.append(
-                (
-                    name,
-                    label,
-                    str(one.trials),
-                    *(MEASURES[key].text(one[key]) for key in IN_BANDS),
-                )
-            )
-    columns = (
-        "band",
-        "planner",
-        "trials",
-        *(MEASURES[key].heading for key in IN_BANDS),
-    )
-    return TextTable(
-        "bands",
-        "Success and time by difficulty band, 95 % intervals",
-        columns,
-        tuple(rows),
-        texts=2,
-    )
+        worlds = count_noun(len(band.worlds), "world")
+        name = f"{band.name} ({worlds}, {low:.2f} to {high:.2f} s/m)"
+        for label, summary in zip(labels, band.summaries, strict=True):
+            cells = [MEASURES[key].text(summary[key]) for key in BAND_MEASURES]
+            rows.append((name, label, str(summary.trials), *cells))
+
+    headings = [MEASURES[key].heading for key in BAND_MEASURES]
+    columns = ("band", "planner", "trials", *headings)
+    title = "Success and time by difficulty band, 95 % intervals"
+    return TextTable("bands", title, columns, tuple(rows), texts=2)
 
 
-def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
-    """Return the comparison of two planners; * marks a difference that is clear, after Holm if there are more pairs."""
-    a, b = spelling(found.a), spelling(found.b)
+def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTable:
+    """Return the comparison of two planners; a star marks a significant difference.
+
+    Args:
+        comparison: The comparison. With several pairs p-values are after Holm.
+        name: Name of the table's files.
+    """
+    a = spelling(comparison.a)
+    b = spelling(comparison.b)
     rows = []
-    for one in found.rows:
-        measure, pair = MEASURES[one.key], one.paired
-        figures = (
-            measure.number(pair.mean_a),
-            measure.number(pair.mean_b),
-            measure.text(pair.difference),
-        )
-        p_text = ("<0.001" if one.p_holm < 0.001 else number(one.p_holm, 3)) + (
-            " *" if one.p_holm <= ALPHA else ""
-        )
+    for row in comparison.rows:
+        measure = MEASURES[row.key]
+        paired = row.paired
+        p = "<0.001" if row.p_holm < 0.001 else number(row.p_holm, 3)
+        if row.p_holm <= ALPHA:
+            p += " *"
         rows.append(
             (
                 measure.heading,
-                *figures,
-                p_text,
-                pair.improvement.text(),
-                str(pair.trials),
+                measure.number(paired.mean_a),
+                measure.number(paired.mean_b),
+                measure.text(paired.difference),
+                p,
+                paired.improvement.text(),
+                str(paired.trials),
             )
         )
-    p = f"p (Holm, {found.pairs} pairs)" if found.pairs > 1 else "p"
+
+    p_heading = "p"
+    if comparison.pairs > 1:
+        p_heading = f"p (Holm, {comparison.pairs} pairs)"
     columns = (
         "measure",
         a,
         b,
         "difference and 95 % interval",
-        p,
+        p_heading,
         f"P({a} is better)",
         "pairs of trials",
     )
-    title = f"{a} against {b}, {found.protocol} protocol, same worlds and seeds"
-    correlation = f"rank correlation of time per metre over worlds: {found.rank_correlation.text()}"
-    caption = " ".join(
-        filter(None, (few_worlds(found.worlds), *found.notes, correlation))
+    correlation = comparison.rank_correlation.text()
+    notes = [
+        warn_of_few_worlds(comparison.worlds),
+        *comparison.notes,
+        f"rank correlation of time per metre over worlds: {correlation}",
+    ]
+    return TextTable(
+        name,
+        f"{a} against {b}, {comparison.protocol} protocol, same worlds and seeds",
+        columns,
+        tuple(rows),
+        caption=" ".join(note for note in notes if note),
     )
-    return TextTable(name, title, columns, tuple(rows), caption=caption)
 
 
-def _counted_text(measure: Measure, summary: Summary) -> str:
-    """Return an estimate with its limits and, where failed trials are left out, how many it is of."""
-    of = f" of {summary.outcomes.get('success', 0)}" if measure.successes_only else ""
-    return measure.text(summary[measure.key]) + of
+def _mean_with_count(measure: Measure, summary: Summary) -> str:
+    """Return a mean with its limits, and its trials where failures are left out."""
+    text = measure.text(summary[measure.key])
+    if measure.successes_only:
+        text += f" of {summary.outcomes.get('success', 0)}"
+    return text
 
 
-def _spread(summary: Summary) -> str:
-    return number(summary.spread_s_per_m, MEASURES["normalised_time_s_per_m"].digits)
-
-
-COLUMNS = ("success", "traversal_time_s", "min_clearance_m")
-_LABEL = re.compile(r"[\w:.-]+")
+def _spread_text(summary: Summary) -> str:
+    """Return the spread over a world's trials."""
+    digits = MEASURES["normalised_time_s_per_m"].digits
+    return number(summary.spread_s_per_m, digits)
 
 
 def paper_table(
-    results: Groups,
-    columns: Sequence[str] = (),
+    results: RowsByPlanner,
+    keys: Sequence[str] = (),
     *,
     caption: str = "",
     label: str = "tab:planners",
 ) -> str:
-    """Return a table in LaTeX, for the package booktabs, of planners on the worlds and seeds that all have.
+    """Return a LaTeX table, for the package booktabs, of planners on common trials.
 
-    columns: keys of measures; without any, the metric of the protocol, then `COLUMNS`. Bold are the best by each
-    measure and those that are not clearly worse, as rankings judge it. ConfigError for unknown measures and labels that
-    LaTeX would not take, and where planners have not done the same task.
+    The best planner by each measure is bold, and so are those that are not
+    significantly worse, as rankings judge it.
+
+    Args:
+        results: Results by planner.
+        keys: Keys of measures. By default the ranking measure of the protocol, then
+            `PAPER_MEASURES`.
+        caption: Caption of the table. By default what the means are over.
+        label: Label by which LaTeX refers to the table.
+
+    Raises:
+        ConfigError: A measure is unknown, LaTeX would not accept the label, or planners
+            have not done the same task.
     """
-    if not _LABEL.fullmatch(label):
+    if not _LATEX_LABEL.fullmatch(label):
         raise ConfigError(
-            f"label: must have letters, digits, colons, dots and hyphens only, got {label!r}"
+            "label: must have letters, digits, colons, dots and hyphens only, "
+            f"got {label!r}"
         )
     first = next(iter(results.values()))
-    measures = [
-        MEASURES[key]
-        for key in measures_named(columns or (metric_of(first).key, *COLUMNS))
-    ]
-    groups = dict(zip(results, in_common(list(results.values())), strict=True))
-    found = {
-        name: summarise(group, [one.key for one in measures])
-        for name, group in groups.items()
-    }
-    bold = {measure.key: _best(groups, found, measure) for measure in measures}
-    rows = []
-    for name, one in found.items():
-        cells = (
-            _cell(one[measure.key], measure, name in bold[measure.key])
-            for measure in measures
-        )
-        rows.append(" & ".join([latex_text(name), *cells]))
+    default_keys = (ranking_measure(first).key, *PAPER_MEASURES)
+    measures = [MEASURES[key] for key in require_measures(keys or default_keys)]
+    measure_keys = [measure.key for measure in measures]
+    common = common_trials(list(results.values()))
+    groups = dict(zip(results, common, strict=True))
+    summaries = {name: summarize(rows, measure_keys) for name, rows in groups.items()}
+    bold = {m.key: _find_best(groups, summaries, m) for m in measures}
+
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{{latex_text(caption) if caption else _caption(groups)}}}",
-    ]
-    lines += [
+        rf"\caption{{{latex_text(caption or _default_caption(groups))}}}",
         rf"\label{{{label}}}",
         rf"\begin{{tabular}}{{l{'r' * len(measures)}}}",
         r"\toprule",
+        " & ".join(["planner", *map(_latex_heading, measures)]) + r" \\",
+        r"\midrule",
     ]
-    lines += [" & ".join(["planner", *map(_heading, measures)]) + r" \\", r"\midrule"]
-    # The braces keep a name that begins with a bracket or a star from being an option of the line's end before it.
-    lines += [f"{{}}{row} \\\\" for row in rows]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
+    for name, summary in summaries.items():
+        cells = [
+            _latex_cell(summary[measure.key], measure, name in bold[measure.key])
+            for measure in measures
+        ]
+        # See `latex_row` for the braces; these cells are LaTeX already.
+        lines.append("{}" + " & ".join([latex_text(name), *cells]) + r" \\")
+    lines += [r"\bottomrule", r"\end{tabular}", r"\end{table}", ""]
+    return "\n".join(lines)
 
 
-def _best(
-    groups: Groups, summaries: Mapping[str, Summary], measure: Measure
+def _find_best(
+    groups: RowsByPlanner, summaries: Mapping[str, Summary], measure: Measure
 ) -> set[str]:
-    """Return the names of the best and of those not clearly worse; none where no way is better, or for one planner."""
+    """Return the best planner and those that are not significantly worse.
+
+    There is none for a measure without a better direction, and for a single planner.
+    """
     if not measure.better or len(groups) < 2:
         return set()
-    found, names = rank_results(groups, measure), list(summaries)
-    best = names[sorted_by(measure, list(summaries.values()))[0]]
-    at = found.names.index(best)
+    ranking = rank_results(groups, measure)
+    best_position = sort_positions(measure, list(summaries.values()))[0]
+    best_place = ranking.names.index(list(summaries)[best_position])
     return {
         name
-        for place, name in enumerate(found.names)
-        if place <= at or not found.clear(at, place)
+        for place, name in enumerate(ranking.names)
+        if place <= best_place or not ranking.is_clear(best_place, place)
     }
 
 
-def _cell(found: Interval, measure: Measure, bold: bool) -> str:
-    mean, _, limits = measure.text(found).partition(" ")
-    shown = rf"\textbf{{{latex_text(mean)}}}" if bold else latex_text(mean)
-    return rf"{shown} {{\scriptsize {latex_text(limits)}}}" if limits else shown
+def _latex_cell(mean: Interval, measure: Measure, is_bold: bool) -> str:
+    """Return a mean and, in small type, its limits."""
+    estimate, _, limits = measure.text(mean).partition(" ")
+    cell = latex_text(estimate)
+    if is_bold:
+        cell = rf"\textbf{{{cell}}}"
+    if limits:
+        cell += rf" {{\scriptsize {latex_text(limits)}}}"
+    return cell
 
 
-def _heading(measure: Measure) -> str:
-    better = {"larger": r" $\uparrow$", "smaller": r" $\downarrow$"}.get(
-        measure.better, ""
+def _latex_heading(measure: Measure) -> str:
+    """Return the heading of a measure with an arrow in its better direction."""
+    arrows = {"larger": r" $\uparrow$", "smaller": r" $\downarrow$"}
+    return latex_text(measure.heading) + arrows.get(measure.better, "")
+
+
+def _default_caption(groups: RowsByPlanner) -> str:
+    """Say what the means of a paper's table are over."""
+    results = next(iter(groups.values()))
+    worlds = len({result.world for result in results})
+    if len(results) % worlds:
+        trials = f"{len(results)} trials"
+    else:
+        trials = f"{count_noun(len(results) // worlds, 'trial')} each"
+    text = (
+        f"Means with 95 % intervals over {count_noun(worlds, 'world')} of "
+        f"{results[0].dataset}, {trials}, protocol {results[0].protocol}."
     )
-    return latex_text(measure.heading) + better
-
-
-def _caption(groups: Groups) -> str:
-    first = next(iter(groups.values()))
-    worlds = {one.world for one in first}
-    each = len(first) / len(worlds)
-    trials = (
-        f"{counted(round(each), 'trial')} each"
-        if each == round(each)
-        else f"{len(first)} trials"
-    )
-    text = f"Means with 95 % intervals over {counted(len(worlds), 'world')} of {first[0].dataset}, {trials}"
-    text += f", protocol {first[0].protocol}."
     if len(groups) > 1:
-        text += " Bold: the best, and those not clearly worse (test over worlds, 5 %, after Holm)."
-    return latex_text(text)
+        text += (
+            " Bold: the best, and those not clearly worse "
+            "(test over worlds, 5 %, after Holm)."
+        )
+    return text

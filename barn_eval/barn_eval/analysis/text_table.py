@@ -1,4 +1,4 @@
-"""A table of texts: on the terminal, in a page, as CSV, LaTeX and Markdown."""
+"""Tables of text: on the terminal, in a page, as CSV, LaTeX and Markdown."""
 
 import csv
 import io
@@ -21,59 +21,78 @@ _LATEX = {
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table: `name` is that of its files; the first column, or as many as `texts`, hold texts, the others figures."""
+    """A table whose cells are text as a reader sees it."""
 
     name: str
+    """Name of the table's files, without an ending."""
+
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
     texts: int = 1
+    """Number of columns on the left that hold words; the others hold figures."""
+
     caption: str = ""
 
     def csv(self) -> str:
-        """Return the table as CSV with a head."""
+        """Return the table as CSV with a header."""
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
         return buffer.getvalue()
 
     def latex(self) -> str:
         """Return the table as a LaTeX tabular for the package booktabs."""
-        # The braces keep a row that begins with a bracket or a star from being an option of the line's end before it.
+        alignment = "l" * self.texts + "r" * (len(self.columns) - self.texts)
         lines = [
-            "{}" + " & ".join(map(latex_text, row)) + r" \\"
-            for row in (self.columns, *self.rows)
+            f"% {one_line(self.title)}",
+            rf"\begin{{tabular}}{{{alignment}}}",
+            r"\toprule",
+            latex_row(self.columns),
+            r"\midrule",
+            *map(latex_row, self.rows),
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
         ]
-        head = rf"\begin{{tabular}}{{{'l' * self.texts}{'r' * (len(self.columns) - self.texts)}}}"
-        return "\n".join(
-            [
-                f"% {one_line(self.title)}",
-                head,
-                r"\toprule",
-                lines[0],
-                r"\midrule",
-                *lines[1:],
-                r"\bottomrule",
-            ]
-            + [r"\end{tabular}", ""]
-        )
+        return "\n".join(lines)
+
+
+def latex_row(cells: Sequence[str]) -> str:
+    """Return plain cells as a row of a LaTeX tabular."""
+    # The braces keep a row that begins with a bracket or a star from being read as an
+    # option of the line break before it.
+    return "{}" + " & ".join(map(latex_text, cells)) + r" \\"
 
 
 def latex_text(text: str) -> str:
-    """Return a text in which nothing is a command of LaTeX, and a number's minus is one."""
+    """Return text without LaTeX commands, and with the minus of numbers as a sign."""
     escaped = "".join(_LATEX.get(character, character) for character in one_line(text))
     return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
 
 
-def counted(number: int, noun: str) -> str:
-    """Return a number of things, such as "1 trial" or "2 trials"."""
+def count_noun(number: int, noun: str) -> str:
+    """Return a number of things, such as "1 trial" or "2 trials".
+
+    Args:
+        number: How many there are.
+        noun: What they are, in the singular.
+    """
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def joined(names: Sequence[str], word: str = "and") -> str:
-    """Return names as a sentence lists them, such as "a, b and c"."""
-    return f" {word} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+def join_names(names: Sequence[str], word: str = "and") -> str:
+    """Return names as a sentence lists them, such as "a, b and c".
+
+    Args:
+        names: What is listed.
+        word: The word before the last name.
+    """
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {word} {names[-1]}"
 
 
 def one_line(text: str) -> str:
-    """Return a text without line breaks and control characters."""
+    """Return text with its line breaks and control characters as spaces."""
     return re.sub(r"[\x00-\x1f\x7f\u2028\u2029]+", " ", text)

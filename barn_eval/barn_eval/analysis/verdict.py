@@ -1,16 +1,21 @@
-"""Planners from best to worst by one figure, with a test of each pair, and what that says: a sentence, and details.
+"""Planners from best to worst with a test of each pair, and the conclusion in words.
 
-Those that cannot be told apart share a rank.
+Planners without a significant difference share a rank.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
 
-from barn_eval.analysis.compare import Comparison, check_pairs, columns, worlds_of
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.compare import (
+    Comparison,
+    count_available_worlds,
+    require_pairs,
+    trial_values,
+)
+from barn_eval.analysis.measures import MEASURES, Measure, ranking_measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import (
     ALPHA,
@@ -22,314 +27,380 @@ from barn_eval.analysis.significance import (
     worlds_for_difference,
 )
 from barn_eval.analysis.sources import Source, notes_on
-from barn_eval.analysis.statistics import Columns, difference, matched_trials
-from barn_eval.analysis.text_table import counted, joined
-from barn_eval.trials.result import Groups
+from barn_eval.analysis.statistics import TrialValues, difference, matched_trials
+from barn_eval.analysis.text_table import count_noun, join_names
+from barn_eval.trials.result import RowsByPlanner
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import BarnError, ConfigError
 
-_FLIPS_PER_PAIR = (
-    40  # so that the smallest p-value, times the number of pairs, is below ALPHA
-)
+FEW_WORLDS = 10
+# So many patterns per pair keep the smallest p-value, times the pairs, below ALPHA.
+_FLIPS_PER_PAIR = 40
+_MAX_NAMED_PLANNERS = 4
+
+# Tests of pairs by the labels of A and B, of the value of A minus that of B.
+PairTests = Mapping[tuple[str, str], Difference]
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Planners from best to worst, on the trials that all of them have.
-
-    means: of each. differences: by places (i, j), i the better one, of the value of i minus that of j. p: of these,
-    after Holm for `tests` pairs. failures: the share of failures of each, None where they have no value of their own.
-    available: how many worlds their data set has, 0 where that is not known.
-    """
+    """Planners from best to worst, on the trials that all of them have."""
 
     names: tuple[str, ...]
+
     means: tuple[float, ...]
+    """Mean of each planner."""
+
     worlds: int
     trials: int
-    differences: Mapping[tuple[int, int], Difference]
-    p: Mapping[tuple[int, int], float]
-    tests: int
-    failures: tuple[Interval | None, ...]
-    available: int = 0
 
-    def clear(self, better: int, worse: int) -> bool:
-        """Tell whether one place is clearly better than a later one."""
+    differences: Mapping[tuple[int, int], Difference]
+    """By places (i, j), i the better one: the value of i minus that of j."""
+
+    p: Mapping[tuple[int, int], float]
+    """The p-value of each difference after Holm for all `tests` pairs."""
+
+    tests: int
+
+    failures: tuple[Interval | None, ...]
+    """Share of failures of each planner, None if failures have no value."""
+
+    available: int = 0
+    """Number of worlds in the data set, 0 if unknown."""
+
+    def is_clear(self, better: int, worse: int) -> bool:
+        """Tell whether one place is significantly better than a later one.
+
+        Args:
+            better: The earlier place, counted from 0.
+            worse: The later place.
+        """
         return self.p[better, worse] <= ALPHA
 
     @property
     def leaders(self) -> tuple[int, ...]:
-        """The places that are not clearly worse than the first."""
-        return tuple(
-            place
-            for place in range(len(self.names))
-            if place == 0 or not self.clear(0, place)
-        )
+        """The places that are not significantly worse than the first."""
+        places = range(1, len(self.names))
+        return (0, *(place for place in places if not self.is_clear(0, place)))
 
     @property
     def ranks(self) -> tuple[int, ...]:
-        """The rank of each place: a new one begins where all above are clearly better than all from there on.
+        """The rank of each place, from 1.
 
-        So planners whose difference is not clear always share a rank. Within a rank some may differ clearly, if others
-        lie between them.
+        A new rank begins where all planners above are significantly better than all
+        planners from there on. So planners without a significant difference always
+        share a rank. Some planners of a rank may differ if others lie between them.
         """
+        count = len(self.names)
         ranks: list[int] = []
-        for place in range(len(self.names)):
-            rest = range(place, len(self.names))
-            begins = all(
-                self.clear(better, worse) for better in range(place) for worse in rest
+        for place in range(count):
+            is_new_rank = all(
+                self.is_clear(better, worse)
+                for better in range(place)
+                for worse in range(place, count)
             )
-            ranks.append(place + 1 if begins else ranks[-1])
+            ranks.append(place + 1 if is_new_rank else ranks[-1])
         return tuple(ranks)
 
 
-def rank_results(results: Groups, measure: Measure) -> Ranking:
-    """Rank at least one planner by the results of each; ConfigError if two have not done the same task."""
-    try:
-        for a, b in combinations(results, 2):
-            check_pairs(results[a], results[b])
-    except BarnError as error:
-        raise ConfigError(
-            f"{a} and {b} cannot be ranked against each other: {error}"
-        ) from None
-    values = {name: columns(own, measure) for name, own in results.items()}
-    found = rank(values, larger_is_better=measure.better == "larger")
-    return replace(found, available=worlds_of(next(iter(results.values()))))
+def rank_results(
+    results: RowsByPlanner, measure: Measure, comparisons: Sequence[Comparison] = ()
+) -> Ranking:
+    """Rank planners by their results.
+
+    Args:
+        results: Results by planner, of at least one.
+        measure: What planners are ranked by.
+        comparisons: Comparisons of these planners by this measure, labeled as in
+            `results`. Their tests are used again where they are over the same trials.
+
+    Raises:
+        ConfigError: Two planners have not done the same task.
+    """
+    for a, b in combinations(results, 2):
+        try:
+            require_pairs(results[a], results[b])
+        except BarnError as error:
+            raise ConfigError(
+                f"{a} and {b} cannot be ranked against each other: {error}"
+            ) from None
+
+    values = {name: trial_values(rows, measure) for name, rows in results.items()}
+    tests = {
+        (comparison.a, comparison.b): comparison.row(measure.key).paired.test()
+        for comparison in comparisons
+    }
+    ranking = rank(values, larger_is_better=measure.better == "larger", tests=tests)
+    first = next(iter(results.values()))
+    return replace(ranking, available=count_available_worlds(first))
 
 
 def rank(
-    planners: Mapping[str, Columns],
+    planners: Mapping[str, TrialValues],
     *,
     larger_is_better: bool,
     seed: int = 0,
     flips: int = FLIPS,
+    tests: PairTests | None = None,
 ) -> Ranking:
-    """Rank at least one planner, each given by its trials, on those that all have a value for."""
-    rows = dict(zip(planners, matched_trials(list(planners.values())), strict=True))
-    means = {
-        name: float(row.values.mean()) if len(row.values) else math.nan
-        for name, row in rows.items()
-    }
+    """Rank planners on the trials for which all of them have a value.
+
+    Args:
+        planners: Trials by planner, of at least one.
+        larger_is_better: Whether larger values of the measure are better.
+        seed: Seed of the patterns of signs.
+        flips: Number of patterns, raised where many pairs need more.
+        tests: Tests of some pairs, which are not made again if they are over the
+            same trials and with as many patterns.
+    """
+    matched = matched_trials(list(planners.values()))
+    trials = dict(zip(planners, matched, strict=True))
+    means = {}
+    for name, values in trials.items():
+        has_trials = len(values.values) > 0
+        means[name] = float(values.values.mean()) if has_trials else math.nan
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))
-    places = list(combinations(range(len(names)), 2))
-    flips = max(flips, _FLIPS_PER_PAIR * len(places))
-    differences = {
-        (i, j): difference(rows[names[i]], rows[names[j]], seed, flips)
-        for i, j in places
-    }
-    worlds = rows[names[0]].worlds
+
+    pairs = list(combinations(range(len(names)), 2))
+    enough_flips = max(flips, _FLIPS_PER_PAIR * len(pairs))
+    reusable = tests if tests and enough_flips == flips else {}
+    differences = {}
+    for i, j in pairs:
+        better = trials[names[i]]
+        worse = trials[names[j]]
+        test = _find_test(reusable, names[i], names[j])
+        # Trials that all planners share are among those that two share, so equal
+        # numbers mean equal trials.
+        if test is None or test.trials != len(better.values):
+            test = difference(better, worse, seed, enough_flips)
+        differences[i, j] = test
+
+    p_values = holm([differences[pair].p for pair in pairs])
+    worlds = trials[names[0]].worlds
     return Ranking(
-        tuple(names),
-        tuple(means[name] for name in names),
-        len(set(worlds.tolist())),
-        len(worlds),
-        differences,
-        dict(
-            zip(places, holm([differences[place].p for place in places]), strict=True)
-        ),
-        len(places),
-        tuple(rows[name].failure_share() for name in names),
+        names=tuple(names),
+        means=tuple(means[name] for name in names),
+        worlds=len(set(worlds.tolist())),
+        trials=len(worlds),
+        differences=differences,
+        p=dict(zip(pairs, p_values, strict=True)),
+        tests=len(pairs),
+        failures=tuple(trials[name].failure_share() for name in names),
     )
 
 
-FEW_WORLDS = 10
-_NAMED = 4  # that share the lead and are named
-_SENTENCES = {
-    "nothing": "There is no trial that all planners have.",
-    "alone": "{a} is the only planner: {title} {mean_a}.",
-    "equal": "{a}, {others} have the same {title}, {mean_a}: they cannot be told apart.",
-    "better": "{a} is better than {b}: {title} {mean_a} against {mean_b}.",
-    "open": "{a} and {b} cannot be told apart: {title} {mean_a} against {mean_b}.",
-    "leads": "{a} is better than all others: {title} {mean_a} against {mean_b} of {b}, the next.",
-    "ahead": "{a} is ahead, but {rest} cannot be told apart from it: {title} {mean_a} against {mean_b} of {b}.",
-}
-_WANTED = {
-    "few": " With fewer than {fewest} worlds no difference can be clear.",
-    "equal": " The means are equal; more worlds would only narrow the interval.",
-    "hopeless": " No number of worlds up to a million would tell so small a difference.",
-    "beyond": " The {available} worlds of this set cannot tell such a difference: it would take about {needed} with"
-    " {repetitions} each.",
-    "worlds": " To tell such a difference {times:g} times in 10, about {needed} worlds with {repetitions}"
-    " each would be needed.",
-}
+def _find_test(tests: PairTests, a: str, b: str) -> Difference | None:
+    """Return the test of A minus B, whichever way round it was made."""
+    if (a, b) in tests:
+        return tests[a, b]
+    if (b, a) in tests:
+        return tests[b, a].negate()
+    return None
 
 
 class Conclusion(NamedTuple):
-    """What a ranking says: in a short sentence, and how sure that is. As text, both."""
+    """What a ranking says; as text, both parts."""
 
     short: str
+    """The conclusion in a sentence."""
+
     details: str = ""
+    """How sure it is."""
 
     def __str__(self) -> str:
-        """Return all of it."""
+        """Return both parts."""
         return f"{self.short} {self.details}".rstrip()
 
 
-def verdict(ranking: Ranking, measure: Measure) -> Conclusion:
-    """Return what a ranking by a measure says: the leader, or those who cannot be told from it, and how sure that is.
+def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
+    """Say what a ranking shows: who leads, and how sure that is.
 
-    The number of worlds needed is for a power of 0.8, with as many repetitions, and for the test after Holm.
+    The number of worlds that a clear answer would take is for a power of 0.8, with as
+    many repetitions, and for the test after Holm.
+
+    Args:
+        ranking: Planners ranked by the measure.
+        measure: What they are ranked by.
     """
     if not ranking.trials:
-        return Conclusion(_SENTENCES["nothing"])
-    count, leaders = len(ranking.names), ranking.leaders
-    trials = (
-        counted(ranking.trials, "trial")
-        if count == 1
-        else counted(ranking.trials, "pair") + " of trials"
-    )
-    extent = f"{counted(ranking.worlds, 'world')}, {trials}"
-    words = {
-        "a": ranking.names[0],
-        "title": measure.title,
-        "mean_a": _value(measure, ranking.means[0]),
-    }
-    if count == 1:
-        return Conclusion(_SENTENCES["alone"].format(**words), f"Over {extent}.")
-    if count > 2 and len(set(ranking.means)) == 1:
-        told = _SENTENCES["equal"].format(
-            **words, others=joined(list(ranking.names[1:]))
+        return Conclusion("There is no trial that all planners have.")
+
+    names = ranking.names
+    best = f"{measure.title} {_value_text(measure, ranking.means[0])}"
+    worlds = count_noun(ranking.worlds, "world")
+    if len(names) == 1:
+        trials = count_noun(ranking.trials, "trial")
+        return Conclusion(
+            f"{names[0]} is the only planner: {best}.", f"Over {worlds}, {trials}."
         )
-        return Conclusion(told, f"Over {extent}.")
-    next_best = leaders[1] if len(leaders) > 1 else 1
-    found, name, mean = (
-        ranking.differences[0, next_best],
-        ranking.names[next_best],
-        ranking.means[next_best],
-    )
-    words |= {"b": name, "mean_b": _value(measure, mean)}
-    rest = [ranking.names[place] for place in leaders[1:]]
-    words |= {"rest": joined(rest) if len(rest) <= _NAMED else f"{len(rest)} others"}
-    kinds = {
-        (False, True): "better",
-        (True, True): "open",
-        (False, False): "leads",
-        (True, False): "ahead",
-    }
-    after = " after Holm" if ranking.tests > 1 else ""
-    details = f"The difference is {_difference(measure, found.interval, name, mean)}"
-    details += f" ({p_text(ranking.p[0, next_best])}{after}, {extent}).{_failures(ranking, (0, next_best))}"
+
+    extent = f"{worlds}, {count_noun(ranking.trials, 'pair')} of trials"
+    if len(names) > 2 and len(set(ranking.means)) == 1:
+        mean = _value_text(measure, ranking.means[0])
+        return Conclusion(
+            f"{names[0]}, {join_names(names[1:])} have the same {measure.title}, "
+            f"{mean}: they cannot be told apart.",
+            f"Over {extent}.",
+        )
+
+    leaders = ranking.leaders
+    next_place = leaders[1] if len(leaders) > 1 else 1
+    next_name = names[next_place]
+    next_mean = ranking.means[next_place]
+    means = f"{best} against {_value_text(measure, next_mean)}"
+    if len(names) == 2 and len(leaders) == 1:
+        short = f"{names[0]} is better than {next_name}: {means}."
+    elif len(names) == 2:
+        short = f"{names[0]} and {next_name} cannot be told apart: {means}."
+    elif len(leaders) == 1:
+        short = (
+            f"{names[0]} is better than all others: {means} of {next_name}, the next."
+        )
+    else:
+        rest = join_names([names[place] for place in leaders[1:]])
+        if len(leaders) - 1 > _MAX_NAMED_PLANNERS:
+            rest = f"{len(leaders) - 1} others"
+        short = (
+            f"{names[0]} is ahead, but {rest} cannot be told apart from it: "
+            f"{means} of {next_name}."
+        )
+
+    test = ranking.differences[0, next_place]
+    size = _difference_text(measure, test.interval, next_name, next_mean)
+    p = p_text(ranking.p[0, next_place])
+    after_holm = " after Holm" if ranking.tests > 1 else ""
+    details = f"The difference is {size} ({p}{after_holm}, {extent})."
+    details += _possible_failures(ranking, (0, next_place))
     if len(leaders) > 1:
-        details += _wanted(found, ranking)
-    return Conclusion(
-        _SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words), details
-    )
+        details += _needed_worlds(test, ranking)
+    return Conclusion(short, details)
 
 
-def results_verdict(results: Groups) -> Conclusion:
-    """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
-    measure = metric_of(next(iter(results.values())))
-    return verdict(rank_results(results, measure), measure)
+def conclude_results(
+    results: RowsByPlanner, comparisons: Sequence[Comparison] = ()
+) -> Conclusion:
+    """Say what results show by the ranking measure of their protocol.
+
+    Args:
+        results: Results by planner, of at least one, all of one protocol.
+        comparisons: As for `rank_results`.
+
+    Raises:
+        ConfigError: As for `rank_results`.
+    """
+    measure = ranking_measure(next(iter(results.values())))
+    return conclude_ranking(rank_results(results, measure, comparisons), measure)
 
 
-def pair_verdict(found: Comparison) -> Conclusion:
-    """Return what a comparison of two planners says by the metric of its protocol."""
-    row = found.row(found.metric)
-    one, interval = row.paired, row.paired.difference
-    sides = [
-        *zip(
-            (spelling(found.a), spelling(found.b)),
-            (one.mean_a, one.mean_b),
-            one.failures,
-            strict=True,
-        )
-    ]
-    if (one.mean_a < one.mean_b) == row.larger_is_better:
-        sides, interval = sides[::-1], interval.mirrored()
-    names, means, failures = zip(*sides, strict=True)
-    by, p = (
-        {(0, 1): Difference(interval, one.p, one.worlds, one.trials, one.parts)},
-        {(0, 1): row.p_holm},
-    )
+def conclude_comparison(comparison: Comparison) -> Conclusion:
+    """Say what a comparison shows by the ranking measure of its protocol."""
+    row = comparison.row(comparison.metric)
+    paired = row.paired
+    test = paired.test()
+    names = [spelling(comparison.a), spelling(comparison.b)]
+    means = [paired.mean_a, paired.mean_b]
+    failures = list(paired.failures)
+    # The better planner comes first.
+    if (paired.mean_a < paired.mean_b) == row.larger_is_better:
+        names.reverse()
+        means.reverse()
+        failures.reverse()
+        test = test.negate()
+
     ranking = Ranking(
-        names,
-        means,
-        one.worlds,
-        one.trials,
-        by,
-        p,
-        found.pairs,
-        failures,
-        found.available,
+        names=tuple(names),
+        means=tuple(means),
+        worlds=paired.worlds,
+        trials=paired.trials,
+        differences={(0, 1): test},
+        p={(0, 1): row.p_holm},
+        tests=comparison.pairs,
+        failures=tuple(failures),
+        available=comparison.available,
     )
-    return verdict(ranking, MEASURES[found.metric])
+    return conclude_ranking(ranking, MEASURES[comparison.metric])
 
 
-def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
-    """Return what to be careful about: so few worlds, folders that are not finished, and late commands."""
-    return tuple(
-        filter(
-            None,
-            (
-                few_worlds(worlds),
-                *(note for one in sources for note in notes_on(one, one.results)),
-            ),
-        )
-    )
+def list_cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
+    """Return what to be careful about: few worlds, unfinished runs, late commands.
+
+    Args:
+        worlds: Number of worlds that conclusions rest on.
+        sources: Folders that the results come from.
+    """
+    notes = [warn_of_few_worlds(worlds)]
+    for source in sources:
+        notes += notes_on(source, source.results)
+    return tuple(note for note in notes if note)
 
 
-def few_worlds(worlds: int) -> str:
-    """Return a warning if there are fewer than ten worlds, else an empty text."""
-    rough = "intervals and tests are rough, and hardly any difference is clear"
+def warn_of_few_worlds(worlds: int) -> str:
+    """Return a warning for fewer than ten worlds, else an empty text."""
+    if worlds >= FEW_WORLDS:
+        return ""
     return (
-        f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, {rough}."
-        if worlds < FEW_WORLDS
-        else ""
+        f"Only {count_noun(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals "
+        "and tests are rough, and hardly any difference is clear."
     )
 
 
-def _failures(ranking: Ranking, places: Iterable[int]) -> str:
-    """Return what share of failures of these planners cannot be ruled out, as a sentence."""
-    limits = [(ranking.names[place], ranking.failures[place]) for place in places]
-    known = [
-        f"{number(100.0 * one.high, 1)} % of {name}'s"
-        for name, one in limits
-        if one and one.high is not None
-    ]
-    return (
-        f" Failures in up to {joined(known)} trials cannot be ruled out."
-        if known
-        else ""
-    )
+def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
+    """Say in a sentence what shares of failures cannot be ruled out."""
+    limits = []
+    for place in places:
+        share = ranking.failures[place]
+        if share is not None and share.high is not None:
+            percent = number(100.0 * share.high, 1)
+            limits.append(f"{percent} % of {ranking.names[place]}'s")
+    if not limits:
+        return ""
+    return f" Failures in up to {join_names(limits)} trials cannot be ruled out."
 
 
-def _wanted(found: Difference, ranking: Ranking) -> str:
-    """Return what it would take to tell a difference that is not clear, as a sentence."""
-    # All worlds on one side are the clearest result that the test knows: p = 2 / 2^worlds.
-    fewest = math.ceil(1.0 + math.log2(ranking.tests / ALPHA))
-    size, repetitions = (
-        abs(found.interval.estimate),
-        max(1, round(found.trials / found.worlds)),
-    )
+def _needed_worlds(test: Difference, ranking: Ranking) -> str:
+    """Say in a sentence what it would take to show a difference that is not clear."""
+    size = abs(test.interval.estimate)
+    repetitions = max(1, round(test.trials / test.worlds))
     if size == 0.0:
-        return _WANTED["equal"]
-    if found.worlds < fewest:
-        return _WANTED["few"].format(fewest=fewest)
-    needed = worlds_for_difference(
-        found.parts, size, repetitions, 1.0 - ALPHA / ranking.tests
-    )
-    if needed is None:
-        return _WANTED["hopeless"]
-    words = {
-        "needed": max(needed, found.worlds + 1),
-        "repetitions": counted(repetitions, "trial"),
-    }
-    kind = "beyond" if 0 < ranking.available < needed else "worlds"
-    return _WANTED[kind].format(
-        **words, times=10.0 * POWER, available=ranking.available
+        return " The means are equal; more worlds would only narrow the interval."
+
+    # If every world favors the same planner, the test gives p = 2 / 2^worlds.
+    fewest = math.ceil(1.0 + math.log2(ranking.tests / ALPHA))
+    if test.worlds < fewest:
+        return f" With fewer than {fewest} worlds no difference can be clear."
+
+    level = 1.0 - ALPHA / ranking.tests
+    worlds = worlds_for_difference(test.parts, size, repetitions, level)
+    if worlds is None:
+        return " No number of worlds up to a million would tell so small a difference."
+    needed = max(worlds, test.worlds + 1)
+    each = count_noun(repetitions, "trial")
+    if 0 < ranking.available < worlds:
+        return (
+            f" The {ranking.available} worlds of this set cannot tell such a "
+            f"difference: it would take about {needed} with {each} each."
+        )
+    return (
+        f" To tell such a difference {10.0 * POWER:g} times in 10, about {needed} "
+        f"worlds with {each} each would be needed."
     )
 
 
-def _difference(measure: Measure, interval: Interval, other: str, mean: float) -> str:
-    """Return the size of a difference with its interval, and in percent of the other's mean where that makes sense."""
-    size = interval if interval.estimate >= 0.0 else interval.mirrored()
-    text = measure.text(size) + (
-        " percentage points" if measure.percent else measure.after
-    )
+def _difference_text(
+    measure: Measure, interval: Interval, other: str, mean: float
+) -> str:
+    """Return a difference with its interval, and as a share of the other's mean."""
+    size = interval if interval.estimate >= 0.0 else interval.negate()
+    unit = " percentage points" if measure.percent else measure.after
+    text = measure.text(size) + unit
+    # A share of a share would confuse, and of zero there is none.
     if measure.percent or mean == 0.0:
         return text
-    return f"{text} or {number(100.0 * size.estimate / abs(mean), 1)} % of {other}'s"
+    percent = number(100.0 * size.estimate / abs(mean), 1)
+    return f"{text} or {percent} % of {other}'s"
 
 
-def _value(measure: Measure, value: float) -> str:
+def _value_text(measure: Measure, value: float) -> str:
+    """Return a value of a measure with its unit."""
     return measure.number(value) + measure.after

@@ -1,6 +1,19 @@
-"""What is used most, at the top of `barn_eval`."""
+"""The functions and classes at the top of `barn_eval`."""
 
 from barn_eval.api.results import Results, compare, load, replay, report
-from barn_eval.api.run import plan, run, sweep
+from barn_eval.api.run import run, sweep
+from barn_eval.running.dry_run import DryRun
+from barn_eval.running.options import RunKeywords, RunOptions
 
-__all__ = ["Results", "compare", "load", "plan", "replay", "report", "run", "sweep"]
+__all__ = [
+    "DryRun",
+    "Results",
+    "RunKeywords",
+    "RunOptions",
+    "compare",
+    "load",
+    "replay",
+    "report",
+    "run",
+    "sweep",
+]

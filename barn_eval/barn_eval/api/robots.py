@@ -1,4 +1,4 @@
-"""Robots: those that come with the suite, files of one's own, and their pictures."""
+"""Robots of the suite, files of your own, and their pictures."""
 
 from pathlib import Path
 
@@ -25,10 +25,11 @@ def draw(robot: Robot | str | Path) -> Plot:
     """Return a picture of a robot from above.
 
     Args:
-        robot: Its name, its YAML file, or the robot itself.
+        robot: Name, YAML file or object of the robot.
 
     Raises:
-        BarnError: The name is not known, or the file describes no robot.
+        BarnError: If the name is not known, or the file describes no robot.
     """
-    found = load(robot) if isinstance(robot, str | Path) else robot
-    return Plot(robot_figure(found), found.name)
+    if not isinstance(robot, Robot):
+        robot = load(robot)
+    return Plot(robot_figure(robot), robot.name)

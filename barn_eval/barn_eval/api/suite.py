@@ -1,4 +1,4 @@
-"""The suite itself from Python, as `barn reproduce`, `bench`, `validate` and `info` have it."""
+"""The suite itself from Python, as `barn reproduce`, `bench` and `info`."""
 
 import os
 import shutil
@@ -9,26 +9,33 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from barn_eval.results.run_file import isolation, provenance, ros_problem
-from barn_eval.ros.work import isolation_text
+from barn_eval.results.provenance import provenance
+from barn_eval.ros.isolation import probe_isolation, ros_problem
+from barn_eval.ros.work import isolation_warning
+from barn_eval.running.reporting import Reporter, make_reporter
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
-from barn_eval.studies.validation import validate
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.text_files import packaged_yaml
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.datasets.dataset import dataset_files
 
-__all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
+__all__ = ["BenchSetup", "bench", "info", "reproduce"]
 
-# Module or program: (what needs it, what is off without it).
-OPTIONAL: dict[str, list[str]] = packaged_yaml("barn_eval", "optional.yaml")
+OPTIONAL: dict[str, list[str]] = read_package_yaml("barn_eval", "optional.yaml")
+"""What needs an optional module or program, and what is off without it."""
+
+_ROS_VARIABLES = (
+    "ROS_DISTRO",
+    "RMW_IMPLEMENTATION",
+    "ROS_DOMAIN_ID",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "AMENT_PREFIX_PATH",
+)
 
 
 def reproduce(
@@ -40,89 +47,96 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials, write it all up and return the pages, results.md.
+    """Run the paper's trials, write them up and return the pages, results.md.
 
-    The same call goes on where one was interrupted.
+    The same call resumes what was interrupted.
 
     Args:
-        quick: Part of the worlds.
+        quick: Run a part of the worlds.
         out: Folder of trials and page. Default: out/results, or out/results_quick.
-        settings: Fields of `barn_eval.studies.reproduction.findings.ReproduceConfig`, such as dataset and seed.
+        settings: Fields of
+            `barn_eval.studies.reproduction.findings.ReproduceConfig`, such as dataset
+            and seed.
         workers: Trials at a time; 0 for one per processor.
-        docs: Folder to write the page into as well.
-        progress: Show how far it is.
+        docs: Second folder for the page.
+        progress: As for `barn.run`.
 
     Raises:
-        BarnError: Something is not possible as it was asked for.
+        BarnError: If a setting is not allowed or a file cannot be written.
     """
-    config = replace_dotted(
-        QUICK if quick else ReproduceConfig(), settings or {}, "settings"
-    )
-    folder = (
-        Path(out) if out else Path("out") / ("results_quick" if quick else "results")
-    )
-    console = Console(stderr=True, quiet=not progress)
+    reporter = make_reporter(progress)
+    return write_reproduction(quick, out, settings, workers, docs, reporter)
+
+
+def write_reproduction(
+    quick: bool,
+    out: str | Path | None,
+    settings: Mapping[str, object] | None,
+    workers: int,
+    docs: str | Path | None,
+    reporter: Reporter,
+) -> list[Path]:
+    """Reproduce the paper's results as `reproduce` does.
+
+    Args:
+        quick: As for `reproduce`.
+        out: As for `reproduce`.
+        settings: As for `reproduce`.
+        workers: As for `reproduce`.
+        docs: As for `reproduce`.
+        reporter: Receives notices and progress.
+    """
+    default = QUICK if quick else ReproduceConfig()
+    config = replace_dotted(default, settings or {}, "settings")
+    default_folder = Path("out") / ("results_quick" if quick else "results")
+    folder = Path(out) if out else default_folder
     findings, origin = reproduction.reproduce(
-        config, folder, Execution(workers=workers), console
+        config, folder, ExecutionConfig(workers=workers), reporter
     )
-    return [
-        write_results(findings, origin, Path(target))
-        for target in (folder, docs)
-        if target
-    ]
+    folders = [folder, Path(docs)] if docs else [folder]
+    return [write_results(findings, origin, path) for path in folders]
 
 
 def info() -> dict[str, Any]:
-    """Return what is installed, which ROS there is, what is off and why, planners, data sets and machine."""
-    found = {
-        name: bool((shutil.which if name == "ffmpeg" else find_spec)(name))
-        for name in OPTIONAL
-    }
-    off = {
-        name: f"off: {name} is not installed; {remedy}"
-        for name, (_, remedy) in OPTIONAL.items()
-    }
-    if found["rclpy"] and (problem := ros_problem()):
-        found["rclpy"], off["rclpy"] = False, f"off: {problem}; {OPTIONAL['rclpy'][1]}"
+    """Return versions, ROS, optional parts, planners, data sets and machine."""
+    states: dict[str, str] = {}
+    for name, (_, remedy) in OPTIONAL.items():
+        is_installed = shutil.which(name) if name == "ffmpeg" else find_spec(name)
+        problem = "" if is_installed else f"{name} is not installed"
+        if name == "rclpy" and not problem:
+            problem = ros_problem()
+        states[name] = f"off: {problem}; {remedy}" if problem else "on"
     return provenance() | {
-        "ros": _ros(),
-        "optional": {
-            name: "on" if there else off[name] for name, there in found.items()
-        },
+        "ros": _describe_ros(),
+        "optional": states,
         "planners": planner_names(),
-        "data_sets": list(shipped()),
+        "data_sets": list(dataset_files()),
     }
 
 
-def _ros() -> dict[str, str]:
-    """Return what of ROS there is, as text."""
-    names = (
-        "ROS_DISTRO",
-        "RMW_IMPLEMENTATION",
-        "ROS_DOMAIN_ID",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE",
-        "AMENT_PREFIX_PATH",
-    )
-    found = {name: os.environ.get(name, "") for name in names}
+def _describe_ros() -> dict[str, str]:
+    """Return ROS's variables, its middleware, and how planners are kept apart."""
+    description = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
     if not ros_problem():
-        found["middleware"] = _middleware()
-    found["isolation"] = (
-        isolation_text(RosSetup()) or f"planners over ROS: {isolation()}"
-    )
-    return found
+        description["middleware"] = _find_middleware()
+    warning = isolation_warning(RosConfig())
+    description["isolation"] = warning or f"planners over ROS: {probe_isolation()}"
+    return description
 
 
-def _middleware() -> str:
-    """Return the name of ROS's middleware, or why it does not load; asked in a process that may well crash."""
-    asked = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
-    done = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", asked],
+def _find_middleware() -> str:
+    """Return the name of ROS's middleware, or why it does not load."""
+    # Loading it may crash the process.
+    code = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
+    process = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", code],
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
     )
-    if done.returncode == 0:
-        return done.stdout.strip()
-    reason = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-    return f"does not load: {reason[-1]}"
+    if process.returncode == 0:
+        return process.stdout.strip()
+    lines = process.stderr.strip().splitlines()
+    reason = lines[-1] if lines else f"exit code {process.returncode}"
+    return f"does not load: {reason}"

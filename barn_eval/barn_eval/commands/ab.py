@@ -1,4 +1,4 @@
-"""`barn ab`: is HEAD better than BASE, driven until that is clear."""
+"""`barn ab`: drives BASE and HEAD until it is clear which one is better."""
 
 from pathlib import Path
 from typing import Any
@@ -8,15 +8,16 @@ import click
 from barn_eval.commands.options import (
     FOLDER,
     json_option,
-    notes,
     print_json,
+    print_notes,
+    reporter,
     run_option,
-    say,
 )
 from barn_eval.studies.ab import ab
 from barn_worlds.base.config import as_dict
 
-WORSE = 4  # the exit code
+WORSE = 4
+"""Exit code if HEAD is worse."""
 
 
 @click.command("ab")
@@ -50,24 +51,28 @@ def command(
 ) -> int:
     """Drive BASE and HEAD through the same worlds until one is clearly better, or neither would hardly become so.
 
-    Each is a workspace (its folder or setup.bash) or a file of ROS parameters, for --planner-command; a planner of the
-    suite with settings, such as dwa,dwa.path_weight=0.6; a file as for barn run; or a command. What has not changed
-    since is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD is worse.
+    Each is a workspace (its folder or setup.bash) or a file of ROS parameters, for
+    --planner-command; a planner of the suite with settings, such as
+    dwa,dwa.path_weight=0.6; a file as for barn run; or a command. What has not changed
+    since is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD
+    is worse.
     """
-    found = ab(base, head, planner_command, {"worlds": worlds, "out": out} | run, notes)
+    options = {"worlds": worlds, "out": out} | run
+    result = ab(base, head, planner_command, options, reporter)
+    base_folder, head_folder = result.folders
     if as_json:
-        folders = dict(zip(("base", "head"), map(str, found.folders), strict=True))
-        counts = {
-            "decision": found.decision,
-            "worlds": found.worlds,
-            "planned": found.planned,
-        }
         print_json(
-            counts
-            | folders
-            | {"comparison": as_dict(found.comparison), "markdown": found.markdown()}
+            {
+                "decision": result.decision,
+                "worlds": result.worlds,
+                "planned": result.planned,
+                "base": str(base_folder),
+                "head": str(head_folder),
+                "comparison": as_dict(result.comparison),
+                "markdown": result.markdown(),
+            }
         )
     else:
-        click.echo(found.markdown())
-    say("BASE in {}, HEAD in {}".format(*found.folders))
-    return WORSE if found.decision == "worse" else 0
+        click.echo(result.markdown())
+    print_notes(f"BASE in {base_folder}, HEAD in {head_folder}")
+    return WORSE if result.decision == "worse" else 0

@@ -1,4 +1,4 @@
-"""`barn check`, `submit` and `verify`: whether results follow from what was recorded, here or in a file of others."""
+"""`barn check`, `submit` and `verify`: whether results follow from what was recorded."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,13 +15,26 @@ from barn_eval.commands.options import (
     json_option,
     notes,
     print_json,
-    say,
+    print_notes,
 )
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.submission import submit as write_submission
 from barn_eval.verification.submission import verify as verify_submission
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.files import new_folder
+from barn_worlds.base.files import create_folder
+
+# What `barn verify` prints of a submission.
+_SUBMISSION_KEYS = (
+    "protocol",
+    "task",
+    "dataset",
+    "worlds",
+    "seed",
+    "mode",
+    "planners",
+    "container",
+    "machine",
+)
 
 
 @click.command("check")
@@ -40,37 +53,46 @@ from barn_worlds.base.files import new_folder
 def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) -> int:
     """Check the results in FOLDER: nothing is believed, all is computed again.
 
-    Scores, times, clearances, contacts and outcomes follow from tracks and bags by the referee's own code; the commands
-    in bags, driven again without their planner, must give the recorded trajectory. Rows, tables, worlds and
-    configuration must belong together. FOLDER is of an experiment, finished or not. Exit code 1 if anything is wrong,
-    with a line for each.
+    Scores, times, clearances, contacts and outcomes follow from tracks and bags by the
+    referee's own code; the commands in bags, driven again without their planner, must
+    give the recorded trajectory. Rows, tables, worlds and configuration must belong
+    together. FOLDER is of an experiment, finished or not. Exit code 1 if anything is
+    wrong, with a line for each.
     """
     with notes.status("checking"):
-        found = check_folder(folder, sample=sample)
-    reproduced = None
-    if rerun is not None and not found.problems:
-        results = Results(folder)
-        places = {str(number): number - 1 for number in range(1, len(results) + 1)}
-        other = results.rerun(places.get(rerun, rerun))
-        reproduced = not other
-        found.problems += (
-            [f"{folder}: {rerun} is not reproduced: {other}"] if other else []
-        )
+        check = check_folder(folder, sample=sample)
+    is_reproduced = None
+    if rerun is not None and not check.problems:
+        difference = _rerun(Results(folder), rerun)
+        is_reproduced = not difference
+        if difference:
+            check.problems.append(f"{folder}: {rerun} is not reproduced: {difference}")
+
     if as_json:
-        print_json(as_dict(found) | {"reproduced": reproduced})
+        print_json(as_dict(check) | {"reproduced": is_reproduced})
     else:
-        show_check(found)
-        if reproduced:
+        print_check(check)
+        if is_reproduced:
             console.print(f"{rerun} is reproduced", highlight=False)
-    return int(bool(found.problems))
+    return 1 if check.problems else 0
 
 
-def show_check(found: FolderCheck) -> None:
-    """Print what a check has looked at and could not check, and, to standard error, what is wrong."""
-    of = f"{found.rows} of {found.trials} rows, {found.tracks} tracks, {found.bags} bags, {found.driven} driven again"
-    for line in (of, *found.unchecked):
+def _rerun(results: Results, trial: str) -> str:
+    """Run a trial again, by its name or its number from 1; return the difference."""
+    if trial.isdecimal() and 1 <= int(trial) <= len(results):
+        return results.rerun(int(trial) - 1)
+    return results.rerun(trial)
+
+
+def print_check(check: FolderCheck) -> None:
+    """Print what a check covered; what is wrong goes to standard error."""
+    counts = (
+        f"{check.rows} of {check.trials} rows, {check.tracks} tracks, {check.bags} bags,"
+        f" {check.driven} driven again"
+    )
+    for line in (counts, *check.unchecked):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    for line in found.problems:
+    for line in check.problems:
         click.echo(line, err=True)
 
 
@@ -88,14 +110,14 @@ def show_check(found: FolderCheck) -> None:
 def submit(folder: Path, out: Path | None, container: str) -> None:
     """Write the results in FOLDER, once they have been checked, as one file that `barn verify` checks anywhere.
 
-    It holds rows, tracks, the commands in the bags (which `barn run --bags all` keeps), parameter files, versions and
-    machine.
+    It holds rows, tracks, the commands in the bags (which `barn run --bags all` keeps),
+    parameter files, versions and machine.
     """
     path = out or Path(f"{folder.resolve().name}.barn.zip")
     with notes.status("checking"):
-        found = write_submission(folder, path, container)
-    show_check(found)
-    say(path)
+        check = write_submission(folder, path, container)
+    print_check(check)
+    print_notes(path)
 
 
 @click.command("verify")
@@ -109,34 +131,26 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
     """Check a FILE of `barn submit` as `barn check` does, on any machine with the same release.
 
-    Every score is computed and every trial is driven again from its commands. What cannot be is wrong here, too. Exit
-    code 1 if anything is, with a line for each, and then --out is not written.
+    Every score is computed and every trial is driven again from its commands. What
+    cannot be is wrong here, too. Exit code 1 if anything is, with a line for each, and
+    then --out is not written.
     """
-    with TemporaryDirectory() if out is None else new_folder(out) as folder:
+    with TemporaryDirectory() if out is None else create_folder(out) as folder:
         with notes.status("verifying"):
-            found, about = verify_submission(file, Path(folder))
-        holds = not found.problems
+            check, submission = verify_submission(file, Path(folder))
+        is_valid = not check.problems
         if as_json:
-            print_json({"holds": holds, **about, **as_dict(found)})
+            print_json({"holds": is_valid, **submission, **as_dict(check)})
         else:
-            for key in (
-                "protocol",
-                "task",
-                "dataset",
-                "worlds",
-                "seed",
-                "mode",
-                "planners",
-                "container",
-                "machine",
-            ):
+            for key in _SUBMISSION_KEYS:
                 console.print(
-                    f"{key}: {about[key]}",
+                    f"{key}: {submission[key]}",
                     highlight=False,
                     markup=False,
                     soft_wrap=True,
                 )
-            show_check(found)
-            console.print("holds" if holds else "does not hold", highlight=False)
-        if not holds:
+            print_check(check)
+            console.print("holds" if is_valid else "does not hold", highlight=False)
+        # Leaving the context by an exception keeps the folder from being created.
+        if not is_valid:
             click.get_current_context().exit(1)

@@ -1,36 +1,41 @@
-"""`barn compare`, planners on the same worlds and seeds, and `barn precision`, how many worlds that needs."""
+"""`barn compare`: planners on the same trials; `barn precision`: worlds that it needs."""
 
 from pathlib import Path
 
 import click
 
-from barn_eval.analysis.compare import compare_folders, groups_of, selected_results
+from barn_eval.analysis.compare import compare_folders, read_groups, read_selection
 from barn_eval.analysis.margins import Margin, decide_margin
-from barn_eval.analysis.measures import COMPARED, measures_named
+from barn_eval.analysis.measures import COMPARED, require_measures
 from barn_eval.analysis.precision import (
+    estimate_precision,
     figures_table,
     needs_table,
-    ranking_power,
-    ranking_table,
 )
-from barn_eval.analysis.precision import precision as precision_of
+from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.tables import comparison_table, paper_table
-from barn_eval.analysis.verdict import pair_verdict
+from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
     COUNT,
     FILE,
     PATH,
     json_option,
-    keys_of,
-    progress,
-    say,
-    tell,
+    print_notes,
+    print_output,
+    progress_bar,
+    split_names,
 )
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+
+WORSE = 4
+"""Exit code if B is worse than A by more than a margin."""
+
+NOT_SHOWN = 5
+"""Exit code if that is neither shown nor ruled out."""
 
 
 @click.command("compare")
@@ -49,11 +54,11 @@ from barn_worlds.base.errors import ConfigError
 )
 @click.option(
     "--fail-if-worse",
-    "margins",
+    "margin_texts",
     multiple=True,
     metavar="MEASURE:MARGIN",
-    help="End with exit code 0 only if B is shown to be worse than A by no more than this, such as challenge:0.01 or"
-    " compute_p95_ms:10% of A's mean; repeatable.",
+    help="End with exit code 0 only if B is shown to be worse than A by no more than"
+    " this, such as challenge:0.01 or compute_p95_ms:10% of A's mean; repeatable.",
 )
 @json_option
 def command(
@@ -61,42 +66,54 @@ def command(
     b: Path | None,
     columns: str,
     latex: Path | None,
-    margins: tuple[str, ...],
+    margin_texts: tuple[str, ...],
     as_json: bool,
 ) -> int:
     """Compare A with B: folders of experiments, finished or not. Without B, the planners of A with each other.
 
-    FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where both folders hold several and
-    none is chosen, planners of the same name are compared.
+    FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where
+    both folders hold several and none is chosen, planners of the same name are
+    compared.
 
-    With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin, 5 if that is neither shown nor
-    ruled out at 95 %.
+    With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin,
+    5 if that is neither shown nor ruled out at 95 %.
     """
-    keys, wanted = (
-        measures_named(keys_of(columns)),
-        [Margin.parse(one) for one in margins],
-    )
-    with progress("comparing") as share:
-        compared = dict.fromkeys(
-            (*(keys or COMPARED), *(one.measure for one in wanted))
-        )
-        found = compare_folders(a, b, keys=list(compared), progress=share)
-    decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
+    measures = require_measures(split_names(columns))
+    margins = [Margin.parse(text) for text in margin_texts]
+    keys = dict.fromkeys(measures or COMPARED)
+    keys |= dict.fromkeys(margin.measure for margin in margins)
+    with progress_bar("comparing") as progress:
+        comparisons = compare_folders(a, b, keys=list(keys), progress=progress)
+
     if latex is not None:
-        write_page(latex, paper_table(groups_of(a, b), keys))
-        say(latex)
+        write_page(latex, paper_table(read_groups(a, b), measures))
+        print_notes(latex)
+
+    first = comparisons[0]
     content: list[object] = []
-    shown: list[object] = [task_line(found[0].protocol, found[0].task, found[0].robot)]
-    for one, own in zip(found, decided, strict=True):
-        said = pair_verdict(one)
+    renderables: list[object] = [task_line(first.protocol, first.task, first.robot)]
+    outcomes: set[str] = set()
+    for comparison in comparisons:
+        decisions = [decide_margin(comparison, margin) for margin in margins]
+        outcomes |= {decision.decision for decision in decisions}
+        conclusion = conclude_comparison(comparison)
         content.append(
-            as_dict(one) | {"verdict": str(said), "decisions": list(map(as_dict, own))}
+            as_dict(comparison)
+            | {
+                "verdict": str(conclusion),
+                "decisions": [as_dict(decision) for decision in decisions],
+            }
         )
-        texts = filter(None, (one.parameters, *(each.text for each in own)))
-        shown += [*said, *texts, rich_table(comparison_table(one))]
-    tell(as_json, content, *shown)
-    kinds = {each.decision for own in decided for each in own}
-    return 4 if "worse" in kinds else 5 if "not shown" in kinds else 0
+        renderables += conclusion
+        if comparison.parameters:
+            renderables.append(comparison.parameters)
+        renderables += (decision.text for decision in decisions if decision.text)
+        renderables.append(rich_table(comparison_table(comparison)))
+    print_output(as_json, content, *renderables)
+
+    if "worse" in outcomes:
+        return WORSE
+    return NOT_SHOWN if "not shown" in outcomes else 0
 
 
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
@@ -112,13 +129,15 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
-    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
+    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the"
+    " first one's mean].",
 )
 @click.option(
     "--measure",
     "measures",
     multiple=True,
-    help="A column of the results, with --ranking repeatable [default: the metric of the protocol].",
+    help="A column of the results, with --ranking repeatable [default: the metric of"
+    " the protocol].",
 )
 @click.option(
     "--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10]."
@@ -140,27 +159,33 @@ def precision(
 ) -> None:
     """Say how many worlds a wanted precision needs, from the results in FOLDERS, one unless --ranking is given.
 
-    FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
-    the measure, of success as a share such as 0.05.
+    FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners.
+    Wanted values are in the unit of the measure, of success as a share such as 0.05.
     """
     if ranking:
-        powers = [
-            one
-            for folder in folders
-            for one in ranking_power(selected_results(folder)[1], measures)
-        ]
-        tell(as_json, list(map(as_dict, powers)), rich_table(ranking_table(powers)))
+        powers = []
+        for folder in folders:
+            _, rows_by_planner = read_selection(folder)
+            powers += ranking_power(rows_by_planner, measures)
+        content = [as_dict(power) for power in powers]
+        print_output(as_json, content, rich_table(ranking_table(powers)))
         return
+
     if len(folders) > 1 or len(measures) > 1:
         raise ConfigError("only --ranking takes several folders or measures")
-    _, results = selected_results(folders[0])
-    found = precision_of(
-        results,
+    _, rows_by_planner = read_selection(folders[0])
+    estimate = estimate_precision(
+        rows_by_planner,
         half_width,
         difference,
-        measure="".join(measures),
+        measure_key="".join(measures),
         repetitions=repetitions,
     )
-    first = next(iter(results.values()))[0]
-    tables = map(rich_table, (figures_table(found), needs_table(found)))
-    tell(as_json, as_dict(found), task_line(first.protocol, first.task), *tables)
+    row = next(iter(rows_by_planner.values()))[0]
+    print_output(
+        as_json,
+        as_dict(estimate),
+        task_line(row.protocol, row.task),
+        rich_table(figures_table(estimate)),
+        rich_table(needs_table(estimate)),
+    )

@@ -1,12 +1,18 @@
-"""`barn leaderboard`: planners of many experiments, ranked."""
+"""`barn leaderboard`: the planners of many runs, ranked."""
 
 from pathlib import Path
 
 import click
 
-from barn_eval.analysis.leaderboard import RANKINGS, board_rows, leaderboard
-from barn_eval.analysis.verdict import verdict
-from barn_eval.commands.options import PATH, json_option, notes, say, tell
+from barn_eval.analysis.leaderboard import RANKINGS, board_rows, make_boards
+from barn_eval.analysis.verdict import conclude_ranking
+from barn_eval.commands.options import (
+    PATH,
+    json_option,
+    notes,
+    print_notes,
+    print_output,
+)
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.report.leaderboard import board_table, write_boards
 
@@ -35,20 +41,22 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of experiments.
 
-    Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
+    Planners that cannot be told apart share a rank. Each protocol and set of worlds has
+    a board of its own.
     """
     with notes.status("ranking"):
-        boards = leaderboard(folders, by or "", worlds)
-    told = [verdict(board.ranking, board.measure) for board in boards]
+        boards = make_boards(folders, by or "", worlds)
     if as_json or not out:
-        shown: list[object] = []
-        for said, one in zip(told, boards, strict=True):
-            shown += [*filter(None, said), *one.notes, rich_table(board_table(one))]
-        tell(
-            as_json,
-            {"verdicts": list(map(str, told)), "places": board_rows(boards)},
-            *shown,
-        )
+        conclusions = []
+        renderables: list[object] = []
+        for board in boards:
+            conclusion = conclude_ranking(board.ranking, board.measure)
+            conclusions.append(str(conclusion))
+            renderables += filter(None, conclusion)
+            renderables += board.notes
+            renderables.append(rich_table(board_table(board)))
+        content = {"verdicts": conclusions, "places": board_rows(boards)}
+        print_output(as_json, content, *renderables)
     for path in out:
         write_boards(boards, path)
-        say(path)
+        print_notes(path)

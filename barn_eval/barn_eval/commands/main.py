@@ -1,6 +1,6 @@
-"""The `barn` command: subcommands that are imported when they are called, and errors of one line.
+"""The `barn` command: subcommands are imported when called, errors take one line.
 
-data/commands.json says of each what it does, with an example and where to read on.
+data/commands.json has a summary, an example and a page for each subcommand.
 """
 
 import json
@@ -17,87 +17,112 @@ from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
 from barn_worlds.base.errors import BarnError, suggest
-from barn_worlds.base.garbage import collect_seldom
+from barn_worlds.base.garbage import reduce_garbage_collection
 
-_TOLD = json.loads(
-    (Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8")
-)
-COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
-MORE: dict[str, tuple[str, str]] = {
-    name: (example, page) for name, (_, example, page) in _TOLD.items()
+_FILE = Path(__file__).parents[1] / "data" / "commands.json"
+_ENTRIES: dict[str, list[str]] = json.loads(_FILE.read_text("utf-8"))
+
+COMMANDS = {name: summary for name, (summary, _, _) in _ENTRIES.items()}
+"""Summary of each subcommand."""
+
+MORE = {name: (example, page) for name, (_, example, page) in _ENTRIES.items()}
+"""Example and page of each subcommand."""
+
+# Other commands are the attribute `command` of the module of their name.
+_MODULES = {
+    "demo": "run",
+    "precision": "compare",
+    "submit": "check",
+    "verify": "check",
+    "reproduce": "suite",
+    "bench": "suite",
+    "info": "suite",
 }
-# Where the verbs are that have no module of their own.
-_BESIDE = {"demo": "run", "precision": "compare", "submit": "check", "verify": "check"}
-_BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
-
-
-def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print the version, and the commit where the source is in a repository."""
-    if asked and not ctx.resilient_parsing:
-        commit = import_module("barn_eval.results.run_file").commit()
-        click.echo(f"barn {__version__}" + (f" (commit {commit})" if commit else ""))
-        ctx.exit()
 
 
 class LazyGroup(click.Group):
-    """The verbs, most of them the attribute `command` of a module of their name, and those of other packages.
+    """The subcommands of the suite and of other packages.
 
-    None is imported before it is called: listing and completing them need only what the file says.
+    Listing and completing them imports none.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Return the names of the commands."""
-        return [*COMMANDS, *_added()]
+        """Return the names of the subcommands."""
+        return [*COMMANDS, *_plugins()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Return a command, imported now."""
-        name = {"campaign": "run"}.get(cmd_name, cmd_name)
+        """Import a subcommand and return it.
+
+        Args:
+            ctx: Context of the call.
+            cmd_name: Name of the subcommand.
+
+        Raises:
+            click.UsageError: If there is no such subcommand.
+        """
+        name = "run" if cmd_name == "campaign" else cmd_name
         if name in COMMANDS:
-            module = import_module(f"{__package__}.{_BESIDE.get(name, name)}")
-            command = cast(
-                click.Command, getattr(module, name if name in _BESIDE else "command")
-            )
-            command.epilog = "Example: {}\n\nMore: {} in the suite's repository".format(
-                *MORE[name]
+            module = import_module(f"{__package__}.{_MODULES.get(name, name)}")
+            attribute = name if name in _MODULES else "command"
+            command = cast(click.Command, getattr(module, attribute))
+            example, page = MORE[name]
+            command.epilog = (
+                f"Example: {example}\n\nMore: {page} in the suite's repository"
             )
             return command
-        if name not in _added():
-            raise click.UsageError(
-                f"unknown command {name!r}{suggest(name, self.list_commands(ctx))}"
-            )
-        return cast(click.Command, _added()[name].load())
+        if name in _plugins():
+            return cast(click.Command, _plugins()[name].load())
+        raise click.UsageError(
+            f"unknown command {name!r}{suggest(name, self.list_commands(ctx))}"
+        )
 
     def shell_complete(
         self, ctx: click.Context, incomplete: str
     ) -> list[CompletionItem]:
-        """Return what may come next; click's own way would import every command."""
-        names = [
+        """Return completions; click's own method would import every subcommand.
+
+        Args:
+            ctx: Context of the call.
+            incomplete: Beginning of a word.
+        """
+        subcommands = [
             CompletionItem(name, help=summary)
-            for name, summary in _listed()
+            for name, summary in _summaries()
             if name.startswith(incomplete)
         ]
-        return names + click.Command.shell_complete(self, ctx, incomplete)
+        return subcommands + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(
         self,
         ctx: click.Context,  # noqa: ARG002
         formatter: click.HelpFormatter,
     ) -> None:
-        """Write the list of commands."""
+        """Write the list of subcommands.
+
+        Args:
+            ctx: Context of the call.
+            formatter: Takes the list.
+        """
         with formatter.section("Commands"):
-            formatter.write_dl(_listed())
+            formatter.write_dl(_summaries())
 
 
-def _added() -> dict[str, EntryPoint]:
-    """Return the commands of other packages."""
-    return {one.name: one for one in entry_points(group="barn_eval.commands")}
+def _plugins() -> dict[str, EntryPoint]:
+    """Return the subcommands of other packages."""
+    return {point.name: point for point in entry_points(group="barn_eval.commands")}
 
 
-def _listed() -> list[tuple[str, str]]:
-    return [
-        *COMMANDS.items(),
-        *((name, f"Of {one.module}.") for name, one in _added().items()),
-    ]
+def _summaries() -> list[tuple[str, str]]:
+    plugins = [(name, f"Of {point.module}.") for name, point in _plugins().items()]
+    return [*COMMANDS.items(), *plugins]
+
+
+def _print_version(ctx: click.Context, _: click.Parameter, is_requested: bool) -> None:
+    """Print the version and, in a repository, the commit."""
+    if is_requested and not ctx.resilient_parsing:
+        commit = import_module("barn_eval.results.provenance").commit()
+        click.echo(f"barn {__version__}" + (f" (commit {commit})" if commit else ""))
+        ctx.exit()
 
 
 @click.group(
@@ -123,14 +148,16 @@ def cli() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and exit.
 
-    0: done. 1: a mistake in the input (told in one line). 3: done, but trials are left without a score, as something
-    other than the planner failed, or no planner drove to the end of any. 130: interrupted.
+    Exit codes: 0 is success; 1 is a mistake in the input, in one line; 3 means that
+    trials have no score, because something other than the planner failed, or that no
+    planner drove to the end of any trial; 130 means interrupted.
     """
-    collect_seldom()
-    sys.exit(_exit_code(arguments))
+    reduce_garbage_collection()
+    sys.exit(_run(arguments))
 
 
-def _exit_code(arguments: Sequence[str] | None) -> int:
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run the command and return its exit code."""
     try:
         result = cli.main(args=arguments, prog_name="barn", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -140,7 +167,8 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
         click.echo("interrupted", err=True)
         return 130
     except BrokenPipeError:
-        # Whoever read the output has gone; the interpreter would complain of it at exit.
+        # The reader of the output is gone. At exit, the interpreter would flush what is
+        # left and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (
@@ -150,14 +178,12 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
         MemoryError,
         ImportError,
     ) as error:
-        click.echo("error: " + " ".join(_message(error).split()), err=True)
+        click.echo("error: " + " ".join(_describe(error).split()), err=True)
         return 1
     return result if isinstance(result, int) else 0
 
 
-def _message(
-    error: BarnError | click.ClickException | OSError | MemoryError | ImportError,
-) -> str:
+def _describe(error: Exception) -> str:
     if isinstance(error, click.UsageError):
         command = error.ctx.command_path if error.ctx else "barn"
         return f"{error.format_message()} (see {command} --help)"

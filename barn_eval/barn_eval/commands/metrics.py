@@ -2,8 +2,8 @@
 
 import click
 
-from barn_eval.api.worlds.sets import metrics_table
-from barn_eval.commands.options import json_option, tell, worlds_option
+from barn_eval.api.worlds import metrics_table
+from barn_eval.commands.options import json_option, print_output, worlds_option
 from barn_eval.commands.tables import table
 
 
@@ -17,7 +17,8 @@ from barn_eval.commands.tables import table
 )
 @click.option(
     "--robot",
-    help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].",
+    help="Whose C-space and path are measured: a name or a YAML file [default: the"
+    " worlds' own].",
 )
 @json_option
 def command(
@@ -25,13 +26,11 @@ def command(
 ) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
 
-    Under protocol challenge they order worlds better than the learned difficulty does, under paper2020 less well.
+    Under protocol challenge they order worlds better than the learned difficulty does,
+    under paper2020 less well.
     """
-    found = metrics_table(source, select, formula, robot=robot or "")
-    (first, *others), lines = found.summary_cells()
-    columns = [first, *(f">{heading}" for heading in others)]
-    tell(
-        as_json,
-        found.as_json(),
-        table(columns, lines, title=f"{len(found.worlds)} worlds, {formula}"),
-    )
+    metrics = metrics_table(source, select, formula, robot=robot or "")
+    headings, rows = metrics.summary_cells()
+    columns = [headings[0], *(f">{heading}" for heading in headings[1:])]
+    title = f"{len(metrics.worlds)} worlds, {formula}"
+    print_output(as_json, metrics.as_json(), table(columns, rows, title=title))

@@ -1,4 +1,4 @@
-"""What several commands have in common: options and the way values are written."""
+"""What several commands share: options and the way values are printed."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -10,15 +10,18 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from barn_eval.running.request import parse_settings
+from barn_eval.running.reporting import ConsoleReporter
+from barn_eval.running.request import parse_parameters
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.text_files import make_json_safe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Decorator = Callable[[Command], Command]
 
 console = Console()
 notes = Console(stderr=True)
+reporter = ConsoleReporter(notes)
 
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -34,82 +37,109 @@ worlds_option = click.option(
 )
 
 
-def keys_of(text: str) -> tuple[str, ...]:
-    """Return names that are separated by commas."""
-    return tuple(filter(None, map(str.strip, text.split(","))))
+def field_option(config: object, name: str, default: str = "") -> Decorator[Any]:
+    """Return the option for a field of a configuration, which declares all about it.
+
+    Args:
+        config: A configuration with its default values.
+        name: Name of the field and, with two dashes, of the option.
+        default: How the help names the default, unless by its value.
+    """
+    quantity, value = next(
+        (quantity, value)
+        for field, quantity, value in fields_of(config)
+        if field == name
+    )
+    kind: Any = type(value)
+    if quantity.choices:
+        kind = click.Choice(quantity.choices)
+    elif kind is int and quantity.minimum is not None and quantity.maximum is not None:
+        kind = click.IntRange(int(quantity.minimum), int(quantity.maximum))
+    meaning = quantity.description[:1].upper() + quantity.description[1:]
+    help_text = f"{meaning} [default: {default or value}]."
+    return click.option(f"--{name}", type=kind, help=help_text)
 
 
-def seed_option(default: int = 0) -> Callable[[Command], Command]:
-    """Return the option that gives the seed."""
+def seed_option(default: int = 0) -> Decorator[Any]:
+    """Return the option for a seed."""
     return click.option(
         "--seed", default=default, type=SEED, help="All randomness comes from it."
     )
 
 
-def settings_option(
+def parameters_option(
     option: str,
     name: str,
-    about: str,
+    meaning: str,
     config: object = None,
     *,
     metavar: str = "KEY=VALUE",
-) -> Callable[[Command], Command]:
-    """Return a repeatable option that gives a command parameters as a mapping; values are read as YAML.
+) -> Decorator[Any]:
+    """Return a repeatable option that gives a command parameters as a mapping.
 
-    config: whose parameters the help lists.
+    Args:
+        option: The option, such as "--set".
+        name: Argument of the command.
+        meaning: Beginning of the help.
+        config: Configuration whose parameters the help lists.
+        metavar: Form of a value in the help; the part after = is read as YAML.
     """
-    keys = (
-        ", ".join(key for key, _, _ in fields_of(config)) if config is not None else ""
-    )
-    text = f"{about}; repeatable." + (f" Keys: {keys}." if keys else "")
+    help_text = f"{meaning}; repeatable."
+    if config is not None:
+        keys = ", ".join(key for key, _, _ in fields_of(config))
+        help_text += f" Keys: {keys}."
 
-    def read(
-        _: click.Context, __: click.Parameter, given: tuple[str, ...]
+    def parse(
+        _: click.Context, __: click.Parameter, texts: tuple[str, ...]
     ) -> dict[str, Any]:
-        return parse_settings(given, option)
+        return parse_parameters(texts, option)
 
     return click.option(
-        option, name, multiple=True, metavar=metavar, callback=read, help=text
+        option, name, multiple=True, metavar=metavar, callback=parse, help=help_text
     )
 
 
-def run_option(command: Command) -> Command:
-    """Return a command with the option for what a run's file may have and no option of its own stands for."""
-    about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep; repeatable."
-
-    def read(
-        _: click.Context, __: click.Parameter, given: tuple[str, ...]
-    ) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for key, value in parse_settings(given, "--run").items():
-            group, dot, name = key.partition(".")
-            if dot and group in ("ros", "simulator"):
-                found.setdefault(group, {})[name] = value
-            else:
-                found[key] = value
-        return found
-
-    return click.option(
-        "--run", multiple=True, metavar="KEY=VALUE", callback=read, help=about
-    )(command)
+def _parse_run_options(
+    _: click.Context, __: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, Any]:
+    """Return options of a run; "ros.KEY" and "simulator.KEY" become mappings."""
+    options: dict[str, Any] = {}
+    for key, value in parse_parameters(texts, "--run").items():
+        group, _dot, name = key.partition(".")
+        if name and group in ("ros", "simulator"):
+            options.setdefault(group, {})[name] = value
+        else:
+            options[key] = value
+    return options
 
 
-def read_course(
-    _: click.Context, __: click.Parameter, given: str | None
+run_option = click.option(
+    "--run",
+    multiple=True,
+    metavar="KEY=VALUE",
+    callback=_parse_run_options,
+    help="What else a file for barn run has, as dataset, repetitions, seed, workers,"
+    " ros.lockstep; repeatable.",
+)
+
+
+def _parse_course(
+    _: click.Context, __: click.Parameter, text: str | None
 ) -> tuple[float, ...] | None:
-    """Return the numbers of "X,Y,YAW:X,Y"; ConfigError for anything else."""
-    if given is None:
+    """Return the numbers of "X,Y,YAW:X,Y"."""
+    if text is None:
         return None
-    start, colon, goal = given.partition(":")
+    start, colon, goal = text.partition(":")
+    start_texts = start.split(",")
+    goal_texts = goal.split(",")
     try:
-        numbers = tuple(
-            float(number) for number in (*start.split(","), *goal.split(","))
-        )
+        numbers = tuple(float(number) for number in (*start_texts, *goal_texts))
     except ValueError:
         numbers = ()
-    if not colon or len(start.split(",")) != 3 or len(numbers) not in (5, 6):
+    if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
-            f"--course {shown(given)}: must be X,Y,YAW:X,Y of start and goal, in m and rad"
+            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal, in m and"
+            " rad"
         )
     return numbers
 
@@ -117,33 +147,46 @@ def read_course(
 course_option = click.option(
     "--course",
     metavar="X,Y,YAW:X,Y",
-    callback=read_course,
-    help="Start and goal in every world, in m and rad [default: the world's own, else the protocol's].",
+    callback=_parse_course,
+    help="Start and goal in every world, in m and rad [default: the world's own, else"
+    " the protocol's].",
 )
+
+
+def split_names(text: str) -> tuple[str, ...]:
+    """Return names that commas separate."""
+    names = (name.strip() for name in text.split(","))
+    return tuple(name for name in names if name)
 
 
 def print_json(content: object) -> None:
     """Print plain data as JSON; numbers that JSON does not have become null."""
-    click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
+    click.echo(json.dumps(make_json_safe(content), indent=1, allow_nan=False))
 
 
-def tell(as_json: bool, content: object, *shown: object) -> None:
-    """Print plain data as JSON, or else what is for readers: lines as they are, and tables."""
+def print_output(as_json: bool, content: object, *renderables: object) -> None:
+    """Print what a command returns.
+
+    Args:
+        as_json: Whether to print `content` instead of `renderables`.
+        content: Plain data.
+        renderables: Lines and tables.
+    """
     if as_json:
         print_json(content)
     else:
-        console.print(*shown, sep="\n", markup=False, highlight=False)
+        console.print(*renderables, sep="\n", markup=False, highlight=False)
 
 
 @contextmanager
-def progress(text: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal; yield what tells it the share that is done."""
+def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal; yield a function that takes the completed share."""
     with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task(text, total=1.0)
-        yield lambda done: bar.update(task, completed=done)
+        yield lambda share: bar.update(task, completed=share)
 
 
-def say(*lines: object) -> None:
-    """Print lines that are not part of the results, such as paths, to standard error."""
+def print_notes(*lines: object) -> None:
+    """Print lines beside the output of a command, such as paths, to standard error."""
     for line in lines:
         notes.print(str(line), markup=False, soft_wrap=True)

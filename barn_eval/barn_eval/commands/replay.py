@@ -4,20 +4,19 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, progress, say
-from barn_eval.commands.options import PATH as BAG
+from barn_eval.commands.options import FILE, PATH, print_notes, progress_bar
 from barn_eval.pages.replay.files import write_replay
 from barn_sim.drawing.camera import CAMERAS
 
 
 @click.command("replay")
-@click.argument("bags", type=BAG, nargs=-1, required=True)
+@click.argument("bags", type=PATH, nargs=-1, required=True)
 @click.option(
     "--out",
     type=FILE,
     multiple=True,
-    help="A page (.html), the end as a picture (.png), an animation (.gif) or a film (.mp4, needs ffmpeg), repeatable"
-    " [default: NAME.html].",
+    help="A page (.html), the end as a picture (.png), an animation (.gif) or a film"
+    " (.mp4, needs ffmpeg), repeatable [default: NAME.html].",
 )
 @click.option(
     "--camera",
@@ -36,19 +35,19 @@ def command(
 ) -> None:
     """Draw the trial of a bag: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
 
-    Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
-    along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
+    Several BAGS are drawn beside each other on one clock; their page also overlays them
+    and aligns them in progress along the path. Nothing but the bags is needed. One that
+    is cut off is shown as far as it goes.
     """
-    with progress(
-        "drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading"
-    ) as share:
-        written = write_replay(
+    has_frames = any(path.suffix in (".gif", ".mp4") for path in out)
+    with progress_bar("drawing" if has_frames else "reading") as progress:
+        paths = write_replay(
             bags,
             out,
             frames_per_s=fps,
             speed=speed,
             camera=camera,
-            note=say,
-            progress=share,
+            note=print_notes,
+            progress=progress,
         )
-    say(*written)
+    print_notes(*paths)

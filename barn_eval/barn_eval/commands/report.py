@@ -1,4 +1,4 @@
-"""`barn report`: experiments as one page."""
+"""`barn report`: runs as one page."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,15 +6,21 @@ from typing import Any
 
 import click
 
-from barn_eval.api.results.folders import report
-from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
+from barn_eval.api.folders import report
+from barn_eval.commands.options import (
+    PATH,
+    parameters_option,
+    print_notes,
+    progress_bar,
+    split_names,
+)
 from barn_eval.pages.report.page import DEFAULT_HARDEST
-from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.base.config import Checked, from_dict, quantity
 
 
 @dataclass(frozen=True)
-class Look(Checked):
-    """What is chosen now and then."""
+class ReportSettings(Checked):
+    """Seldom used settings of a report."""
 
     columns: str = quantity(
         "", "measures of the tables, columns of the results, such as success,challenge"
@@ -39,29 +45,37 @@ class Look(Checked):
     is_flag=True,
     help="Draw the replay of each bag into OUT_replays and link to it.",
 )
-@settings_option("--set", "settings", "Of the page and its figures", Look())
+@parameters_option(
+    "--set", "parameters", "Of the page and its figures", ReportSettings()
+)
 def command(
     folders: tuple[Path, ...],
     out: Path,
     assets: bool,
     replays: bool,
-    settings: dict[str, Any],
+    parameters: dict[str, Any],
 ) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
-    Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set width_mm=88 fits a column.
+    Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set
+    width_mm=88 fits a column.
     """
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
-    look = from_dict(Look, settings, "--set")
-    chosen = as_dict(look) | {
-        "columns": keys_of(look.columns),
-        "width_mm": look.width_mm or None,
-    }
-    beside = out.with_name(f"{out.stem}_assets") if assets else None
-    drawn = out.with_name(f"{out.stem}_replays") if replays else None
-    with progress("making the report") as share:
-        report(folders, out, assets=beside, replays=drawn, progress=share, **chosen)
-    say(out)
+    settings = from_dict(ReportSettings, parameters, "--set")
+    assets_folder = out.with_name(f"{out.stem}_assets")
+    with progress_bar("making the report") as progress:
+        report(
+            folders,
+            out,
+            title=settings.title,
+            assets=assets_folder if assets else None,
+            hardest=settings.hardest,
+            replays=out.with_name(f"{out.stem}_replays") if replays else None,
+            columns=split_names(settings.columns),
+            width_mm=settings.width_mm or None,
+            progress=progress,
+        )
+    print_notes(out)
     if assets:
-        say(f"figures and tables in {beside}")
+        print_notes(f"figures and tables in {assets_folder}")

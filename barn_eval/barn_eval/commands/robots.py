@@ -1,4 +1,4 @@
-"""`barn robots`: the robots that there are, and all that is known of one."""
+"""`barn robots`: the robots of the suite, and all numbers of one."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from barn_eval.api.robots import draw
-from barn_eval.commands.options import FILE, json_option, say, tell
+from barn_eval.commands.options import FILE, json_option, print_notes, print_output
 from barn_eval.commands.tables import table
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.robots.files import ROBOTS, load_robot
@@ -23,60 +23,59 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
     if robot is None:
         if out is not None:
             raise click.UsageError("--out needs ROBOT")
-        entries = list(map(_entry, ROBOTS.values()))
-        columns = [
-            key if key in ("robot", "drive") else f">{key}" for key in entries[0]
-        ]
-        tell(
-            as_json,
-            entries,
-            table(columns, [[*map(_shown, entry.values())] for entry in entries]),
-        )
+        _print_list(as_json)
         return
-    found = load_robot(robot)
+
+    details = load_robot(robot)
     if out is not None:
-        draw(found).save(out)
-        say(out)
-    shown = [
+        draw(details).save(out)
+        print_notes(out)
+    tables = [
         table(
             ("quantity", "value", "unit", "meaning"),
-            _numbers(found),
-            title=f"{found.name}: {found.summary}",
+            _quantities(details),
+            title=f"{details.name}: {details.summary}",
         )
     ]
-    shown += (
-        [table(("section", "sources"), found.sources.items())] if found.sources else []
-    )
-    tell(as_json, {"name": found.name, **as_dict(found)}, *shown)
+    if details.sources:
+        tables.append(table(("section", "sources"), details.sources.items()))
+    print_output(as_json, {"name": details.name, **as_dict(details)}, *tables)
 
 
-def _entry(robot: Robot) -> dict[str, Any]:
-    return {
-        "robot": robot.name,
-        "drive": robot.chassis.kind,
-        "length [m]": robot.length_m,
-        "width [m]": robot.width_m,
-        "mass [kg]": robot.chassis.mass_kg,
-        "speed [m/s]": robot.drive.max_speed_m_s,
-        "yaw rate [rad/s]": robot.drive.max_yaw_rate_rad_s,
-    }
+def _print_list(as_json: bool) -> None:
+    entries: list[dict[str, Any]] = [
+        {
+            "robot": robot.name,
+            "drive": robot.chassis.kind,
+            "length [m]": robot.length_m,
+            "width [m]": robot.width_m,
+            "mass [kg]": robot.chassis.mass_kg,
+            "speed [m/s]": robot.drive.max_speed_m_s,
+            "yaw rate [rad/s]": robot.drive.max_yaw_rate_rad_s,
+        }
+        for robot in ROBOTS.values()
+    ]
+    columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
+    rows = [list(map(_format, entry.values())) for entry in entries]
+    print_output(as_json, entries, table(columns, rows))
 
 
-def _numbers(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
-    """Yield what a table shows of a robot: all but names, summary and what it does not have."""
-    plain = as_dict(robot)
-    for name, about, value in fields_of(robot):
+def _quantities(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
+    """Yield name, value, unit and meaning of each number that a robot has."""
+    content = as_dict(robot)
+    for name, quantity, value in fields_of(robot):
         section, _, key = name.rpartition(".")
-        if key not in ("name", "summary") and key in (
-            plain[section] if section else plain
-        ):
-            yield name, _shown(value), about.unit, about.description
+        # Plain data leave out optional quantities that the robot does not have.
+        is_present = key in (content[section] if section else content)
+        if is_present and key not in ("name", "summary"):
+            yield name, _format(value), quantity.unit, quantity.description
 
 
-def _shown(value: object) -> str:
+def _format(value: object) -> str:
     if isinstance(value, tuple):
-        return ", ".join(
-            f"({_shown(one)})" if isinstance(one, tuple) else _shown(one)
-            for one in value
-        )
+        parts = [
+            f"({_format(part)})" if isinstance(part, tuple) else _format(part)
+            for part in value
+        ]
+        return ", ".join(parts)
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""`barn run`, also called `barn campaign`, and `barn demo`: trials in one process, on workers or over ROS."""
+"""`barn run`, also called `barn campaign`, and `barn demo`: they execute trials."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -7,37 +7,43 @@ from typing import Any
 
 import click
 
-from barn_eval.analysis.leaderboard import sweep_board, sweep_rows, sweep_table
+from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
-from barn_eval.analysis.verdict import verdict
+from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     FILE,
     FOLDER,
-    SEED,
     course_option,
+    field_option,
     json_option,
-    notes,
-    say,
-    settings_option,
-    tell,
+    parameters_option,
+    print_notes,
+    print_output,
+    reporter,
 )
 from barn_eval.commands.tables import FittedTable, rich_table, table
-from barn_eval.commands.watch import viewed
+from barn_eval.commands.watch import serve_view
 from barn_eval.ros.work import run_request
-from barn_eval.running.request import Request, read_request
-from barn_eval.running.run import MOST_LINES, Plan, clock, plan_experiment
-from barn_eval.running.sweep import LATENCY, Setting, grid, parse_sweep, sweep_of
-from barn_eval.trials.outcome import NOT_DRIVEN
+from barn_eval.running.dry_run import DryRun, estimate_run
+from barn_eval.running.reporting import MAX_TRIAL_LINES, format_duration
+from barn_eval.running.request import RunRequest, read_request
+from barn_eval.running.setting_folders import LATENCY
+from barn_eval.running.settings import Setting, grid, read_sweep
+from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
 from barn_eval.trials.result import Rows
-from barn_eval.trials.ros_config import BAGS, MODES, RosSetup
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.ros_config import MODES, RosConfig
+from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
-NOT_SCORED = 3  # the exit code
+NOT_SCORED = 3
+"""Exit code of a run with trials that have no score."""
+
+_RUN = RunConfig()
+_EXECUTION = ExecutionConfig()
 
 
 @click.command("run")
@@ -45,41 +51,35 @@ NOT_SCORED = 3  # the exit code
 @click.option(
     "--planners",
     "--planner",
-    help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa, or of commands].",
+    help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa, or of"
+    " commands].",
 )
-@click.option(
-    "--worlds", help="Which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all [default: all]."
-)
-@click.option("--dataset", help="Data set: a name, folder or file [default: barn300].")
+@field_option(_RUN, "worlds")
+@field_option(_RUN, "dataset")
 @click.option(
     "--protocol",
-    help="challenge, dynabarn, known_map, paper2020 or a YAML file [default: challenge].",
+    help="challenge, dynabarn, known_map, paper2020 or a YAML file [default:"
+    " challenge].",
 )
 @click.option(
     "--robot", help="A name (see barn robots) or a YAML file [default: jackal]."
 )
 @course_option
-@click.option(
-    "--repetitions",
-    type=click.IntRange(1, 99),
-    help="Trials per world and planner [default: 1].",
-)
-@click.option("--seed", type=SEED, help="Seed of everything random [default: 0].")
-@click.option(
-    "--mode",
-    type=click.Choice(MODES),
-    help="One process or ROS nodes [default: direct].",
-)
+@field_option(_RUN, "repetitions")
+@field_option(_RUN, "seed")
+@field_option(_RUN, "mode")
 @click.option(
     "--planner-command",
     multiple=True,
     metavar="[NAME=]COMMAND",
-    help="Start a planner of your own (mode ros) [default name: of its script]; repeatable.",
+    help="Start a planner of your own (mode ros) [default name: of its script];"
+    " repeatable.",
 )
-@settings_option(
+@parameters_option(
     "--set",
     "settings",
-    "A planner's parameter (barn_planners/README.md lists them), its name without PLANNER where there is one planner",
+    "A planner's parameter (barn_planners/README.md lists them), its name without"
+    " PLANNER where there is one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
@@ -93,22 +93,16 @@ NOT_SCORED = 3  # the exit code
     metavar="S1,S2,...",
     help="Drive each planner with commands that come so much late, in s.",
 )
-@settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
-@settings_option("--ros", "ros", "Of mode ros", RosSetup())
-@settings_option(
+@parameters_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
+@parameters_option("--ros", "ros", "Of mode ros", RosConfig())
+@parameters_option(
     "--execution",
     "execution",
     "How it is run, which changes no result but by compute (declared or measured)",
-    Execution(),
+    _EXECUTION,
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(0),
-    help="Trials at a time [default: as processors].",
-)
-@click.option(
-    "--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none]."
-)
+@field_option(_EXECUTION, "workers", default="as processors")
+@field_option(_RUN, "bags")
 @click.option(
     "--out",
     type=FOLDER,
@@ -130,141 +124,146 @@ NOT_SCORED = 3  # the exit code
 @json_option
 def command(
     file: Path | None,
-    settings: dict[str, Any],
     sweep: tuple[str, ...],
     latency: str | None,
     overwrite: bool,
     dry_run: bool,
     as_json: bool,
     view: bool,
-    **options: object,
+    **values: Any,
 ) -> int:
     """Run trials of one or several planners in worlds and score them.
 
-    They are given by options, or by FILE (YAML) with options that count in place of what it says. The same command
-    resumes what was interrupted. Results go to OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the
-    end; bags to OUT/bags.
+    They are given by options, or by FILE (YAML) with options that count in place of
+    what it says. The same command resumes what was interrupted. Results go to
+    OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the end; bags
+    to OUT/bags.
     """
-    given = {
-        key: value for key, value in options.items() if value not in (None, (), {})
+    options = {
+        name: value for name, value in values.items() if value not in (None, (), {})
     }
     if latency and sweep:
         raise click.UsageError("--latency is a sweep of its own, without --sweep")
-    if (
-        swept := parse_sweep([f"{LATENCY}={latency}"])
-        if latency
-        else sweep_of(file, sweep)
-    ):
+
+    request = read_request(file, options)
+    parameters = read_sweep(file, [f"{LATENCY}={latency}"] if latency else sweep)
+    if parameters:
         if dry_run or view:
             raise click.UsageError("a sweep is run without --dry-run and --view")
-        return _sweep(
-            grid(swept, file, given, settings), overwrite=overwrite, as_json=as_json
+        return _run_settings(
+            grid(request, parameters), overwrite=overwrite, as_json=as_json
         )
-    request = read_request(file, given, settings)
-    if not dry_run:
-        return carry_out(request, overwrite=overwrite, as_json=as_json, view=view)
-    found = plan_experiment(request, overwrite=overwrite)
-    tell(as_json, as_dict(found), _plan_table(found))
-    return 0
+
+    if dry_run:
+        estimate = estimate_run(request, overwrite=overwrite)
+        print_output(as_json, as_dict(estimate), _dry_run_table(estimate))
+        return 0
+    return execute(request, overwrite=overwrite, as_json=as_json, view=view)
 
 
-def carry_out(
-    request: Request, *, overwrite: bool, as_json: bool, view: bool = False
+def execute(
+    request: RunRequest, *, overwrite: bool, as_json: bool, view: bool = False
 ) -> int:
-    """Run an experiment, print what it says and return the exit code.
+    """Execute a run, print its results and return the exit code.
 
-    view: serve it to those who watch, from a process beside it.
+    Args:
+        request: The run and its folder.
+        overwrite: Delete the results of a different run in the same folder.
+        as_json: Print JSON instead of tables.
+        view: Serve the trials to viewers, from a process beside the run.
     """
+    viewer = serve_view(request.out, request.config.bags) if view else nullcontext()
     try:
-        with viewed(request.out, request.experiment.bags) if view else nullcontext():
-            results = run_request(request, notes, overwrite=overwrite)
+        with viewer:
+            results = run_request(request, reporter, overwrite=overwrite)
     except KeyboardInterrupt:
-        say(f"stopped; finished trials are in {request.out}, the same command resumes")
+        print_notes(
+            f"stopped; finished trials are in {request.out}, the same command resumes"
+        )
         raise
-    _print(request, results, as_json)
-    whole = all(result.counts for result in results)
-    return (
-        0
-        if whole and any(result.outcome not in NOT_DRIVEN for result in results)
-        else NOT_SCORED
-    )
+    _print_results(request, results, as_json)
+    is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
+    is_complete = all(row.is_scored for row in results)
+    return 0 if is_complete and is_driven else NOT_SCORED
 
 
-def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> int:
-    """Run one setting after the other and print them in order."""
+def _run_settings(
+    settings: Sequence[Setting], *, overwrite: bool, as_json: bool
+) -> int:
+    """Drive settings one after the other and print them, the best first."""
     for number, setting in enumerate(settings, 1):
-        say(f"setting {number} of {len(settings)}: {setting.name}")
-        setting.write_files()
-        run_request(setting.request, notes, overwrite=overwrite)
+        print_notes(f"setting {number} of {len(settings)}: {setting.name}")
+        setting.write_parameter_files()
+        run_request(setting.request, reporter, overwrite=overwrite)
+
     folder = settings[0].request.out.parent
-    found = sweep_board(folder)
-    told = verdict(found.ranking, found.measure)
-    tell(
+    board = make_sweep_board(folder)
+    conclusion = conclude_ranking(board.ranking, board.measure)
+    print_output(
         as_json,
-        {"verdict": told, "settings": sweep_rows(found)},
-        str(told),
-        rich_table(sweep_table(found)),
+        {"verdict": conclusion, "settings": sweep_rows(board)},
+        str(conclusion),
+        rich_table(sweep_table(board)),
     )
-    say(f"folders of settings in {folder}; barn report {folder} draws them")
+    print_notes(f"folders of settings in {folder}; barn report {folder} draws them")
     return 0
 
 
-def _print(request: Request, results: Rows, as_json: bool) -> None:
-    """Print trials unless they are many, what they say together, and where the rest is."""
-    scored = [result for result in results if result.counts]
-    found = summarise_campaign(scored) if scored else None
-    shown: list[object] = []
-    if len(results) <= MOST_LINES:
-        shown.append(rich_table(trials_table(results, _title(request))))
-    if found is not None and found.comparisons:
-        tables = (
-            summary_table(found.planners),
-            *map(comparison_table, found.comparisons),
-        )
-        shown += [found.verdict, *map(rich_table, tables)]
-    elif scored:
-        shown.append(rich_table(summary_table([summarise(scored)])))
-    said = (
-        found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""}
-    )
-    tell(as_json, {"results": [as_dict(one) for one in results]} | said, *shown)
-    bags = request.out / "bags"
+def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
+    """Print trials unless they are many, what they show, and where the rest is."""
+    scored = [row for row in results if row.is_scored]
+    summary = summarize_run(scored) if scored else None
+    renderables: list[object] = []
+    if len(results) <= MAX_TRIAL_LINES:
+        renderables.append(rich_table(trials_table(results, _title(request))))
+    content: dict[str, Any] = {"planners": [], "comparisons": [], "verdict": ""}
+    if summary is not None:
+        content = summary.as_json()
+        if summary.comparisons:
+            renderables.append(summary.verdict)
+            renderables.append(rich_table(summary_table(summary.planners)))
+            renderables += map(rich_table, map(comparison_table, summary.comparisons))
+        else:
+            renderables.append(rich_table(summary_table([summarize(scored)])))
+    rows = [as_dict(row) for row in results]
+    print_output(as_json, {"results": rows} | content, *renderables)
+
     if not as_json:
-        say(f"tables in {request.out}" + (f", bags in {bags}" if bags.is_dir() else ""))
+        bags = request.out / "bags"
+        place = f", bags in {bags}" if bags.is_dir() else ""
+        print_notes(f"tables in {request.out}{place}")
 
 
-def _title(request: Request) -> str:
-    experiment = request.experiment
-    names = ", ".join(spelling(one.name) for one in experiment.planners)
-    return f"{names}, {experiment.protocol.name} protocol, {experiment.mode} mode"
+def _title(request: RunRequest) -> str:
+    config = request.config
+    names = ", ".join(spelling(planner.name) for planner in config.planners)
+    return f"{names}, {config.protocol.name} protocol, {config.mode} mode"
 
 
-def _plan_table(found: Plan) -> FittedTable:
-    worlds = ", ".join(map(str, found.worlds[:12])) + (
-        ", ..." if len(found.worlds) > 12 else ""
-    )
+def _dry_run_table(estimate: DryRun) -> FittedTable:
+    worlds = ", ".join(map(str, estimate.worlds[:12]))
+    if len(estimate.worlds) > 12:
+        worlds += ", ..."
     rows = (
-        ("worlds", f"{len(found.worlds)}: {worlds}"),
-        ("planners", ", ".join(found.planners)),
-        ("trials per world and planner", str(found.repetitions)),
-        ("mode, workers", f"{found.mode}, {found.workers}"),
-        ("there already", str(found.there)),
-        ("time", f"about {clock(found.wall_s)}"),
-        ("disk", f"about {found.disk_bytes / 1e6:.0f} MB"),
+        ("worlds", f"{len(estimate.worlds)}: {worlds}"),
+        ("planners", ", ".join(estimate.planners)),
+        ("trials per world and planner", str(estimate.repetitions)),
+        ("mode, workers", f"{estimate.mode}, {estimate.workers}"),
+        ("there already", str(estimate.there)),
+        ("time", f"about {format_duration(estimate.wall_s)}"),
+        ("disk", f"about {estimate.disk_bytes / 1e6:.0f} MB"),
     )
-    title = (
-        f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}"
-    )
+    missing = estimate.trials - estimate.there
     return table(
-        ("dry run", ""), rows, title=title, caption=f"estimated from {found.basis}"
+        ("dry run", ""),
+        rows,
+        title=f"{missing} of {estimate.trials} trials to run, in {estimate.out}",
+        caption=f"estimated from {estimate.basis}",
     )
 
 
-SHARES = (
-    5,
-    40,
-    70,
-)  # percent of the worlds that are easier; they are numbered by difficulty
+# Worlds are numbered by difficulty: percentage of the worlds that are easier.
+_DEMO_PERCENTAGES = (5, 40, 70)
 
 
 @click.command("demo")
@@ -276,17 +275,28 @@ SHARES = (
 )
 @click.option("--out", default="out/demo", type=FOLDER, help="Results.")
 @json_option
-def demo(dataset: str, mode: str, out: Path, as_json: bool) -> int:
+def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
     """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.
 
-    Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
-    replaced.
+    Simulator, planner and evaluator are three ROS 2 nodes in processes of their own.
+    Earlier results in the folder are replaced.
     """
-    indices = open_dataset(dataset).indices
-    worlds = ",".join(str(indices[len(indices) * share // 100]) for share in SHARES)
-    say(f"worlds {worlds} of {dataset}")
-    kept = {"bags": "all", "workers": 1, "trial_limit_s": 0.0}
-    request = read_request(
-        None, {"dataset": dataset, "worlds": worlds, "mode": mode, "out": out} | kept
+    numbers = open_dataset(dataset).world_numbers
+    worlds = ",".join(
+        str(numbers[len(numbers) * percentage // 100])
+        for percentage in _DEMO_PERCENTAGES
     )
-    return carry_out(request, overwrite=True, as_json=as_json)
+    print_notes(f"worlds {worlds} of {dataset}")
+    request = read_request(
+        None,
+        {
+            "dataset": dataset,
+            "worlds": worlds,
+            "mode": mode,
+            "out": out,
+            "bags": "all",
+            "workers": 1,
+            "trial_limit_s": 0.0,
+        },
+    )
+    return execute(request, overwrite=True, as_json=as_json)

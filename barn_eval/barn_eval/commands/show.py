@@ -1,13 +1,18 @@
 """`barn show`: worlds as pictures, or trials drawn over one."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from barn_eval.api import worlds as world_sets
+from barn_eval.api import worlds as api_worlds
 from barn_eval.api.results import overlay
-from barn_eval.commands.options import FILE, PATH, course_option, keys_of, say
+from barn_eval.commands.options import (
+    FILE,
+    PATH,
+    course_option,
+    print_notes,
+    split_names,
+)
 
 
 @click.command("show")
@@ -18,7 +23,8 @@ from barn_eval.commands.options import FILE, PATH, course_option, keys_of, say
 @click.option(
     "--out",
     type=FILE,
-    help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
+    help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif"
+    " [default: named after WORLDS].",
 )
 @course_option
 @click.option(
@@ -40,40 +46,45 @@ def command(
     worlds: str,
     dataset: str,
     out: Path | None,
-    course: Sequence[float] | None,
-    trials: Sequence[Path],
-    **drawn: str | None,
+    course: tuple[float, ...] | None,
+    trials: tuple[Path, ...],
+    by: str | None,
+    planners: str | None,
+    outcome: str | None,
 ) -> None:
     """Draw a world, several on one sheet, or trials over one.
 
-    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or folder of worlds. Start, goal and
-    path are those that the Jackal drives by: the world's own, else the challenge's. Moving obstacles are drawn at time
-    0, with their tracks and arrows along them.
+    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or
+    folder of worlds. Start, goal and path are those that the Jackal drives by: the
+    world's own, else the challenge's. Moving obstacles are drawn at time 0, with their
+    tracks and arrows along them.
     """
-    numbers = worlds == "all" or (worlds[:1].isdecimal() and not Path(worlds).exists())
     if trials:
         if not worlds.isdecimal():
             raise click.UsageError(
                 f"--trials needs the number of a world, got {worlds!r}"
             )
-        target = out or Path(f"trials_w{int(worlds):04d}.png")
-        by, planners, outcome = (
-            drawn[name] or "" for name in ("by", "planners", "outcome")
-        )
+        path = out or Path(f"trials_w{int(worlds):04d}.png")
         overlay(
             trials,
             int(worlds),
             by or "planner",
-            planners=keys_of(planners),
-            outcome=outcome,
-        ).save(target)
-        say(target)
+            planners=split_names(planners or ""),
+            outcome=outcome or "",
+        ).save(path)
+        print_notes(path)
         return
-    for option, value in drawn.items():
+
+    for option, value in (("by", by), ("planners", planners), ("outcome", outcome)):
         if value:
             raise click.UsageError(f"--{option} needs --trials")
-    found = world_sets.load(dataset, worlds) if numbers else world_sets.load(worlds)
-    first, *others = found
-    target = out or Path("worlds.png" if others else f"world_{first}.png")
-    world_sets.write_figure(found, target, course=course or ())
-    say(target)
+    are_numbers = worlds == "all" or (
+        worlds[:1].isdecimal() and not Path(worlds).exists()
+    )
+    source = (dataset, worlds) if are_numbers else (worlds,)
+    worlds_by_number = api_worlds.load(*source)
+    path = out or Path("worlds.png")
+    if out is None and len(worlds_by_number) == 1:
+        path = Path(f"world_{next(iter(worlds_by_number))}.png")
+    api_worlds.write_figure(worlds_by_number, path, course=course or ())
+    print_notes(path)

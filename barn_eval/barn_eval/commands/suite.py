@@ -1,4 +1,4 @@
-"""`barn reproduce`, `validate`, `bench` and `info`: the suite itself."""
+"""`barn reproduce`, `bench` and `info`: the suite itself."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -12,17 +12,16 @@ from barn_eval.commands.options import (
     FOLDER,
     json_option,
     notes,
-    say,
-    seed_option,
-    settings_option,
-    tell,
+    parameters_option,
+    print_notes,
+    print_output,
+    reporter,
+    split_names,
 )
-from barn_eval.commands.tables import rich_table, table
-from barn_eval.pages.template import write_page
-from barn_eval.results.run_file import provenance
+from barn_eval.commands.tables import table
+from barn_eval.results.provenance import provenance
 from barn_eval.studies.bench import changes, read_figures
 from barn_eval.studies.reproduction.findings import ReproduceConfig
-from barn_eval.studies.validation import checks_table, statistics_page
 
 
 @click.command("reproduce")
@@ -36,7 +35,7 @@ from barn_eval.studies.validation import checks_table, statistics_page
     type=FOLDER,
     help="Folder of trials and page [default: out/results, or out/results_quick].",
 )
-@settings_option("--set", "settings", "What is run", ReproduceConfig())
+@parameters_option("--set", "settings", "What is run", ReproduceConfig())
 @click.option(
     "--workers",
     type=click.IntRange(0),
@@ -45,61 +44,33 @@ from barn_eval.studies.validation import checks_table, statistics_page
     help="Trials at a time [default: as processors].",
 )
 @click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
-def reproduce(**options: Any) -> None:
+def reproduce(
+    quick: bool,
+    out: Path | None,
+    settings: dict[str, Any],
+    workers: int,
+    docs: Path | None,
+) -> None:
     """Run the paper's 3000 trials and write all of it up.
 
-    OUT/results.md has Table II, times, failures, Fig. 6 and losses beside the published numbers,
-    OUT/results.json every number. The same command goes on where it was interrupted, in OUT/campaign,
-    and when all is done writes the same bytes again.
+    OUT/results.md has Table II, times, failures, Fig. 6 and losses beside the published
+    numbers, OUT/results.json every number. The same command goes on where it was
+    interrupted, in OUT/campaign, and when all is done writes the same bytes again.
     """
-    say(*suite.reproduce(**options))
-
-
-@click.command("validate")
-@click.option(
-    "--simulations",
-    default=400,
-    type=click.IntRange(10, 1_000_000),
-    help="So many per check.",
-)
-@seed_option()
-@click.option(
-    "--out",
-    type=FILE,
-    help="Write the page of the documentation that says it, .md; with ranking.json beside it, that table as well.",
-)
-@json_option
-def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:
-    """Simulate trials and count how often intervals cover the truth and tests raise a false alarm.
-
-    By two seeds, this one and the next. Some minutes. Exit code 1 if something is further from what it should be than
-    chance explains.
-    """
-    found = []
-    with notes.status("simulating") as status:
-        for one in suite.validate(simulations, seed=seed):
-            found.append(one)
-            status.update(f"simulated: {one.what}, {one.setting}")
-    rows = [
-        asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict}
-        for one in found
-    ]
-    content = {"simulations": simulations, "seed": seed, "checks": rows}
-    tell(as_json, content, rich_table(checks_table(found, seed)))
-    if out is not None:
-        write_page(out, statistics_page(found, seed, out.with_name("ranking.json")))
-    return int(any(one.verdict == "missed" for one in found))
+    pages = suite.write_reproduction(quick, out, settings, workers, docs, reporter)
+    print_notes(*pages)
 
 
 @click.command("bench")
 @click.option(
     "--planners", default="dwa,eband", help="Planners to measure, joined by commas."
 )
-@settings_option("--set", "settings", "What is measured", suite.BenchSetup())
+@parameters_option("--set", "settings", "What is measured", suite.BenchSetup())
 @click.option(
     "--against",
     type=FILE,
-    help="Earlier result of --json from this machine: print how many times as good figures are.",
+    help="Earlier result of --json from this machine: print how many times as good"
+    " figures are.",
 )
 @json_option
 def bench(
@@ -107,39 +78,50 @@ def bench(
 ) -> None:
     """Measure the speed of the suite on this machine, as ratios that can be followed over time.
 
-    A figure that has become worse by more than its noise is called slower; the exit code stays 0.
+    A figure that has become worse by more than its noise is called slower; the exit
+    code stays 0.
     """
-    before = read_figures(against) if against is not None else []
-    names = [name.strip() for name in planners.split(",")]
+    earlier_figures = read_figures(against) if against is not None else []
     with notes.status("measuring") as status:
-        figures = list(suite.bench(names, settings, note=status.update))
-    about = provenance()
-    compared = changes(figures, before)
-    for change in compared:
+        figures = list(suite.bench(split_names(planners), settings, note=status.update))
+    figure_changes = {
+        change.name: change for change in changes(figures, earlier_figures)
+    }
+    for change in figure_changes.values():
         if change.slower:
-            say(
-                f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before"
+            print_notes(
+                f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times"
+                " as good as before"
             )
-    changed = [{**asdict(one), "slower": one.slower} for one in compared]
+
+    rows = []
+    for figure in figures:
+        ratio = ""
+        remark = ""
+        if figure.name in figure_changes:
+            change = figure_changes[figure.name]
+            ratio = f"{change.ratio:.2f} ± {change.noise:.2f}"
+            remark = "slower" if change.slower else ""
+        rows.append((figure.name, f"{figure.value:.3g}", figure.unit, ratio, remark))
+    origin = provenance()
+    machine = origin["machine"]
     content = {
         "schema_version": 1,
-        "figures": list(map(asdict, figures)),
-        "changes": changed,
-        **about,
+        "figures": [asdict(figure) for figure in figures],
+        "changes": [
+            {**asdict(change), "slower": change.slower}
+            for change in figure_changes.values()
+        ],
+        **origin,
     }
-    ratios = {
-        one.name: (f"{one.ratio:.2f} ± {one.noise:.2f}", "slower" if one.slower else "")
-        for one in compared
-    }
-    rows = [
-        (one.name, f"{one.value:.3g}", one.unit, *ratios.get(one.name, ("", "")))
-        for one in figures
-    ]
-    title = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
-    tell(
+    print_output(
         as_json,
         content,
-        table(("figure", ">value", "unit", ">times as good", ""), rows, title=title),
+        table(
+            ("figure", ">value", "unit", ">times as good", ""),
+            rows,
+            title=f"{machine['processor']}, {machine['cores']} cores",
+        ),
     )
 
 
@@ -148,38 +130,31 @@ def bench(
 def info(as_json: bool) -> None:
     """Show what is installed, which ROS there is, and which optional parts are off and why."""
     content = suite.info()
-    number, plus, changes = content["commit"].partition(
-        "+"
-    )  # in the length that fits a terminal; --json has all
-    installed = [
+    # The full hash does not fit a terminal; --json has it.
+    commit, plus, changes_text = content["commit"].partition("+")
+    versions = [
         *content["versions"].items(),
-        ("commit", number[:12] + plus + changes or "not known"),
+        ("commit", commit[:12] + plus + changes_text or "not known"),
     ]
+
     parts = [
         (suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()
     ]
-    ros = content["ros"].items()
-    folders = {
-        name: value.split(":") if name.endswith("_PATH") else [value]
-        for name, value in ros
-    }
+    for name, value in content["ros"].items():
+        folders = value.split(":") if name.endswith("_PATH") else [value]
+        state = value or "not set"
+        if len(folders) > 1:
+            state = f"{len(folders)} folders"
+        parts.append((name, state))
+    machine = content["machine"]
     parts += [
-        (name, one[0] or "not set" if len(one) == 1 else f"{len(one)} folders")
-        for name, one in folders.items()
-    ]
-    parts.append(
-        (
-            "machine",
-            f"{content['machine']['processor']}, {content['machine']['cores']} cores",
-        )
-    )
-    parts += [
+        ("machine", f"{machine['processor']}, {machine['cores']} cores"),
         ("planners", ", ".join(content["planners"])),
         ("data sets", ", ".join(content["data_sets"])),
     ]
-    tell(
+    print_output(
         as_json,
         content,
-        table(("installed", "version"), installed),
+        table(("installed", "version"), versions),
         table(("part", "state"), parts),
     )

@@ -1,4 +1,4 @@
-"""Tables on the terminal, laid out for its width so that no word and no number is broken."""
+"""Tables that fit the width of a terminal without breaking a word or a number."""
 
 import re
 import textwrap
@@ -12,24 +12,30 @@ from rich.text import Text
 
 from barn_eval.analysis.text_table import TextTable
 
-_GAP = 2  # between two columns
-_EDGES = 2  # of a table, left and right
-_KEPT = "\N{NO-BREAK SPACE}"  # between what stays on one line
+_GAP = 2  # spaces between two columns
+_MARGINS = 2  # spaces left and right of a table
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 
-Column = Sequence[str]  # a head and its cells
+Column = Sequence[str]
+"""A heading and its cells."""
 
 
 @dataclass(frozen=True)
 class FittedTable:
     """A table for any width.
 
-    Where it is too wide, cells are wrapped at words, so that limits go below their estimates; then columns go into a
-    second table below, which repeats the first `keys` columns. right: the columns that are aligned to the right.
+    If it is too wide, cells are wrapped at words, so that limits go below their
+    estimates. If it is still too wide, columns move to a second table below.
     """
 
     columns: tuple[Column, ...]
+
     right: tuple[bool, ...]
+    """Whether each column is aligned to the right."""
+
     keys: int
+    """Number of first columns that each part repeats."""
+
     title: str
     caption: str
 
@@ -39,40 +45,46 @@ class FittedTable:
         """Yield title, table or tables, and caption."""
         if self.title:
             yield Text(self.title, style="italic")
-        for part in self._parts(options.max_width):
-            made = Table(
-                header_style="bold",
-                box=SIMPLE_HEAD,
-                pad_edge=False,
-                padding=(0, _GAP - 1, 0, 0),
-            )
-            fitted = _fitted([self.columns[place] for place in part], options.max_width)
-            for place, (head, *_) in zip(part, fitted, strict=True):
-                made.add_column(
-                    Text(head),
-                    justify="right" if self.right[place] else "left",
-                    no_wrap=True,
-                )
-            for cells in list(zip(*fitted, strict=True))[1:]:
-                made.add_row(*map(Text, cells))
-            yield made
+        for places in self._divide(options.max_width):
+            yield self._render([*range(self.keys), *places], options.max_width)
         if self.caption:
             yield Text(self.caption, style="dim italic")
 
-    def _parts(self, width: int) -> Iterator[list[int]]:
-        """Yield the places of the columns of each table that is drawn."""
-        narrowest = [max(map(_longest_word, column)) for column in self.columns]
-        keys, rest = list(range(self.keys)), list(range(self.keys, len(self.columns)))
-        while True:
-            fits = (
-                n
-                for n in range(len(rest), 1, -1)
-                if _total([narrowest[k] for k in keys + rest[:n]]) <= width
+    def _render(self, places: Sequence[int], width: int) -> Table:
+        """Return a table of some of the columns."""
+        rendered = Table(
+            header_style="bold",
+            box=SIMPLE_HEAD,
+            pad_edge=False,
+            padding=(0, _GAP - 1, 0, 0),
+        )
+        columns = _fit([self.columns[place] for place in places], width)
+        for place, column in zip(places, columns, strict=True):
+            rendered.add_column(
+                Text(column[0]),
+                justify="right" if self.right[place] else "left",
+                no_wrap=True,
             )
-            count = next(fits, 1)
-            yield keys + rest[:count]
-            rest = rest[count:]
-            if not rest:
+        for cells in list(zip(*columns, strict=True))[1:]:
+            rendered.add_row(*map(Text, cells))
+        return rendered
+
+    def _divide(self, width: int) -> Iterator[list[int]]:
+        """Yield the places of the columns of each table, without the keys."""
+        min_widths = [_min_width(column) for column in self.columns]
+        places = list(range(self.keys, len(self.columns)))
+        while True:
+            count = len(places)
+            while count > 1:
+                part = [*range(self.keys), *places[:count]]
+                if _total_width([min_widths[place] for place in part]) <= width:
+                    break
+                count -= 1
+            # One column has to go, even if it is too wide.
+            count = max(count, 1)
+            yield places[:count]
+            places = places[count:]
+            if not places:
                 return
 
 
@@ -85,69 +97,87 @@ def table(
 ) -> FittedTable:
     """Return a table of plain texts, in which brackets are brackets.
 
-    Columns whose name begins with '>' hold numbers and are aligned to the right.
+    Args:
+        columns: Headings; a '>' in front aligns a column to the right.
+        rows: Cells of each row.
+        title: Line above the table.
+        caption: Line below the table.
     """
-    heads = [name.removeprefix(">") for name in columns]
-    made = tuple(zip(heads, *(map(str, row) for row in rows), strict=True))
+    headings = [heading.removeprefix(">") for heading in columns]
+    cells = [map(str, row) for row in rows]
     return FittedTable(
-        made, tuple(name.startswith(">") for name in columns), 1, title, caption
+        tuple(zip(headings, *cells, strict=True)),
+        tuple(heading.startswith(">") for heading in columns),
+        1,
+        title,
+        caption,
     )
 
 
-def rich_table(found: TextTable) -> FittedTable:
+def rich_table(content: TextTable) -> FittedTable:
     """Return a table of results for the terminal."""
-    right = tuple(place >= found.texts for place in range(len(found.columns)))
-    columns = tuple(zip(found.columns, *found.rows, strict=True))
-    return FittedTable(columns, right, found.texts, found.title, found.caption)
+    return FittedTable(
+        tuple(zip(content.columns, *content.rows, strict=True)),
+        tuple(place >= content.texts for place in range(len(content.columns))),
+        content.texts,
+        content.title,
+        content.caption,
+    )
 
 
-def _fitted(columns: Sequence[Column], width: int) -> list[Column]:
-    """Return columns that together are no wider than a width if they can be, the widest narrowed first."""
-    made = [
-        _wrapped(column, max(_longest_word(column[0]), _width(column[1:])))
+def _fit(columns: Sequence[Column], width: int) -> list[Column]:
+    """Return columns in a total width if that is possible, the widest narrowed first."""
+    fitted = [
+        _wrap(column, max(_longest_word(column[0]), _width(column[1:])))
         for column in columns
     ]
-    narrowest = [max(map(_longest_word, column)) for column in columns]
-    while _total(list(map(_width, made))) > width:
-        wide = [
-            place
-            for place, column in enumerate(made)
-            if _width(column) > narrowest[place]
+    min_widths = [_min_width(column) for column in columns]
+    while _total_width([_width(column) for column in fitted]) > width:
+        widths = [_width(column) for column in fitted]
+        wide_places = [
+            place for place in range(len(columns)) if widths[place] > min_widths[place]
         ]
-        if wide:
-            place = max(wide, key=lambda one: _width(made[one]))
-            made[place] = _wrapped(columns[place], _width(made[place]) - 1)
-        elif max(narrowest) > 1:  # not even single words fit: the longest are broken
-            narrowest = [1] * len(columns)
+        if wide_places:
+            place = max(wide_places, key=widths.__getitem__)
+            fitted[place] = _wrap(columns[place], widths[place] - 1)
+        elif max(min_widths) > 1:
+            # Not even single words fit: the longest are broken.
+            min_widths = [1] * len(columns)
         else:
             break
-    return made
+    return fitted
+
+
+def _min_width(column: Column) -> int:
+    return max(map(_longest_word, column))
 
 
 def _width(texts: Column) -> int:
-    return max((len(line) for text in texts for line in text.split("\n")), default=1)
+    lines = [line for text in texts for line in text.split("\n")]
+    return max(map(len, lines), default=1)
 
 
-def _total(widths: Sequence[int]) -> int:
-    return sum(widths) + _GAP * (len(widths) - 1) + _EDGES
+def _total_width(widths: Sequence[int]) -> int:
+    return sum(widths) + _GAP * (len(widths) - 1) + _MARGINS
 
 
-def _words(text: str) -> str:
-    """Return a text in which limits in brackets, and a star with its figure, are one word each."""
-    kept = re.sub(
-        r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_KEPT}"), text
+def _join_words(text: str) -> str:
+    """Return a text in which limits in brackets and a number with its star stay whole."""
+    joined = re.sub(
+        r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )
-    return kept.replace(" *", f"{_KEPT}*")
+    return joined.replace(" *", f"{_NO_BREAK}*")
 
 
 def _longest_word(text: str) -> int:
-    return max(map(len, re.split("[ \n]", _words(text))))
+    return max(map(len, re.split("[ \n]", _join_words(text))))
 
 
-def _wrapped(column: Column, width: int) -> Column:
-    """Return a column in lines of at most a width; only words longer than that are broken."""
-    wrap = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False).fill
-    return [
-        "\n".join(map(wrap, _words(text).split("\n"))).replace(_KEPT, " ")
-        for text in column
-    ]
+def _wrap(column: Column, width: int) -> Column:
+    """Return a column in lines of a width at most; only longer words are broken."""
+    wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
+    wrapped = []
+    for text in column:
+        lines = map(wrapper.fill, _join_words(text).split("\n"))
+        wrapped.append("\n".join(lines).replace(_NO_BREAK, " "))
+    return wrapped

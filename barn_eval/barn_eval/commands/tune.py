@@ -1,31 +1,30 @@
-"""`barn tune`: parameters of a planner chosen by some worlds, and judged in others."""
+"""`barn tune`: parameters of a planner tuned in some worlds and judged in others."""
 
 from importlib.util import find_spec
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.tables import comparison_table
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.commands.options import (
     COUNT,
     FOLDER,
     console,
     json_option,
-    keys_of,
-    notes,
     print_json,
+    print_notes,
+    reporter,
     run_option,
-    say,
+    split_names,
 )
-from barn_eval.commands.tables import rich_table, table
+from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 
-OPTUNA = find_spec("optuna") is not None
-if OPTUNA:
-    from barn_eval.studies.tune import Ranges, tune
+if TYPE_CHECKING:
+    from barn_eval.studies.tune import Tuning
 
 
 @click.command("tune")
@@ -65,58 +64,70 @@ def command(
     by: str,
     run: dict[str, Any],
     as_json: bool,
-    **options: object,
+    **options: Any,
 ) -> int:
     """Tune parameters over RANGES: a YAML file, or those of dwa, eband, gap, mppi, nav2_rpp, nav2_dwb or nav2_mppi.
 
-    Settings are chosen by some worlds, and the best is judged by others that it has not seen, against the default. By
-    several measures, those are kept that no other is as good as by each. Parameters ready to use go to OUT.
+    Settings are chosen by some worlds, and the best is judged by others that it has not
+    seen, against the default. By several measures, those are kept that no other is as
+    good as by each. Parameters ready to use go to OUT.
     """
-    if not OPTUNA:
+    if find_spec("optuna") is None:
         raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna")
-    found = tune(
-        Ranges.read(ranges), options | run, unseen, keys_of(by), settings, notes
+    # Optuna is an optional extra.
+    from barn_eval.studies.tune import Ranges, tune  # noqa: PLC0415
+
+    tuning = tune(
+        Ranges.read(ranges), options | run, unseen, split_names(by), settings, reporter
     )
     if as_json:
-        print_json(as_dict(found))
+        print_json(as_dict(tuning))
         return 0
-    early = f", {found.given_up} of them given up early" if found.given_up else ""
-    text = f"{counted(found.settings, 'setting')} in {counted(found.worlds, 'world')}{early}"
-    if not found.tuned:
-        console.print(f"{text}: none is better there than the default", highlight=False)
-        return 0
-    columns = {"default": (found.default, found.default_seen)}
-    columns |= {f"setting {one.number}": (one.values, one.seen) for one in found.tuned}
-    rows = [
-        (key, *(_text(values[key]) for values, _ in columns.values()))
-        for key in found.default
-    ]
-    for measure in (MEASURES[key] for key in found.default_seen):
-        rows += [
-            (
-                measure.heading,
-                *(measure.number(seen[measure.key]) for _, seen in columns.values()),
-            )
-        ]
-    heads = ("parameter", *(f">{name}" for name in columns))
-    console.print(
-        table(
-            heads,
-            rows,
-            title=text,
-            caption="Means of these worlds flatter what was chosen by them.",
+
+    title = f"{count_noun(tuning.settings, 'setting')} in {count_noun(tuning.worlds, 'world')}"
+    if tuning.given_up:
+        title += f", {tuning.given_up} of them given up early"
+    if not tuning.tuned:
+        console.print(
+            f"{title}: none is better there than the default", highlight=False
         )
-    )
+        return 0
+    console.print(_settings_table(tuning, title))
     console.print(
-        f"In {counted(found.unseen, 'world')} that no setting was chosen by:",
+        f"In {count_noun(tuning.unseen, 'world')} that no setting was chosen by:",
         highlight=False,
     )
-    for one in found.tuned:
-        console.print(one.verdict, markup=False, highlight=False)
-        console.print(rich_table(comparison_table(one.unseen)))
-        say(*one.files)
+    for setting in tuning.tuned:
+        console.print(setting.verdict, markup=False, highlight=False)
+        console.print(rich_table(comparison_table(setting.unseen)))
+        print_notes(*setting.files)
     return 0
 
 
-def _text(value: object) -> str:
+def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
+    """Return parameters and means of the default and of the best settings."""
+    headings = ["parameter", ">default"]
+    values = [tuning.default]
+    means = [tuning.default_seen]
+    for setting in tuning.tuned:
+        headings.append(f">setting {setting.number}")
+        values.append(setting.values)
+        means.append(setting.seen)
+
+    rows = [
+        (key, *(_format(column[key]) for column in values)) for key in tuning.default
+    ]
+    for key in tuning.default_seen:
+        measure = MEASURES[key]
+        numbers = [measure.number(column[key]) for column in means]
+        rows.append((measure.heading, *numbers))
+    return table(
+        headings,
+        rows,
+        title=title,
+        caption="Means of these worlds flatter what was chosen by them.",
+    )
+
+
+def _format(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""`barn watch`: the page of an experiment that updates itself, and the live view of its trials."""
+"""`barn watch`: a page of a run that updates itself, and a live view of its trials."""
 
 import os
 import subprocess
@@ -10,15 +10,15 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import PATH, say
+from barn_eval.commands.options import PATH, print_notes
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
-from barn_eval.pages.live.foxglove import LiveView, require_sdk
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.foxglove import FoxgloveStream, require_sdk
+from barn_eval.pages.live.server import PageServer
 from barn_eval.results.run_file import RUN_FILE
 from barn_worlds.base.errors import ConfigError
 
 _PORTS = click.IntRange(0, 65535)
-_LOOK_S = 0.5
+_LOOK_PERIOD_S = 0.5
 
 
 @click.command("watch")
@@ -35,51 +35,54 @@ _LOOK_S = 0.5
     flag_value=LIVE_PORT,
     type=_PORTS,
     metavar="[PORT]",
-    help=f"Serve the trial that is being recorded to Foxglove as well [default port: {LIVE_PORT}].",
+    help="Serve the trial that is being recorded to Foxglove as well [default port:"
+    f" {LIVE_PORT}].",
 )
 @click.option("--wait", is_flag=True, help="Wait for the folder to be there.")
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
     """Serve a page that shows how the experiment in FOLDER stands, until Ctrl-C.
 
-    Progress, who leads, failures as they come, and a replay of each bag, drawn when it is asked for. Everything comes
-    from the files, so that trials may run, have stopped, or run on another machine that shares the folder. The live
-    view needs bags, and foxglove-sdk.
+    Progress, who leads, failures as they come, and a replay of each bag, drawn when it
+    is asked for. Everything comes from the files, so that trials may run, have stopped,
+    or run on another machine that shares the folder. The live view needs bags, and
+    foxglove-sdk.
     """
-    with ExitStack() as served:
+    forever = threading.Event()
+    with ExitStack() as servers:
         if live is not None:
-            view = served.enter_context(LiveView(folder, host=host, port=live))
-            say(
-                f"live view: open {view.url} in Foxglove with share/barn_eval/config/barn_foxglove.json"
+            view = servers.enter_context(FoxgloveStream(folder, host=host, port=live))
+            print_notes(
+                f"live view: open {view.url} in Foxglove with"
+                " share/barn_eval/config/barn_foxglove.json"
             )
         while wait and not (folder / RUN_FILE).is_file():
-            threading.Event().wait(_LOOK_S)
-        page = served.enter_context(Watch(folder, host=host, port=port))
-        say(f"{page.url} shows {folder}; Ctrl-C ends it")
-        threading.Event().wait()
+            forever.wait(_LOOK_PERIOD_S)
+        page = servers.enter_context(PageServer(folder, host=host, port=port))
+        print_notes(f"{page.url} shows {folder}; Ctrl-C ends it")
+        forever.wait()
 
 
 @contextmanager
-def viewed(folder: Path, bags: str) -> Iterator[None]:
-    """Serve page and live view of a folder from a process of its own for as long as the context lasts.
+def serve_view(folder: Path, bags: str) -> Iterator[None]:
+    """Serve page and live view of a run from a process of its own in the meantime.
 
-    ConfigError where no bags are recorded, which the view reads, or where the SDK is not installed.
+    Args:
+        folder: Folder of the run, which need not exist yet.
+        bags: Which trials of the run are recorded; the view reads their bags.
+
+    Raises:
+        ConfigError: If no trial is recorded, or Foxglove's SDK is not installed.
     """
     if bags == "none":
         raise ConfigError(
             "--view needs bags, which it reads: --bags all or --bags failed, got none"
         )
     require_sdk()
-    command = [
-        sys.executable,
-        "-m",
-        "barn_eval.commands.watch",
-        str(folder),
-        "--live",
-        "--wait",
-    ]
-    # Ctrl-C is for the trials; the view ends with them.
+    module = "barn_eval.commands.watch"
+    words = [sys.executable, "-m", module, str(folder), "--live", "--wait"]
+    # A session of its own keeps Ctrl-C from the view, which ends after the trials.
     with subprocess.Popen(  # noqa: S603
-        command, stdin=subprocess.PIPE, start_new_session=True
+        words, stdin=subprocess.PIPE, start_new_session=True
     ) as process:
         try:
             yield
@@ -92,6 +95,6 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-if __name__ == "__main__":  # as `viewed` starts it
+if __name__ == "__main__":  # as `serve_view` starts it
     threading.Thread(target=_end_with_parent, daemon=True).start()
     command()

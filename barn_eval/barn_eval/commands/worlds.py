@@ -6,21 +6,21 @@ from typing import Any
 import click
 
 from barn_eval.api import worlds
-from barn_eval.api.worlds.sets import FORMATS, Form
+from barn_eval.api.worlds import FORMATS, Form
 from barn_eval.commands.options import (
     COUNT,
     PATH,
     json_option,
-    progress,
-    say,
+    parameters_option,
+    print_notes,
+    print_output,
+    progress_bar,
     seed_option,
-    settings_option,
-    tell,
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import WorldParameters
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import WorldParameters
 
 robot_option = click.option(
     "--robot",
@@ -38,7 +38,7 @@ def command() -> None:
 @click.argument("target", type=PATH)
 @seed_option(2020)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
-@settings_option(
+@parameters_option(
     "--set", "parameters", "One parameter set of your own", WorldParameters()
 )
 @robot_option
@@ -49,18 +49,29 @@ def command() -> None:
     type=click.IntRange(0),
     help="Keep so many, evenly spread from wide to narrow [default: all].",
 )
-def generate(target: Path, **options: Any) -> None:
+def generate(
+    target: Path,
+    seed: int,
+    per_set: int,
+    parameters: dict[str, Any],
+    robot: str,
+    keep: int,
+) -> None:
     """Generate a data set: TARGET.npz, or a folder in the original layout.
 
-    Without --set the twelve parameter sets of the paper's Table I are used. With --set kind=all (or doors, dead_ends,
-    turns, clutter) worlds are hard ones: PER-SET of each kind, with ways proven for the robot's turned footprint. Other
-    keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
+    Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    with progress("worlds") as share:
-        made = worlds.generate(
-            target, **options, progress=lambda made, total: share(made / total)
+    with progress_bar("worlds") as progress:
+        generated = worlds.generate(
+            target,
+            per_set=per_set,
+            seed=seed,
+            parameters=parameters,
+            robot=robot,
+            keep=keep,
+            progress=lambda count, total: progress(count / total),
         )
-    say(f"{len(made)} worlds in {target}")
+    print_notes(f"{len(generated)} worlds in {target}")
 
 
 @command.command()
@@ -79,14 +90,15 @@ def convert(
 ) -> None:
     """Read worlds of any known format and write them for the suite or other programs.
 
-    npz is a data set in one file, original the layout of the original data set. sdf (current Gazebo), sdf_classic
-    (Gazebo Classic), map (map_server's pgm and yaml), yaml and png write a file per world into the folder TARGET.
+    npz is a data set in one file, original the layout of the original data set. sdf
+    (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml),
+    yaml and png write a file per world into the folder TARGET.
     """
-    written = worlds.load(source, select, robot=robot)
-    target = worlds.save(
-        written, target, form or ("npz" if target.suffix == ".npz" else "original")
-    )
-    say(f"{len(written)} worlds in {target}")
+    if form is None:
+        form = "npz" if target.suffix == ".npz" else "original"
+    converted = worlds.load(source, select, robot=robot)
+    path = worlds.save(converted, target, form)
+    print_notes(f"{len(converted)} worlds in {path}")
 
 
 @command.command("list")
@@ -97,32 +109,30 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
     """List the data sets that come with the suite, or the worlds of SOURCE."""
     entries: list[dict[str, Any]]
     if source is None:
-        opened = map(open_dataset, worlds.datasets())
         entries = [
             {
-                "data set": one.name,
-                "worlds": len(one.indices),
-                "checksum": one.checksum[:16],
+                "data set": dataset.name,
+                "worlds": len(dataset.world_numbers),
+                "checksum": dataset.checksum[:16],
             }
-            for one in opened
+            for dataset in map(open_dataset, worlds.datasets())
         ]
     else:
         entries = [
             {
                 "world": number,
-                "name": one.name,
-                "cells": f"{one.rows} x {one.cols}",
-                "filled": int(one.grid.sum()),
+                "name": world.name,
+                "cells": f"{world.rows} x {world.cols}",
+                "filled": int(world.grid.sum()),
+                "path [m]": world.path_length_m,
+                "source": world.provenance.source,
+                "checksum": world.checksum[:16],
             }
-            | {
-                "path [m]": one.path_length_m,
-                "source": one.provenance.source,
-                "checksum": one.checksum[:16],
-            }
-            for number, one in worlds.load(source, select).items()
+            for number, world in worlds.load(source, select).items()
         ]
-    rows = [
-        tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values())
-        for entry in entries
-    ]
-    return tell(as_json, entries, table(tuple(entries[0]), rows))
+    rows = [list(map(_format, entry.values())) for entry in entries]
+    print_output(as_json, entries, table(list(entries[0]), rows))
+
+
+def _format(value: object) -> object:
+    return f"{value:.2f}" if isinstance(value, float) else value

@@ -1,1 +1,1 @@
-"""Learning: the Gymnasium environment, one and a batch."""
+"""The learning environment: one episode at a time, or many that advance together."""

@@ -1,13 +1,14 @@
-"""Configuration of the learning environment: which worlds, what is seen and done, what is rewarded."""
+"""The configuration of the learning environment."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
-from barn_planners.policy.planner import SafetyConfig
+from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.base.config import Checked, quantity
 
-ALONG = ("straight", "path")
+STRAIGHT = "straight"
+ALONG_PATH = "path"
 
 
 @dataclass(frozen=True)
@@ -15,12 +16,12 @@ class RewardConfig(Checked):
     """What a step is worth; the terms are added up."""
 
     progress_per_m: float = quantity(
-        1.0, "for every metre nearer to the goal, as negative for every metre back"
+        1.0, "for every meter nearer to the goal, as negative for every meter back"
     )
     progress_along: str = quantity(
-        "path",
+        ALONG_PATH,
         "whether that is measured straight or along the world's path",
-        choices=ALONG,
+        choices=(STRAIGHT, ALONG_PATH),
     )
     per_second: float = quantity(-0.1, "for every second")
     near_per_second: float = quantity(
@@ -30,7 +31,7 @@ class RewardConfig(Checked):
         0.6, "range of the lidar from which on this is nothing", "m", minimum=0.01
     )
     shielded_per_second: float = quantity(
-        -1.0, "for every second in which the shield changes the command"
+        -1.0, "for every second in which the collision check changes the command"
     )
     success: float = quantity(10.0, "for reaching the goal")
     collision: float = quantity(
@@ -43,17 +44,19 @@ class RewardConfig(Checked):
 
 @dataclass(frozen=True)
 class EnvConfig(Checked):
-    """The environment; `simulator` are its parameters by dotted name, over those of the protocol.
-
-    safety: the shield that the planner has too; off unless told otherwise, so that collisions can be learned from.
-    """
+    """The environment: its worlds, rules, robot, observations, actions and rewards."""
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
     protocol: str = quantity("challenge", "protocol: a name or a YAML file")
     robot: str = quantity("jackal", "robot: a name or a YAML file")
+    # Parameters of the simulator by dotted name, over those of the protocol.
     simulator: dict[str, Any] = field(default_factory=dict)
     observation: PolicyObservation = field(default_factory=PolicyObservation)
     action: PolicyAction = field(default_factory=PolicyAction)
-    safety: SafetyConfig = field(default_factory=lambda: SafetyConfig(enabled=False))
+    # The check that the policy planner has too. It is off by default, so that a policy
+    # learns from its collisions.
+    safety: CollisionCheckConfig = field(
+        default_factory=lambda: CollisionCheckConfig(enabled=False)
+    )
     reward: RewardConfig = field(default_factory=RewardConfig)

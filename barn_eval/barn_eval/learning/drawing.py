@@ -1,4 +1,4 @@
-"""Pictures of an episode from above, quick enough to make a film of."""
+"""Pictures of an episode from above, fast enough for films."""
 
 import math
 
@@ -24,79 +24,87 @@ from barn_worlds.drawing.palette import (
     WHITE,
 )
 from barn_worlds.geometry.bodies import Bodies, moving_bodies
-from barn_worlds.geometry.polygon import hull
+from barn_worlds.geometry.polygon import convex_hull
 
-_NOSE = 0.1 / 0.43  # of the width, ahead of the robot, to tell its front
 _PIXELS_PER_M = 50.0
-_BEYOND_M = 0.6  # shown all round
-_PASSED_STEP_S = 0.1  # between places where what moves was
+_MARGIN_M = 0.6
+# A tip ahead of the robot shows where its front is; as a share of the robot's width.
+_NOSE_SHARE = 0.1 / 0.43
+# Time between the points of a mover's trail.
+_TRAIL_STEP_S = 0.1
 
 
 class TopView:
-    """Draws one episode from above; the world is drawn once."""
+    """Draws one episode from above. The world is drawn once."""
 
     def __init__(self, spec: TrialSpec) -> None:
-        scene, bounds_m = trial_scene(spec), np.reshape(spec.world.bounds_m, (2, 2))
-        seen = np.vstack([bounds_m, scene.ends_m()])
-        (self._left, below), (right, self._top) = (
-            seen.min(axis=0) - _BEYOND_M,
-            seen.max(axis=0) + _BEYOND_M,
-        )
-        size = (
-            math.ceil((right - self._left) * _PIXELS_PER_M),
-            math.ceil((self._top - below) * _PIXELS_PER_M),
-        )
-        self._world = Image.new("RGB", size, WHITE)
+        scene = trial_scene(spec)
+        bounds_m = np.reshape(spec.world.bounds_m, (2, 2))
+        extent_m = np.vstack([bounds_m, scene.ends_m()])
+        self._left_m, bottom_m = extent_m.min(axis=0) - _MARGIN_M
+        right_m, self._top_m = extent_m.max(axis=0) + _MARGIN_M
+        width = math.ceil((right_m - self._left_m) * _PIXELS_PER_M)
+        height = math.ceil((self._top_m - bottom_m) * _PIXELS_PER_M)
+        self._world = Image.new("RGB", (width, height), WHITE)
         self._trail: list[tuple[float, float]] = []
+
         draw = ImageDraw.Draw(self._world)
-        draw.line(self._pixels(scene.path_m), fill=FAINT, width=2)
-        for centres_m, colour in ((scene.walls_m, WALL), (scene.obstacles_m, OBSTACLE)):
-            for centre in self._pixels(centres_m):
-                draw.circle(centre, scene.radius_m * _PIXELS_PER_M, fill=colour)
-        self._fill(draw, scene.boxes, WALL)
-        (goal,) = self._pixels(scene.ends_m()[-1:])
+        draw.line(self._to_pixels(scene.path_m), fill=FAINT, width=2)
+        for centers_m, color in ((scene.walls_m, WALL), (scene.obstacles_m, OBSTACLE)):
+            for center in self._to_pixels(centers_m):
+                draw.circle(center, scene.radius_m * _PIXELS_PER_M, fill=color)
+        self._draw_bodies(draw, scene.boxes, WALL)
+        (goal,) = self._to_pixels(scene.ends_m()[-1:])
         draw.circle(goal, scene.goal_distance_m * _PIXELS_PER_M, outline=GOAL, width=2)
         draw.circle(goal, 4, fill=GOAL)
 
-    def add(self, episodes: Episodes) -> None:
-        """Lengthen the trail to where the robot is."""
-        self._trail += self._pixels(episodes.readings.truths[:1, :2])
+    def extend_trail(self, episodes: Episodes) -> None:
+        """Extend the trail to where the robot is."""
+        self._trail += self._to_pixels(episodes.readings.truths[:1, :2])
 
     def draw(self, episodes: Episodes) -> npt.NDArray[np.uint8]:
-        """Return the picture (height, width, 3) of this instant: returns of the lidar, trail and robot."""
+        """Return the picture (height, width, 3) of this instant."""
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)
-        spec, scan = episodes.trial(0).spec, episodes.scan(0)
-        pose = Pose2D(*episodes.readings.truths[0].tolist())
+        spec = episodes.trial(0).spec
         motion_s = spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))
-        passed_m, _ = spec.world.tracks.over(
-            motion_s - np.arange(0.0, TRAIL_S, _PASSED_STEP_S)
-        )
-        for place in self._pixels(passed_m.reshape(-1, 2)):
-            draw.circle(place, 2, fill=MOVER)
-        self._fill(draw, moving_bodies(spec.world.tracks, motion_s), MOVER)
+        times_s = motion_s - np.arange(0.0, TRAIL_S, _TRAIL_STEP_S)
+        trails_m, _ = spec.world.tracks.over(times_s)
+        for point in self._to_pixels(trails_m.reshape(-1, 2)):
+            draw.circle(point, 2, fill=MOVER)
+        self._draw_bodies(draw, moving_bodies(spec.world.tracks, motion_s), MOVER)
         if len(self._trail) > 1:
             draw.line(self._trail, fill=TRAIL, width=2)
-        chassis, mount = spec.simulator.chassis, spec.simulator.lidar
-        seen = np.isfinite(scan.ranges)
-        ranges, angles = scan.ranges[seen].astype(np.float64), scan.angles()[seen]
-        lidar = pose @ Pose2D(mount.mount_x_m, mount.mount_y_m, mount.mount_yaw_rad)
-        hits = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
-        draw.point(self._pixels(lidar.transform(hits)), fill=SCAN)
+
+        pose = Pose2D(*episodes.readings.truths[0].tolist())
+        self._draw_scan(draw, episodes, pose)
+        chassis = spec.simulator.chassis
         _, right_m, front_m, left_m = chassis.extent_m
-        nose = (front_m + _NOSE * (left_m - right_m), 0.0)
-        draw.polygon(
-            self._pixels(pose.transform(np.array(hull([*chassis.hull_m, nose])))),
-            fill=ROBOT,
-        )
+        nose = (front_m + _NOSE_SHARE * (left_m - right_m), 0.0)
+        outline_m = pose.transform(np.array(convex_hull([*chassis.hull_m, nose])))
+        draw.polygon(self._to_pixels(outline_m), fill=ROBOT)
         return np.asarray(picture)
 
-    def _fill(self, draw: ImageDraw.ImageDraw, bodies: Bodies, colour: str) -> None:
-        for outline in bodies.outlines():
-            draw.polygon(self._pixels(outline), fill=colour)
+    def _draw_scan(
+        self, draw: ImageDraw.ImageDraw, episodes: Episodes, pose: Pose2D
+    ) -> None:
+        scan = episodes.scan(0)
+        is_return = np.isfinite(scan.ranges)
+        ranges = scan.ranges[is_return].astype(np.float64)
+        angles = scan.angles()[is_return]
+        hits = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
+        lidar = episodes.trial(0).spec.simulator.lidar
+        mount = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
+        draw.point(self._to_pixels((pose @ mount).transform(hits)), fill=SCAN)
 
-    def _pixels(self, points_m: Points) -> list[tuple[float, float]]:
+    def _draw_bodies(
+        self, draw: ImageDraw.ImageDraw, bodies: Bodies, color: str
+    ) -> None:
+        for outline in bodies.outlines():
+            draw.polygon(self._to_pixels(outline), fill=color)
+
+    def _to_pixels(self, points_m: Points) -> list[tuple[float, float]]:
         return [
-            ((x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M)
+            ((x - self._left_m) * _PIXELS_PER_M, (self._top_m - y) * _PIXELS_PER_M)
             for x, y in points_m.tolist()
         ]

@@ -1,4 +1,4 @@
-"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by a learner."""
+"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark for a learner."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,40 +11,41 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.drawing import TopView
-from barn_eval.learning.episodes import Episodes, Known, info_of_end, way_points
+from barn_eval.learning.episodes import CachedWorld, Episodes, final_info
+from barn_eval.learning.reward import path_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy.planner import SafetyConfig
+from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import ACTIONS, Vector
-from barn_planners.robots import fitted, lidar_place
+from barn_planners.robots import fit_to_robot, lidar_mount_changes
 from barn_sim.config import robot_of
-from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import seconds
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
 RENDER_MODES = ("rgb_array",)
-_MOST_KEPT = 2000  # worlds of which everything is kept
-# What ends an episode by what was done; anything else ends it by the time or a fault.
-_TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
-_OPTIONS = ("world", "campaign_seed", "repetition")
+# Worlds in memory; all shipped data sets fit.
+_MAX_CACHED_WORLDS = 2000
+# Outcomes that the learner's actions cause. All others truncate an episode.
+_TERMINAL_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
+_RESET_OPTIONS = ("world", "campaign_seed", "repetition")
+_FIRST = np.arange(1)
 
 
 class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignore[misc, unused-ignore]
-    """A Jackal that is to reach the goal of a world, observed and commanded as `barn_planners.policy.space` says.
+    """A robot that has to reach the goal of a world.
 
-    An episode is a trial of the benchmark: it terminates by a success, a collision (if the protocol looks at them) or a
-    command that is not a number; it is truncated by the limits of time. `info` holds the world's number, the time and
-    the way left; at the end also the outcome with its detail, whether it is a success, and the scores.
+    Observations and actions are those of `barn_planners.policy.space`. An episode is a
+    trial of the benchmark. It terminates at a success, a collision (if the protocol
+    checks collisions) or a command that is not a number. It is truncated by the time
+    limits.
 
-    config: what the environment is; changes: fields of it by dotted name, so that `gymnasium.make` takes them:
-    `make("barn/Jackal-v0", worlds="0:100", **{"reward.success": 20.0})`. opened: its data set, if it is open already.
-
-    `reset(options={"world": 7})` chooses the world. With `campaign_seed` (and `repetition`, 0) as well, the episode is
-    the very trial that `barn run --seed` makes of these numbers.
+    `info` holds the world's number, the time in s and the distance left to the goal in
+    m. At the end of an episode it also holds the outcome and its detail, whether it is
+    a success, and the scores.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
@@ -53,9 +54,21 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self,
         config: EnvConfig | None = None,
         render_mode: str | None = None,
-        opened: Dataset | None = None,
+        loaded_dataset: Dataset | None = None,
         **changes: object,
     ) -> None:
+        """Make an environment.
+
+        Args:
+            config: What the environment is; the default is `EnvConfig()`.
+            render_mode: None, or "rgb_array" for pictures from above.
+            loaded_dataset: The data set of `config`, if it is open already.
+            **changes: Fields of `config` by dotted name, so that `gymnasium.make` takes
+                them: `make(name, worlds="0:100", **{"reward.success": 20.0})`.
+
+        Raises:
+            BarnError: If a value is not allowed or the worlds do not fit the robot.
+        """
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ConfigError(
                 f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}"
@@ -63,59 +76,100 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
-        self._dataset = (opened or open_dataset(self.config.dataset)).driven(robot)
+        dataset = loaded_dataset or open_dataset(self.config.dataset)
+        self._dataset = dataset.for_robot(robot)
+        # Numbers of the worlds that episodes are drawn from, evenly.
         self.worlds = tuple(
-            sorted(select_worlds(self.config.worlds, self._dataset.indices))
-        )  # drawn from, evenly
+            sorted(select_worlds(self.config.worlds, self._dataset.world_numbers))
+        )
         self.protocol = load_protocol(self.config.protocol)
         self.simulator_config = simulator_config(
             self.protocol, self.config.simulator, robot
         )
         self._dataset.require_fit(robot_of(self.simulator_config), self.worlds)
-        self._safety = self._placed(self.config.safety)
+        self._safety = self._fit_safety(self.config.safety)
+
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
-        self.metadata = {
-            **self.metadata,
-            "render_fps": max(1, round(1.0 / self.simulator_config.control_period_s)),
-        }
-        self._picture: TopView | None = None
-        self._place: tuple[Episodes, int] | None = None
-        self._joined, self._driving = False, np.zeros(1, np.bool_)
-        self._unseen = np.zeros(self.config.observation.size, np.float32)
+        frames_per_second = round(1.0 / self.simulator_config.control_period_s)
+        self.metadata = {**self.metadata, "render_fps": max(1, frames_per_second)}
 
-    def episodes(self, count: int = 1) -> Episodes:
-        """Return room for so many episodes of this environment."""
+        self._top_view: TopView | None = None
+        self._episodes: Episodes | None = None
+        # The row in `_episodes`. In a batch, the batch reads the sensors and steps.
+        self._index = 0
+        self._is_in_batch = False
+        self._no_rest = np.zeros(1, np.bool_)
+
+    def make_episodes(self, count: int = 1) -> Episodes:
+        """Return room for some episodes of this environment."""
         return Episodes(count, self.config, self.simulator_config, self._safety)
 
-    def join(self, episodes: Episodes, index: int) -> None:
-        """Let the episodes from now on advance among others, instead of by `step`."""
-        self._place, self._joined = (episodes, index), True
+    def join_batch(self, episodes: Episodes, index: int) -> None:
+        """Let the episodes of this environment advance among others from now on.
+
+        Args:
+            episodes: Episodes of the batch, which steps them.
+            index: Row of this environment.
+        """
+        self._episodes = episodes
+        self._index = index
+        self._is_in_batch = True
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Vector, dict[str, Any]]:
-        """Begin an episode in the world of `options`, or in one drawn; among others, observation and info are empty."""
+        """Begin an episode.
+
+        Args:
+            seed: Seed of everything that is drawn from now on; None keeps the
+                generator.
+            options: `world` chooses the world by number; otherwise it is drawn. With
+                `campaign_seed` (and `repetition`, 0 by default) as well, the episode is
+                the very trial that `barn run --seed` makes of these numbers.
+
+        Returns:
+            Observation and info. In a batch both are empty: the batch reads the
+            sensors.
+
+        Raises:
+            ConfigError: If an option is unknown or not allowed.
+        """
         super().reset(seed=seed)
-        if self._place is None:
-            self._place = self.episodes(), 0
-        episodes, index = self._place
-        episodes.begin(index, *self._drawn(_checked_options(options), episodes.known))
-        if self._joined:
-            return self._unseen, {}
-        episodes.look(np.arange(1))
-        episodes.judge(np.arange(1))
+        if self._episodes is None:
+            self._episodes = self.make_episodes()
+        episodes = self._episodes
+        spec, path = self._draw_trial(_check_options(options), episodes.cached_worlds)
+        episodes.begin(self._index, spec, path)
+        if self._is_in_batch:
+            return np.zeros(self.config.observation.size, np.float32), {}
+
+        episodes.observe(_FIRST)
+        episodes.judge(_FIRST)
         if self.render_mode:
-            self._picture = TopView(episodes.trial(0).spec)
-            self._picture.add(episodes)
-        return episodes.seen[0].copy(), self._info(episodes)
+            self._top_view = TopView(spec)
+            self._top_view.extend_trail(episodes)
+        return episodes.observations[0].copy(), self._info(episodes)
 
     def step(
         self, action: npt.NDArray[np.floating]
     ) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
-        if self._place is None or not self._place[0].running[0]:
+        """Drive for one control period.
+
+        Args:
+            action: Action (2,), as of `barn_planners.policy.space`.
+
+        Returns:
+            Observation, reward, whether the episode terminated, whether it was
+            truncated, and info.
+
+        Raises:
+            ResetNeeded: Before `reset` and after the end of an episode.
+            ConfigError: If the action has another shape.
+        """
+        episodes = self._episodes
+        if episodes is None or not episodes.running[0]:
             raise gymnasium.error.ResetNeeded(
                 "reset() must be called before the first step of an episode"
             )
@@ -124,107 +178,108 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             raise ConfigError(
                 f"action must be an array of shape {(ACTIONS,)}, got {action.shape}"
             )
-        episodes = self._place[0]
-        rewards, ended = episodes.step(self._driving, action[None])
-        if self._picture is not None:
-            self._picture.add(episodes)
-        terminated, truncated = self.conclude() if ended else (False, False)
+
+        rewards, ended = episodes.step(self._no_rest, action[None])
+        if self._top_view is not None:
+            self._top_view.extend_trail(episodes)
+        terminated = bool(ended) and self.is_terminal()
         return (
-            episodes.seen[0].copy(),
+            episodes.observations[0].copy(),
             float(rewards[0]),
             terminated,
-            truncated,
+            bool(ended) and not terminated,
             self._info(episodes),
         )
 
-    def conclude(self) -> tuple[bool, bool]:
-        """Return whether the episode, which has ended, terminated or was truncated."""
-        assert self._place is not None
-        episodes, index = self._place
-        verdict = episodes.trial(index).verdict
-        terminated = verdict is not None and verdict.outcome in _TERMINAL
-        return terminated, not terminated
+    def is_terminal(self) -> bool:
+        """Tell whether the episode that ended terminated instead of being truncated."""
+        assert self._episodes is not None
+        verdict = self._episodes.trial(self._index).verdict
+        return verdict is not None and verdict.outcome in _TERMINAL_OUTCOMES
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a picture (height, width, 3) from above; None without a render mode."""
-        if self._place is None or self._picture is None:
+        """Return a picture (height, width, 3); None without a render mode."""
+        if self._episodes is None or self._top_view is None:
             return None
-        return self._picture.draw(self._place[0])
+        return self._top_view.draw(self._episodes)
 
     def close(self) -> None:
-        """Release the physics engine."""
-        if self._place is not None and not self._joined:
-            self._place[0].close()
-        self._place = self._picture = None
+        """Close the physics client, unless a batch owns it."""
+        if self._episodes is not None and not self._is_in_batch:
+            self._episodes.close()
+        self._episodes = None
+        self._top_view = None
 
-    def _drawn(
-        self, options: Mapping[str, int], known: Known
-    ) -> tuple[TrialSpec, Floats]:
-        """Return a new trial and the way in its world; what `options` do not give is drawn."""
-        index = options.get("world")
-        if index is None:
-            index = self.worlds[int(self.np_random.random() * len(self.worlds))]
-        seed = options.get("campaign_seed")
-        seed = int(self.np_random.integers(2**62)) if seed is None else seed
+    def _draw_trial(
+        self, options: Mapping[str, int], cached_worlds: dict[int, CachedWorld]
+    ) -> CachedWorld:
+        """Return a trial and its path; draw what the options do not give."""
+        # Always in this order, so that equal seeds draw equal trials.
+        world_number = options.get("world")
+        if world_number is None:
+            draw = self.np_random.random()
+            world_number = self.worlds[int(draw * len(self.worlds))]
+        run_seed = options.get("campaign_seed")
+        if run_seed is None:
+            run_seed = int(self.np_random.integers(2**62))
         repetition = options.get("repetition", 0)
-        if index in known:
-            spec, way = known[index]
-            return spec.reseeded(seed, repetition), way
-        if len(known) >= _MOST_KEPT:
-            known.clear()
-        world = self._dataset.load(index)
+
+        cached = cached_worlds.get(world_number)
+        if cached is not None:
+            return CachedWorld(cached.spec.with_seed(run_seed, repetition), cached.path)
+        if len(cached_worlds) >= _MAX_CACHED_WORLDS:
+            cached_worlds.clear()
+        world = self._dataset.load(world_number)
         spec = TrialSpec(
             dataset=self._dataset.name,
-            index=index,
+            world_number=world_number,
             world=world,
             planner="policy",
             preset="",
             overrides={},
             protocol=self.protocol,
             simulator=self.simulator_config,
-            campaign_seed=seed,
+            run_seed=run_seed,
             repetition=repetition,
             declared_mps=self.config.action.cap_mps,
         )
-        known[index] = (
-            spec,
-            way_points(world, spec.course, self.config.reward.progress_along),
-        )
-        return known[index]
+        path = path_points(world, spec.course, self.config.reward.progress_along)
+        cached_worlds[world_number] = CachedWorld(spec, path)
+        return cached_worlds[world_number]
 
-    def _placed(self, safety: SafetyConfig) -> SafetyConfig:
-        """Return the shield for the robot, its lidar where the simulator has it; ConfigError for another place."""
-        mount_m = self.simulator_config.lidar.mount_x_m
-        if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
-            mounted = f"mounted at {mount_m:g} m (simulator parameter lidar.mount_x_m)"
+    def _fit_safety(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
+        """Return the collision check for the robot and the mount of its lidar."""
+        mount_x_m = self.simulator_config.lidar.mount_x_m
+        if safety.lidar_x_m not in (CollisionCheckConfig().lidar_x_m, mount_x_m):
+            mount = f"{mount_x_m:g} m (simulator parameter lidar.mount_x_m)"
             raise ConfigError(
-                f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is {mounted}"
+                f"safety.lidar_x_m is {safety.lidar_x_m:g}, "
+                f"but the lidar is mounted at {mount}"
             )
-        placed = replace(safety, lidar_x_m=mount_m)
+        safety = replace(safety, lidar_x_m=mount_x_m)
         robot = robot_of(self.simulator_config)
-        return replace_dotted(
-            placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety"
-        )
+        changes = fit_to_robot(safety, robot) | lidar_mount_changes(safety, robot.lidar)
+        return replace_dotted(safety, changes, "safety")
 
     def _info(self, episodes: Episodes) -> dict[str, Any]:
         info = {
             "world": int(episodes.worlds[0]),
             "time_s": seconds(int(episodes.readings.stamps_ns[0])),
-            "way_left_m": float(episodes.left_m[0]),
+            "way_left_m": float(episodes.distances_left_m[0]),
         }
-        return info | info_of_end(episodes.trial(0))
+        return info | final_info(episodes.trial(0))
 
 
-def _checked_options(options: Mapping[str, Any] | None) -> dict[str, int]:
-    """Return the options of a reset, all of them numbers."""
+def _check_options(options: Mapping[str, Any] | None) -> dict[str, int]:
+    """Return the options of a reset as integers."""
     checked = {}
     for name, value in (options or {}).items():
-        if name not in _OPTIONS:
-            raise ConfigError(
-                f"reset: unknown option {name!r}{suggest(name, _OPTIONS)}"
-            )
-        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-        if not whole or value < 0:
+        if name not in _RESET_OPTIONS:
+            hint = suggest(name, _RESET_OPTIONS)
+            raise ConfigError(f"reset: unknown option {name!r}{hint}")
+        is_integer = isinstance(value, (int, np.integer))
+        # Python counts True as an integer.
+        if not is_integer or isinstance(value, bool) or value < 0:
             raise ConfigError(
                 f"reset: option {name!r} must be a whole number from 0, got {value!r}"
             )

@@ -1,220 +1,302 @@
-"""Episodes that advance together, or one alone: trials as the benchmark runs them, what is seen, and the reward.
+"""Episodes: trials as the benchmark runs them, one alone or many that advance together.
 
-Progress in the reward is a difference of potentials, which does not change what the best policy is (Ng, Harada and
-Russell, "Policy invariance under reward transformations", ICML 1999; exactly so for discount factors near 1).
+A step is a few compiled calls for all robots. Python runs only for robots near an
+obstacle, trials that may have ended, the collision check, and poses in a map.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from barn_eval.learning.config import EnvConfig, RewardConfig
+from barn_eval.learning.config import EnvConfig
+from barn_eval.learning.reward import (
+    final_reward,
+    measure_distances_left,
+    reward_steps,
+    reward_weights,
+)
 from barn_eval.trials import rules
-from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.protocol import Course
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
-from barn_planners.policy.planner import SafetyConfig, safe_command
+from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
 from barn_planners.policy.space import ObservationEncoder
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.batch import Batch
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
-from barn_worlds.worlds.world import World
 
-Known = dict[int, tuple[TrialSpec, Floats]]  # by world
-_ROUNDED = 1.0 + 1e-12  # more than squares of distances are rounded by
+
+class CachedWorld(NamedTuple):
+    """What is computed once for each world."""
+
+    spec: TrialSpec  # its first trial
+    path: Floats  # (n, 3) as of `path_points`
 
 
 class Episodes:
-    """Trials of some robots, a row each in all arrays; a step is a few compiled calls for all of them.
-
-    Only robots near an obstacle, trials that may have ended, and whatever needs Python (the shield, a pose in a map)
-    are looked at one by one.
-    """
+    """The episodes of some robots, each of which has a row in all arrays."""
 
     def __init__(
         self,
         count: int,
         config: EnvConfig,
         simulator: SimulatorConfig,
-        safety: SafetyConfig,
+        safety: CollisionCheckConfig,
     ) -> None:
+        """Make room for episodes.
+
+        Args:
+            count: Number of robots.
+            config: Observations, actions and rewards.
+            simulator: Configuration of all simulators.
+            safety: Collision check for the robot.
+        """
         self.batch = Batch(count, simulator)
         self.readings = self.batch.readings
-        self.seen = np.zeros(
-            (count, config.observation.size), np.float32
-        )  # last observations
-        self.running = np.zeros(count, np.bool_)
+        # Last observations (n, size), distances to the goal, world numbers; whether an
+        # episode runs.
+        self.observations = np.zeros((count, config.observation.size), np.float32)
+        self.distances_left_m = np.zeros(count)
         self.worlds = np.zeros(count, np.int64)
-        self.left_m = np.zeros(count)
-        self.known: Known = {}  # first trial in each world and its `way_points`
-        self._config, self._safety, self._period_s = (
-            config,
-            safety,
-            simulator.control_period_s,
-        )
-        self._weights = RewardWeights.of(config.reward)
+        self.running = np.zeros(count, np.bool_)
+        self.cached_worlds: dict[int, CachedWorld] = {}
+
+        self._config = config
+        self._safety = safety
+        self._period_s = simulator.control_period_s
+        self._reward_weights = reward_weights(config.reward)
         self._encoder = ObservationEncoder(config.observation)
         self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
-        self._now: dict[int, tuple[RunningTrial, Simulator]] = {}
-        self._scan: Scan | None = None
+        self._trials: dict[int, RunningTrial] = {}
+        self._simulators: dict[int, Simulator] = {}
+        # Any scan: all robots have the same lidar.
+        self._sample_scan: Scan | None = None
         self._goals = np.zeros((count, 2))
-        self._ways, self._points = np.zeros((count, 0, 3)), np.zeros(count, np.int64)
+        self._paths = np.zeros((count, 0, 3))
+        self._path_lengths = np.zeros(count, np.int64)
         self._states = np.zeros(count, rules.STATE)
 
     def trial(self, index: int) -> RunningTrial:
-        """Return the trial that runs or was the last."""
-        return self._now[index][0]
+        """Return the current or the last trial of a robot."""
+        return self._trials[index]
 
     def scan(self, index: int) -> Scan:
         """Return the last scan of a robot."""
-        return self._now[index][1].lidar.scan_of(
+        return self._simulators[index].lidar.scan_of(
             int(self.readings.stamps_ns[index]), self.readings.ranges[index]
         )
 
-    def begin(self, index: int, spec: TrialSpec, points: Floats) -> None:
-        """Begin a trial, of which nothing is read yet; ConfigError if its distances differ from the others'."""
-        other = next(
-            (one.spec for k, (one, _) in self._now.items() if k != index), spec
-        )
-        if other.rules is not spec.rules and other.rules != spec.rules:
-            names = f"{spec.world.name} and {other.world.name}"
-            raise ConfigError(
-                f"worlds {names}: robots that advance together need worlds with cells of one size"
-            )
-        start, seed = spec.course.start, spec.simulator_seed
-        if (before := self._now.get(index)) is None:
-            client, fleet = self._clients[index], self.batch.fleet
+    def begin(self, index: int, spec: TrialSpec, path: Floats) -> None:
+        """Begin a trial; `observe` reads its first sensor readings.
+
+        Args:
+            index: Robot that drives it.
+            spec: World, rules and seeds of the trial.
+            path: Points on the path to the goal, as of `path_points`.
+
+        Raises:
+            ConfigError: If the distances of its rules differ from those of other
+                robots.
+        """
+        self._require_equal_rules(index, spec)
+        start = spec.course.start
+        seed = spec.simulator_seed
+        simulator = self._simulators.get(index)
+        if simulator is None:
             simulator = Simulator(
                 spec.world,
                 spec.simulator,
                 start,
                 seed,
-                client,
-                fleet=fleet,
+                self._clients[index],
+                fleet=self.batch.fleet,
                 index=index,
             )
+            self._simulators[index] = simulator
         else:
-            simulator = before[1]
             simulator.begin(spec.world, start, seed)
         self.batch.put(index, simulator)
+
         trial = RunningTrial(spec, logged=False)
         trial.referee.move_to(self._states[index : index + 1])
-        self._now[index] = trial, simulator
-        self.running[index], self.worlds[index] = True, spec.index
+        self._trials[index] = trial
+        self.running[index] = True
+        self.worlds[index] = spec.world_number
         self._goals[index] = spec.goal.x, spec.goal.y
-        missing = len(points) - self._ways.shape[1]
-        if missing > 0:
-            self._ways = np.pad(self._ways, ((0, 0), (0, missing), (0, 0)))
-        self._ways[index, : len(points)], self._points[index] = points, len(points)
 
-    def look(self, which: Integers) -> Floats:
-        """Read the sensors, fill in the observations and find the way left; return that before, for all (n,)."""
-        before_m: Floats = self.left_m.copy()
-        if len(which) == 0:
+        # Paths share one array, as wide as the longest of them.
+        missing = len(path) - self._paths.shape[1]
+        if missing > 0:
+            self._paths = np.pad(self._paths, ((0, 0), (0, missing), (0, 0)))
+        self._paths[index, : len(path)] = path
+        self._path_lengths[index] = len(path)
+
+    def _require_equal_rules(self, index: int, spec: TrialSpec) -> None:
+        for other_index, other in self._trials.items():
+            if other_index == index:
+                continue
+            protocol = other.spec.scaled_protocol
+            if protocol is spec.scaled_protocol or protocol == spec.scaled_protocol:
+                return
+            names = f"{spec.world.name} and {other.spec.world.name}"
+            raise ConfigError(
+                f"worlds {names}: robots that advance together need worlds with cells "
+                "of one size"
+            )
+
+    def observe(self, rows: Integers) -> Floats:
+        """Read the sensors of some robots and update their observations and distances.
+
+        Args:
+            rows: Robots to read.
+
+        Returns:
+            Distances (n,) of all robots to the goal as they were before.
+        """
+        before_m: Floats = self.distances_left_m.copy()
+        if len(rows) == 0:
             return before_m
-        self.batch.read(which)
-        readings, poses = self.readings, self.readings.odometry
-        trial, simulator = self._now[int(which[0])]
-        if trial.spec.protocol.map_given:
-            poses = poses.copy()
-            for index in which.tolist():
-                pose = self._now[index][1].read_localisation(
-                    Pose2D(*poses[index].tolist())
-                )
-                poses[index] = pose.x, pose.y, pose.yaw
-        if self._scan is None:
-            self._scan = simulator.lidar.scan_of(0, readings.ranges[which[0]])
+
+        self.batch.read(rows)
+        readings = self.readings
+        first = int(rows[0])
+        poses = readings.odometry
+        if self._trials[first].spec.protocol.map_given:
+            poses = self._localized_poses(rows)
+        if self._sample_scan is None:
+            lidar = self._simulators[first].lidar
+            self._sample_scan = lidar.scan_of(0, readings.ranges[first])
         self._encoder.encode_all(
-            self._scan,
+            self._sample_scan,
             readings.ranges,
             poses,
             self._goals,
             readings.velocities,
-            which,
-            self.seen,
+            rows,
+            self.observations,
         )
-        way_left(self._ways, self._points, readings.truths, which, self.left_m)
+        measure_distances_left(
+            self._paths,
+            self._path_lengths,
+            readings.truths,
+            rows,
+            self.distances_left_m,
+        )
         return before_m
 
-    def judge(self, which: Integers) -> list[int]:
-        """Judge the last readings of those that have moved or begun; return which of them have ended."""
+    def _localized_poses(self, rows: Integers) -> Floats:
+        """Return the poses (n, 3) in the map frame by the robots' localization."""
+        poses: Floats = self.readings.odometry.copy()
+        for index in rows.tolist():
+            odometry_pose = Pose2D(*poses[index].tolist())
+            pose = self._simulators[index].read_localization(odometry_pose)
+            poses[index] = pose.x, pose.y, pose.yaw
+        return poses
+
+    def judge(self, rows: Integers) -> list[int]:
+        """Let the referee judge the last readings of some robots.
+
+        Args:
+            rows: Robots that have moved or begun.
+
+        Returns:
+            Those whose episodes have ended.
+        """
         readings = self.readings
         rules.observe(
             self._states,
-            which,
+            rows,
             readings.stamps_ns,
             readings.odometry,
             readings.truths,
             readings.collisions,
         )
-        ended = which[self._states["code"][which] != rules.RUNNING]
+        ended = rows[self._states["code"][rows] != rules.RUNNING]
         self.running[ended] = False
         return list(ended.tolist())
 
     def step(
-        self, resting: Bools, actions: npt.NDArray[np.floating]
+        self, is_resting: Bools, actions: npt.NDArray[np.floating]
     ) -> tuple[Floats, list[int]]:
-        """Let trials that do not rest (n,) go on for a period by actions (n, 2); return rewards (n,), which ended."""
-        view = self._config.observation
-        wanted = self._config.action.commands(actions)
-        given, shielded = self._shielded(resting, wanted)
-        finite = np.isfinite(given).all(axis=1)
-        moving = (finite & ~resting).nonzero()[0]
-        self.batch.advance(moving, given)
-        refused = ~(finite | resting)
-        before_m = self.look((~refused).nonzero()[0])
+        """Drive all robots for one control period.
+
+        Args:
+            is_resting: Robots (n,) that stand still because their episode begins now.
+            actions: Actions (n, 2).
+
+        Returns:
+            Rewards (n,), and the robots whose episodes have ended.
+        """
+        policy_commands = self._config.action.commands(actions)
+        commands, is_changed = self._check_commands(is_resting, policy_commands)
+        is_finite = np.isfinite(commands).all(axis=1)
+        moving = np.flatnonzero(is_finite & ~is_resting)
+        self.batch.advance(moving, commands)
+
+        # A command that is not a number ends the episode before the robot moves.
+        is_refused = ~(is_finite | is_resting)
+        before_m = self.observe(np.flatnonzero(~is_refused))
         rewards = np.empty(len(actions))
+        observation = self._config.observation
         reward_steps(
-            self._weights, before_m, self.left_m, self._period_s, self.seen[:, : view.beams], view.range_limit_m,
-            shielded, rewards,
-        )  # fmt: skip
-        rewards[resting] = 0.0
+            self._reward_weights,
+            before_m,
+            self.distances_left_m,
+            self._period_s,
+            self.observations[:, : observation.beams],
+            observation.range_limit_m,
+            is_changed,
+            rewards,
+        )
+        rewards[is_resting] = 0.0
+
         ended = self.judge(moving)
-        for index in refused.nonzero()[0].tolist():
-            self.trial(index).command(Velocity2D(*given[index].tolist()))
+        for index in np.flatnonzero(is_refused).tolist():
+            self._trials[index].command(Velocity2D(*commands[index].tolist()))
             self.running[index] = False
             ended.append(index)
         for index in ended:
-            verdict = self.trial(index).verdict
+            verdict = self._trials[index].verdict
             assert verdict is not None
-            rewards[index] += reward_of_end(self._config.reward, verdict)
+            rewards[index] += final_reward(self._config.reward, verdict)
         return rewards, ended
 
-    def _shielded(self, resting: Bools, wanted: Floats) -> tuple[Floats, Bools]:
-        """Return the commands given (n, 2), and which of them are not those wanted."""
+    def _check_commands(
+        self, is_resting: Bools, commands: Floats
+    ) -> tuple[Floats, Bools]:
+        """Return commands (n, 2) without collisions, and which changed (n,)."""
         if not self._safety.enabled:
-            return wanted, np.zeros(len(wanted), np.bool_)
-        given = wanted.copy()
-        for index in np.flatnonzero(
-            ~resting & np.isfinite(wanted).all(axis=1)
-        ).tolist():
-            command, moving = (
-                Velocity2D(*of[index].tolist())
-                for of in (wanted, self.readings.velocities)
+            return commands, np.zeros(len(commands), np.bool_)
+
+        checked = commands.copy()
+        is_moving = ~is_resting & np.isfinite(commands).all(axis=1)
+        for index in np.flatnonzero(is_moving).tolist():
+            command = avoid_collision(
+                Velocity2D(*commands[index].tolist()),
+                Velocity2D(*self.readings.velocities[index].tolist()),
+                self.scan(index),
+                self._safety,
             )
-            safe = safe_command(command, moving, self.scan(index), self._safety)
-            given[index] = safe.linear, safe.angular
-        changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
-        return given, changed
+            checked[index] = command.linear, command.angular
+        is_changed: Bools = ((checked != commands) & ~np.isnan(commands)).any(axis=1)
+        return checked, is_changed
 
     def close(self) -> None:
-        """End physics engines."""
+        """Close the physics clients."""
         for client in self._clients:
             client.close()
         self.batch.close()
 
 
-def info_of_end(trial: RunningTrial) -> dict[str, Any]:
-    """Return what `info` has of the end of an episode, nothing before."""
-    if (verdict := trial.verdict) is None or (scores := trial.scores) is None:
+def final_info(trial: RunningTrial) -> dict[str, Any]:
+    """Return what `info` holds in addition at the end of an episode; empty before."""
+    verdict = trial.verdict
+    scores = trial.scores
+    if verdict is None or scores is None:
         return {}
     return {
         "outcome": verdict.outcome.value,
@@ -222,80 +304,3 @@ def info_of_end(trial: RunningTrial) -> dict[str, Any]:
         "is_success": scores.success,
         "scores": dict(vars(scores)),
     }
-
-
-def way_points(world: World, course: Course, along: str) -> Floats:
-    """Return places (n, 3) on the way to the goal, straight or along the path: x, y and how far it is from there, m."""
-    goal = np.array([[course.goal.x, course.goal.y]])
-    points = goal if along == "straight" else np.vstack([world.path_m(), goal])
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    return np.column_stack([points, np.append(np.cumsum(lengths[::-1])[::-1], 0.0)])
-
-
-@njit(cache=True)
-def way_left(
-    points: Floats, counts: Integers, positions: Floats, which: Integers, left_m: Floats
-) -> None:
-    """Fill in the way left (n,) of the rows `which` at positions (n, 2), by `counts` (n,) of points of `way_points`."""
-    for row in which:
-        x, y, nearest = positions[row, 0], positions[row, 1], np.inf
-        for k in range(counts[row]):
-            dx, dy = points[row, k, 0] - x, points[row, k, 1] - y
-            nearest = min(nearest, dx * dx + dy * dy)
-        shortest = np.inf  # squares tell which points come into question
-        for k in range(counts[row]):
-            dx, dy = points[row, k, 0] - x, points[row, k, 1] - y
-            if dx * dx + dy * dy <= nearest * _ROUNDED:
-                away = math.hypot(dx, dy)
-                if away < shortest:
-                    shortest, left_m[row] = away, away + points[row, k, 2]
-
-
-class RewardWeights(NamedTuple):
-    """What compiled code needs of `RewardConfig`; who renames it deletes numba's files in `__pycache__`."""
-
-    progress_per_m: float
-    per_second: float
-    near_per_second: float
-    near_m: float
-    shielded_per_second: float
-
-    @classmethod
-    def of(cls, config: RewardConfig) -> "RewardWeights":
-        """Return the weights of a configuration."""
-        return cls(*(getattr(config, name) for name in cls._fields))
-
-
-@njit(cache=True)
-def reward_steps(
-    weights: RewardWeights,
-    before_m: Floats,
-    left_m: Floats,
-    period_s: float,
-    shares: npt.NDArray[np.float32],
-    range_m: float,
-    shielded: Bools,
-    rewards: Floats,
-) -> None:
-    """Fill in the rewards (n,) of steps; shares (n, beams): nearest returns in parts of a range; shielded (n,)."""
-    for i in range(len(rewards)):
-        nearest = shares[i, 0]
-        for beam in range(1, shares.shape[1]):
-            nearest = min(nearest, shares[i, beam])
-        nearness = max(0.0, 1.0 - np.float64(nearest) * range_m / weights.near_m)
-        rate = (
-            weights.per_second
-            + weights.near_per_second * nearness
-            + weights.shielded_per_second * shielded[i]
-        )
-        rewards[i] = (
-            weights.progress_per_m * (before_m[i] - left_m[i]) + rate * period_s
-        )
-
-
-def reward_of_end(config: RewardConfig, verdict: Verdict) -> float:
-    """Return what the end of an episode is worth."""
-    if verdict.outcome is Outcome.SUCCESS:
-        return config.success
-    ended_by_itself = verdict.outcome in (Outcome.COLLISION, Outcome.INVALID_COMMAND)
-    return config.collision if ended_by_itself else config.out_of_time

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 
-# What commands offer, here so that they need not load what it is for.
-LOOPBACK, PAGE_PORT, LIVE_PORT = "127.0.0.1", 8350, 8765  # the last is Foxglove's own
+# Commands offer these, so they are where loading them costs nothing.
+LOOPBACK = "127.0.0.1"
+PAGE_PORT = 8350
+LIVE_PORT = 8765  # Foxglove's default
 
-Progress = Callable[
-    [float], None
-]  # gets the share of some work that is done, as it grows
+# Receives the share of some work that is done, from 0 to 1.
+Progress = Callable[[float], None]

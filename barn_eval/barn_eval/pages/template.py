@@ -1,4 +1,4 @@
-"""Pages from the package's templates: Markdown, and HTML that is one file, with data packed into it."""
+"""Pages from the package's templates: HTML that is one file, with data packed into it."""
 
 import json
 from functools import cache
@@ -9,15 +9,15 @@ import jinja2
 from markupsafe import Markup
 
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.files import write_whole
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
 
-# What in JSON could end a script element, or a line of JavaScript, before its time.
-_UNSAFE = {
+# Characters that could end a script element or a line of JavaScript inside JSON.
+_UNSAFE_IN_SCRIPTS = {
     "<": "\\u003c",
     ">": "\\u003e",
     "&": "\\u0026",
@@ -27,60 +27,89 @@ _UNSAFE = {
 
 
 def render(template: str, **content: object) -> str:
-    """Return a page of the package's templates; in HTML all that is not markup of the package's own is escaped."""
+    """Return a page made from one of the package's templates.
+
+    In HTML everything is escaped that is not the package's own markup.
+
+    Args:
+        template: File name of the template.
+        **content: Values by the names that the template uses.
+    """
     return _environment().get_template(template).render(content)
 
 
 def write_page(path: Path, page: str | bytes) -> None:
-    """Write a page or picture whole or not at all; ConfigError or StoreError if it cannot be."""
+    """Write a page or picture whole or not at all, with the folders above it.
+
+    Args:
+        path: The file.
+        page: Its content.
+
+    Raises:
+        ConfigError: A folder cannot be made.
+        StoreError: The file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(
-            f"{path.parent}: cannot be written: {error.strerror or error}"
-        ) from None
-    write_whole(path, page if isinstance(page, bytes) else page.encode("utf-8"))
+        reason = error.strerror or error
+        raise ConfigError(f"{path.parent}: cannot be written: {reason}") from None
+    write_durably(path, page if isinstance(page, bytes) else page.encode("utf-8"))
 
 
 def script_json(content: object) -> Markup:
-    """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
+    """Return JSON that is safe inside a script element.
+
+    Numbers that JSON does not have become null.
+    """
     text = json.dumps(
-        finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":")
+        make_json_safe(content),
+        ensure_ascii=False,
+        allow_nan=False,
+        separators=(",", ":"),
     )
-    for character, escape in _UNSAFE.items():
+    for character, escape in _UNSAFE_IN_SCRIPTS.items():
         text = text.replace(character, escape)
-    return Markup(text)  # every character that is markup has been replaced  # noqa: S704  # nosec B704
+    # Every character that is markup has been replaced.
+    return Markup(text)  # noqa: S704  # nosec B704
 
 
 def asset(name: str) -> Markup:
-    """Return a style sheet or script of the package, to be written into a page."""
+    """Return a style sheet or script of the package for inclusion in a page."""
     text = (resources.files("barn_eval") / "data" / "page" / name).read_text("utf-8")
-    return Markup(text)  # the package's own file  # noqa: S704  # nosec B704
+    # The file is the package's own.
+    return Markup(text)  # noqa: S704  # nosec B704
 
 
-def colour_sheet() -> Markup:
-    """Return the palette as properties of a style sheet, on white and on dark paper."""
-    on_white = "".join(f"--{name}: {white}; " for name, (white, _) in PAGE.items())
-    on_dark = "".join(f"--{name}: {dark}; " for name, (_, dark) in PAGE.items())
-    on_dark += "".join(
-        f"{_property(colour)}: {dark}; " for colour, dark in PLANNERS_ON_DARK.items()
+def color_sheet() -> Markup:
+    """Return the palette as properties of a style sheet, for light and dark themes."""
+    light = "".join(f"--{name}: {color}; " for name, (color, _) in PAGE.items())
+    dark = "".join(f"--{name}: {color}; " for name, (_, color) in PAGE.items())
+    for color, dark_color in PLANNERS_ON_DARK.items():
+        dark += f"{_property_name(color)}: {dark_color}; "
+    dark_theme = (
+        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
     )
-    dark = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {on_dark}}} }}"
-    return Markup(f":root {{ color-scheme: light dark; {on_white}}}\n{dark}\n")  # noqa: S704  # nosec B704
+    sheet = f":root {{ color-scheme: light dark; {light}}}\n{dark_theme}\n"
+    # The palette is the package's own.
+    return Markup(sheet)  # noqa: S704  # nosec B704
 
 
-def themed(colour: str) -> str:
-    """Return a colour for style sheets: that of planners and moving obstacles is the theme's, any other is itself."""
-    if colour == MOVER:
+def themed(color: str) -> str:
+    """Return a color for style sheets that follows the theme.
+
+    Only the colors of planners and moving obstacles depend on the theme.
+    """
+    if color == MOVER:
         return f"var(--mover, {MOVER})"
-    return (
-        f"var({_property(colour)}, {colour})" if colour.upper() in PLANNERS else colour
-    )
+    if color.upper() in PLANNERS:
+        return f"var({_property_name(color)}, {color})"
+    return color
 
 
-def _property(colour: str) -> str:
-    """Return the name that a planner's colour has in style sheets."""
-    return f"--c-{colour[1:].lower()}"
+def _property_name(color: str) -> str:
+    """Return the name of a planner's color in style sheets."""
+    return f"--c-{color[1:].lower()}"
 
 
 @cache
@@ -93,8 +122,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals |= {"asset": asset, "colour_sheet": colour_sheet}
-    environment.filters |= {
-        one.__name__: one for one in (script_json, counted, number, spelling, themed)
-    }
+    environment.globals |= {"asset": asset, "color_sheet": color_sheet}
+    for function in (script_json, count_noun, number, spelling, themed):
+        environment.filters[function.__name__] = function
     return environment

@@ -1,16 +1,20 @@
-"""The folder of an experiment.
+"""The folder of a run.
 
-OUT/run.json                    configuration and checksums of worlds; versions, commit and machine of each session
-OUT/worlds.npz                  the worlds, where they were given as Python objects
-OUT/results.jsonl               one line per finished trial, on the disk before it counts, in the order they ended
-OUT/tracks.jsonl                one line per trial that began: what the robot did; at the end in the plan's order
-OUT/results.parquet, .csv       results in the order of the plan, without wall-clock figures; at the end
-OUT/timing.parquet, .csv        the wall-clock figures
-OUT/bags/TRIAL_ID/              rosbag2 directories, where asked for
-OUT/losses/TRIAL_ID.txt         what is known of attempts that gave no result
-OUT/tracebacks/TRIAL_ID.txt     of planners that raised an exception in mode direct
-OUT/logs/                       of mode ros: what the nodes printed
-OUT/replays/                    pages of replays, and bags made for them afterwards
+OUT/run.json                configuration and checksums of worlds; versions, commit and
+                            machine of each session
+OUT/worlds.npz              the worlds, where they were given as Python objects
+OUT/results.jsonl           one line per finished trial, on the disk before it counts,
+                            in the order in which trials ended
+OUT/tracks.jsonl            one line per trial that began: what the robot did; in the
+                            order of trials once the run is complete
+OUT/results.parquet, .csv   results in the order of trials, without wall-clock figures,
+                            once the run is complete
+OUT/timing.parquet, .csv    the wall-clock figures
+OUT/bags/TRIAL_ID/          rosbag2 directories, where the run keeps them
+OUT/losses/TRIAL_ID.txt     what is known of attempts that gave no result
+OUT/tracebacks/TRIAL_ID.txt of planners that raised an exception in mode direct
+OUT/logs/                   of mode ros: what the nodes printed
+OUT/replays/                pages of replays, and bags made for them afterwards
 """
 
 import fcntl
@@ -18,144 +22,178 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from barn_eval.results.bags import BAGS
 from barn_eval.results.rows import (
-    FILE_NAME,
+    ROWS_FILE,
     TABLE_FILES,
-    TRACKS_NAME,
-    ResultRows,
-    TrackRows,
+    TRACKS_FILE,
+    RowFile,
+    TrackFile,
     write_tables,
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
-from barn_eval.results.store import LOGS, Record
+from barn_eval.results.store import LOGS, TrialRecord
 from barn_eval.trials.result import Rows, TrialResult
-from barn_eval.trials.run_config import NO_SOURCE, Execution, Experiment
+from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import OF_SPEC
-from barn_worlds.base.errors import ConfigError, StoreError, reported_as
-from barn_worlds.base.files import PARTIAL, remove_partial
-from barn_worlds.formats.own import write_own
+from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
+from barn_worlds.base.files import PARTIAL_SUFFIX, remove_partial_files
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.worlds.world import World
 
-LOSSES, REPLAYS, TRACEBACKS = "losses", "replays", "tracebacks"
+LOSSES = "losses"
+REPLAYS = "replays"
+TRACEBACKS = "tracebacks"
 _LOCK = ".lock"
 
 
-class ExperimentFolder:
-    """The results of one experiment.
+class ResultsFolder:
+    """The results of one run, open for writing.
 
-    earlier: results that were there when it was opened, in the order of the plan. Those since are in the files
-    alone, so that memory does not grow with them while an experiment runs.
+    Attributes:
+        path: The folder.
+        completed: Results that were there when it was opened, in the order of trials.
+            Later ones are in the files alone, so that memory does not grow with them.
     """
 
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows) -> None:
         self.path = path
-        self._rows = ResultRows(path)
-        self._tracks = TrackRows(path)
-        self._order = {spec.trial_id: place for place, spec in enumerate(specs)}
-        self.earlier = self._in_order(results)
-        self._done = {result.trial_id for result in results}
-        self._fair = fair_order(specs)
+        self._rows = RowFile(path)
+        self._tracks = TrackFile(path)
+        self._places = {spec.trial_id: place for place, spec in enumerate(specs)}
+        self.completed = self._in_order(results)
+        self._completed_ids = {result.trial_id for result in results}
+        self._schedule = order_trials_fairly(specs)
+
+    @classmethod
+    @contextmanager
+    def open(
+        cls,
+        path: Path,
+        config: RunConfig,
+        execution: ExecutionConfig,
+        specs: Sequence[TrialSpec],
+        worlds: Mapping[int, World] | None = None,
+        *,
+        isolation: str = "",
+        overwrite: bool = False,
+    ) -> "Iterator[ResultsFolder]":
+        """Begin a run in a folder or resume it there, alone while the context lasts.
+
+        A folder of another run that has no result yet is taken over.
+
+        Args:
+            path: Folder, which need not exist.
+            config: Configuration of the run.
+            execution: How this session executes it.
+            specs: Trials of the run.
+            worlds: Worlds that the folder is to keep, by number.
+            isolation: What keeps planner processes apart in this session, over ROS.
+            overwrite: Remove the results of another run.
+
+        Yields:
+            The open folder.
+
+        Raises:
+            ConfigError: The folder holds results of another run, of other worlds, or
+                anything else; or another process works in it.
+            StoreError: The folder cannot be written.
+        """
+        checksums = {spec.world_number: spec.world.checksum for spec in specs}
+        run_file = RunFile.for_run(path, config, checksums)
+        find_completed(run_file, specs, overwrite=overwrite)
+        with _lock(path):
+            remove_partial_files(path)
+
+            # Another process may have worked here until the lock was taken.
+            completed = find_completed(run_file, specs, overwrite=overwrite)
+            if not completed.results:
+                # Logs of the same run tell of trials that ended with an earlier
+                # session.
+                is_same_run = (
+                    not overwrite
+                    and run_file.path.exists()
+                    and RunFile.read(path).config == run_file.config
+                )
+                _remove_results(path, logs=not is_same_run)
+            elif completed.dropped_count:
+                RowFile(path).replace(completed.results)
+
+            if worlds is not None and not (path / WORLDS).exists():
+                write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
+            run_file = replace(run_file, sessions=completed.sessions)
+            run_file.with_session(execution, isolation).write()
+            yield cls(path, specs, completed.results)
 
     @property
     def remaining(self) -> list[TrialSpec]:
         """The trials that have no result yet, in fair order."""
-        return [spec for spec in self._fair if spec.trial_id not in self._done]
+        completed_ids = self._completed_ids
+        return [spec for spec in self._schedule if spec.trial_id not in completed_ids]
 
     @property
     def total(self) -> int:
-        """Number of trials of the whole experiment."""
-        return len(self._order)
+        """Number of trials of the whole run."""
+        return len(self._places)
 
     def results(self) -> list[TrialResult]:
-        """Return the results so far in the order of the plan."""
+        """Return the results so far in the order of trials."""
         return self._in_order(self._rows.read())
 
     def _in_order(self, results: Rows) -> list[TrialResult]:
-        return sorted(results, key=lambda result: self._order[result.trial_id])
+        return sorted(results, key=lambda result: self._places[result.trial_id])
 
-    def append(self, record: Record) -> None:
+    def append(self, record: TrialRecord) -> None:
         """Keep a trial's result and, before it, the line of its track."""
         trial_id = record.result.trial_id
-        if trial_id in self._done:
+        if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} has a result already")
         if record.track is not None:
             self._tracks.append(record.track)
         self._rows.append(record.result)
-        self._done.add(trial_id)
+        self._completed_ids.add(trial_id)
 
-    def note(self, kind: str, trial_id: str, text: str) -> None:
-        """Keep a text on a trial in the folder LOSSES or TRACEBACKS; StoreError if it cannot be written."""
+    def write_note(self, kind: str, trial_id: str, text: str) -> None:
+        """Add a text to what is known of a trial.
+
+        Args:
+            kind: Folder of such texts, LOSSES or TRACEBACKS.
+            trial_id: Name of the trial.
+            text: The text, one or more lines.
+
+        Raises:
+            StoreError: It cannot be written.
+        """
         path = self.path / kind / f"{trial_id}.txt"
-        with reported_as(StoreError, f"{path}: cannot be written"):
+        now = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        with convert_os_errors(StoreError, f"{path}: cannot be written"):
             path.parent.mkdir(exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
-                file.write(
-                    f"{datetime.now(timezone.utc).isoformat(timespec='seconds')} {text}\n"
-                )
+                file.write(f"{now} {text}\n")
 
     def complete(self) -> list[TrialResult]:
-        """Write the tables and put the tracks in order, now that no trial is missing, and return all results."""
+        """Write the tables, put the tracks in order and return all results.
+
+        Raises:
+            ValueError: A trial has no result.
+        """
         results = self.results()
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
-        self._tracks.arrange(list(self._order))
+        self._tracks.arrange(list(self._places))
         return results
 
 
-def fair_order(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
-    """Return trials in an order of which every beginning holds easy and difficult worlds alike.
-
-    Repetition by repetition, worlds in the order of van der Corput's sequence over their numbers, which are ranks of
-    difficulty in the data sets of the suite, and all planners in a world one after the other.
-    """
-    place = {
-        world: number
-        for number, world in enumerate(fair_worlds(spec.index for spec in specs))
-    }
-    return sorted(specs, key=lambda spec: (spec.repetition, place[spec.index]))
-
-
-def fair_worlds(worlds: Iterable[int]) -> list[int]:
-    """Return the numbers of worlds in the order of `fair_order`."""
-    ranked = sorted(set(worlds))
-    bits = (len(ranked) - 1).bit_length()
-    return [
-        one
-        for _, one in sorted(
-            (int(f"{rank:0{bits}b}"[::-1], 2), one) for rank, one in enumerate(ranked)
-        )
-    ]
-
-
 @contextmanager
-def opened(
-    path: Path,
-    experiment: Experiment,
-    execution: Execution,
-    specs: Sequence[TrialSpec],
-    worlds: Mapping[int, World] | None = None,
-    *,
-    overwrite: bool = False,
-) -> Iterator[ExperimentFolder]:
-    """Begin an experiment in a folder, or resume it there, alone for as long as the context lasts.
-
-    A folder of another experiment that has no result yet is taken over; one with results only with `overwrite`, which
-    removes them. worlds: those that the folder is to keep. Raises ConfigError if it holds results of another
-    experiment, of other worlds, or anything else; StoreError if it cannot be written.
-    """
-    asked = RunFile.of(
-        path, experiment, {spec.index: spec.world.checksum for spec in specs}
-    )
-    earlier_results(asked, specs, overwrite=overwrite)
-    with reported_as(StoreError, f"{path}: cannot be written"):
+def _lock(path: Path) -> Iterator[None]:
+    """Make a folder if need be and keep other processes from working in it."""
+    with convert_os_errors(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
         lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
@@ -165,137 +203,189 @@ def opened(
             raise ConfigError(
                 f"{path}: another process is working in this folder"
             ) from None
-        remove_partial(path)
-        sessions, results, dropped = earlier_results(asked, specs, overwrite=overwrite)
-        if results and dropped:
-            ResultRows(path).replace(results)
-        elif not results:
-            # the logs of the same experiment tell of trials that ended with a run before, in their midst
-            same = (
-                not overwrite
-                and asked.path.exists()
-                and RunFile.read(path).experiment == asked.experiment
-            )
-            _remove(path, logs=not same)
-        if worlds is not None and not (path / WORLDS).exists():
-            write_own(path / WORLDS, Path(WORLDS).stem, worlds)
-        replace(asked, sessions=sessions).with_session(execution).write()
-        yield ExperimentFolder(path, specs, results)
+        yield
     finally:
         os.close(lock)
 
 
-class EarlierResults(NamedTuple):
-    """What an experiment finds in its folder: sessions, results that stay, and how many rows are to be run again."""
+def order_trials_fairly(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
+    """Return trials in an order whose every beginning mixes easy and difficult worlds.
+
+    Repetition by repetition, worlds as `order_worlds_fairly` has them, and all planners
+    in a world one after the other.
+    """
+    worlds = order_worlds_fairly(spec.world_number for spec in specs)
+    places = {world: place for place, world in enumerate(worlds)}
+    return sorted(specs, key=lambda spec: (spec.repetition, places[spec.world_number]))
+
+
+def order_worlds_fairly(worlds: Iterable[int]) -> list[int]:
+    """Return numbers of worlds in the order of van der Corput's sequence.
+
+    Numbers are ranks of difficulty in the data sets of the suite.
+    """
+    ranked = sorted(set(worlds))
+    bits = (len(ranked) - 1).bit_length()
+    keys = {}
+    for rank, world in enumerate(ranked):
+        reversed_bits = f"{rank:0{bits}b}"[::-1]
+        keys[world] = int(reversed_bits, 2)
+    return sorted(ranked, key=keys.__getitem__)
+
+
+@dataclass(frozen=True)
+class CompletedTrials:
+    """What a run has in its folder already."""
 
     sessions: tuple[Mapping[str, Any], ...] = ()
     results: Rows = ()
-    dropped: int = 0
+    # Rows of trials that failed by no fault of the planner, which are run again.
+    dropped_count: int = 0
 
 
-def earlier_results(
-    asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
-) -> EarlierResults:
-    """Return what an experiment has in its folder already; ConfigError if the folder is another's.
+def find_completed(
+    run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
+) -> CompletedTrials:
+    """Return what a run has in its folder already; nothing is written.
 
-    Trials that failed by no fault of the planner have no result: they are to be run again. Nothing is written. asked:
-    what the folder's run.json is to say.
+    Args:
+        run_file: What the folder's run.json is to say.
+        specs: Trials of the run.
+        overwrite: Ignore the results of another run.
+
+    Raises:
+        ConfigError: The folder holds results of another run, or anything else.
     """
-    path = asked.path.parent
-    if not asked.path.exists():
+    path = run_file.path.parent
+    if not run_file.path.exists():
         # A kill may leave a file of which only the beginning was written.
-        left = path.iterdir() if path.is_dir() else ()
-        if any(
-            one.name != _LOCK
-            and not (one.name.startswith(".") and one.name.endswith(PARTIAL))
-            for one in left
-        ):
-            raise ConfigError(f"{path}: is not empty and holds no experiment")
-        return EarlierResults()
-    there = RunFile.read(path)
-    rows = [] if overwrite else ResultRows(path).read()
-    results = [result for result in rows if result.counts]
-    if not results:
-        return EarlierResults()
-    there.require_same(asked)
-    known, task = {spec.trial_id: spec for spec in specs}, there.written_task()
-    for result in results:
-        if result.trial_id not in known:
-            raise ConfigError(
-                f"{path}: holds a result of {result.trial_id}, which is no trial of this experiment"
+        for file in path.iterdir() if path.is_dir() else ():
+            is_partial = file.name.startswith(".") and file.name.endswith(
+                PARTIAL_SUFFIX
             )
-        require_of(result, known[result.trial_id], task, path)
-    for planner in there.experiment["planners"]:
-        if planner["source"] == NO_SOURCE and len(results) < len(specs):
-            told = "has no source, so that whether it is the same cannot be told; use another folder"
-            raise ConfigError(f"{path}: planner {planner['name']!r} {told}")
-    return EarlierResults(there.sessions, results, len(rows) - len(results))
+            if file.name != _LOCK and not is_partial:
+                raise ConfigError(f"{path}: is not empty and holds no run")
+        return CompletedTrials()
+
+    previous = RunFile.read(path)
+    rows = [] if overwrite else RowFile(path).read()
+    results = [row for row in rows if row.is_scored]
+    if not results:
+        return CompletedTrials()
+
+    previous.require_same_run(run_file)
+    specs_by_id = {spec.trial_id: spec for spec in specs}
+    task = previous.task_fingerprint()
+    for result in results:
+        if result.trial_id not in specs_by_id:
+            raise ConfigError(
+                f"{path}: holds a result of {result.trial_id}, which is no trial of"
+                " this run"
+            )
+        require_row_of_trial(result, specs_by_id[result.trial_id], task, path)
+    for planner in previous.config["planners"]:
+        if planner["source"] == UNKNOWN_SOURCE and len(results) < len(specs):
+            raise ConfigError(
+                f"{path}: planner {planner['name']!r}: its source is unknown, so the"
+                " run cannot be resumed; use another folder"
+            )
+    dropped_count = len(rows) - len(results)
+    return CompletedTrials(previous.sessions, results, dropped_count)
 
 
-def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> None:
-    """Raise ConfigError naming the first field by which a row in a folder is not of the trial of its name."""
+def require_row_of_trial(
+    result: TrialResult, spec: TrialSpec, task: str, path: Path
+) -> None:
+    """Raise ConfigError naming the first field by which a row is of another trial.
+
+    Args:
+        result: The row.
+        spec: The trial of the row's name.
+        task: Fingerprint of the task in the folder's run.json.
+        path: The folder, which the message names.
+    """
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(
-            f"{path}: world {result.world} is not the one that {result.trial_id} was run in"
+            f"{path}: world {result.world} is not the one that {result.trial_id} was"
+            " run in"
         )
-    for name, value in [
-        ("world", spec.index),
-        *((name, getattr(spec, name)) for name in OF_SPEC),
-    ]:
-        if getattr(result, name) != value:
+    columns = {
+        "world": spec.world_number,
+        "planner": spec.planner,
+        "repetition": spec.repetition,
+        "campaign_seed": spec.run_seed,
+        "simulator_seed": spec.simulator_seed,
+        "planner_seed": spec.planner_seed,
+    }
+    for column, value in columns.items():
+        row_value = getattr(result, column)
+        if row_value != value:
             raise ConfigError(
-                f"{path}: {result.trial_id} has {name} {getattr(result, name)!r}, must have {value!r}"
+                f"{path}: {result.trial_id} has {column} {row_value!r}, must have"
+                f" {value!r}"
             )
     _require_task(result, task, path)
 
 
 def _require_task(result: TrialResult, task: str, path: Path) -> None:
     if result.task not in ("", task):
-        told = f"was run as task {result.task}, but {RUN_FILE} describes {task}: one of them was changed"
-        raise ConfigError(f"{path}: {result.trial_id} {told}")
+        raise ConfigError(
+            f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE}"
+            f" describes {task}: one of them was changed"
+        )
 
 
-def new_folder() -> Path:
-    """Return the path of a folder under out/ for an experiment without one of its own, named by the time."""
+def default_folder() -> Path:
+    """Return a new folder under out/ for a run that names none, called by the time."""
     return Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
 
 
 def read_results(path: Path) -> list[TrialResult]:
-    """Return the results of a run or campaign, finished or not; ConfigError as `results_of`, or if there are none."""
-    rows = ResultRows(path).read()
-    if not any(row.counts for row in rows):
-        raise ConfigError(f"{path}: holds no results of a run or campaign")
-    return results_of(RunFile.read(path), path, rows)
+    """Return the scored results of a run, finished or not.
+
+    Raises:
+        ConfigError: There are none, or one belongs to another task.
+    """
+    rows = RowFile(path).read()
+    if not any(row.is_scored for row in rows):
+        raise ConfigError(f"{path}: holds no results of a run")
+    return select_scored(RunFile.read(path), path, rows)
 
 
-def results_of(run: RunFile, path: Path, rows: Rows) -> list[TrialResult]:
-    """Return those among the rows of a folder that are not to be run again; ConfigError for one of another task."""
-    results, written = [row for row in rows if row.counts], run.written_task()
+def select_scored(run_file: RunFile, path: Path, rows: Rows) -> list[TrialResult]:
+    """Return the rows of a folder that are not to be run again.
+
+    Args:
+        run_file: The folder's run.json.
+        path: The folder, which messages name.
+        rows: Rows of the folder.
+
+    Raises:
+        ConfigError: A row belongs to another task.
+    """
+    results = [row for row in rows if row.is_scored]
+    task = run_file.task_fingerprint()
     for result in results:
-        _require_task(result, written, path)
+        _require_task(result, task, path)
     return results
 
 
-def _remove(path: Path, *, logs: bool) -> None:
-    """Remove what an experiment has written, its logs where that is asked for, and nothing else."""
-    for name in (
-        RUN_FILE,
-        FILE_NAME,
-        TRACKS_NAME,
-        *TABLE_FILES,
-        WORLDS,
-        f"{Path(WORLDS).stem}.manifest.json",
-    ):
+def _remove_results(path: Path, *, logs: bool) -> None:
+    """Remove what a run has written, with or without its logs, and nothing else."""
+    manifest = f"{Path(WORLDS).stem}.manifest.json"
+    for name in (RUN_FILE, ROWS_FILE, TRACKS_FILE, *TABLE_FILES, WORLDS, manifest):
         (path / name).unlink(missing_ok=True)
+
     for name in (BAGS, LOSSES, TRACEBACKS):
-        for one in (path / name).glob("*_w[0-9]*_r[0-9]*"):
-            shutil.rmtree(
-                one
-            ) if one.is_dir() and not one.is_symlink() else one.unlink()
-        with suppress(
-            OSError
-        ):  # it is not there, or holds what somebody else has put into it
+        for entry in (path / name).glob("*_w[0-9]*_r[0-9]*"):
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
+        # It is not there, or holds what somebody else has put into it.
+        with suppress(OSError):
             (path / name).rmdir()
-    for name in (*((LOGS,) if logs else ()), REPLAYS):
+
+    for name in (LOGS, REPLAYS) if logs else (REPLAYS,):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

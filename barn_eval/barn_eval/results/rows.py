@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Scores
 from barn_eval.trials.result import (
     Rows,
@@ -23,14 +24,14 @@ from barn_eval.trials.result import (
     from_json_line,
     to_json_line,
 )
-from barn_eval.trials.trajectory import Encounters, Measures
+from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, StoreError, reported_as
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_lines
 
-FILE_NAME = "results.jsonl"
-TRACKS_NAME = "tracks.jsonl"
+ROWS_FILE = "results.jsonl"
+TRACKS_FILE = "tracks.jsonl"
 RESULTS, TIMING = "results", "timing"  # tables, which `tables` writes
 TABLE_FILES = tuple(
     f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv")
@@ -38,11 +39,11 @@ TABLE_FILES = tuple(
 _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
 
 
-class ResultRows:
+class RowFile:
     """The rows of one folder, in the order in which the trials ended; one process writes at a time."""
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / FILE_NAME
+        self.path = folder / ROWS_FILE
 
     def append(self, result: TrialResult) -> None:
         """Add a row and see it onto the disk; StoreError, with the rows as they were, if that fails."""
@@ -50,9 +51,11 @@ class ResultRows:
 
     def replace(self, results: Rows) -> None:
         """Keep these rows and no others; StoreError, with the rows as they were, if that fails."""
-        write_whole(
+        write_durably(
             self.path,
-            "".join(f"{sealed(to_json_line(result))}\n" for result in results).encode(),
+            "".join(
+                f"{seal_line(to_json_line(result))}\n" for result in results
+            ).encode(),
         )
 
     def read(self) -> list[TrialResult]:
@@ -66,11 +69,11 @@ class ResultRows:
         return list(rows.values())
 
 
-class TrackRows:
+class TrackFile:
     """The tracks of one folder; a trial that a kill left without a row is run again, and its last track counts."""
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / TRACKS_NAME
+        self.path = folder / TRACKS_FILE
 
     def append(self, line: str) -> None:
         """Add the line of a track and see it onto the disk; StoreError, with the lines as they were, if that fails."""
@@ -83,20 +86,22 @@ class TrackRows:
     def arrange(self, order: Sequence[str]) -> None:
         """Bring the lines into an order of trials, one of each, so that the file no longer tells who ended when."""
         tracks = self.read()
-        after = [sealed(tracks[trial_id]) for trial_id in order if trial_id in tracks]
+        after = [
+            seal_line(tracks[trial_id]) for trial_id in order if trial_id in tracks
+        ]
         if after != [line for _, line in read_lines(self.path)]:
-            write_whole(self.path, "".join(f"{line}\n" for line in after).encode())
+            write_durably(self.path, "".join(f"{line}\n" for line in after).encode())
 
 
 def _append_line(path: Path, line: str) -> None:
     """Add a sealed line to a file and see it onto the disk; StoreError, with whole lines as they were, if not."""
     with (
-        reported_as(StoreError, f"{path}: cannot be written"),
+        convert_os_errors(StoreError, f"{path}: cannot be written"),
         path.open("a+b", buffering=0) as file,
     ):
         whole = _drop_torn_line(file)
         try:
-            data = memoryview(f"{sealed(line)}\n".encode())
+            data = memoryview(f"{seal_line(line)}\n".encode())
             while data:
                 data = data[file.write(data) :]
             os.fsync(file.fileno())
@@ -106,15 +111,15 @@ def _append_line(path: Path, line: str) -> None:
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[str, str]]:
-    return ((where, unsealed(line, where)) for where, line in read_lines(path))
+    return ((where, unseal_line(line, where)) for where, line in read_lines(path))
 
 
-def sealed(line: str) -> str:
+def seal_line(line: str) -> str:
     """Return a line of a JSON object with its checksum as the last key."""
     return f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}'
 
 
-def unsealed(line: str, where: str) -> str:
+def unseal_line(line: str, where: str) -> str:
     """Return a line without its checksum; ConfigError, beginning with `where`, if that is missing or wrong."""
     seal = _SEAL.search(line)
     if seal is None:
@@ -185,8 +190,8 @@ def write_tables(folder: Path, results: Rows) -> None:
     ):
         buffer = io.BytesIO()
         pyarrow.parquet.write_table(table, buffer, compression="zstd")
-        write_whole(folder / f"{name}.parquet", buffer.getvalue())
-        write_whole(folder / f"{name}.csv", csv_bytes(table))
+        write_durably(folder / f"{name}.parquet", buffer.getvalue())
+        write_durably(folder / f"{name}.csv", csv_bytes(table))
 
 
 def csv_bytes(table: pa.Table) -> bytes:

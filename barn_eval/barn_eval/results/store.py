@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barn_eval.results.bags import BAGS
-from barn_eval.results.run_file import versions
+from barn_eval.results.provenance import versions
 from barn_eval.results.tracks import track_line
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trial import FinishedTrial
@@ -22,7 +22,7 @@ LOGS = "logs"
 
 
 @dataclass(frozen=True)
-class Record:
+class TrialRecord:
     """What is kept of a trial: its result, the line of its track, None where nothing was driven, and a traceback."""
 
     result: TrialResult
@@ -31,7 +31,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Store:
+class BagStore:
     """Where trials leave their bags; workers share it."""
 
     folder: Path
@@ -50,12 +50,12 @@ class Store:
         with Recorder(path) as recorder:
             yield recorder
 
-    def keep(self, finished: FinishedTrial) -> Record:
+    def make_record(self, finished: FinishedTrial) -> TrialRecord:
         """Drop a bag that is not wanted, and return what else is to be kept."""
         result = finished.result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
-        return Record(result, track_line(finished), finished.traceback)
+        return TrialRecord(result, track_line(finished), finished.traceback)
 
     def _bag(self, trial_id: str) -> Path:
         return self.folder / BAGS / trial_id

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.trials.trajectory import Trajectory, clearances
+from barn_eval.trials.trajectory import Trajectory, compute_clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.base.types import NANOSECONDS
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.robots.contact import contact_footprint
 
 _NAMES = {"u": "Uint", "i": "Int", "f": "Float"}  # of JavaScript's typed arrays
 _KINDS = {
@@ -29,7 +30,7 @@ _KINDS = {
 _TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
 
 
-def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
     """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length)."""
     parts: list[bytes] = []
     layout: dict[str, list[Any]] = {}
@@ -50,7 +51,9 @@ def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
     }
 
 
-def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray[Any]]:
+def unpack_arrays(
+    content: Mapping[str, Any], most_bytes: int
+) -> dict[str, npt.NDArray[Any]]:
     """Return the flat arrays of what `pack` has made; ValueError for anything else, or for more than `most_bytes`."""
     text, layout = content.get("zlib"), content.get("arrays")
     if not isinstance(text, str) or not isinstance(layout, dict):
@@ -71,14 +74,14 @@ def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray
         }
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"packed arrays do not hold what they say: {shown(layout)}"
+            f"packed arrays do not hold what they say: {format_value(layout)}"
         ) from None
 
 
 SCHEMA_VERSION = 1
 PERIOD_S = 0.2
-MOST_SAMPLES = 300
-NO_NUMBER = -32768
+MAX_SAMPLES = 300
+MISSING_SAMPLE = -32768
 _LARGEST = 32767
 _LARGEST_STEP = 1e30
 # Smallest step of what a sample holds, in its own unit; a track that does not fit takes a multiple.
@@ -97,7 +100,7 @@ CHANNELS = (
 _COMMANDS = slice(6, 8)
 LARGEST_COMMAND = 65.0  # m/s or rad/s: what is beyond, up to infinity, is kept as this and costs the others no digit
 # What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the first comes on top.
-_MOST_BYTES = (MOST_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
+_MOST_BYTES = (MAX_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,18 +127,18 @@ class Track:
         steps = self.steps
         known = np.isfinite(self.samples)
         whole = np.where(
-            known, np.round(np.where(known, self.samples, 0.0) / steps), NO_NUMBER
+            known, np.round(np.where(known, self.samples, 0.0) / steps), MISSING_SAMPLE
         ).astype(np.int16)
         differences = np.diff(
             whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16)
         )  # wraps around
-        content = pack(
+        content = pack_arrays(
             {"samples": differences.T.ravel(), "contact": self.contact.astype(np.uint8)}
         )
         return content | {"steps": steps.tolist(), "note": self.note}
 
 
-def thinned(samples: Floats, contact: Bools) -> Track:
+def thin_samples(samples: Floats, contact: Bools) -> Track:
     """Return the track of samples (n, 9) after `CHANNELS`, n at least 1, and contact (n,): 5 a second, `MOST_SAMPLES`.
 
     Kept are the first sample, then every k-th and the last one; contact and smallest clearance are those since the one
@@ -148,7 +151,7 @@ def thinned(samples: Floats, contact: Bools) -> Track:
     times = samples[:, 0]
     period_s = float(np.median(np.diff(times))) if len(times) > 1 else PERIOD_S
     wished = round(PERIOD_S / period_s) if period_s > 0.0 else 1
-    stride = max(1, wished, -(-len(samples) // MOST_SAMPLES))
+    stride = max(1, wished, -(-len(samples) // MAX_SAMPLES))
     first = np.arange(0, len(samples), stride)
     last = np.minimum(first + stride - 1, len(samples) - 1)
     kept = samples[last]
@@ -161,26 +164,26 @@ def thinned(samples: Floats, contact: Bools) -> Track:
     return Track(kept, touched)
 
 
-def track_of(
+def make_track(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Track | None:
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
-    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
-    gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline)
+    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS_PER_SECOND
+    gaps = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack(
         [times, trajectory.truth, trajectory.velocity, _held(trajectory.command), gaps]
     )
-    return thinned(samples, trajectory.contact)
+    return thin_samples(samples, trajectory.contact)
 
 
 def track_line(finished: FinishedTrial) -> str | None:
     """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
     world = finished.spec.world
-    outline = contact_of(finished.spec.simulator.chassis)
-    track = track_of(
+    outline = contact_footprint(finished.spec.simulator.chassis)
+    track = make_track(
         finished.trajectory, world.cylinders_m, world.cylinder_radius_m, outline
     )
     if track is None:
@@ -192,7 +195,7 @@ def track_line(finished: FinishedTrial) -> str | None:
     return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
 
-def from_track_line(line: str, where: str) -> tuple[str, Track]:
+def parse_track_line(line: str, where: str) -> tuple[str, Track]:
     """Return a trial's name and track from a line of JSON; ConfigError, beginning with `where`, if it is not one."""
     content = parse_json(line, where)
     try:
@@ -215,9 +218,9 @@ def _read(content: object) -> tuple[str, Track]:
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
         raise ValueError(
-            f"schema_version must be {SCHEMA_VERSION}, got {shown(content.get('schema_version'))}"
+            f"schema_version must be {SCHEMA_VERSION}, got {format_value(content.get('schema_version'))}"
         )
-    arrays, steps = unpack(content, _MOST_BYTES), content.get("steps", [])
+    arrays, steps = unpack_arrays(content, _MOST_BYTES), content.get("steps", [])
     samples, contact = (
         arrays.get(name, np.empty(0)) for name in ("samples", "contact")
     )
@@ -235,7 +238,9 @@ def _read(content: object) -> tuple[str, Track]:
         least = f"one finite number per channel of at most {_LARGEST_STEP:g}"
         raise ValueError(f"there are no samples, or steps are not {least}")
     whole = np.cumsum(samples.reshape(len(CHANNELS), -1), axis=1, dtype=np.int16).T
-    values = np.where(whole == NO_NUMBER, np.nan, whole * np.array(steps, np.float64))
+    values = np.where(
+        whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, np.float64)
+    )
     note = content.get("note", "")
     return content["trial_id"], Track(
         values, contact.astype(np.bool_), note if isinstance(note, str) else ""

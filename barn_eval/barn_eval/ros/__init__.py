@@ -1,1 +1,1 @@
-"""ROS 2 nodes of the package and what only they need; the cores never import from here."""
+"""The evaluator: runs trials with any planner over ROS 2."""

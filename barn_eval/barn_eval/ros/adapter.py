@@ -1,4 +1,4 @@
-"""From messages to a trial: readings and commands are read off them, tick by tick, and what is recorded is told."""
+"""Feeds a trial with the readings and commands in its messages, tick by tick."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from barn_eval.results.bags.decode import planner_status
+from barn_eval.results.bags.decode import decode_planner_status
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.errors import MessageError
@@ -16,7 +16,7 @@ from barn_worlds.messages import decode
 
 
 class TrialTopics(NamedTuple):
-    """The topics that a trial is judged by, as they are named."""
+    """The resolved names of the topics that a trial is judged by."""
 
     clock: str
     odometry: str
@@ -29,15 +29,14 @@ class TrialTopics(NamedTuple):
 
     @property
     def of_simulator(self) -> tuple[str, ...]:
-        """Those that only the simulator publishes."""
+        """Topics that only the simulator may publish."""
         return self.clock, self.scan, self.odometry, self.truth, self.collision
 
 
 class TrialAdapter:
-    """Feed a trial, which begins at `origin_ns`, with what of each tick belongs to it.
+    """Does with messages what a direct trial does in its loop.
 
-    What a direct trial does in one loop is here read off the messages: the readings of a tick are judged, then the
-    commands that answer them. Times count from the origin. plan_frame: in which plans count.
+    The readings of a tick are judged first, then the commands that answer them.
     """
 
     def __init__(
@@ -48,110 +47,154 @@ class TrialAdapter:
         command_type: str,
         plan_frame: str = "odom",
     ) -> None:
-        self.trial, self.now_ns, self.waited_s = trial, origin_ns, 0.0
-        self.response_times_s: list[
-            float
-        ] = []  # from scans to commands by the wall clock; waited_s is their sum
-        self.commands_ns: list[
-            int
-        ] = []  # when commands came, the clock being at `now_ns`
-        self._topics, self._origin_ns = topics, origin_ns
-        self._command_type, self._plan_frame = command_type, plan_frame
+        """Prepare for the first tick.
+
+        Args:
+            topics: Names of the topics.
+            trial: Receives readings, commands, plans and the planner's status.
+            origin_ns: Simulated time at which the trial begins; its times count from
+                there.
+            command_type: ROS type of the commands.
+            plan_frame: Frame in which plans count; others are left out.
+        """
+        self.trial = trial
+        # The simulated time now.
+        self.now_ns = origin_ns
+        # Wall-clock times from scans to the commands that answer them, and their sum.
+        self.response_times_s: list[float] = []
+        self.waited_s = 0.0
+        # Simulated times at which commands came.
+        self.commands_ns: list[int] = []
+        self._topics = topics
+        self._origin_ns = origin_ns
+        self._command_type = command_type
+        self._plan_frame = plan_frame
         self._odometry: Odometry | None = None
         self._truth: Odometry | None = None
         self._collision = False
-        self._scan_sent_ns: int | None = None
+        self._unanswered_scan_ns: int | None = None
 
     def take(self, tick: Tick) -> list[Message]:
-        """Feed a tick and return what of it belongs to the trial: nothing that is sent after the verdict."""
-        kept: list[Message] = []
+        """Feed a tick to the trial.
+
+        Args:
+            tick: A complete tick.
+
+        Returns:
+            Its messages that belong to the trial: nothing sent after the verdict.
+        """
+        trial_messages: list[Message] = []
         if self.trial.verdict is not None:
-            return kept
+            return trial_messages
+
         self.now_ns = tick.stamp_ns
         for message in tick.messages:
-            if message.topic == self._topics.command and self._read():
+            # A command answers the reading before it, which may end the trial.
+            if message.topic == self._topics.command and self._judge_reading():
                 continue
-            self._take(message)
-            kept.append(message)
-        self._read()
-        return kept
+            self._take_message(message)
+            trial_messages.append(message)
+        self._judge_reading()
+        return trial_messages
 
-    def _take(self, message: Message) -> None:
+    def _take_message(self, message: Message) -> None:
         topics = self._topics
         if message.topic == topics.odometry:
-            self._odometry = self._from_origin(decode.odometry(message.data))
+            self._odometry = self._decode_odometry(message)
         elif message.topic == topics.truth:
-            self._read()  # two readings in one tick: a clock that ticks less often than the robot is measured
-            self._truth = self._from_origin(decode.odometry(message.data))
+            # A tick has two readings where /clock ticks less often than the robot is
+            # measured.
+            self._judge_reading()
+            self._truth = self._decode_odometry(message)
         elif message.topic == topics.collision:
             self._collision = decode.boolean(message.data) or self._collision
         elif message.topic == topics.scan:
-            self._scan_sent_ns = message.sent_ns
+            self._unanswered_scan_ns = message.sent_ns
         elif message.topic == topics.diagnostics:
-            if status := planner_status(message.data):
+            status = decode_planner_status(message.data)
+            if status:
                 self.trial.report(status)
         elif message.topic == topics.plan:
-            self._plan(message)
+            self._take_plan(message)
         elif message.topic == topics.command:
-            self._command(message)
+            self._take_command(message)
 
-    def _command(self, message: Message) -> None:
+    def _take_command(self, message: Message) -> None:
         self.commands_ns.append(self.now_ns)
-        if self._scan_sent_ns is not None:
-            self.response_times_s.append(
-                max(0.0, seconds(message.sent_ns - self._scan_sent_ns))
-            )
+        if self._unanswered_scan_ns is not None:
+            response_s = seconds(message.sent_ns - self._unanswered_scan_ns)
+            self.response_times_s.append(max(0.0, response_s))
             self.waited_s += self.response_times_s[-1]
-            self._scan_sent_ns = None
+            self._unanswered_scan_ns = None
         self.trial.command(decode.command(message.data, self._command_type))
 
-    def _plan(self, message: Message) -> None:
-        with suppress(MessageError):  # a planner may publish something else there
+    def _take_plan(self, message: Message) -> None:
+        # A planner may publish something that is no path there.
+        with suppress(MessageError):
             header = decode.header(message.data)
             if header.frame.lstrip("/") == self._plan_frame:
-                self.trial.plan(
-                    decode.path(message.data), header.stamp_ns - self._origin_ns
-                )
+                stamp_ns = header.stamp_ns - self._origin_ns
+                self.trial.plan(decode.path(message.data), stamp_ns)
 
-    def _read(self) -> bool:
-        """Hand the reading that has come together to the trial, if there is one; return whether the trial is over."""
+    def _judge_reading(self) -> bool:
+        """Hand a complete reading to the trial, and return whether that is over."""
         if (
             self._truth is not None
             and self._odometry is not None
             and self.trial.verdict is None
         ):
-            truth, collision, self._truth, self._collision = (
-                self._truth,
-                self._collision,
-                None,
-                False,
-            )
-            self.trial.read(self._odometry, truth, collision)
+            self.trial.read(self._odometry, self._truth, self._collision)
+            self._truth = None
+            self._collision = False
         return self.trial.verdict is not None
 
-    def _from_origin(self, odometry: Odometry) -> Odometry:
+    def _decode_odometry(self, message: Message) -> Odometry:
+        odometry = decode.odometry(message.data)
         return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)
 
 
-def missed_periods(
+def count_missed_periods(
     commands_ns: Sequence[int], now_ns: int, period_ns: int, silence_ns: int
 ) -> int:
-    """Return how many control periods went by without a command, in simulated time from the first one to now.
+    """Return how many control periods passed without a command, from the first to now.
 
-    A command is late once it comes more than half a period after its time. A pause of more than `silence_ns`, after
-    which the robot stands still, is taken for the planner's will.
+    A command is late once it comes more than half a period after its time.
+
+    Args:
+        commands_ns: Simulated times of commands, ascending.
+        now_ns: Simulated time at the end.
+        period_ns: Control period of the planner.
+        silence_ns: Pause after which the robot stands still; a longer one counts as
+            the planner's will.
+
+    Returns:
+        Number of missed periods.
     """
-    pauses_ns = (later - earlier for earlier, later in pairwise((*commands_ns, now_ns)))
-    return sum(
-        max(0, math.ceil(pause_ns / period_ns - 0.5) - 1)
-        for pause_ns in pauses_ns
-        if pause_ns <= silence_ns
-    )
+    missed = 0
+    for earlier_ns, later_ns in pairwise((*commands_ns, now_ns)):
+        pause_ns = later_ns - earlier_ns
+        if pause_ns <= silence_ns:
+            missed += max(0, math.ceil(pause_ns / period_ns - 0.5) - 1)
+    return missed
 
 
-def missed_share(
+def share_of_missed(
     missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int
 ) -> float:
-    """Return missed periods as a share of all from the first command to now, 1 at most."""
-    periods = (now_ns - commands_ns[0]) / period_ns if commands_ns else 0.0
-    return min(1.0, missed / periods) if periods >= 1.0 else 0.0
+    """Return missed periods as a share of all from the first command to now.
+
+    Args:
+        missed: Number of missed periods.
+        commands_ns: Simulated times of commands, ascending.
+        now_ns: Simulated time at the end.
+        period_ns: Control period of the planner.
+
+    Returns:
+        At most 1; 0 where not a whole period has passed.
+    """
+    if not commands_ns:
+        return 0.0
+    periods = (now_ns - commands_ns[0]) / period_ns
+    if periods < 1.0:
+        return 0.0
+    return min(1.0, missed / periods)

@@ -1,4 +1,4 @@
-"""The two ways in which a planner gets its goal: a topic, or an action that also tells what became of it."""
+"""The routes of a goal to a planner: a topic, or an action that reports its result."""
 
 import math
 from typing import Any
@@ -9,19 +9,19 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import Endpoint
-from barn_eval.ros.session import PLANNER, Session, TrialEnded
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.outcome import PLANNER, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
-from barn_eval.trials.trial import LONGEST
+from barn_eval.trials.trial import MAX_TEXT_LENGTH
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
-from barn_worlds.ros.topics import message_class, publisher
+from barn_worlds.ros.topics import create_publisher, find_message_class
 
 _POSE_TYPE = "geometry_msgs/PoseStamped"
-_AGAIN_S = 0.5  # between two attempts at a goal that was refused
-_ENDINGS = {
+_RETRY_PERIOD_S = 0.5  # between two attempts at a goal that was refused
+_RESULT_STATES = {
     GoalStatus.STATUS_SUCCEEDED: "succeeded",
     GoalStatus.STATUS_CANCELED: "canceled",
     GoalStatus.STATUS_ABORTED: "aborted",
@@ -29,31 +29,43 @@ _ENDINGS = {
 
 
 class TopicGoal:
-    """Goals, each a serialised PoseStamped, by the publisher `offered`; what becomes of them is not heard."""
+    """Goals as messages of a topic, which says nothing about their result."""
 
     action: tuple[str, str] | None = None
-    verdict: str | None = None
+    action_result: str | None = None
 
     def __init__(
-        self, session: Session, view: GraphView, config: EvaluatorConfig
+        self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig
     ) -> None:
-        self._session, self._view = session, view
+        """Create the publisher.
+
+        Args:
+            loop: Spends the time of waits.
+            view: Shows who subscribes.
+            config: Limits of waits.
+        """
+        self._loop = loop
+        self._view = view
         self._limit_s = config.patience.service_s
-        self._publisher = publisher(session.node, GOAL_POSE)
-        self.offered = [Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")]
+        self._publisher = create_publisher(loop.node, GOAL_POSE)
+        topic = self._publisher.topic_name
+        # The publisher, as an endpoint that inputs of the planner are compared with.
+        self.offered = [Endpoint(topic, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
-        """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
+        """Publish a serialised PoseStamped once all subscriptions are connected.
+
+        A planner without ~/ready gets it only once.
+        """
         topic = self._publisher.topic_name
-        listeners, heard = (
-            len(self._view.subscriptions(topic)),
-            self._publisher.get_subscription_count,
-        )
-        if not self._session.wait(lambda: heard() >= listeners, self._limit_s, PLANNER):
-            raise TrialEnded(
-                Outcome.PLANNER_NOT_READY,
-                f"no connection to the subscription to {topic}",
-            )
+        subscriptions = len(self._view.subscriptions(topic))
+
+        def is_connected() -> bool:
+            return bool(self._publisher.get_subscription_count() >= subscriptions)
+
+        if not self._loop.wait(is_connected, self._limit_s, PLANNER):
+            detail = f"no connection to the subscription to {topic}"
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, detail)
         self.repeat(goal)
 
     def repeat(self, goal: bytes) -> None:
@@ -61,107 +73,126 @@ class TopicGoal:
         self._publisher.publish(goal)
 
     def end(self) -> None:
-        """Do nothing: what is published cannot be taken back."""
+        """Do nothing: a message cannot be taken back."""
 
 
 class ActionGoal:
-    """Goals as those of an action such as NavigateToPose, given by name and type; it tells what became of the last."""
+    """Goals of an action such as NavigateToPose, which reports their result."""
 
-    def __init__(self, session: Session, config: EvaluatorConfig) -> None:
-        self._session, self._patience = session, config.patience
-        self._kind = action_class(config.goal_action_type)
-        self._client = ActionClient(session.node, self._kind, config.goal_action)
-        self._name = session.node.resolve_service_name(config.goal_action)
+    def __init__(self, loop: EvaluatorLoop, config: EvaluatorConfig) -> None:
+        """Create the action client.
+
+        Args:
+            loop: Spends the time of waits.
+            config: Name and type of the action, and limits of waits.
+
+        Raises:
+            ConfigError: If the type is not installed or cannot take a goal.
+        """
+        self._loop = loop
+        self._patience = config.patience
+        self._action_class = action_class(config.goal_action_type)
+        self._client = ActionClient(loop.node, self._action_class, config.goal_action)
+        self._name = loop.node.resolve_service_name(config.goal_action)
         self.action = (self._name, config.goal_action_type)
         self.offered: list[Endpoint] = []
-        self._sent: Future | None = None
+        self._handle: Future | None = None
         self._result: Future | None = None
 
     @property
-    def verdict(self) -> str | None:
-        """How the last goal fares: sent, rejected, executing, or how it ended; None where there is none."""
-        if self._sent is None:
+    def action_result(self) -> str | None:
+        """The last goal's state: sent, rejected, executing or how it ended; or None."""
+        if self._handle is None:
             return None
-        if not self._sent.done():
+        if not self._handle.done():
             return "sent"
-        handle = self._sent.result()
+        handle = self._handle.result()
         if not handle.accepted:
             return "rejected"
-        self._result = self._result or handle.get_result_async()
-        return _described(self._result.result()) if self._result.done() else "executing"
+        if self._result is None:
+            self._result = handle.get_result_async()
+        if not self._result.done():
+            return "executing"
+        return _describe_result(self._result.result())
 
     def begin(self, goal: bytes) -> None:
-        """Send the goal until it is accepted."""
-        name, patience = self._name, self._patience
-        # a server that ~/reset has taken down may be on its way up
-        if not self._session.wait(
-            self._client.server_is_ready, patience.gate_s, PLANNER
-        ):
-            raise TrialEnded(
-                Outcome.PLANNER_NOT_READY, f"no connection to the action {name}"
-            )
-        for _ in range(1 + math.ceil(patience.gate_s / _AGAIN_S)):
+        """Send a serialised PoseStamped until the action accepts it."""
+        patience = self._patience
+        # A server that ~/reset has taken down may be starting again.
+        if not self._loop.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
+            raise self._not_ready(f"no connection to the action {self._name}")
+
+        for _ in range(1 + math.ceil(patience.gate_s / _RETRY_PERIOD_S)):
             self.repeat(goal)
-            if not self._session.wait(
-                lambda: self.verdict != "sent", patience.service_s, PLANNER
+            if not self._loop.wait(
+                lambda: self.action_result != "sent", patience.service_s, PLANNER
             ):
-                raise TrialEnded(
-                    Outcome.PLANNER_NOT_READY, f"no answer from the action {name}"
-                )
-            if self.verdict != "rejected":
+                raise self._not_ready(f"no answer from the action {self._name}")
+            if self.action_result != "rejected":
                 return
-            self._session.sleep(_AGAIN_S, PLANNER)
-        raise TrialEnded(
-            Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal"
-        )
+            self._loop.sleep(_RETRY_PERIOD_S, PLANNER)
+        raise self._not_ready(f"the action {self._name} has refused the goal")
 
     def repeat(self, goal: bytes) -> None:
         """Send the goal, or again if the planner has given it up."""
-        if self.verdict not in ("sent", "executing", "succeeded"):
-            request = self._kind.Goal(pose=deserialize_message(goal, PoseStamped))
-            self._sent, self._result = self._client.send_goal_async(request), None
+        if self.action_result in ("sent", "executing", "succeeded"):
+            return
+        pose = deserialize_message(goal, PoseStamped)
+        self._handle = self._client.send_goal_async(self._action_class.Goal(pose=pose))
+        self._result = None
 
     def end(self) -> None:
-        """Cancel the goal if it is still being worked on, and see that the planner has heard so."""
-        verdict, sent, self._sent = self.verdict, self._sent, None
-        if sent is not None and verdict == "executing":
-            future = sent.result().cancel_goal_async()
-            try:
-                self._session.wait(future.done, self._patience.vanished_s, PLANNER)
-            except TrialEnded as end:
-                self._session.node.get_logger().info(
-                    f"while the goal was cancelled: {end}"
-                )
+        """Cancel a goal that is still executing, and wait for the planner's answer."""
+        is_executing = self.action_result == "executing"
+        handle = self._handle
+        self._handle = None
+        if handle is None or not is_executing:
+            return
+        future = handle.result().cancel_goal_async()
+        try:
+            self._loop.wait(future.done, self._patience.vanished_s, PLANNER)
+        except TrialEnded as end:
+            self._loop.node.get_logger().info(f"while the goal was cancelled: {end}")
+
+    @staticmethod
+    def _not_ready(detail: str) -> TrialEnded:
+        return TrialEnded(Outcome.PLANNER_NOT_READY, detail)
 
 
 def action_class(type_name: str) -> Any:
-    """Return the class of an action such as "nav2_msgs/action/NavigateToPose"; ConfigError if it cannot take a goal."""
-    where = f"goal_action_type {type_name!r}"
+    """Return the class of an action such as "nav2_msgs/action/NavigateToPose".
+
+    Raises:
+        ConfigError: If it is not installed or its goal has no pose.
+    """
+    option = f"goal_action_type {type_name!r}"
     if type_name.count("/") != 2:
-        raise ConfigError(f"{where}: must be PACKAGE/action/NAME")
-    found = message_class(type_name)
-    if found is None:
+        raise ConfigError(f"{option}: must be PACKAGE/action/NAME")
+    action = find_message_class(type_name)
+    if action is None:
+        package = type_name.partition("/")[0]
         raise ConfigError(
-            f"{where}: {type_name.partition('/')[0]} is not installed; goal_by topic does without"
+            f"{option}: {package} is not installed; goal_by topic does without"
         )
-    fields = found.Goal.get_fields_and_field_types()
+    fields = action.Goal.get_fields_and_field_types()
     if fields.get("pose") != _POSE_TYPE:
         raise ConfigError(
-            f"{where}: its goal must have a field pose of type {_POSE_TYPE}, it has {fields}"
+            f"{option}: its goal must have a field pose of type {_POSE_TYPE}, it has"
+            f" {fields}"
         )
-    return found
+    return action
 
 
-def _described(answer: Any) -> str:
-    """Return how an action ended, with the code and the message that some results have."""
-    ending, code = (
-        _ENDINGS.get(answer.status, f"status {answer.status}"),
-        getattr(answer.result, "error_code", 0),
-    )
-    details = ", ".join(
-        filter(
-            None,
-            (f"error {code}" if code else "", getattr(answer.result, "error_msg", "")),
-        )
-    )
-    return f"{ending} ({details})"[:LONGEST] if details else ending
+def _describe_result(answer: Any) -> str:
+    """Return how an action ended, with the code and message that some results have."""
+    state = _RESULT_STATES.get(answer.status, f"status {answer.status}")
+    details = []
+    code = getattr(answer.result, "error_code", 0)
+    if code:
+        details.append(f"error {code}")
+    message = getattr(answer.result, "error_msg", "")
+    if message:
+        details.append(message)
+    if not details:
+        return state
+    return f"{state} ({', '.join(details)})"[:MAX_TEXT_LENGTH]

@@ -1,41 +1,38 @@
-"""The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
+"""The planner under test as the evaluator meets it: any node that drives by scans."""
 
 import json
 import re
 from collections.abc import Callable
 from contextlib import suppress
 
-from rclpy.node import Node
-
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.goals import ActionGoal, TopicGoal
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.readiness import Finding, Needs, inspect
-from barn_eval.ros.session import (
-    PLANNER,
+from barn_eval.ros.remote_node import (
     SET_PARAMETERS,
     RemoteNode,
     ServiceRefused,
     ServiceTimeout,
-    Session,
-    TrialEnded,
 )
-from barn_eval.ros.supervision.nodes import reach
-from barn_eval.trials.outcome import Outcome
+from barn_eval.ros.supervision.nodes import discovery_range
+from barn_eval.trials.outcome import PLANNER, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
-from barn_worlds.ros.topics import publisher
+from barn_worlds.ros.topics import create_publisher
 
-_REPEAT_S = 0.5  # between two goals while the planner is not ready
-_READ_S, _NODE_S = 10.0, 2.0  # for all nodes, and for each, to tell their parameters
-_OF_ITS_OWN = re.compile(
-    r"_(?=[a-f]*\d)[0-9a-f]{4,}$"
-)  # what sets a node apart from that of another start
-_MOST_NODES, _MOST_READ = (
-    100,
-    4000,
-)  # that are asked; parameters, beyond which no more are
+_GOAL_PERIOD_S = 0.5  # between two goals while the planner is not ready
+_READY_PERIOD_S = 0.02  # between two calls of ~/ready
+# Limits for the parameters of all nodes: time for all and for each, number of nodes,
+# and the number of parameters beyond which no other node is read.
+_ALL_PARAMETERS_S = 10.0
+_NODE_PARAMETERS_S = 2.0
+_MAX_NODES = 100
+_MAX_PARAMETERS = 4000
+# Ending of a node's name that differs from one start to the next.
+_RANDOM_ENDING = re.compile(r"_(?=[a-f]*\d)[0-9a-f]{4,}$")
 _INPUTS = (
     topics.SCAN,
     topics.ODOM,
@@ -48,43 +45,53 @@ _INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
 
 
 class PlannerClient:
-    """Waits until the planner is there, tells it what to do and waits until it is ready.
+    """Waits for the planner, gives it seed, map and goal, and waits until it is ready.
 
-    goal: how it gets that. told: the parameters of its nodes, by "NODE NAME".
+    Methods raise TrialEnded where the planner does not do its part within a limit.
     """
 
     def __init__(
-        self, session: Session, view: GraphView, config: EvaluatorConfig
+        self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig
     ) -> None:
-        node: Node = session.node
-        self._session, self._view = session, view
-        self._config, self._patience = config, config.patience
-        self._remotes: dict[str, RemoteNode] = {}
-        self._name = (
-            resolve_node_name(node, config.planner_node) if config.planner_node else ""
-        )
-        self._remote = self._known(self._name)
-        self._looked_at = not self._name  # whether the named node has been
-        self.told: dict[str, str] = {}
-        self._managed = [
-            self._known(resolve_node_name(node, name))
+        """Create the publishers and clients of the goal.
+
+        Args:
+            loop: Spends the time of waits.
+            view: Shows the graph.
+            config: How the planner is reached, and limits of waits.
+        """
+        node = loop.node
+        self._loop = loop
+        self._view = view
+        self._config = config
+        self._patience = config.patience
+        self._nodes: dict[str, RemoteNode] = {}
+        # Full name of the planner's node, empty where the commands' sender counts.
+        self._name = ""
+        if config.planner_node:
+            self._name = resolve_node_name(node, config.planner_node)
+        self._node = self._remote_node(self._name)
+        self._awaits_services = bool(self._name)
+        # Parameters of the planner's nodes as texts, by "NODE NAME".
+        self.parameters: dict[str, str] = {}
+        self._managed_nodes = [
+            self._remote_node(resolve_node_name(node, name))
             for name in config.lifecycle_nodes
         ]
-        by_action = config.goal_by == "action"
-        self.goal = (
-            ActionGoal(session, config)
-            if by_action
-            else TopicGoal(session, view, config)
-        )
-        self._maps = publisher(node, topics.MAP) if config.publish_map else None
-        inputs = [
-            name
-            for name in config.required_inputs
-            if name != "goal_pose" or not by_action
-        ]
-        where = (
-            f"on ROS domain {node.context.get_domain_id()}, discovery range {reach()}"
-        )
+
+        # The route of the goal to the planner.
+        self.goal: ActionGoal | TopicGoal
+        inputs = list(config.required_inputs)
+        if config.goal_by == "action":
+            self.goal = ActionGoal(loop, config)
+            inputs = [name for name in inputs if name != "goal_pose"]
+        else:
+            self.goal = TopicGoal(loop, view, config)
+        self._map_publisher = None
+        if config.publish_map:
+            self._map_publisher = create_publisher(node, topics.MAP)
+
+        domain = node.context.get_domain_id()
         self._needs = Needs(
             node.resolve_topic_name(topics.CMD_VEL.name),
             config.command_type,
@@ -92,169 +99,206 @@ class PlannerClient:
             offered=self.goal.offered,
             action=self.goal.action,
             known_nodes={resolve_node_name(node, config.simulator_node)},
-            surroundings=f"{where}: compare the planner's environment",
+            surroundings=(
+                f"on ROS domain {domain}, discovery range {discovery_range()}:"
+                " compare the planner's environment"
+            ),
         )
 
     def await_node(self, limit_s: float) -> None:
-        """Wait for the node that the configuration names: a slow one is not one without ~/ready; else TrialEnded."""
+        """Wait for the node that the configuration names.
 
-        def missing() -> str:
-            there = not self._name or self._name in self._view.nodes()
-            return "" if there else f"the node {self._name} (planner_node) is not there"
+        A node that starts slowly must not be taken for one without ~/ready.
+        """
 
-        self._wait_for(missing, limit_s)
-        if not self._looked_at:  # services are seen after their node
-            self._looked_at = True
-            self._session.wait(
-                lambda: self._remote.offers("get_state"),
-                self._patience.settle_s,
-                PLANNER,
+        def describe_missing() -> str:
+            if not self._name or self._name in self._view.nodes():
+                return ""
+            return f"the node {self._name} (planner_node) is not there"
+
+        self._wait(describe_missing, limit_s)
+        if self._awaits_services:
+            # Services appear on the graph after their node.
+            self._awaits_services = False
+            self._loop.wait(
+                lambda: self._node.offers("get_state"), self._patience.settle_s, PLANNER
             )
 
-    def inactive(self) -> str:
-        """Return which managed nodes, the planner's own included, are not active now, in words."""
-        own = [self._remote] if self._name and self._remote.offers("get_state") else []
-        nodes = {node.name: node for node in (*self._managed, *own)}
-        return "; ".join(
-            filter(None, (node.fault_of_state() for node in nodes.values()))
-        )
+    def inactive_nodes(self) -> str:
+        """Return in words which managed nodes are not active, the planner included."""
+        nodes = {node.name: node for node in self._managed_nodes}
+        if self._name and self._node.offers("get_state"):
+            nodes[self._name] = self._node
+        problems = (node.lifecycle_problem() for node in nodes.values())
+        return "; ".join(filter(None, problems))
 
     def await_active(self) -> None:
-        """Return once all managed nodes are active; TrialEnded, naming those that are not, after the limit."""
-        self._wait_for(self.inactive, self._patience.lifecycle_s, "managed nodes: ")
+        """Wait until all managed nodes are active."""
+        limit_s = self._patience.lifecycle_s
+        self._wait(self.inactive_nodes, limit_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float) -> Finding:
-        """Wait until a planner has all that it must have and return what was found; else TrialEnded with what lacks."""
-        complete_since = wrong_since = None
+        """Wait until a planner has all that it needs for a time.
+
+        Args:
+            limit_s: Longest wait.
+
+        Returns:
+            Type, reliability and sender of its commands.
+
+        Raises:
+            TrialEnded: If something is still missing after the limit, or if a type is
+                wrong for longer than `mismatch_s`.
+        """
+        complete_since_s: float | None = None
+        wrong_since_s: float | None = None
         finding = Finding()
 
-        def missing() -> str:
-            nonlocal finding, complete_since, wrong_since
-            now, finding = self._session.now_s, inspect(self._view.graph(), self._needs)
-            known = not finding.missing and bool(self._name or finding.command_node)
-            complete_since = (complete_since or now) if known else None
-            wrong_since = (
-                (wrong_since or now)
-                if finding.outcome is Outcome.WRONG_MESSAGE_TYPE
-                else None
-            )
-            if (
-                wrong_since is not None
-                and now - wrong_since > self._patience.mismatch_s
-            ):
-                raise TrialEnded(finding.outcome, finding.text())
-            settled = (
-                complete_since is not None
-                and now - complete_since >= self._patience.settle_s
-            )
-            return "" if settled else finding.text() or "it has just come"
+        def describe_missing() -> str:
+            nonlocal finding, complete_since_s, wrong_since_s
+            now_s = self._loop.now_s
+            finding = inspect(self._view.graph(), self._needs)
 
-        self._wait_for(missing, limit_s)
-        self._remote = self._known(self._name or finding.command_node)
+            if finding.outcome is not Outcome.WRONG_MESSAGE_TYPE:
+                wrong_since_s = None
+            else:
+                wrong_since_s = wrong_since_s or now_s
+                if now_s - wrong_since_s > self._patience.mismatch_s:
+                    raise TrialEnded(finding.outcome, finding.text())
+
+            is_complete = not finding.missing and (self._name or finding.command_node)
+            if not is_complete:
+                complete_since_s = None
+                return finding.text() or "it has just come"
+            complete_since_s = complete_since_s or now_s
+            if now_s - complete_since_s < self._patience.settle_s:
+                return "it has just come"
+            return ""
+
+        self._wait(describe_missing, limit_s)
+        self._node = self._remote_node(self._name or finding.command_node)
         return finding
 
-    def tell_parameters(self) -> None:
-        """Tell the supervisor what the planner's nodes say of their parameters, in bounds of time and number."""
-        self.told = found = dict[str, str]()
-        end_s, nodes = (
-            self._session.now_s + _READ_S,
-            self._view.nodes() - {"", *self._needs.known_nodes},
-        )
-        for name in sorted(nodes)[:_MOST_NODES]:
-            remote, own = RemoteNode(self._session, name, PLANNER), {}
-            with suppress(
-                ServiceTimeout, RuntimeError
-            ):  # too late, or a value of no type that there is
-                if len(found) < _MOST_READ and remote.offers("list_parameters"):
-                    own = remote.parameters(min(_NODE_S, end_s - self._session.now_s))
-            remote.close()
-            called = _OF_ITS_OWN.sub("_*", name)
-            found |= {f"{called} {key}": text for key, text in own.items()} or {
-                called: "tells none"
-            }
-        self._session.tell("parameters", text=json.dumps(found))
+    def report_parameters(self) -> None:
+        """Send the parameters of the planner's nodes to the supervisor."""
+        self.parameters = {}
+        deadline_s = self._loop.now_s + _ALL_PARAMETERS_S
+        names = self._view.nodes() - {"", *self._needs.known_nodes}
+        for name in sorted(names)[:_MAX_NODES]:
+            stable_name = _RANDOM_ENDING.sub("_*", name)
+            parameters = self._read_parameters(name, deadline_s)
+            for key, value in parameters.items():
+                self.parameters[f"{stable_name} {key}"] = value
+            if not parameters:
+                self.parameters[stable_name] = "tells none"
+        self._loop.report("parameters", text=json.dumps(self.parameters))
+
+    def _read_parameters(self, name: str, deadline_s: float) -> dict[str, str]:
+        if len(self.parameters) >= _MAX_PARAMETERS:
+            return {}
+        node = RemoteNode(self._loop, name, PLANNER)
+        try:
+            # RuntimeError: a value of a type that rclpy does not know.
+            with suppress(ServiceTimeout, RuntimeError):
+                if node.offers("list_parameters"):
+                    remaining_s = deadline_s - self._loop.now_s
+                    return node.read_parameters(min(_NODE_PARAMETERS_S, remaining_s))
+            return {}
+        finally:
+            node.close()
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
-        """Give the planner seed, map and goal and wait until it says that it is ready, where it can say so."""
+        """Give the planner seed, map and goal, and wait for ~/ready where it offers it.
+
+        Args:
+            spec: The trial.
+            stamp_ns: Simulated time now.
+        """
         self._reset(spec)
-        if spec.map is not None and self._maps is not None:
-            self._maps.publish(encode_map(spec.map, stamp_ns, self._config.map_frame))
-        self.goal.begin(self._goal_message(spec, stamp_ns))
-        if not self._remote.offers("ready"):
+        if spec.map is not None and self._map_publisher is not None:
+            message = encode_map(spec.map, stamp_ns, self._config.map_frame)
+            self._map_publisher.publish(message)
+        self.goal.begin(self._encode_goal(spec, stamp_ns))
+        if not self._node.offers("ready"):
             return
-        session = self._session
-        deadline_s, repeat_s = (
-            session.now_s + self._patience.gate_s,
-            session.now_s + _REPEAT_S,
-        )
-        while refused := self._refused(
-            lambda: self._remote.trigger("ready", self._patience.service_s)
+
+        loop = self._loop
+        deadline_s = loop.now_s + self._patience.gate_s
+        next_goal_s = loop.now_s + _GOAL_PERIOD_S
+        while refusal := self._refusal(
+            lambda: self._node.trigger("ready", self._patience.service_s)
         ):
-            if session.now_s > deadline_s:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
-            if session.now_s > repeat_s:
-                repeat_s += _REPEAT_S
+            if loop.now_s > deadline_s:
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, refusal)
+            if loop.now_s > next_goal_s:
+                next_goal_s += _GOAL_PERIOD_S
                 self.repeat_goal(spec, stamp_ns)
-            session.sleep(0.02, PLANNER)
+            loop.sleep(_READY_PERIOD_S, PLANNER)
 
     def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
-        """Hand over the goal again."""
-        self.goal.repeat(self._goal_message(spec, stamp_ns))
+        """Send the goal again.
+
+        Args:
+            spec: The trial.
+            stamp_ns: Simulated time for the goal's header.
+        """
+        self.goal.repeat(self._encode_goal(spec, stamp_ns))
 
     def publishes(self) -> bool:
-        """Tell whether the planner's publisher of commands is on the graph."""
+        """Return whether the planner's publisher of commands is on the graph."""
         return bool(self._view.publishers(self._needs.command_topic))
 
-    def clock_fault(self) -> str:
-        """Return what is wrong with the planner's idea of time, as far as its parameters tell; empty if nothing is."""
-        off = self.told.get(f"{self._remote.name} use_sim_time") == "False"
-        return f"use_sim_time is off in {self._remote.name}" if off else ""
+    def clock_problem(self) -> str:
+        """Return in words whether the planner ignores simulated time, else empty."""
+        if self.parameters.get(f"{self._node.name} use_sim_time") == "False":
+            return f"use_sim_time is off in {self._node.name}"
+        return ""
 
-    def _wait_for(
-        self, missing: Callable[[], str], limit_s: float, what: str = "the planner: "
+    def _wait(
+        self,
+        describe_missing: Callable[[], str],
+        limit_s: float,
+        subject: str = "the planner: ",
     ) -> None:
-        if text := self._session.wait_for(
-            what, lambda: self._view.crowd() or missing(), limit_s, PLANNER
-        ):
-            raise TrialEnded(
-                Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)"
-            )
-
-    def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> bytes:
-        frame = (
-            self._config.map_frame
-            if spec.protocol.map_given
-            else self._config.odom_frame
+        missing = self._loop.wait_for_missing(
+            subject, lambda: self._view.crowd() or describe_missing(), limit_s, PLANNER
         )
+        if missing:
+            detail = f"{missing} (waited {limit_s:g} s)"
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, detail)
+
+    def _encode_goal(self, spec: TrialSpec, stamp_ns: int) -> bytes:
+        config = self._config
+        frame = config.map_frame if spec.protocol.map_given else config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 
-    def _known(self, name: str) -> RemoteNode:
-        return self._remotes.setdefault(name, RemoteNode(self._session, name, PLANNER))
+    def _remote_node(self, name: str) -> RemoteNode:
+        if name not in self._nodes:
+            self._nodes[name] = RemoteNode(self._loop, name, PLANNER)
+        return self._nodes[name]
 
     def _reset(self, spec: TrialSpec) -> None:
-        remote, limit_s, seed = (
-            self._remote,
-            self._patience.service_s,
-            {"seed": spec.planner_seed},
-        )
-        if remote.offers(SET_PARAMETERS) and (
-            refused := self._refused(lambda: remote.set_parameters(seed, limit_s))
-        ):
-            # a planner that takes no seed is no less a planner
-            self._session.node.get_logger().info(
-                f"the planner is not seeded: {refused}", once=True
-            )
-        if remote.offers("reset") and (
-            refused := self._refused(lambda: remote.trigger("reset", limit_s, limit_s))
-        ):
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
+        node = self._node
+        limit_s = self._patience.service_s
+        if node.offers(SET_PARAMETERS):
+            seed = {"seed": spec.planner_seed}
+            refusal = self._refusal(lambda: node.set_parameters(seed, limit_s))
+            if refusal:
+                # A planner need not take a seed.
+                self._loop.node.get_logger().info(
+                    f"the planner is not seeded: {refusal}", once=True
+                )
+        if node.offers("reset"):
+            refusal = self._refusal(lambda: node.trigger("reset", limit_s, limit_s))
+            if refusal:
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, refusal)
 
-    def _refused(self, call: Callable[[], object]) -> str:
-        """Call a service of the planner and return what it says against that; TrialEnded if it does not answer."""
+    def _refusal(self, call: Callable[[], object]) -> str:
+        """Call a service of the planner and return its reason to refuse, if it does."""
         try:
             call()
         except ServiceRefused as error:
-            return f"{self._remote.name} says: {error}"
+            return f"{self._node.name} says: {error}"
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         return ""

@@ -1,26 +1,28 @@
-"""Diagnoses in words: what of a planner is missing on the ROS graph before a trial, and what goes wrong during it.
+"""What a planner lacks on the ROS graph before a trial, and what goes wrong during it.
 
-Nothing here knows ROS or reads a clock: endpoints and times come in as plain data, so that each is tested alone.
+Nothing in this module knows ROS or reads a clock: endpoints and times come in as plain
+data.
 """
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
 
-PARTICIPANT_BYTES = 12  # of a DDS GUID: what the endpoints of a process have in common
-TWIST, TWIST_STAMPED, POSE_STAMPED = (
-    CMD_VEL.type_name,
-    CMD_VEL_STAMPED.type_name,
-    GOAL_POSE.type_name,
-)
-ACCEPTED = {
+# Bytes of a DDS GUID that the endpoints of a process have in common.
+PARTICIPANT_BYTES = 12
+TWIST = CMD_VEL.type_name
+TWIST_STAMPED = CMD_VEL_STAMPED.type_name
+POSE_STAMPED = GOAL_POSE.type_name
+COMMAND_TYPES = {
     "auto": (TWIST, TWIST_STAMPED),
     "twist": (TWIST,),
     "twist_stamped": (TWIST_STAMPED,),
 }
+_PACE_WINDOW_S = 60.0  # over which the pace of a planner is judged
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,10 @@ class Endpoint:
 
     topic: str
     type_name: str
-    identity: bytes  # which tells it from any other for as long as it lives
-    node: str = ""  # full name, empty while not known
+    # DDS GUID, unique among endpoints while it lives.
+    identity: bytes
+    # Full name of the node, empty while discovery has not told it.
+    node: str = ""
     reliable: bool = True
     latched: bool = False
 
@@ -42,42 +46,45 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Graph:
-    """The endpoints of all nodes but the evaluator's own, and the action servers as (name, type)."""
+    """The endpoints of all nodes but the evaluator."""
 
     publishers: Sequence[Endpoint] = ()
     subscriptions: Sequence[Endpoint] = ()
+    # Name and type of each action server.
     actions: Sequence[tuple[str, str]] = ()
 
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """All of them."""
+        """All publishers and subscriptions."""
         return (*self.publishers, *self.subscriptions)
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What a planner must offer: a publisher of commands, and subscriptions to topics of types."""
+    """What a planner must offer."""
 
     command_topic: str
+    # A key of COMMAND_TYPES.
     command_type: str = "auto"
-    inputs: Sequence[tuple[str, str]] = field(default_factory=tuple)
-    offered: Sequence[
-        Endpoint
-    ] = ()  # publishers of the evaluator itself, such as that of the goal
-    action: tuple[str, str] | None = (
-        None  # name and type of the action that takes the goal, if one does
-    )
-    known_nodes: Collection[
-        str
-    ] = ()  # full names of nodes that are no planner's, such as the simulator's
-    surroundings: str = ""  # where the graph is looked at, for when nobody is there
+    # Topics that it must subscribe to, with their types.
+    inputs: Sequence[tuple[str, str]] = ()
+    # Publishers of the evaluator itself, such as the goal's.
+    offered: Sequence[Endpoint] = ()
+    # Name and type of the action that takes the goal, if one does.
+    action: tuple[str, str] | None = None
+    # Full names of nodes that belong to no planner, such as the simulator's.
+    known_nodes: Collection[str] = ()
+    # Where the graph is looked at, for the message that no node is seen.
+    surroundings: str = ""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What the gate sees: type, reliability and sender of the commands once known, and everything still missing."""
+    """What the readiness gate sees of a planner."""
 
+    # ROS type of the commands, empty while it is unknown or not allowed.
     command_type: str = ""
+    # Full name of the node that sends commands.
     command_node: str = ""
     missing: tuple[str, ...] = ()
     outcome: Outcome = Outcome.PLANNER_NOT_READY
@@ -88,168 +95,220 @@ class Finding:
         return "; ".join(self.missing)
 
 
+class _Problem(NamedTuple):
+    text: str
+    is_wrong_type: bool = False
+
+
 def inspect(graph: Graph, needs: Needs) -> Finding:
-    """Return what of the needs the graph meets."""
+    """Compare a graph with what a planner needs to drive.
+
+    Args:
+        graph: The endpoints of other nodes.
+        needs: What the planner must offer.
+
+    Returns:
+        What the graph has of it, and what is missing.
+    """
     commands = [
         endpoint
         for endpoint in graph.publishers
         if endpoint.topic == needs.command_topic
     ]
     types = sorted({endpoint.type_name for endpoint in commands})
-    faults = [
-        *_command_faults(graph, needs, types),
-        *_input_faults(graph, needs),
-        *_action_faults(graph, needs),
+    problems = [
+        *_command_problems(graph, needs, types),
+        *_input_problems(graph, needs),
+        *_action_problems(graph, needs),
     ]
-    missing = [text for text, _ in faults]
-    if faults and all(
-        endpoint.node in needs.known_nodes for endpoint in graph.endpoints
-    ):
+
+    missing = [problem.text for problem in problems]
+    nodes = {endpoint.node for endpoint in graph.endpoints}
+    if problems and nodes.issubset(needs.known_nodes):
         missing.append(f"no node of a planner is seen {needs.surroundings}".rstrip())
+
+    command_type = ""
+    if len(types) == 1 and types[0] in COMMAND_TYPES[needs.command_type]:
+        command_type = types[0]
+    outcome = Outcome.PLANNER_NOT_READY
+    if any(problem.is_wrong_type for problem in problems):
+        outcome = Outcome.WRONG_MESSAGE_TYPE
     return Finding(
-        types[0]
-        if len(types) == 1 and types[0] in ACCEPTED[needs.command_type]
-        else "",
+        command_type,
         min((endpoint.node for endpoint in commands), default=""),
         tuple(missing),
-        Outcome.WRONG_MESSAGE_TYPE
-        if any(wrong for _, wrong in faults)
-        else Outcome.PLANNER_NOT_READY,
+        outcome,
         all(endpoint.reliable for endpoint in commands),
     )
 
 
-_Faults = Iterator[tuple[str, bool]]  # what is missing, and whether a type is wrong
-
-
-def _command_faults(graph: Graph, needs: Needs, types: Sequence[str]) -> _Faults:
-    topic, accepted = needs.command_topic, ACCEPTED[needs.command_type]
+def _command_problems(
+    graph: Graph, needs: Needs, types: Sequence[str]
+) -> Iterator[_Problem]:
+    topic = needs.command_topic
+    accepted = COMMAND_TYPES[needs.command_type]
     if not types:
-        velocities = (
-            one for one in graph.publishers if one.type_name in (TWIST, TWIST_STAMPED)
-        )
-        found = min(((one.topic, one.type_name) for one in velocities), default=None)
-        hint = (
-            f"; a {short(found[1])} publisher exists on {found[0]}, remap it"
-            if found
-            else ""
-        )
-        yield f"no publisher on {topic}{hint}", False
+        text = f"no publisher on {topic}"
+        velocities = [
+            (endpoint.topic, endpoint.type_name)
+            for endpoint in graph.publishers
+            if endpoint.type_name in (TWIST, TWIST_STAMPED)
+        ]
+        if velocities:
+            other_topic, type_name = min(velocities)
+            kind = short_type(type_name)
+            text += f"; a {kind} publisher exists on {other_topic}, remap it"
+        yield _Problem(text)
     elif len(types) > 1:
-        yield (
-            f"publishers of different types on {topic}: {', '.join(map(short, types))}",
-            True,
+        yield _Problem(
+            f"publishers of different types on {topic}: {_short_types(types)}", True
         )
     elif types[0] not in accepted:
-        expected = " or ".join(map(short, accepted))
-        exists = f"a {short(types[0])} publisher exists on {topic}, this run expects {expected}"
-        yield f"no publisher on {topic}; {exists}", True
+        expected = " or ".join(map(short_type, accepted))
+        yield _Problem(
+            f"no publisher on {topic}; a {short_type(types[0])} publisher exists on"
+            f" {topic}, this run expects {expected}",
+            True,
+        )
 
 
-def _input_faults(graph: Graph, needs: Needs) -> _Faults:
-    served = (*graph.publishers, *needs.offered)
+def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
+    publishers = (*graph.publishers, *needs.offered)
     for topic, type_name in needs.inputs:
         readers = [
             endpoint for endpoint in graph.subscriptions if endpoint.topic == topic
         ]
-        right = [endpoint for endpoint in readers if endpoint.type_name == type_name]
-        writers = [endpoint for endpoint in served if endpoint.topic == topic]
         if not readers:
-            yield (
-                f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}",
-                False,
-            )
-        elif not right:
-            found = ", ".join(
-                sorted({short(endpoint.type_name) for endpoint in readers})
-            )
-            yield (
-                f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}",
+            hint = _input_hint(graph, needs, type_name)
+            yield _Problem(f"no subscription to {topic}{hint}")
+            continue
+
+        typed_readers = [reader for reader in readers if reader.type_name == type_name]
+        if not typed_readers:
+            types = _short_types({short_type(reader.type_name) for reader in readers})
+            yield _Problem(
+                f"no subscription to {topic}; one of {types} exists, it carries"
+                f" {short_type(type_name)}",
                 True,
             )
-        elif writers and not any(
-            _compatible(writer, reader) for writer in writers for reader in right
-        ):
-            unsure = right[0].reliable and not writers[0].reliable
-            asked = "reliable delivery" if unsure else "transient local durability"
-            yield (
-                f"the subscription to {topic} asks for {asked}, which its publisher does not offer",
-                False,
+            continue
+
+        writers = [endpoint for endpoint in publishers if endpoint.topic == topic]
+        compatible = (
+            _is_compatible(writer, reader)
+            for writer in writers
+            for reader in typed_readers
+        )
+        if writers and not any(compatible):
+            quality = "transient local durability"
+            if typed_readers[0].reliable and not writers[0].reliable:
+                quality = "reliable delivery"
+            yield _Problem(
+                f"the subscription to {topic} asks for {quality}, which its publisher"
+                " does not offer"
             )
 
 
-def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
-    fed = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
-    idle = (
-        one
-        for one in graph.subscriptions
-        if one.type_name == type_name and one.topic not in fed
-    )
-    if found := min(
-        (one.topic for one in idle if one.node not in needs.known_nodes), default=""
-    ):
-        return f"; a {short(type_name)} subscription exists on {found}, remap it"
-    takers = sorted(
-        name for name, kind in graph.actions if short(kind) == "NavigateToPose"
-    )
-    if type_name == POSE_STAMPED and takers:
-        return f"; the action {takers[0]} takes goals, set goal_by to action"
+def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
+    """Return where the planner may listen instead, as an end of a message."""
+    published = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
+    idle_topics = [
+        endpoint.topic
+        for endpoint in graph.subscriptions
+        if endpoint.type_name == type_name
+        and endpoint.topic not in published
+        and endpoint.node not in needs.known_nodes
+    ]
+    if idle_topics:
+        return (
+            f"; a {short_type(type_name)} subscription exists on {min(idle_topics)},"
+            " remap it"
+        )
+
+    goal_actions = [
+        name for name, kind in graph.actions if short_type(kind) == "NavigateToPose"
+    ]
+    if type_name == POSE_STAMPED and goal_actions:
+        return f"; the action {min(goal_actions)} takes goals, set goal_by to action"
     return ""
 
 
-def _action_faults(graph: Graph, needs: Needs) -> _Faults:
+def _action_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
     if needs.action is None or needs.action in graph.actions:
         return
     name, type_name = needs.action
-    other = min(
-        (action for action, kind in graph.actions if kind == type_name), default=""
-    )
-    if found := sorted(kind for action, kind in graph.actions if action == name):
-        yield (
-            f"no action {name} of {short(type_name)}; one of {', '.join(map(short, found))} exists",
-            True,
-        )
-    else:
-        yield (
-            f"no action {name}"
-            + (f"; a {short(type_name)} action exists as {other}" if other else ""),
-            False,
-        )
+    kind = short_type(type_name)
+
+    types = [action_type for action, action_type in graph.actions if action == name]
+    if types:
+        text = f"no action {name} of {kind}; one of {_short_types(types)} exists"
+        yield _Problem(text, True)
+        return
+
+    text = f"no action {name}"
+    names = [
+        action for action, action_type in graph.actions if action_type == type_name
+    ]
+    if names:
+        text += f"; a {kind} action exists as {min(names)}"
+    yield _Problem(text)
 
 
-def _compatible(writer: Endpoint, reader: Endpoint) -> bool:
-    return (writer.reliable or not reader.reliable) and (
-        writer.latched or not reader.latched
-    )
+def _is_compatible(writer: Endpoint, reader: Endpoint) -> bool:
+    """Return whether DDS connects two endpoints by their quality of service."""
+    is_reliable = writer.reliable or not reader.reliable
+    is_durable = writer.latched or not reader.latched
+    return is_reliable and is_durable
 
 
-def short(type_name: str) -> str:
+def short_type(type_name: str) -> str:
     """Return the last part of a type's name."""
     return type_name.rsplit("/", 1)[-1]
 
 
-_WINDOW_S = 60.0  # over which the pace of a planner is judged
+def _short_types(type_names: Iterable[str]) -> str:
+    return ", ".join(short_type(name) for name in sorted(type_names))
 
 
 class Watchdog:
-    """Tell when patience is at an end during a trial, before which so many commands had come."""
+    """Tells when patience is at an end during a trial."""
 
-    def __init__(self, patience: Patience, now_s: float, commands: int = 0) -> None:
+    def __init__(self, patience: WaitLimits, now_s: float, commands: int = 0) -> None:
+        """Start the watch of a trial.
+
+        Args:
+            patience: Limits of waits.
+            now_s: The evaluator's time, by which limits count.
+            commands: Number of commands that came before the trial.
+        """
         self._patience = patience
-        self._began_s = self._ticked_s = self._commanded_s = self._publisher_s = now_s
-        self._ticks, self._commands, self._commands_before = 0, commands, commands
-        self._window = (now_s, 0.0, 0.0)
+        self._start_s = now_s
+        self._last_tick_s = now_s
+        self._last_command_s = now_s
+        self._last_publisher_s = now_s
+        self._ticks = 0
+        self._commands = commands
+        self._commands_before = commands
+        self._window = _PaceWindow(now_s, 0.0, 0.0)
 
     def hear(self, now_s: float, ticks: int, commands: int) -> None:
-        """Note how many ticks of the simulated time, and how many commands, have come so far."""
+        """Note what has come so far.
+
+        Args:
+            now_s: The evaluator's time.
+            ticks: Number of ticks of simulated time.
+            commands: Number of commands.
+        """
         if ticks > self._ticks:
-            self._ticks, self._ticked_s = ticks, now_s
+            self._ticks = ticks
+            self._last_tick_s = now_s
         if commands > self._commands:
-            self._commands, self._commanded_s = commands, now_s
+            self._commands = commands
+            self._last_command_s = now_s
 
     def publisher_seen(self, now_s: float) -> None:
         """Note that the planner's publisher of commands is on the graph."""
-        self._publisher_s = now_s
+        self._last_publisher_s = now_s
 
     def judge(
         self,
@@ -259,54 +318,64 @@ class Watchdog:
         simulated_s: float = 0.0,
         waited_s: float = 0.0,
     ) -> tuple[Outcome, str] | None:
-        """Return what has gone wrong, if anything has.
+        """Return the outcome and its detail if something has gone wrong, else None.
 
-        moved: whether the robot has made its first motion. simulated_s: so far; waited_s: wall-clock time in which the
-        planner owed an answer to a scan, so far.
+        Args:
+            now_s: The evaluator's time.
+            moved: Whether the robot has made its first motion.
+            simulated_s: Simulated time of the trial so far.
+            waited_s: Wall-clock time so far in which the planner owed an answer to a
+                scan.
         """
         patience = self._patience
-        if now_s - self._ticked_s > patience.clock_s:
-            return (
-                Outcome.SIMULATOR_DIED,
-                f"no tick of /clock for {patience.clock_s:g} s",
-            )
-        if now_s - self._publisher_s > patience.vanished_s:
-            return (
-                Outcome.PLANNER_DIED,
-                "its publisher of commands has vanished from the graph",
-            )
-        # a planner owes nothing until time goes on after its last command: it may be the simulator that is stuck
-        if (
-            self._ticked_s > self._commanded_s
-            and now_s - self._commanded_s > patience.command_s
-        ):
-            waited = f"no command for {patience.command_s:g} s of wall-clock time"
-            since = (
-                ""
-                if self._commands > self._commands_before
-                else ", none since the trial began"
-            )
-            return (
-                (Outcome.PLANNER_STALLED, waited)
-                if moved
-                else (Outcome.NO_FIRST_MOTION, waited + since)
-            )
-        slow = self._slowness(now_s, simulated_s, waited_s)
-        if now_s - self._began_s > patience.trial_s:
-            slow = f"no verdict after {patience.trial_s:g} s of wall-clock time"
-        return (Outcome.PLANNER_STALLED, slow) if slow else None
+        if now_s - self._last_tick_s > patience.clock_s:
+            detail = f"no tick of /clock for {patience.clock_s:g} s"
+            return Outcome.SIMULATOR_DIED, detail
+        if now_s - self._last_publisher_s > patience.vanished_s:
+            detail = "its publisher of commands has vanished from the graph"
+            return Outcome.PLANNER_DIED, detail
 
-    def _slowness(self, now_s: float, simulated_s: float, waited_s: float) -> str:
-        """Return how slow the planner was in the last minute, empty if it was fast enough or that is not over."""
-        began_s, before_s, owed_s = self._window
-        lasted_s, progress_s = now_s - began_s, simulated_s - before_s
-        if lasted_s < _WINDOW_S:
+        # A planner owes nothing until time goes on after its last command: it may be
+        # the simulator that is stuck.
+        owes_command = self._last_tick_s > self._last_command_s
+        if owes_command and now_s - self._last_command_s > patience.command_s:
+            detail = f"no command for {patience.command_s:g} s of wall-clock time"
+            if moved:
+                return Outcome.PLANNER_STALLED, detail
+            if self._commands == self._commands_before:
+                detail += ", none since the trial began"
+            return Outcome.NO_FIRST_MOTION, detail
+
+        slowness = self._describe_slowness(_PaceWindow(now_s, simulated_s, waited_s))
+        if now_s - self._start_s > patience.trial_s:
+            slowness = f"no verdict after {patience.trial_s:g} s of wall-clock time"
+        if slowness:
+            return Outcome.PLANNER_STALLED, slowness
+        return None
+
+    def _describe_slowness(self, now: "_PaceWindow") -> str:
+        """Return how slow the planner was in a full window, empty if fast enough."""
+        start = self._window
+        duration_s = now.time_s - start.time_s
+        if duration_s < _PACE_WINDOW_S:
             return ""
-        self._window = (now_s, simulated_s, waited_s)
-        if (
-            progress_s * self._patience.slowness > lasted_s
-            or waited_s - owed_s < 0.5 * lasted_s
-        ):
+        self._window = now
+
+        simulated_s = now.simulated_s - start.simulated_s
+        slowness = self._patience.slowness
+        # The planner is slow only if it owed answers for half of the window.
+        owed_s = now.waited_s - start.waited_s
+        if simulated_s * slowness > duration_s or owed_s < 0.5 * duration_s:
             return ""
-        most = f"more than {self._patience.slowness:g} s per simulated second"
-        return f"{lasted_s:.0f} s of wall-clock time for {progress_s:.2f} simulated seconds: {most}"
+        return (
+            f"{duration_s:.0f} s of wall-clock time for {simulated_s:.2f} simulated"
+            f" seconds: more than {slowness:g} s per simulated second"
+        )
+
+
+class _PaceWindow(NamedTuple):
+    """A moment from which the pace of a planner is measured."""
+
+    time_s: float
+    simulated_s: float
+    waited_s: float

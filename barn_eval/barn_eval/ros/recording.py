@@ -1,4 +1,4 @@
-"""The bag of a trial over ROS: the messages as they were sent, at the simulated time at which they were sent."""
+"""The bag of a trial over ROS: messages as sent, at the simulated time of sending."""
 
 import importlib.util
 from collections.abc import Collection, Iterable
@@ -18,159 +18,231 @@ from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos, Topic
-from barn_worlds.ros.topics import optional_publisher
+from barn_worlds.messages.topics import LATCHED, RELIABLE, OutgoingMessage, Qos, Topic
+from barn_worlds.ros.topics import create_optional_publisher
 
 
 class Recording:
-    """Finds out what there is to record, subscribes to it and writes it to the bag of the trial in progress.
-
-    needed: topics that are subscribed to even where nothing is recorded.
-    """
+    """Subscribes to what somebody publishes and writes it to the bag of a trial."""
 
     def __init__(
         self,
         node: Node,
         subscriber: Subscriber,
         exclude: Collection[str],
-        needed: Collection[str],
+        required: Collection[str],
     ) -> None:
-        self._node, self._subscriber, self._needed = node, subscriber, needed
-        self._unwanted = set(exclude)
-        # The bag gets these from `show` and not over DDS: what is found out belongs to a tick that is over by then.
-        self._exclude = {*exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
-        # What goes by another name here is read by the suite's, and what has that name here is not.
-        own = {
-            node.resolve_topic_name(one.name): one.path
-            for one in vars(topics).values()
-            if isinstance(one, Topic)
+        """Create the publishers of the evaluator's own topics.
+
+        Args:
+            node: The evaluator node.
+            subscriber: Holds the subscriptions.
+            exclude: Resolved names of topics that no bag has.
+            required: Resolved names of topics that are subscribed to even where no bag
+                is recorded.
+        """
+        self._node = node
+        self._subscriber = subscriber
+        self._required = required
+        self._bag_exclude = set(exclude)
+        # Bags get the evaluator's own topics from `show`, not over DDS: by the time
+        # they arrive there, the tick that they belong to is over.
+        evaluator_topics = {topic.path for topic in (*TRUE_TOPICS, *TOPICS)}
+        self._exclude = {*exclude, *evaluator_topics}
+        self._bag_names = _bag_names(node)
+        self._publishers = {
+            topic: create_optional_publisher(node, topic) for topic in TOPICS
         }
-        self._known_as = {
-            path: f"{path}_of_others" for path in own.values() if path not in own
-        }
-        self._known_as |= {name: path for name, path in own.items() if name != path}
-        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
+        # Latched messages that are in the bag already.
         self._written: set[tuple[str, int]] = set()
 
     def discover(self, *, everything: bool) -> None:
-        """Subscribe to what somebody publishes and is not subscribed to: all of it, or only what is needed."""
-        done = self._refused | self._subscriber.topics().keys()
+        """Subscribe to topics with a publisher.
+
+        Args:
+            everything: Subscribe to all topics, and not only to those that are needed.
+        """
+        finished = self._refused | self._subscriber.topics().keys()
         for topic, types in self._node.get_topic_names_and_types():
+            is_required = topic in self._required
             infos = self._node.get_publishers_info_by_topic(topic)
-            wanted = (
-                everything and topic not in self._exclude
-            ) or topic in self._needed
-            if not infos or len(types) != 1 or not wanted:
+            if not infos or len(types) != 1:
                 continue
-            profile = self._profiles.setdefault(topic, offered(infos))
-            if topic in done:
+            if not (is_required or (everything and topic not in self._exclude)):
                 continue
-            obstacle = learn(types[0])
-            if not obstacle and not self._subscriber.subscribe(
-                topic, types[0], profile, judged=topic in self._needed
-            ):
-                obstacle = f"{types[0]} is not installed"
-            if obstacle:
-                self._refused.add(topic)
-                self._node.get_logger().warning(
-                    f"{topic} is not recorded: its type {obstacle}"
-                )
+            # The profile of the first look counts, for topics of the judge as well.
+            profile = self._profiles.setdefault(topic, common_profile(infos))
+            if topic not in finished:
+                self._subscribe(topic, types[0], profile, judged=is_required)
+
+    def _subscribe(
+        self, topic: str, type_name: str, profile: Qos, *, judged: bool
+    ) -> None:
+        obstacle = register_type(type_name)
+        if not obstacle and not self._subscriber.subscribe(
+            topic, type_name, profile, judged=judged
+        ):
+            obstacle = f"{type_name} is not installed"
+        if obstacle:
+            self._refused.add(topic)
+            self._node.get_logger().warning(
+                f"{topic} is not recorded: its type {obstacle}"
+            )
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
-        """Write the latched messages, which were sent before the trial but belong to it."""
+        """Write the latched messages: sent before the trial, they belong to it.
+
+        Args:
+            recorder: Writes the bag.
+            stamp_ns: Simulated time at which the trial begins.
+        """
+        latched = self._subscriber.read_latched()
         self._written = set()
-        self.write(recorder, latched := self._subscriber.latched(), stamp_ns)
+        self.write(recorder, latched, stamp_ns)
         self._written = {(message.topic, message.sent_ns) for message in latched}
 
     def write(
         self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int
     ) -> None:
-        """Write the messages of a tick."""
+        """Write the messages of a tick.
+
+        Args:
+            recorder: Writes the bag.
+            messages: In the order of sending; topics without a subscription are left
+                out.
+            stamp_ns: Simulated time of the tick.
+        """
         types = self._subscriber.topics()
         for message in messages:
-            wanted = message.topic in types and message.topic not in self._exclude
-            if wanted and (message.topic, message.sent_ns) not in self._written:
-                name, profile = message.topic, self._profiles.get(message.topic, Qos())
-                recorder.add_topic(
-                    name, types[name], profile, self._known_as.get(name, "")
-                )
-                recorder.write(message.topic, message.data, stamp_ns)
+            topic = message.topic
+            if topic not in types or topic in self._exclude:
+                continue
+            if (topic, message.sent_ns) in self._written:
+                continue
+            profile = self._profiles.get(topic, Qos())
+            bag_name = self._bag_names.get(topic, "")
+            recorder.add_topic(topic, types[topic], profile, bag_name)
+            recorder.write(topic, message.data, stamp_ns)
 
     def show(
-        self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None
+        self,
+        messages: Iterable[OutgoingMessage],
+        stamp_ns: int,
+        recorder: Recorder | None,
     ) -> None:
-        """Publish what tells how a trial stands where somebody listens, and write it to the bag, if there is one."""
-        for topic, data in shown:
-            sender = self._publishers.get(
-                topic
-            )  # none of what is only recorded, or of a type not installed
-            if sender is not None and sender.get_subscription_count():
-                sender.publish(data)
-            if recorder is not None and topic.path not in self._unwanted:
-                latched = topic.qos.durability == LATCHED.durability
-                recorder.add_topic(
-                    topic.path, topic.type_name, LATCHED if latched else RELIABLE
-                )
+        """Publish how a trial stands where somebody listens, and write it to the bag.
+
+        Args:
+            messages: Topics of the evaluator with their serialised messages.
+            stamp_ns: Simulated time of the messages.
+            recorder: Writes the bag; None where no bag is recorded.
+        """
+        for topic, data in messages:
+            # Some topics are only recorded, and some types may not be installed.
+            publisher = self._publishers.get(topic)
+            if publisher is not None and publisher.get_subscription_count():
+                publisher.publish(data)
+            if recorder is not None and topic.path not in self._bag_exclude:
+                is_latched = topic.qos.durability == LATCHED.durability
+                profile = LATCHED if is_latched else RELIABLE
+                recorder.add_topic(topic.path, topic.type_name, profile)
                 recorder.write(topic.path, data, stamp_ns)
 
 
-def learn(type_name: str) -> str:
-    """Add a message type, with all that it consists of, to the known ones as its installed package defines it.
+def _bag_names(node: Node) -> dict[str, str]:
+    """Return names in bags of topics whose name here is another one.
 
-    Returns what is in the way of that, as an end to "its type ...", and an empty text if nothing is.
+    Remapped topics of the suite go by the suite's name in bags, which readers know. A
+    foreign topic that has such a name here gets an ending.
     """
-    known, wanted = jazzy_types(), [type_name]
-    found: Typesdict = {}
-    while wanted:
-        name = wanted.pop()
-        if name in known.fielddefs or name in found:
+    suite_names = {
+        node.resolve_topic_name(topic.name): topic.path
+        for topic in vars(topics).values()
+        if isinstance(topic, Topic)
+    }
+    bag_names = {
+        path: f"{path}_of_others"
+        for path in suite_names.values()
+        if path not in suite_names
+    }
+    return bag_names | {
+        name: path for name, path in suite_names.items() if name != path
+    }
+
+
+def register_type(type_name: str) -> str:
+    """Register a message type and all its parts as the installed packages define them.
+
+    Returns:
+        What prevents it, as an end to "its type ...", and an empty text if nothing
+        does.
+    """
+    type_store = jazzy_types()
+    new_types: Typesdict = {}
+    pending = [type_name]
+    while pending:
+        name = pending.pop()
+        if name in type_store.fielddefs or name in new_types:
             continue
-        package, kind, last = name.split("/")
+        package, kind, short_name = name.split("/")
         if kind != "msg":
-            return f"{name} is not a message of its own, but a part of a service or an action"
-        spec, share = (
-            importlib.util.find_spec(package),
-            Path("share", package, kind, f"{last}.msg"),
-        )
-        places = [
-            place
-            for one in (spec and spec.submodule_search_locations) or ()
-            for place in Path(one).parents
-        ]
-        file = next(
-            (place / share for place in places if (place / share).is_file()), None
-        )
+            return (
+                f"{name} is not a message of its own, but a part of a service or an"
+                " action"
+            )
+        file = _definition_file(package, short_name)
         if file is None:
             return f"{name} is not installed"
         try:
-            found |= get_types_from_msg(file.read_text("utf-8"), name)
+            new_types |= get_types_from_msg(file.read_text("utf-8"), name)
         except (TypesysError, OSError) as error:
             return f"{name} cannot be read from {file}: {error}"
-        for _, field in found[name][1]:
-            part: Any = (
-                field[1][0]
-                if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-                else field
-            )
-            wanted += [part[1]] if part[0] == Nodetype.NAME else []
-    known.register(found)
+        for _, field_type in new_types[name][1]:
+            pending += _part_names(field_type)
+
+    type_store.register(new_types)
     return ""
 
 
-def offered(infos: Collection[TopicEndpointInfo]) -> Qos:
-    """Return the profile that fits all publishers of a topic: reliable and latched if all of them are."""
-    reliable = all(
-        info.qos_profile.reliability is ReliabilityPolicy.RELIABLE for info in infos
+def _definition_file(package: str, short_name: str) -> Path | None:
+    """Return the .msg file of a type, in the prefix that its Python package is in."""
+    spec = importlib.util.find_spec(package)
+    locations = spec.submodule_search_locations if spec is not None else None
+    for location in locations or ():
+        for prefix in Path(location).parents:
+            file = prefix / "share" / package / "msg" / f"{short_name}.msg"
+            if file.is_file():
+                return file
+    return None
+
+
+def _part_names(field_type: Any) -> list[str]:
+    """Return the message type that a field of rosbags' description holds, if any."""
+    kind, content = field_type
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        kind, content = content[0]
+    return [content] if kind == Nodetype.NAME else []
+
+
+def common_profile(infos: Collection[TopicEndpointInfo]) -> Qos:
+    """Return the profile that fits all publishers of a topic.
+
+    It is reliable and latched if all of them are.
+    """
+    profiles = [info.qos_profile for info in infos]
+    is_reliable = all(
+        profile.reliability is ReliabilityPolicy.RELIABLE for profile in profiles
     )
-    latched = all(
-        info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
-        for info in infos
+    is_latched = all(
+        profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles
     )
-    depth = 1 if latched else max(1, *(info.qos_profile.depth for info in infos))
+    depth = 1
+    if not is_latched:
+        depth = max(1, *(profile.depth for profile in profiles))
     return Qos(
-        "reliable" if reliable else "best_effort",
-        "transient_local" if latched else "volatile",
+        "reliable" if is_reliable else "best_effort",
+        "transient_local" if is_latched else "volatile",
         depth,
     )

@@ -1,8 +1,9 @@
-"""Putting messages of several topics, received in any order, into the order in which they were published.
+"""Puts messages of several topics into the order of publication.
 
-DDS keeps order within a topic only, and some messages of a robot carry no stamp (commands, contacts). But each comes
-with the time at which it was sent, by the clock of the one host that everything runs on, and the simulator publishes
-/clock before all else of one simulated time. So what was sent between two ticks of /clock belongs to the first of them.
+DDS keeps the order within a topic only, and some messages of a robot carry no stamp
+(commands, contacts). But each comes with the time at which it was sent, by the clock of
+the one host that everything runs on, and the simulator publishes /clock before all else
+of a simulated time. So a message sent between two ticks of /clock belongs to the first.
 """
 
 import math
@@ -13,49 +14,70 @@ from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from operator import attrgetter
 
+_SENT_NS = attrgetter("sent_ns")
+
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A serialised message; `sent_ns` is the wall-clock time at which it was sent."""
+    """A serialised message."""
 
     topic: str
     data: bytes
+    # Wall-clock time of sending.
     sent_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What was published at one simulated time, in the order of sending."""
+    """The messages of one simulated time, in the order of sending."""
 
+    # Simulated time.
     stamp_ns: int
+    # Wall-clock time at which the tick of /clock was sent.
     sent_ns: int
     messages: list[Message] = field(default_factory=list)
 
 
 class TickSequencer:
-    """Sort messages by the ticks of /clock; those that were sent before the first tick belong to that.
+    """Sorts messages by the ticks of /clock; early ones belong to the first tick.
 
-    A tick is complete when the tick after the next scan's has begun: a command is handed to the simulator and to the
-    recorder one after the other, so that ticks may overtake it, but in lockstep none beyond the next scan, which the
-    planner has to answer before. There is none while a planner is charged for its computing.
-
-    scan: the topic. fenced: ticks come by a faster way than other messages, so that a later tick shows only what is
-    complete once it has been heard by theirs as well.
+    A tick is complete when the tick after the next scan's has begun: a command is
+    handed to the simulator and to the recorder one after the other, so ticks may
+    overtake it. In lockstep none goes beyond the next scan, which the planner has to
+    answer before. No scan comes while a planner is charged for its computing.
     """
 
-    def __init__(self, scan: str, *, fenced: bool = False) -> None:
-        self._scan, self._fenced = scan, fenced
-        self._heard_ns = -math.inf
+    def __init__(self, scan_topic: str, *, fenced: bool = False) -> None:
+        """Start without a tick.
+
+        Args:
+            scan_topic: Name of the topic of scans.
+            fenced: Ticks arrive faster than other messages. A later tick then shows
+                only that ticks up to `acknowledge` are complete.
+        """
+        self._scan_topic = scan_topic
+        self._fenced = fenced
+        self._acknowledged_ns = -math.inf
         self._open: deque[Tick] = deque()
         self._early: list[Message] = []
 
     @property
     def latest_ns(self) -> int | None:
         """The simulated time now, None before the first tick."""
-        return self._open[-1].stamp_ns if self._open else None
+        if not self._open:
+            return None
+        return self._open[-1].stamp_ns
 
     def tick(self, stamp_ns: int, sent_ns: int) -> bool:
-        """Take a message of /clock and tell whether it begins a tick: one that repeats the time does not."""
+        """Take a message of /clock.
+
+        Args:
+            stamp_ns: The simulated time that it tells.
+            sent_ns: Wall-clock time at which it was sent.
+
+        Returns:
+            Whether it begins a tick; one that repeats the time does not.
+        """
         if stamp_ns == self.latest_ns:
             return False
         self._open.append(Tick(stamp_ns, sent_ns))
@@ -63,52 +85,45 @@ class TickSequencer:
             self.add(self._early.pop(0))
         return True
 
-    def hear(self, stamp_ns: int) -> None:
-        """Note a tick that came by the way of the other messages; one that is yet to come counts as the last."""
+    def acknowledge(self, stamp_ns: int) -> None:
+        """Note a tick that took the other messages' route.
+
+        Anybody can publish a tick of the future; it counts as the last one.
+        """
         if self._open:
-            self._heard_ns = min(stamp_ns, self._open[-1].stamp_ns)
+            self._acknowledged_ns = min(stamp_ns, self._open[-1].stamp_ns)
 
     def add(self, message: Message) -> None:
-        """Take any other message."""
+        """Take any message that is no tick."""
         if not self._open:
             self._early.append(message)
             return
-        index = bisect_right(self._open, message.sent_ns, key=attrgetter("sent_ns"))
-        # A message on the last open tick may belong to one that has not arrived: _settle looks again.
-        insort_right(
-            self._open[max(index - 1, 0)].messages, message, key=attrgetter("sent_ns")
-        )
+        # A message on the last open tick may belong to one that has not arrived:
+        # `_settle` moves it on.
+        place = bisect_right(self._open, message.sent_ns, key=_SENT_NS)
+        tick = self._open[max(place - 1, 0)]
+        insort_right(tick.messages, message, key=_SENT_NS)
 
-    def complete(self) -> Iterator[Tick]:
+    def pop_complete(self) -> Iterator[Tick]:
         """Yield the ticks to which nothing can come any more, oldest first."""
         self._settle()
-        while (shows := self._after_scan()) and (
-            not self._fenced or shows.stamp_ns <= self._heard_ns
-        ):
+        while self._first_is_complete():
             yield self._open.popleft()
 
-    def rest(self) -> Iterator[Tick]:
+    def pop_all(self) -> Iterator[Tick]:
         """Yield all ticks that are left, the last of which may lack something."""
         self._settle()
         while self._open:
             yield self._open.popleft()
 
-    def _after_scan(self) -> Tick | None:
-        """Return the tick after the first later one with a scan."""
-        later = pairwise(islice(self._open, 1, None))
-        return next(
-            (
-                after
-                for tick, after in later
-                if any(one.topic == self._scan for one in tick.messages)
-            ),
-            None,
-        )
+    def _first_is_complete(self) -> bool:
+        for tick, next_tick in pairwise(islice(self._open, 1, None)):
+            if any(message.topic == self._scan_topic for message in tick.messages):
+                return not self._fenced or next_tick.stamp_ns <= self._acknowledged_ns
+        return False
 
     def _settle(self) -> None:
-        """Move messages on that were taken before the tick that they belong to, in order."""
-        for earlier, later in zip(list(self._open), list(self._open)[1:], strict=False):
-            while earlier.messages and earlier.messages[-1].sent_ns >= later.sent_ns:
-                insort_left(
-                    later.messages, earlier.messages.pop(), key=attrgetter("sent_ns")
-                )
+        """Move messages on that came before the tick that they belong to, in order."""
+        for tick, next_tick in pairwise(self._open):
+            while tick.messages and tick.messages[-1].sent_ns >= next_tick.sent_ns:
+                insort_left(next_tick.messages, tick.messages.pop(), key=_SENT_NS)

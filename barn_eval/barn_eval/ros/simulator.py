@@ -1,97 +1,118 @@
-"""The simulator as the evaluator leads it: by its private line, or by its services where it was started by hand."""
+"""The simulator as the evaluator leads it: by the private line or by services."""
 
-import re
+import json
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.readiness import PARTICIPANT_BYTES
-from barn_eval.ros.sequencer import Message
-from barn_eval.ros.session import (
-    PLANNER,
+from barn_eval.ros.remote_node import (
     SET_PARAMETERS,
-    SIMULATOR,
     RemoteNode,
     ServiceRefused,
     ServiceTimeout,
-    Session,
-    TrialEnded,
 )
-from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.ros_config import Patience
+from barn_eval.ros.sequencer import Message
+from barn_eval.trials.outcome import PLANNER, SIMULATOR, Outcome
+from barn_eval.trials.ros_config import WaitLimits
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine, Reading
 
-_CONNECTED = re.compile(r"(\d+) scan subscriptions, (\d+) command publishers")
-_LOOK_S = 0.02
-_MISSED = re.compile(r"(\d+) missed commands")
+_CHECK_PERIOD_S = 0.02  # between two looks at the simulator's connections
+_STATUS_VERSION = 1
 
 
 class SimulatorChannel:
-    """The evaluator's end of the private line: readings and answers of the simulator, which nobody else can send.
+    """The evaluator's end of the private line to the simulator.
 
-    names: topics of readings after remapping, by the names that the simulator knows them by.
+    Readings and answers come from the simulator alone: nobody else can send on it.
     """
 
     def __init__(
-        self, session: Session, line: PrivateLine, names: Mapping[str, str]
+        self, loop: EvaluatorLoop, line: PrivateLine, topic_names: Mapping[str, str]
     ) -> None:
-        self.participant = b""  # what the identities of the simulator's endpoints begin with, once known
-        self.interference: list[
-            str
-        ] = []  # what others have asked of the simulator in vain
-        self._session, self._line, self._names = session, line, names
+        """Read the line whenever the loop spins.
+
+        Args:
+            loop: Spends the time of waits.
+            line: Private line to the simulator.
+            topic_names: Resolved names of the readings' topics, by the names that the
+                simulator uses.
+        """
+        # Beginning of the identities of the simulator's endpoints, once known.
+        self.participant = b""
+        # What other nodes have asked of the simulator, in vain.
+        self.interference: list[str] = []
+        self._loop = loop
+        self._line = line
+        self._topic_names = topic_names
         self._readings: deque[Message] = deque()
-        self._ignored = False  # whether readings are dropped
+        self._drops_readings = False
         self._answers: dict[int, dict[str, Any]] = {}
-        session.poll = self._drain
+        loop.poll = self._receive
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over all readings that have arrived."""
-        self._drain()
+        self._receive()
         while self._readings:
             take(self._readings.popleft())
 
-    def tell(self, heard_ns: int) -> None:
-        """Let the simulator know up to which stamp of /clock DDS has brought what it publishes."""
-        self._line.send(heard=heard_ns)
+    def acknowledge(self, stamp_ns: int) -> None:
+        """Tell the simulator up to which stamp of /clock its topics have arrived."""
+        self._line.send(heard=stamp_ns)
 
     def ignore(self) -> None:
-        """Drop what the simulator reads until its next reset, and have it go on without waiting to be heard."""
-        self._ignored = True
+        """Drop readings until the next reset, and let the simulator run unheard."""
+        self._drops_readings = True
         self._line.send(heard=None)
 
-    def ask(self, what: str, limit_s: float, **content: object) -> str:
-        """Make a request of `barn_sim.ros.leader` and return the answer; ServiceRefused, or ServiceTimeout."""
-        self._ignored = self._ignored and what != "reset"
-        number = (
-            time.monotonic_ns()
-        )  # an answer to an evaluator before this one is not taken for one to this
-        self._line.send(number=number, do=what, **content)
-        answer = self._session.wait(
+    def ask(self, action: str, limit_s: float, **content: object) -> str:
+        """Make a request of `barn_sim.ros.leader`.
+
+        Args:
+            action: "introduce", "set_parameters", "pause" or "reset".
+            limit_s: Longest wait for the answer.
+            **content: Fields of the request.
+
+        Returns:
+            The text of the answer.
+
+        Raises:
+            ServiceRefused: If the simulator does not do it.
+            ServiceTimeout: If no answer comes.
+        """
+        if action == "reset":
+            self._drops_readings = False
+
+        # A number of the clock keeps an answer to an earlier evaluator apart.
+        number = time.monotonic_ns()
+        self._line.send(number=number, do=action, **content)
+        answer = self._loop.wait(
             lambda: self._answers.pop(number, None), limit_s, SIMULATOR
         )
         if answer is None:
             raise ServiceTimeout(
-                f"no answer from the simulator to {what} within {limit_s:g} s"
+                f"no answer from the simulator to {action} within {limit_s:g} s"
             )
         if not answer["ok"]:
             raise ServiceRefused(answer["text"])
-        if what == "introduce":
+
+        if action == "introduce":
             self.participant = bytes.fromhex(answer["text"])[:PARTICIPANT_BYTES]
         return str(answer["text"])
 
-    def _drain(self) -> None:
+    def _receive(self) -> None:
         while (packet := self._line.receive()) is not None:
             if isinstance(packet, Reading):
-                if not self._ignored:
-                    self._readings.append(
-                        Message(self._names[packet.topic], packet.data, packet.sent_ns)
-                    )
+                if not self._drops_readings:
+                    topic = self._topic_names[packet.topic]
+                    self._readings.append(Message(topic, packet.data, packet.sent_ns))
             elif "answer" in packet:
                 self._answers[packet["answer"]] = packet
             else:
@@ -99,111 +120,174 @@ class SimulatorChannel:
 
 
 class SimulatorServices(RemoteNode):
-    """The services of a simulator that was started by hand, as if they were a `SimulatorChannel`."""
+    """The services of a simulator that was started by hand, in place of a channel."""
 
     def ask(
         self,
-        what: str,
+        action: str,
         limit_s: float,
         *,
         values: Mapping[str, Any] | None = None,
         on: bool = False,
     ) -> str:
-        """Do as `SimulatorChannel.ask`."""
-        if what == "introduce":
-            self.await_services((SET_PARAMETERS, "reset", "pause"), limit_s)
-        elif what == "set_parameters":
-            self.set_parameters(values or {}, limit_s)
-        elif what == "pause":
+        """Make a request as `SimulatorChannel.ask` does.
+
+        Args:
+            action: "introduce", "set_parameters", "pause" or "reset".
+            limit_s: Longest wait for the answer.
+            values: Parameters, for "set_parameters".
+            on: Whether time stops, for "pause".
+
+        Returns:
+            The message of the answer.
+        """
+        if action == "pause":
             return self.switch("pause", on, limit_s)
-        return (
-            self.trigger("reset", limit_s, again_s=limit_s) if what == "reset" else ""
+        if action == "reset":
+            return self.trigger("reset", limit_s, call_period_s=limit_s)
+        if action == "introduce":
+            self.await_services((SET_PARAMETERS, "reset", "pause"), limit_s)
+        else:
+            self.set_parameters(values or {}, limit_s)
+        return ""
+
+
+@dataclass(frozen=True)
+class SimulatorStatus:
+    """Counts from a simulator's answer to a pause; None for those it does not tell."""
+
+    # Cycles of the trial in which the simulator waited in vain for a command.
+    missed_commands: int | None
+    scan_subscriptions: int | None
+    command_publishers: int | None
+
+    @classmethod
+    def parse(cls, text: str) -> "SimulatorStatus":
+        """Read the JSON of a simulator of this suite; another may answer any text."""
+        try:
+            content = json.loads(text)
+        except ValueError:
+            content = None
+        if not isinstance(content, dict) or content.get("version") != _STATUS_VERSION:
+            content = {}
+
+        return cls(
+            content.get("missed_commands"),
+            content.get("scan_subscriptions"),
+            content.get("command_publishers"),
         )
 
 
 class SimulatorClient:
-    """Sets up, resets, pauses and releases the simulator, which it asks by `request`, as `SimulatorChannel.ask` does.
+    """Sets up, resets, pauses and releases the simulator.
 
-    dataset, robot: names, or paths, of what all trials are of. Raises TrialEnded if the simulator does not answer and
-    BarnError if it cannot do what the trial needs.
+    All methods raise TrialEnded if it does not answer and BarnError if it refuses.
     """
 
     def __init__(
         self,
-        session: Session,
+        loop: EvaluatorLoop,
         request: Callable[..., str],
-        patience: Patience,
+        patience: WaitLimits,
         dataset: str,
         robot: str,
     ) -> None:
-        self._session, self._request, self._patience = session, request, patience
-        self._given = {
-            "robot": robot,
-            "dataset": str(Path(dataset).resolve())
-            if Path(dataset).exists()
-            else dataset,
-        }
+        """Prepare requests.
+
+        Args:
+            loop: Spends the time of waits.
+            request: Asks the simulator, as `SimulatorChannel.ask` does.
+            patience: Limits of waits.
+            dataset: Name or path of the data set of all trials.
+            robot: Name or file of the robot of all trials.
+        """
+        self._loop = loop
+        self._request = request
+        self._patience = patience
+        # The simulator may run in another working directory.
+        dataset_path = Path(dataset)
+        if dataset_path.exists():
+            dataset = str(dataset_path.resolve())
+        self._run_parameters = {"robot": robot, "dataset": dataset}
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for."""
-        limit_s, start = self._patience.simulator_s, spec.course.start
-        values = {
+        """Put the robot of a trial at its start, with time stopped.
+
+        Args:
+            spec: The trial.
+            start_limit_s: Longest wait for the simulator to be there.
+
+        Returns:
+            Wall-clock time in ns just before the reset was requested.
+        """
+        start = spec.course.start
+        values: dict[str, Any] = {
             name: value for name, _, value in fields_of(spec.simulator)
-        } | self._given
-        values |= {
-            f"compute.{name}": value for name, _, value in fields_of(spec.compute)
         }
+        values |= self._run_parameters
+        for name, _, value in fields_of(spec.compute):
+            values[f"compute.{name}"] = value
         values |= {
-            "world": spec.index,
+            "world": spec.world_number,
             "seed": spec.simulator_seed,
             "compute_seed": spec.planner_seed,
-        }
-        values |= {
             "start_x_m": start.x,
             "start_y_m": start.y,
             "start_yaw_rad": start.yaw,
         }
+
+        limit_s = self._patience.simulator_s
         self._ask("introduce", start_limit_s)
         self._ask("pause", limit_s, on=True)
         self._ask("set_parameters", limit_s, values=values)
-        asked_ns = time.time_ns()
+        reset_ns = time.time_ns()
         self._ask("reset", limit_s)
-        return asked_ns
+        return reset_ns
 
     def await_connections(
         self, scan_subscriptions: int, command_publishers: int
     ) -> bool:
-        """Wait until the simulator is connected with as many others; False if it is not within the limit."""
-        # what is on the graph need not be connected yet, and the first scan of a trial must not be lost
-        deadline_s = self._session.now_s + self._patience.connection_s
-        while connected := _CONNECTED.search(
-            self._pause(True)
-        ):  # None of a simulator that does not say
-            if (
-                int(connected[1]) >= scan_subscriptions
-                and int(connected[2]) >= command_publishers
-            ):
+        """Wait until the simulator is connected with the nodes on the graph.
+
+        An endpoint on the graph need not be connected yet, and the first scan of a
+        trial must not be lost.
+
+        Args:
+            scan_subscriptions: Number of subscriptions to the scan on the graph.
+            command_publishers: Number of publishers of commands on the graph.
+
+        Returns:
+            False if the connections are not there within the limit; True for a
+            simulator that does not tell its connections.
+        """
+        deadline_s = self._loop.now_s + self._patience.connection_s
+        while True:
+            status = self._pause(True)
+            scans = status.scan_subscriptions
+            commands = status.command_publishers
+            if scans is None or commands is None:
                 return True
-            if self._session.now_s > deadline_s:
+            if scans >= scan_subscriptions and commands >= command_publishers:
+                return True
+            if self._loop.now_s > deadline_s:
                 return False
-            self._session.sleep(_LOOK_S, PLANNER, SIMULATOR)
-        return True
+            self._loop.sleep(_CHECK_PERIOD_S, PLANNER, SIMULATOR)
 
     def release(self) -> None:
-        """Let the simulated time run."""
+        """Let simulated time run."""
         self._pause(False)
 
     def pause(self) -> int:
-        """Stop the simulated time and return in how many cycles the simulator has waited in vain for a command."""
-        missed = _MISSED.search(self._pause(True))
-        return int(missed[1]) if missed else 0
+        """Stop simulated time and return how many commands the simulator missed."""
+        return self._pause(True).missed_commands or 0
 
-    def _pause(self, on: bool) -> str:
-        return self._ask("pause", self._patience.service_s, on=on)
+    def _pause(self, on: bool) -> SimulatorStatus:
+        text = self._ask("pause", self._patience.service_s, on=on)
+        return SimulatorStatus.parse(text)
 
-    def _ask(self, what: str, limit_s: float, **content: object) -> str:
+    def _ask(self, action: str, limit_s: float, **content: object) -> str:
         try:
-            return self._request(what, limit_s, **content)
+            return self._request(action, limit_s, **content)
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
         except ServiceRefused as error:

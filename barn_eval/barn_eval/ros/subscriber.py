@@ -1,7 +1,8 @@
-"""Raw subscriptions that are read when the evaluator wants to, all at once, and the queue of a trial's messages.
+"""Raw subscriptions that are read in bulk, and the queue of a trial's messages.
 
-A trial in lockstep brings some thousand messages a second. Taking them in bulk costs a quarter of what the executor's
-callbacks would, and the processor time is the simulator's and the planner's.
+A trial in lockstep brings some thousand messages a second. Reading them in bulk costs a
+quarter of what the executor's callbacks would, and that processor time belongs to the
+simulator and the planner.
 """
 
 from collections import Counter
@@ -15,30 +16,34 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.evaluator_loop import TrialEnded
 from barn_eval.ros.sequencer import Message, Tick, TickSequencer
-from barn_eval.ros.session import TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import seconds
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos
-from barn_worlds.ros.topics import message_class, profile
+from barn_worlds.ros.topics import find_message_class, qos_profile
 
-_TOLD_EVERY = 2  # ticks
-# Messages of a topic that may wait to be read, several seconds in lockstep; of one that is only recorded.
-_DEPTH, _DEPTH_RECORDED = 2000, 256
-# Bytes that are read at a time, that wait for their tick to be complete, and that are taken in all in a trial; and how
-# often in a row there may be more to read than that. What is beyond is more than can be looked at or kept.
-_TURN_BYTES, _WAITING_BYTES, _TRIAL_BYTES = 32 << 20, 512 << 20, 4 << 30
-_FULL_TURNS = 20
-_LATE_NS = (
-    1_000_000_000  # that a command of the trial before may need on a busy machine
-)
+_TICKS_PER_ACKNOWLEDGMENT = 2
+# Messages of a topic that may wait to be read: several seconds in lockstep for topics
+# that are judged, fewer for topics that are only recorded.
+_JUDGED_DEPTH = 2000
+_RECORDED_DEPTH = 256
+# Messages beyond these limits are more than can be read or kept: bytes read at a time,
+# bytes that wait for their tick to be complete, bytes of a whole trial, and the number
+# of consecutive reads that end at the first limit.
+_READ_BYTES = 32 << 20
+_WAITING_BYTES = 512 << 20
+_TRIAL_BYTES = 4 << 30
+_MAX_FULL_READS = 20
+# Delay of a command of the trial before, on a busy machine.
+_LATE_NS = 1_000_000_000
 
 
 class PolledGroup(CallbackGroup):
-    """A group whose entities no executor touches: they are read by hand."""
+    """A group whose entities no executor touches: the evaluator reads them."""
 
     def can_execute(self, *_: object) -> bool:
         """Return False."""
@@ -46,104 +51,138 @@ class PolledGroup(CallbackGroup):
 
 
 @dataclass
-class _HeardTopic:
-    """A topic: its subscription, None where its messages come from elsewhere; of a latched one, the last message."""
+class _Topic:
+    """A topic that is judged or recorded."""
 
     type_name: str
     qos: Qos = RELIABLE
+    # None where its messages come from elsewhere.
     subscription: Subscription | None = None
+    # The last message of a latched topic.
     last: Message | None = None
 
 
 class Subscriber:
-    """All topics that are judged or recorded; latched messages, sent only once, are kept, for every bag needs them."""
+    """All topics that are judged or recorded.
+
+    It keeps latched messages: they are sent only once, and every bag needs them.
+    """
 
     def __init__(self, node: Node) -> None:
-        self.full_turns = 0  # how often in a row not all could be read at once
+        # Consecutive reads that could not take all messages.
+        self.full_reads = 0
         self._node = node
         self._group = PolledGroup()
-        self._topics: dict[str, _HeardTopic] = {}
+        self._topics: dict[str, _Topic] = {}
 
     def subscribe(
-        self, topic: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True
+        self, name: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True
     ) -> bool:
-        """Subscribe to a topic, or anew if its type or reliability has changed; False for a type not installed."""
-        known = self._topics.get(topic)
-        if known is not None and (known.type_name, known.qos.reliability) == (
-            type_name,
-            qos.reliability,
-        ):
-            return True
-        if (kind := message_class(type_name)) is None:
+        """Subscribe to a topic, or anew if its type or reliability has changed.
+
+        Args:
+            name: Resolved name of the topic.
+            type_name: ROS type of its messages.
+            qos: Profile of its publishers.
+            judged: Whether a trial is judged by it; other topics are only recorded.
+
+        Returns:
+            False if the type is not installed.
+        """
+        topic = self._topics.get(name)
+        if topic is not None:
+            same_type = topic.type_name == type_name
+            if same_type and topic.qos.reliability == qos.reliability:
+                return True
+        message_type = find_message_class(type_name)
+        if message_type is None:
             return False
-        if known is not None and known.subscription is not None:
-            self._node.destroy_subscription(known.subscription)
-        asked = profile(replace(qos, depth=_DEPTH if judged else _DEPTH_RECORDED))
-        how: dict[str, Any] = {"raw": True, "callback_group": self._group}
-        made = self._node.create_subscription(kind, topic, lambda _: None, asked, **how)
-        self._topics[topic] = _HeardTopic(type_name, qos, made)
+
+        if topic is not None and topic.subscription is not None:
+            self._node.destroy_subscription(topic.subscription)
+        depth = _JUDGED_DEPTH if judged else _RECORDED_DEPTH
+        # rclpy's stubs do not know raw subscriptions.
+        options: dict[str, Any] = {"raw": True, "callback_group": self._group}
+        subscription = self._node.create_subscription(
+            message_type,
+            name,
+            lambda _: None,
+            qos_profile(replace(qos, depth=depth)),
+            **options,
+        )
+        self._topics[name] = _Topic(type_name, qos, subscription)
         return True
 
-    def provide(self, topic: str, type_name: str) -> None:
-        """Note a topic whose messages come from elsewhere, so that it is not subscribed to for the bag."""
-        self._topics[topic] = _HeardTopic(type_name)
+    def provide(self, name: str, type_name: str) -> None:
+        """Note a topic whose messages come from elsewhere, so no bag subscribes to it.
+
+        Args:
+            name: Resolved name of the topic.
+            type_name: ROS type of its messages.
+        """
+        self._topics[name] = _Topic(type_name)
 
     def topics(self) -> dict[str, str]:
-        """Return the topics subscribed to and their types."""
-        return {topic: known.type_name for topic, known in self._topics.items()}
+        """Return the types of all topics by their names."""
+        return {name: topic.type_name for name, topic in self._topics.items()}
 
-    def unmatched(self, publishers: dict[str, int]) -> list[str]:
-        """Return the topics on which fewer publishers are connected than the graph has, given their numbers."""
-        known = {
-            topic: self._topics[topic].subscription
-            for topic in publishers
-            if topic in self._topics
-        }
-        return [
-            topic
-            for topic, one in known.items()
-            if one and one.get_publisher_count() < publishers[topic]
-        ]
+    def find_unmatched(self, publishers: dict[str, int]) -> list[str]:
+        """Return the topics on which fewer publishers are connected than on the graph.
+
+        Args:
+            publishers: Number of publishers on the graph by the topic's name.
+
+        Returns:
+            Names of topics.
+        """
+        names = []
+        for name, count in publishers.items():
+            topic = self._topics.get(name)
+            if topic is None or topic.subscription is None:
+                continue
+            if topic.subscription.get_publisher_count() < count:
+                names.append(name)
+        return names
 
     def read(self, take: Callable[[Message], None]) -> None:
-        """Hand over the messages that have arrived, topic by topic, those subscribed to first if they are too many."""
-        left = _TURN_BYTES
-        for topic, known in self._topics.items():
-            if known.subscription is None:
-                continue
-            with (handle := known.subscription.handle):
-                # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
-                # which takes one message a turn.
-                while (
-                    left > 0
-                    and (
-                        taken := handle.take_message(known.subscription.msg_type, True)
-                    )
-                    is not None
-                ):
-                    data, about = taken
-                    left -= len(data)
-                    # stamps are the sender's, whose clock may say what it likes
-                    message = Message(
-                        topic,
-                        data,
-                        min(about["source_timestamp"], about["received_timestamp"]),
-                    )
-                    if known.qos.durability == LATCHED.durability:
-                        known.last = message
-                    take(message)
-        self.full_turns = self.full_turns + 1 if left <= 0 else 0
+        """Hand over the messages that have arrived, topic by topic.
 
-    def latched(self) -> list[Message]:
+        If there are too many, topics that were subscribed to first are read.
+        """
+        remaining_bytes = _READ_BYTES
+        for name, topic in self._topics.items():
+            if topic.subscription is None:
+                continue
+            handle = topic.subscription.handle
+            message_type = topic.subscription.msg_type
+            with handle:
+                while remaining_bytes > 0:
+                    # An executor and rclpy.wait_for_message call this, too. rclpy has
+                    # no public way without an executor, which takes one message a turn.
+                    sample = handle.take_message(message_type, True)
+                    if sample is None:
+                        break
+                    data, info = sample
+                    remaining_bytes -= len(data)
+                    # The source stamp is the sender's, whose clock may be forged.
+                    sent_ns = min(info["source_timestamp"], info["received_timestamp"])
+                    message = Message(name, data, sent_ns)
+                    if topic.qos.durability == LATCHED.durability:
+                        topic.last = message
+                    take(message)
+        if remaining_bytes > 0:
+            self.full_reads = 0
+        else:
+            self.full_reads += 1
+
+    def read_latched(self) -> list[Message]:
         """Return the last message of each latched topic."""
-        return [known.last for known in self._topics.values() if known.last is not None]
+        topics = self._topics.values()
+        return [topic.last for topic in topics if topic.last is not None]
 
 
 class TrialQueue:
-    """Sorts what arrives by the ticks of /clock, from the reset of the simulator on.
-
-    channel: brings the simulator's readings; without one they come by DDS.
-    """
+    """Sorts messages by the ticks of /clock, from the reset of the simulator on."""
 
     def __init__(
         self,
@@ -152,89 +191,120 @@ class TrialQueue:
         reset_ns: int,
         channel: SimulatorChannel | None,
     ) -> None:
-        # simulated time at which the trial begins, once it is known: a reset leaves the clock there until the release
+        """Prepare for the first message after a reset.
+
+        Args:
+            subscriber: Brings the messages of topics.
+            topics: Names of the topics that the trial is judged by.
+            reset_ns: Wall-clock time just before the reset was requested.
+            channel: Brings the simulator's readings; None where they come by topics.
+        """
+        # Simulated time at which the trial begins, once it is known: a reset leaves
+        # the clock there until the release.
         self.origin_ns: int | None = None
-        self.now_ns = self.ticks = self.commands = (
-            0  # simulated time; how many have arrived since the reset
-        )
-        self._subscriber, self._topics, self._channel = subscriber, topics, channel
+        # The simulated time, and how many ticks and commands came since the reset.
+        self.now_ns = 0
+        self.ticks = 0
+        self.commands = 0
+        self._subscriber = subscriber
+        self._topics = topics
+        self._channel = channel
         self._reset_ns = reset_ns
-        self._released = self._exceeded = False
+        self._released = False
+        self._limit_reported = False
         self._sequencer = TickSequencer(topics.scan, fenced=channel is not None)
-        self._heard_ns = self._told_ns = self._told_ticks = 0
-        self._bytes: Counter[str] = Counter()  # taken, by topic
-        self._waiting = 0  # bytes of these that have not been handed over
-        self._behind_ns = (
-            0  # by how much, at least, the clock is that stamped a command
-        )
+        # Latest tick that came by DDS, and the last acknowledgment to the simulator.
+        self._dds_tick_ns = 0
+        self._acknowledged_ns = 0
+        self._acknowledged_ticks = 0
+        # Bytes by topic, and how many of them wait to be handed over.
+        self._topic_bytes: Counter[str] = Counter()
+        self._waiting_bytes = 0
+        # How far, at least, the clock that stamped a command is behind.
+        self._clock_lag_ns = 0
 
     def require_bounded(self) -> None:
-        """Raise TrialEnded, once, if more comes than can be read or kept, or commands by a clock that is behind."""
-        total = self._bytes.total()
-        exceeded = (
-            self._waiting > _WAITING_BYTES
-            or total > _TRIAL_BYTES
-            or self._subscriber.full_turns > _FULL_TURNS
+        """Raise TrialEnded, once, for floods of messages and clocks that are behind."""
+        is_flooded = (
+            self._waiting_bytes > _WAITING_BYTES
+            or self._topic_bytes.total() > _TRIAL_BYTES
+            or self._subscriber.full_reads > _MAX_FULL_READS
         )
-        behind_s = seconds(self._behind_ns)
-        if (exceeded or behind_s) and not self._exceeded:
-            self._exceeded = True
-            topic, most = self._bytes.most_common(1)[0]
-            text = f"{most / 1e6:.0f} MB on {topic}, more than can be kept up with"
-            behind = f"commands are stamped by a clock that is {behind_s:.0f} s or more behind"
-            raise TrialEnded(Outcome.INTERFERENCE, text if exceeded else behind)
+        if self._limit_reported or not (is_flooded or self._clock_lag_ns):
+            return
+        self._limit_reported = True
+        if is_flooded:
+            topic, size = self._topic_bytes.most_common(1)[0]
+            detail = f"{size / 1e6:.0f} MB on {topic}, more than can be kept up with"
+        else:
+            lag_s = seconds(self._clock_lag_ns)
+            detail = (
+                f"commands are stamped by a clock that is {lag_s:.0f} s or more behind"
+            )
+        raise TrialEnded(Outcome.INTERFERENCE, detail)
 
     def read(self) -> None:
-        """Take in what has arrived, and let a simulator on the line know every few ticks how far DDS has caught up."""
+        """Take in what has arrived.
+
+        A simulator on the private line learns every few ticks how far DDS is.
+        """
         if self._channel is None:
             self._subscriber.read(self._take)
             return
-        before = self.ticks
+
+        ticks_before = self.ticks
         self._channel.read(self._take)
-        self._subscriber.read(self._take_heard)
-        heard_ns = min(
-            self._heard_ns, self.now_ns
-        )  # anybody can publish ticks that are yet to come
-        idle = self.ticks == before  # it may be waiting for that
-        if heard_ns > self._told_ns and (
-            idle or self.ticks - self._told_ticks >= _TOLD_EVERY
-        ):
-            self._told_ns, self._told_ticks = heard_ns, self.ticks
-            self._channel.tell(heard_ns)
+        self._subscriber.read(self._take_from_dds)
+
+        # Anybody can publish ticks of the future.
+        dds_tick_ns = min(self._dds_tick_ns, self.now_ns)
+        if dds_tick_ns <= self._acknowledged_ns:
+            return
+        # Without new ticks the simulator may be waiting for the acknowledgment.
+        is_idle = self.ticks == ticks_before
+        new_ticks = self.ticks - self._acknowledged_ticks
+        if is_idle or new_ticks >= _TICKS_PER_ACKNOWLEDGMENT:
+            self._acknowledged_ns = dds_tick_ns
+            self._acknowledged_ticks = self.ticks
+            self._channel.acknowledge(dds_tick_ns)
 
     def release(self) -> None:
-        """Note that from now on the simulated time runs."""
+        """Note that from now on simulated time runs."""
         self.read()
         self._released = True
         self.origin_ns = self._sequencer.latest_ns
 
     def hand_over(
-        self, take: Callable[[Tick], None], *, all_of_it: bool = False
+        self, take: Callable[[Tick], None], *, incomplete: bool = False
     ) -> None:
-        """Hand on the ticks that are complete, or all that there are; none before the release."""
+        """Hand on the ticks that are complete; none before the release.
+
+        Args:
+            take: Receives the ticks since the trial's beginning.
+            incomplete: Hand on all ticks, the last of which may lack something.
+        """
         if not self._released:
             return
-        for tick in self._sequencer.rest() if all_of_it else self._sequencer.complete():
-            self._waiting -= sum(len(message.data) for message in tick.messages)
+        sequencer = self._sequencer
+        pop = sequencer.pop_all if incomplete else sequencer.pop_complete
+        for tick in pop():
+            self._waiting_bytes -= sum(len(message.data) for message in tick.messages)
             if self.origin_ns is not None and tick.stamp_ns >= self.origin_ns:
                 take(tick)
 
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
-            behind_ns = self._reset_ns - message.sent_ns
-            if (
-                self._released
-                and message.topic == self._topics.command
-                and behind_ns > _LATE_NS
-            ):
-                self._behind_ns = behind_ns
+            self._take_early(message)
             return
-        self._bytes[message.topic] += len(message.data)
-        self._waiting += len(message.data)
+
+        self._topic_bytes[message.topic] += len(message.data)
+        self._waiting_bytes += len(message.data)
         if message.topic != self._topics.clock:
-            self.commands += message.topic == self._topics.command
+            if message.topic == self._topics.command:
+                self.commands += 1
             self._sequencer.add(message)
             return
+
         self.now_ns = decode.clock(message.data)
         self.ticks += 1
         if self._sequencer.tick(self.now_ns, message.sent_ns):
@@ -242,12 +312,23 @@ class TrialQueue:
         if self._released and self.origin_ns is None:
             self.origin_ns = self.now_ns
 
-    def _take_heard(self, message: Message) -> None:
-        """Take a message that came by DDS while the readings come by the channel: a tick only shows how far DDS is."""
+    def _take_early(self, message: Message) -> None:
+        """Drop a message from before the reset, unless its stamp cannot be right."""
+        lag_ns = self._reset_ns - message.sent_ns
+        is_command = message.topic == self._topics.command
+        if self._released and is_command and lag_ns > _LATE_NS:
+            self._clock_lag_ns = lag_ns
+
+    def _take_from_dds(self, message: Message) -> None:
+        """Take a message that came by DDS while readings come by the channel.
+
+        A tick only shows how far DDS is.
+        """
         if message.topic != self._topics.clock:
             self._take(message)
             return
-        with suppress(MessageError):  # anybody can publish there
+        # Anybody can publish there.
+        with suppress(MessageError):
             stamp_ns = decode.clock(message.data)
-            self._heard_ns = max(self._heard_ns, stamp_ns)
-            self._sequencer.hear(stamp_ns)
+            self._dds_tick_ns = max(self._dds_tick_ns, stamp_ns)
+            self._sequencer.acknowledge(stamp_ns)

@@ -6,45 +6,63 @@ from dataclasses import replace
 
 from rclpy.node import Node
 
-from barn_eval.results.bags.messages import TOPICS, LiveScore, first_scene, moving_scene
+from barn_eval.results.bags.messages import (
+    TOPICS,
+    ScoreReporter,
+    initial_scene,
+    moving_obstacle_scene,
+)
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.readiness import Endpoint, Watchdog
 from barn_eval.ros.recording import Recording
 from barn_eval.ros.sequencer import Tick
-from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel, SimulatorClient, SimulatorServices
 from barn_eval.ros.subscriber import Subscriber, TrialQueue
 from barn_eval.ros.supervision.process import EventChannel
-from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
+from barn_eval.trials.outcome import (
+    ENVIRONMENT,
+    PLANNER,
+    SIMULATOR,
+    Outcome,
+    Verdict,
+)
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
-from barn_worlds.messages import topics as names
 from barn_worlds.messages.topics import (
     BEST_EFFORT,
     CLOCK,
+    CMD_VEL,
     COLLISION,
+    DIAGNOSTICS,
     GROUND_TRUTH,
     ODOM,
+    PLAN,
     RELIABLE,
+    SCAN,
 )
 from barn_worlds.ros.private_line import PrivateLine
 
-_LOOK_S = 0.2  # between two looks at the graph while a trial runs
-# Outcomes of a planner that is there and yet does nothing, of which the cause is sought, the first two by asking it.
+_GRAPH_PERIOD_S = 0.2  # between two looks at the graph while a trial runs
+# The simulator's readings, which a private line brings where there is one.
+_READINGS = (CLOCK, ODOM, GROUND_TRUTH, COLLISION)
+# Outcomes of a planner that does nothing. The row says its own result as well, and for
+# the first two whether its clock is to blame.
 _UNEXPLAINED = (
     Outcome.NO_FIRST_MOTION,
     Outcome.PLANNER_NOT_READY,
     Outcome.PLANNER_STALLED,
 )
+_CLOCK_RELATED = _UNEXPLAINED[:2]
 
 
 class RunContext:
-    """What all trials of a run share: subscriptions, clients, and the view of the graph."""
+    """What all trials of a run share: subscriptions, clients, view of the graph."""
 
     def __init__(
         self,
@@ -54,86 +72,87 @@ class RunContext:
         dataset: str,
         robot: str,
     ) -> None:
+        """Create everything that lasts longer than a trial.
+
+        Args:
+            node: The evaluator node.
+            config: Parameters of the evaluator.
+            supervisor: Channel to the process that started the other nodes, if any.
+            dataset: Name or path of the data set of all trials.
+            robot: Name or file of the robot of all trials.
+        """
         self.config = config
         self._simulator_name = resolve_node_name(node, config.simulator_node)
         self.view = GraphView(node)
-        self.session = Session(node, supervisor, self._forget)
-        judged = (
-            CLOCK,
-            ODOM,
-            GROUND_TRUTH,
-            COLLISION,
-            names.CMD_VEL,
-            names.SCAN,
-            names.DIAGNOSTICS,
-            names.PLAN,
-        )
-        self.topics = topics = TrialTopics(
+        self.loop = EvaluatorLoop(node, supervisor, self._forget_process)
+        judged = (*_READINGS, CMD_VEL, SCAN, DIAGNOSTICS, PLAN)
+        self.topics = TrialTopics(
             *(node.resolve_topic_name(topic.name) for topic in judged)
         )
         self.subscriber = Subscriber(node)
-        self.channel = (
-            self._connect()
-        )  # brings what trials are judged by; None where that comes by topics
-        own = [node.resolve_topic_name(topic.name) for topic in TOPICS]
+        # Brings the simulator's readings; None where they come by topics.
+        self.channel = self._subscribe_to_readings()
+
+        evaluator_topics = [node.resolve_topic_name(topic.name) for topic in TOPICS]
         self.integrity = Integrity(
-            self.view, self.channel, self._simulator_name, topics, own
+            self.view,
+            self.channel,
+            self._simulator_name,
+            self.topics,
+            evaluator_topics,
         )
-        needed = topics.scan, topics.diagnostics, topics.plan
-        self.recording = Recording(node, self.subscriber, config.bag_exclude, needed)
+        required = (self.topics.scan, self.topics.diagnostics, self.topics.plan)
+        self.recording = Recording(node, self.subscriber, config.bag_exclude, required)
+
         simulator = self.channel or SimulatorServices(
-            self.session, self._simulator_name, SIMULATOR
+            self.loop, self._simulator_name, SIMULATOR
         )
         self.simulator = SimulatorClient(
-            self.session, simulator.ask, config.patience, dataset, robot
+            self.loop, simulator.ask, config.patience, dataset, robot
         )
-        self.planner = PlannerClient(self.session, self.view, config)
+        self.planner = PlannerClient(self.loop, self.view, config)
 
-    def _connect(self) -> SimulatorChannel | None:
-        """See to it that what trials are judged by arrives."""
-        node, private = self.session.node, self.config.simulator_fd >= 0
-        names = {
-            topic: node.resolve_topic_name(topic.name)
-            for topic in (CLOCK, ODOM, GROUND_TRUTH, COLLISION)
-        }
-        for topic, name in names.items():
-            if (
-                private and topic is not CLOCK
-            ):  # which shows how far the other topics are
+    def _subscribe_to_readings(self) -> SimulatorChannel | None:
+        node = self.loop.node
+        is_private = self.config.simulator_fd >= 0
+        topic_names = {}
+        for topic in _READINGS:
+            name = node.resolve_topic_name(topic.name)
+            topic_names[topic.name] = name
+            # /clock is subscribed to in any case: it shows how far DDS is.
+            if is_private and topic is not CLOCK:
                 self.subscriber.provide(name, topic.type_name)
             else:
                 self.subscriber.subscribe(name, topic.type_name)
-        known_as = {topic.name: name for topic, name in names.items()}
-        return (
-            SimulatorChannel(
-                self.session, PrivateLine(self.config.simulator_fd), known_as
-            )
-            if private
-            else None
-        )
+        if not is_private:
+            return None
+        line = PrivateLine(self.config.simulator_fd)
+        return SimulatorChannel(self.loop, line, topic_names)
 
-    def _forget(self, name: str) -> None:
-        """Leave out what a process had on the graph: the planner's is all but the simulator's."""
-        of_simulator = self.channel.participant if self.channel is not None else b""
+    def _forget_process(self, process: str) -> None:
+        """Leave out what a process had on the graph.
 
-        def is_simulators(endpoint: Endpoint) -> bool:
-            return (
-                endpoint.participant == of_simulator
-                if of_simulator
-                else endpoint.node == self._simulator_name
-            )
+        All that is not the simulator's counts as the planner's.
+        """
+        participant = b""
+        if self.channel is not None:
+            participant = self.channel.participant
 
-        self.view.leave_out(
-            lambda endpoint: is_simulators(endpoint) != (name == PLANNER)
-        )
-        if name == PLANNER:
-            self.planner.told.clear()
-        if self.channel is not None and name == SIMULATOR:
+        def is_simulator(endpoint: Endpoint) -> bool:
+            if participant:
+                return endpoint.participant == participant
+            return endpoint.node == self._simulator_name
+
+        is_planner = process == PLANNER
+        self.view.leave_out(lambda endpoint: is_simulator(endpoint) != is_planner)
+        if is_planner:
+            self.planner.parameters.clear()
+        elif self.channel is not None:
             self.channel.participant = b""
 
 
 class RosTrial:
-    """One trial in progress; first: whether the others may have been started just now."""
+    """One trial in progress."""
 
     def __init__(
         self,
@@ -143,30 +162,36 @@ class RosTrial:
         *,
         first: bool,
     ) -> None:
-        self.trial = RunningTrial(spec)  # what it has come to
-        self.released = False  # whether it came to driving
-        self.wall_s = 0.0  # how long it drove, in wall-clock time
-        self.planner_verdict: str | None = (
-            None  # what the planner itself said of it, where it is asked
-        )
-        self.adapter: TrialAdapter | None = (
-            None  # what was measured on the way, once it drives
-        )
-        self._context, self._spec, self._recorder, self._first = (
-            context,
-            spec,
-            recorder,
-            first,
-        )
+        """Prepare a trial.
+
+        Args:
+            context: What all trials of the run share.
+            spec: The trial.
+            recorder: Writes its bag; None where no bag is recorded.
+            first: Whether simulator and planner may have been started just now.
+        """
+        # Readings, commands and verdict.
+        self.trial = RunningTrial(spec)
+        # Whether the trial came to driving, and for how much wall-clock time.
+        self.released = False
+        self.wall_s = 0.0
+        # What the planner's own action says of the trial, where the goal is an action.
+        self.action_result: str | None = None
+        # What is measured of the drive; None before its first tick.
+        self.adapter: TrialAdapter | None = None
+        self._context = context
+        self._spec = spec
+        self._recorder = recorder
+        self._first = first
         self._queue: TrialQueue | None = None
-        self._score = LiveScore(spec)
+        self._score = ScoreReporter(spec)
         self._latest_ns: int | None = None
         self._origin_ns = 0
 
     def run(self) -> Verdict:
-        """Run to the verdict; whatever happens to the others, there is one."""
+        """Run to the verdict; whatever happens to the other nodes, there is one."""
         context = self._context
-        context.session.begin_trial()
+        context.loop.begin_trial()
         context.integrity.begin()
         try:
             queue = self._prepare()
@@ -175,193 +200,214 @@ class RosTrial:
         except TrialEnded as end:
             if self._queue is not None:
                 self._queue.read()
-                self._queue.hand_over(self._take, all_of_it=True)
-            verdict = self.trial.referee.fail(end.outcome, end.detail, end.blamed)
-            self._show_standing()
-        if (found := context.integrity.look()) and verdict.fault != ENVIRONMENT:
-            verdict = replace(
-                verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed=""
-            )
-        self.planner_verdict = context.planner.goal.verdict
-        context.planner.goal.end()
-        return self._explained(verdict)
+                self._queue.hand_over(self._take, incomplete=True)
+            verdict = self.trial.referee.fail(end.outcome, end.detail, end.culprit)
+            self._show_score()
 
-    def _explained(self, verdict: Verdict) -> Verdict:
+        interference = context.integrity.look()
+        if interference and verdict.fault != ENVIRONMENT:
+            verdict = replace(
+                verdict, outcome=Outcome.INTERFERENCE, detail=interference, culprit=""
+            )
+        self.action_result = context.planner.goal.action_result
+        context.planner.goal.end()
+        return self._explain(verdict)
+
+    def _explain(self, verdict: Verdict) -> Verdict:
+        """Add to the verdict on a planner that does nothing what may be the cause."""
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
-        clock = (
-            self._context.planner.clock_fault()
-            if verdict.outcome in _UNEXPLAINED[:2]
-            else ""
-        )
-        own = (
-            f"its own verdict: {self.planner_verdict}"
-            if self.planner_verdict not in (None, "executing")
-            else ""
-        )
-        return replace(
-            verdict, detail="; ".join(filter(None, [verdict.detail, clock, own]))
-        )
+        details = [verdict.detail]
+        if verdict.outcome in _CLOCK_RELATED:
+            details.append(self._context.planner.clock_problem())
+        if self.action_result not in (None, "executing"):
+            details.append(f"its own verdict: {self.action_result}")
+        return replace(verdict, detail="; ".join(filter(None, details)))
 
     def _prepare(self) -> TrialQueue:
-        context, patience = self._context, self._context.config.patience
-        simulator, planner = context.simulator, context.planner
-        limits_s = (
-            (patience.start_s,) * 2
-            if self._first
-            else (patience.simulator_s, patience.gate_s)
-        )
-        reset_ns = simulator.prepare(self._spec, limits_s[0])
-        planner.await_node(limits_s[1])
-        if planner.inactive():
-            # many a node needs the time to pass, and transforms, to become active
+        """Bring simulator and planner to the start of the trial."""
+        context = self._context
+        patience = context.config.patience
+        simulator = context.simulator
+        planner = context.planner
+        if self._first:
+            simulator_limit_s = patience.start_s
+            planner_limit_s = patience.start_s
+        else:
+            simulator_limit_s = patience.simulator_s
+            planner_limit_s = patience.gate_s
+
+        reset_ns = simulator.prepare(self._spec, simulator_limit_s)
+        planner.await_node(planner_limit_s)
+        if planner.inactive_nodes():
+            # Many a node needs time to pass, and transforms, to become active.
             if context.channel is not None:
                 context.channel.ignore()
             simulator.release()
             planner.await_active()
             reset_ns = simulator.prepare(self._spec, patience.simulator_s)
-        self._queue = queue = TrialQueue(
+        queue = TrialQueue(
             context.subscriber, context.topics, reset_ns, context.channel
         )
-        found = planner.await_presence(limits_s[1])
-        qos = RELIABLE if found.command_reliable else BEST_EFFORT
-        context.subscriber.subscribe(context.topics.command, found.command_type, qos)
+        self._queue = queue
+
+        finding = planner.await_presence(planner_limit_s)
+        qos = RELIABLE if finding.command_reliable else BEST_EFFORT
+        context.subscriber.subscribe(context.topics.command, finding.command_type, qos)
         self._await_connections()
-        context.integrity.require(context.session)
+        context.integrity.require(context.loop)
         if self._first:
-            planner.tell_parameters()
+            planner.report_parameters()
         queue.read()
         planner.instruct(self._spec, queue.now_ns)
         queue.release()
         self.released = True
-        context.session.tell("released")
+        context.loop.report("released")
         return queue
 
     def _await_connections(self) -> None:
-        """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
-        context, patience = self._context, self._context.config.patience
-        session, topics, limit_s = context.session, context.topics, patience.service_s
+        """Wait until the nodes hear each other and the evaluator hears its topics."""
+        context = self._context
+        loop = context.loop
+        subscriber = context.subscriber
+        topics = context.topics
+        limit_s = context.config.patience.service_s
 
         def silent_topics() -> list[str]:
-            silent = self._unheard(topics)
-            return (
-                silent
-                if topics.scan in context.subscriber.topics()
-                else [*silent, topics.scan]
-            )
+            silent = self._find_unmatched(topics)
+            if topics.scan not in subscriber.topics():
+                silent.append(topics.scan)
+            return silent
 
-        if not session.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
+        if not loop.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
             silent = silent_topics()
-            planners = {topics.command, topics.diagnostics}.issuperset(silent)
-            outcome = (
-                Outcome.PLANNER_NOT_READY if planners else Outcome.ENVIRONMENT_FAILED
-            )
-            raise TrialEnded(
-                outcome, f"no connection to {', '.join(silent)} within {limit_s:g} s"
-            )
-        # what is only recorded is waited for as well, and then done without
-        if not session.wait(
-            lambda: not self._unheard(context.subscriber.topics()),
-            patience.connection_s,
+            outcome = Outcome.ENVIRONMENT_FAILED
+            if {topics.command, topics.diagnostics}.issuperset(silent):
+                outcome = Outcome.PLANNER_NOT_READY
+            detail = f"no connection to {', '.join(silent)} within {limit_s:g} s"
+            raise TrialEnded(outcome, detail)
+
+        # The bag does without topics that are not connected after a time.
+        if not loop.wait(
+            lambda: not self._find_unmatched(subscriber.topics()),
+            context.config.patience.connection_s,
         ):
-            session.note(
-                f"no connection to {', '.join(self._unheard(context.subscriber.topics()))}"
-            )
-        types = context.subscriber.topics()
-        _, scans = context.view.known_to_all(topics.scan, types[topics.scan])
-        commands, _ = context.view.known_to_all(topics.command, types[topics.command])
+            silent = self._find_unmatched(subscriber.topics())
+            loop.note(f"no connection to {', '.join(silent)}")
+
+        types = subscriber.topics()
+        _, scans = context.view.count_endpoints(topics.scan, types[topics.scan])
+        commands, _ = context.view.count_endpoints(
+            topics.command, types[topics.command]
+        )
         if not context.simulator.await_connections(scans, commands):
-            session.note(
+            loop.note(
                 "not all subscriptions to the scan are connected with the simulator"
             )
 
-    def _unheard(self, topics: Iterable[str]) -> list[str]:
-        """Return which of the topics have more publishers than are connected, having looked for new topics."""
+    def _find_unmatched(self, topics: Iterable[str]) -> list[str]:
+        """Return topics with more publishers than are connected, new ones included."""
         context = self._context
         context.recording.discover(everything=self._recorder is not None)
-        return context.subscriber.unmatched(
+        return context.subscriber.find_unmatched(
             {topic: len(context.view.publishers(topic)) for topic in topics}
         )
 
     def _follow(self, queue: TrialQueue) -> Verdict:
-        session = self._context.session
-        began_s, look_s = time.monotonic(), session.now_s
-        watchdog = Watchdog(
-            self._context.config.patience, session.now_s, queue.commands
-        )
+        """Judge and record until there is a verdict."""
+        context = self._context
+        loop = context.loop
+        start_s = time.monotonic()
+        next_look_s = loop.now_s
+        watchdog = Watchdog(context.config.patience, loop.now_s, queue.commands)
         goal_period_ns = nanoseconds(self._spec.protocol.goal_period_s)
-        goal_ns = queue.now_ns + goal_period_ns
+        next_goal_ns = queue.now_ns + goal_period_ns
+
         while True:
-            session.spin()
+            loop.spin()
             queue.read()
             queue.require_bounded()
             queue.hand_over(self._take)
-            self.wall_s = time.monotonic() - began_s
+            self.wall_s = time.monotonic() - start_s
             if self.trial.verdict is not None:
                 return self.trial.verdict
-            session.check(PLANNER, SIMULATOR)
-            if (now_s := session.now_s) >= look_s:
-                look_s = now_s + _LOOK_S
-                self._look(watchdog, now_s)
-            watchdog.hear(now_s, queue.ticks, queue.commands)
-            simulated_s = (
-                seconds(self._latest_ns - self._origin_ns)
-                if self._latest_ns is not None
-                else 0.0
-            )
-            waited_s = self.adapter.waited_s if self.adapter is not None else 0.0
-            moved = self.trial.referee.clock_started
-            if fault := watchdog.judge(
-                now_s, moved=moved, simulated_s=simulated_s, waited_s=waited_s
-            ):
-                raise TrialEnded(*fault)
-            if goal_period_ns and queue.now_ns >= goal_ns:
-                goal_ns = queue.now_ns + goal_period_ns
-                self._context.planner.repeat_goal(self._spec, queue.now_ns)
 
-    def _look(self, watchdog: Watchdog, now_s: float) -> None:
-        self._context.integrity.require(self._context.session)
-        if self._context.planner.publishes():
+            loop.require_alive(PLANNER, SIMULATOR)
+            # A look at the graph may take time, in which nothing is read: the watchdog
+            # must judge by the time before it.
+            now_s = loop.now_s
+            if now_s >= next_look_s:
+                next_look_s = now_s + _GRAPH_PERIOD_S
+                self._look_at_graph(watchdog, now_s)
+            watchdog.hear(now_s, queue.ticks, queue.commands)
+            self._require_progress(watchdog, now_s)
+            if goal_period_ns and queue.now_ns >= next_goal_ns:
+                next_goal_ns = queue.now_ns + goal_period_ns
+                context.planner.repeat_goal(self._spec, queue.now_ns)
+
+    def _look_at_graph(self, watchdog: Watchdog, now_s: float) -> None:
+        context = self._context
+        context.integrity.require(context.loop)
+        if context.planner.publishes():
             watchdog.publisher_seen(now_s)
         if self._recorder is not None:
-            self._context.recording.discover(everything=True)
+            context.recording.discover(everything=True)
+
+    def _require_progress(self, watchdog: Watchdog, now_s: float) -> None:
+        simulated_s = 0.0
+        if self._latest_ns is not None:
+            simulated_s = seconds(self._latest_ns - self._origin_ns)
+        waited_s = 0.0
+        if self.adapter is not None:
+            waited_s = self.adapter.waited_s
+        fault = watchdog.judge(
+            now_s,
+            moved=self.trial.referee.clock_started,
+            simulated_s=simulated_s,
+            waited_s=waited_s,
+        )
+        if fault is not None:
+            raise TrialEnded(*fault)
 
     def _begin(self, origin_ns: int) -> TrialAdapter:
-        context, self._origin_ns = self._context, origin_ns
+        """Begin bag and judging with the first tick."""
+        context = self._context
+        self._origin_ns = origin_ns
         if self._recorder is not None:
             context.recording.begin(self._recorder, origin_ns)
-            context.recording.show(
-                [first_scene(self._spec, origin_ns)], origin_ns, self._recorder
-            )
+            scene = initial_scene(self._spec, origin_ns)
+            context.recording.show([scene], origin_ns, self._recorder)
+
         command_type = context.subscriber.topics()[context.topics.command]
-        config, map_given = context.config, self._spec.protocol.map_given
-        plan_frame = (config.map_frame if map_given else config.odom_frame).lstrip("/")
+        frame = context.config.odom_frame
+        if self._spec.protocol.map_given:
+            frame = context.config.map_frame
         return TrialAdapter(
-            context.topics, self.trial, origin_ns, command_type, plan_frame
+            context.topics, self.trial, origin_ns, command_type, frame.lstrip("/")
         )
 
     def _take(self, tick: Tick) -> None:
+        stamp_ns = tick.stamp_ns
         if self.adapter is None:
-            self.adapter = self._begin(tick.stamp_ns)
-        over = (
-            self.trial.verdict is not None
-        )  # several ticks may arrive at once, some of them after the end
-        kept = self.adapter.take(tick)
+            self.adapter = self._begin(stamp_ns)
+        # Several ticks may arrive at once, some of them after the verdict.
+        is_over = self.trial.verdict is not None
+        messages = self.adapter.take(tick)
         if self._recorder is not None:
-            self._context.recording.write(self._recorder, kept, tick.stamp_ns)
-            moving = (
-                []
-                if over
-                else moving_scene(
-                    self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns
+            recording = self._context.recording
+            recording.write(self._recorder, messages, stamp_ns)
+            if not is_over:
+                scene = moving_obstacle_scene(
+                    self._spec, stamp_ns - self._origin_ns, stamp_ns
                 )
-            )
-            self._context.recording.show(moving, tick.stamp_ns, self._recorder)
-        self._latest_ns = tick.stamp_ns
-        self._show_standing()
+                recording.show(scene, stamp_ns, self._recorder)
+        self._latest_ns = stamp_ns
+        self._show_score()
 
-    def _show_standing(self) -> None:
-        """Publish and record how the trial stands at the end of the last tick, when that is due."""
+    def _show_score(self) -> None:
+        """Publish and record how the trial stands, at the score's own period."""
         if self._latest_ns is not None:
-            shown = list(self._score.take(self.trial.referee.standing, self._latest_ns))
-            self._context.recording.show(shown, self._latest_ns, self._recorder)
+            messages = self._score.take(self.trial.referee.standing, self._latest_ns)
+            self._context.recording.show(
+                list(messages), self._latest_ns, self._recorder
+            )

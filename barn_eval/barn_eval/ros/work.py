@@ -1,154 +1,186 @@
-"""What the workers of an experiment are handed; over ROS, each keeps its nodes running for a share of the trials."""
+"""The work of a run's workers: over ROS each keeps its nodes for several trials."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from socket import AF_INET, SOCK_DGRAM, socket
 
-from rich.console import Console
-
-from barn_eval.results.run_file import isolated, isolation, ros_problem
-from barn_eval.results.store import LOGS, Store
-from barn_eval.ros.supervision import run_ros_trials
-from barn_eval.running.engine import DirectWork, Emit, Job, Work
-from barn_eval.running.planner_objects import LivePlanner
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.results.store import LOGS, BagStore
+from barn_eval.ros.isolation import (
+    can_isolate,
+    probe_isolation,
+    ros_problem,
+    session_isolation,
+)
+from barn_eval.ros.supervision.supervisor import run_ros_trials
+from barn_eval.running.pool import DirectWork, Emit, Job, Work
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution, Experiment
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError, reported_as
+from barn_worlds.base.errors import ConfigError, convert_os_errors
 
-_WORLDS_AT_A_TIME = 10  # of each worker, for which the nodes of each of several planners are started once
+# Worlds of each worker for which the nodes of each of several planners start once.
+_BLOCK_WORLDS = 10
 
 
 @dataclass(frozen=True)
 class RosWork(Work):
-    """Shares of trials over ROS; the supervisor of its nodes chooses a ROS domain for each worker.
+    """Shares of trials over ROS, each run by a supervisor on a ROS domain of its own.
 
     A single worker takes the domain of the environment, if that names one.
     """
 
-    loads = False
-    experiment: Experiment
-    store: Store
+    needs_import_path = False
+    config: RunConfig
+    store: BagStore
     workers: int
 
-    def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
-        """Return the shares of trials: as many per planner as there are workers, worlds dealt in turn.
+    @property
+    def isolation(self) -> str:
+        """What keeps planner processes from the suite's, as run.json has it."""
+        return session_isolation(self.config.ros)
 
-        Of several planners all drive in some worlds before any does in the next, so that what is stopped early compares
-        them; nodes are started once for these and not for each trial.
+    def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
+        """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
+
+        Several planners all drive in a block of worlds before any drives in the next,
+        so a run that is stopped early compares them. Nodes start once for a block and
+        not for each trial.
         """
-        worlds = list(dict.fromkeys(spec.index for spec in trials))
-        size = (
-            _WORLDS_AT_A_TIME * self.workers
-            if len(self.experiment.planners) > 1
-            else len(worlds)
-        )
-        made = []
-        for begin in range(0, len(worlds), size):
-            for planner in self.experiment.planners:
+        planners = self.config.planners
+        worlds = list(dict.fromkeys(spec.world_number for spec in trials))
+        block_size = len(worlds)
+        if len(planners) > 1:
+            block_size = _BLOCK_WORLDS * self.workers
+
+        jobs = []
+        for block, begin in enumerate(range(0, len(worlds), block_size)):
+            block_worlds = worlds[begin : begin + block_size]
+            for planner in planners:
                 for number in range(self.workers):
-                    share = set(worlds[begin : begin + size][number :: self.workers])
-                    own = tuple(
+                    share = set(block_worlds[number :: self.workers])
+                    specs = tuple(
                         spec
                         for spec in trials
-                        if spec.planner == planner.name and spec.index in share
+                        if spec.planner == planner.name and spec.world_number in share
                     )
-                    key = (
-                        f"{planner.name}_{number}" if self.workers > 1 else planner.name
-                    )
-                    made += (
-                        [
-                            Job(
-                                f"{key}/{begin // size}" if size < len(worlds) else key,
-                                own,
-                            )
-                        ]
-                        if own
-                        else []
-                    )
-        return made
+                    if not specs:
+                        continue
+                    key = planner.name
+                    if self.workers > 1:
+                        key += f"_{number}"
+                    if block_size < len(worlds):
+                        key += f"/{block}"
+                    jobs.append(Job(key, specs))
+        return jobs
 
     def run(self, job: Job, emit: Emit) -> None:
-        """Run a share to its end; ProcessError where its nodes cannot be run, and other BarnErrors."""
-        from barn_eval.running.direct import warm_up  # noqa: PLC0415 (loads the simulator, in the worker only)
+        """Run a share to its end.
 
-        first = job.trials[0]
-        (planner,) = (
-            one for one in self.experiment.planners if one.name == first.planner
-        )
-        warm_up(first, with_planner=planner.registered)
-        environment = {
-            key: text
-            for key, text in os.environ.items()
-            if key != "ROS_DOMAIN_ID" or self.workers == 1
-        }
-        alone = self.workers == len(self.experiment.planners) == 1
-        logs = self.store.folder / LOGS / ("" if alone else job.key)
+        Args:
+            job: Trials of one planner.
+            emit: Receives a record for each trial, and notices for the user.
+
+        Raises:
+            ProcessError: If the nodes cannot be run.
+            BarnError: For other mistakes in the input.
+        """
+        # In the worker only: this loads the simulator.
+        from barn_eval.running.direct import warm_up  # noqa: PLC0415
+
+        spec = job.trials[0]
+        planners = self.config.planners
+        planner = next(choice for choice in planners if choice.name == spec.planner)
+        warm_up(spec, with_planner=planner.registered)
+
+        environment = dict(os.environ)
+        if self.workers > 1:
+            environment.pop("ROS_DOMAIN_ID", None)
+        logs = self.store.folder / LOGS
+        if self.workers > 1 or len(planners) > 1:
+            logs /= job.key
         with closing(
-            run_ros_trials(
-                self.experiment, job.trials, self.store, logs, emit, environment
-            )
+            run_ros_trials(self.config, job.trials, self.store, logs, emit, environment)
         ) as records:
             for record in records:
                 emit(record)
 
 
-def work_of(
-    experiment: Experiment,
-    execution: Execution,
-    store: Store,
-    live: Mapping[str, LivePlanner],
-) -> Work:
-    """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
-    if experiment.mode == "direct":
-        return DirectWork(store, live)
-    return RosWork(experiment, store, execution.processes)
+def work_of(request: RunRequest, store: BagStore) -> Work:
+    """Return the work of a run's workers.
+
+    Args:
+        request: The run.
+        store: Where trials leave their bags.
+
+    Returns:
+        The work of mode direct or ros.
+    """
+    if request.config.mode == "direct":
+        return DirectWork(store, request.planner_objects)
+    return RosWork(request.config, store, request.execution.processes)
 
 
-def isolation_text(setup: RosSetup) -> str:
-    """Return that nothing keeps planners from the suite's processes, and why; empty if something does."""
-    if setup.isolate and isolated():
+def isolation_warning(setup: RosConfig) -> str:
+    """Return that nothing keeps planners from the suite's processes, else empty."""
+    if setup.isolate and can_isolate():
         return ""
-    why = isolation() if setup.isolate else "isolate=false"
-    apart = f"planners are not kept apart from the suite's processes ({why})"
-    return f"{apart}: a trial in which one of those ends counts as their failure"
+    reason = probe_isolation() if setup.isolate else "isolate=false"
+    return (
+        f"planners are not kept apart from the suite's processes ({reason}):"
+        " a trial in which one of those ends counts as their failure"
+    )
 
 
-def require_ros(experiment: Experiment, console: Console) -> None:
-    """Raise ConfigError if an experiment needs ROS that is not there; print what keeps no planners apart."""
-    if experiment.mode != "ros":
+def require_ros(config: RunConfig, reporter: Reporter) -> None:
+    """Check that a run of mode ros can run, and warn of missing isolation.
+
+    Args:
+        config: The run; other modes pass.
+        reporter: Receives the warning.
+
+    Raises:
+        ConfigError: If ROS or the loopback interface is missing.
+    """
+    if config.mode != "ros":
         return
-    if problem := ros_problem():
+    problem = ros_problem()
+    if problem:
         raise ConfigError(
-            f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS"
+            f"mode ros: {problem}; install the ROS 2 wheels for this Python or use"
+            " that of ROS"
         )
     with (
-        reported_as(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
-        socket(AF_INET, SOCK_DGRAM) as line,
+        convert_os_errors(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
+        socket(AF_INET, SOCK_DGRAM) as probe,
     ):
-        line.connect(("127.0.0.1", 9))
-    if text := isolation_text(experiment.ros):
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        probe.connect(("127.0.0.1", 9))
+    warning = isolation_warning(config.ros)
+    if warning:
+        reporter.warn(warning)
 
 
 def run_request(
-    request: Request,
-    console: Console,
-    live: Mapping[str, LivePlanner] | None = None,
-    *,
-    overwrite: bool = False,
+    request: RunRequest, reporter: Reporter, *, overwrite: bool = False
 ) -> list[TrialResult]:
-    """Run what an experiment still lacks and return all its results; BarnError in one line for what is not possible.
+    """Run what a request still lacks and return all its results.
 
-    live: its planners that are Python objects, by name.
+    Args:
+        request: Run and folder.
+        reporter: Receives notices and progress.
+        overwrite: Delete the results of a different run in the same folder.
+
+    Returns:
+        All results, in the order of the schedule.
+
+    Raises:
+        BarnError: For what the user has to change.
     """
-    require_ros(request.experiment, console)
-    return run_experiment(
-        request, console, partial(work_of, live=live or {}), overwrite=overwrite
-    )
+    require_ros(request.config, reporter)
+    with open_run(request, reporter, work_of, overwrite=overwrite) as run:
+        return run.drive()

@@ -1,110 +1,132 @@
-"""What decides what ran by a planner's command: the files that it names, and the parameters that its nodes tell."""
+"""What identifies a planner that a command starts: its files and node parameters."""
 
 import hashlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_eval.trials.identity import leaves
-from barn_worlds.base.errors import ConfigError, reported_as, shown
-from barn_worlds.base.files import write_whole
+from barn_eval.trials.identity import flatten
+from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_json
 
-_ENDINGS = (
-    ".yaml",
-    ".yml",
-    ".json",
-    ".toml",
-    ".xml",
-    ".py",
-    ".so",
-    ".npz",
-    ".pt",
-    ".onnx",
+# Files of parameters, launch, code and weights.
+_SUFFIXES = frozenset(
+    [".yaml", ".yml", ".json", ".toml", ".xml", ".py", ".so", ".npz", ".pt", ".onnx"]
 )
-_LARGEST = 1 << 30  # bytes
+_MAX_BYTES = 1 << 30
 
 
-def command_files(words: Sequence[str]) -> dict[str, str]:
-    """Return the SHA-256 of each file that a command names, by the name that it has there.
+def hash_command_files(words: Sequence[str]) -> dict[str, str]:
+    """Return SHA-256 of each file that a command names, by its name there.
 
-    That is a word, or what stands behind its := or =, with the ending of a file of parameters, launch, code or weights;
-    and the launch file of `ros2 launch PACKAGE FILE`, from the package's share. ConfigError for one too large or
-    unreadable.
+    A file is a word, or the part of a word after := or =, that ends like a file of
+    parameters, launch, code or weights. For `ros2 launch PACKAGE FILE` it is also the
+    launch file in the share folder of the package.
+
+    Raises:
+        ConfigError: If a file is too large or cannot be read.
     """
-    named = {
-        text: Path(text) for word in words for text in (word, word.rpartition("=")[2])
-    }
+    paths: dict[str, Path] = {}
+    for word in words:
+        for name in (word, word.rpartition("=")[2]):
+            paths[name] = Path(name)
     if len(words) > 3 and words[1] == "launch":
-        named[words[3]] = _launch_file(words[2], words[3])
+        paths[words[3]] = _find_launch_file(words[2], words[3])
     return {
-        text: _digest(path)
-        for text, path in named.items()
-        if path.suffix in _ENDINGS and path.is_file()
+        name: _hash_file(path)
+        for name, path in paths.items()
+        if path.suffix in _SUFFIXES and path.is_file()
     }
 
 
-def folder_digest(folder: Path) -> str:
-    """Return the SHA-256 of all files below a folder, with their names, but for compiled Python; as `command_files`."""
-    found = hashlib.sha256()
-    for path in sorted(
-        one
-        for one in folder.rglob("*")
-        if one.is_file() and "__pycache__" not in one.parts
-    ):
-        found.update(f"{path.relative_to(folder)}\0{_digest(path)}\n".encode())
-    return found.hexdigest()
+def hash_folder(folder: Path) -> str:
+    """Return SHA-256 of all files below a folder and their names, without bytecode.
+
+    Raises:
+        ConfigError: If a file is too large or cannot be read.
+    """
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            line = f"{path.relative_to(folder)}\0{_hash_file(path)}\n"
+            digest.update(line.encode())
+    return digest.hexdigest()
 
 
-def told_files(folder: Path, planner: str) -> list[Path]:
-    """Return the files below a folder of what the nodes of a planner told of their parameters."""
+def find_parameter_files(folder: Path, planner: str) -> list[Path]:
+    """Return the files below a folder with the node parameters of a planner.
+
+    Args:
+        folder: Folder of logs.
+        planner: Name of the planner.
+    """
     return sorted(folder.rglob(f"{'?' * 12}_{planner}.parameters.json"))
 
 
-def told_parameters(folder: Path, planner: str) -> dict[str, str]:
-    """Return what is in these files, by "NODE NAME"; ConfigError for a damaged one."""
-    return {
-        key: str(value)
-        for path in told_files(folder, planner)
-        for key, value in leaves(read_json(path))
-    }
+def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
+    """Return the parameters that the nodes of a planner had in its trials.
 
+    Args:
+        folder: Folder of logs.
+        planner: Name of the planner.
 
-def keep_told(folder: Path, logs: Path, planner: str, text: str) -> None:
-    """Keep in logs, below the folder, what a planner's nodes have told of their parameters, as JSON by "NODE NAME".
+    Returns:
+        Values by "NODE NAME".
 
-    ConfigError, naming it, for one of which they have told something else when earlier trials began.
+    Raises:
+        ConfigError: If a file is damaged.
     """
-    there = told_parameters(folder, planner)
-    for key, value in leaves(parse_json(text, "parameters")):
-        if (before := there.get(key, value)) != value:
-            what = f"planner {planner!r}: parameter {key} was {shown(before)} there, is {shown(value)} now"
+    parameters: dict[str, str] = {}
+    for path in find_parameter_files(folder, planner):
+        for key, value in flatten(read_json(path)):
+            parameters[key] = str(value)
+    return parameters
+
+
+def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> None:
+    """Keep the parameters that the nodes of a planner report at the start of trials.
+
+    Args:
+        folder: Folder of all logs of the run.
+        logs: Folder in it for the file.
+        planner: Name of the planner.
+        text: JSON of values by "NODE NAME".
+
+    Raises:
+        ConfigError: If a parameter had another value in earlier trials of the run.
+    """
+    earlier = read_node_parameters(folder, planner)
+    for key, value in flatten(parse_json(text, "parameters")):
+        if earlier.get(key, value) != value:
             raise ConfigError(
-                f"{folder.parent}: holds results of another configuration: {what}; use another folder"
+                f"{folder.parent}: holds results of another configuration: planner"
+                f" {planner!r}: parameter {key} was {format_value(earlier[key])} there, is"
+                f" {format_value(value)} now; use another folder"
             )
     digest = hashlib.sha256(text.encode()).hexdigest()
-    write_whole(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
+    write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
 
 
-def _launch_file(package: str, name: str) -> Path:
-    """Return where ament has the launch file of a package; the name itself where it has none."""
+def _find_launch_file(package: str, name: str) -> Path:
+    """Return the path of a package's launch file; the name itself if there is none."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    found = (
-        path
-        for prefix in prefixes
-        if prefix
-        for path in (Path(prefix) / "share" / package).rglob(name)
-    )
-    return next(found, Path(name))
+    for prefix in filter(None, prefixes):
+        for path in (Path(prefix) / "share" / package).rglob(name):
+            return path
+    return Path(name)
 
 
-def _digest(path: Path) -> str:
-    with reported_as(ConfigError, f"planner command: {path}"), path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size > _LARGEST:
+def _hash_file(path: Path) -> str:
+    digest = hashlib.sha256()
+    with (
+        convert_os_errors(ConfigError, f"planner command: {path}"),
+        path.open("rb") as file,
+    ):
+        if os.fstat(file.fileno()).st_size > _MAX_BYTES:
             raise ConfigError(
-                f"planner command: {path}: more than the allowed {_LARGEST} bytes"
+                f"planner command: {path}: more than the allowed {_MAX_BYTES} bytes"
             )
-        found = hashlib.sha256()
         while block := file.read(1 << 20):
-            found.update(block)
-    return found.hexdigest()
+            digest.update(block)
+    return digest.hexdigest()

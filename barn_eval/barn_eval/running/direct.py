@@ -1,9 +1,8 @@
-"""A trial in one process: simulator, planner and bag around one `RunningTrial`, without any middleware."""
+"""A trial in one process: simulator, planner and bag, without any middleware."""
 
 import resource
 import time
 import timeit
-from collections.abc import Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import cache
@@ -14,60 +13,83 @@ from barn_eval.results.bags.messages import TrialBag
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import MEASURED, WallClock, packed_delays
+from barn_eval.trials.result import MEASURED, WallClock, pack_delays
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
+from barn_eval.trials.trial import (
+    FinishedTrial,
+    RunningTrial,
+    describe_error,
+    finish_trial,
+)
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
-from barn_planners.runtime.session import Answer, PlannerSession
-from barn_sim.body.bullet import PhysicsClient
+from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.base.compute import Turnaround
+from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.types import STOP, Velocity2D
 
-_ready: set[tuple[str, str]] = (
-    set()
-)  # what this process has warmed up; it decides no result
-_engine = (
-    PhysicsClient()
-)  # of all trials of this process, one after the other; a new one would give the same
+# What this process has warmed up: ("", "") for simulator and referee, and planners with
+# their presets. No result depends on it.
+_warm: set[tuple[str, str]] = set()
 
-# Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
-FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
+# Of all trials of this process, one after the other; a new client gives the same result.
+_physics_client = PhysicsClient()
 
-NOMINAL_S = (
-    0.006  # of the fixed loop on the reference computer, whose cores are at 2 to 3 GHz
-)
+# Wall-clock time that a planner may take to answer [s]. The first answer may have
+# kernels to compile.
+FIRST_LIMIT_S = 300.0
+STALL_LIMIT_S = 30.0
+
+# Time of `reference_loop` on the reference computer, whose cores run at 2 to 3 GHz [s].
+NOMINAL_S = 0.006
 _REPEATS = 7
 
 
 def run_direct_trial(
     spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
 ) -> FinishedTrial:
-    """Run one trial to its verdict, with a bag that is finished here; whatever a planner does, there is an outcome."""
-    began = time.perf_counter()
-    planner = planner or make_planner(spec.planner, spec.preset, spec.overrides)
-    run = _DirectTrial(spec, planner, [TrialBag(recorder, spec)] if recorder else [])
-    verdict = run.run()
-    duration_s = time.perf_counter() - began
-    factor = verdict.duration_s / duration_s if run.answer_times_s else None
-    clock = WallClock.of(duration_s, factor, run.answer_times_s)
-    finished = conclude(
+    """Run one trial to its verdict; whatever a planner does, there is an outcome.
+
+    Args:
+        spec: The trial.
+        recorder: Records its bag, which is finished at the end. By default, there is no
+            bag.
+        planner: Planner object. By default, the planner of the registry that `spec`
+            names.
+    """
+    start_s = time.perf_counter()
+    if planner is None:
+        planner = make_planner(spec.planner, spec.preset, spec.overrides)
+    bag = TrialBag(recorder, spec) if recorder else None
+    driver = _DirectTrial(spec, planner, bag)
+    verdict = driver.run()
+
+    duration_s = time.perf_counter() - start_s
+    real_time_factor = None
+    if driver.answer_times_s:
+        real_time_factor = verdict.duration_s / duration_s
+    wall_clock = WallClock.from_answer_times(
+        duration_s, real_time_factor, driver.answer_times_s
+    )
+    trial = driver.trial
+    is_measured = spec.compute_mode == MEASURED
+    finished = finish_trial(
         spec,
         "direct",
         verdict,
-        run.trial.log.trajectory(),
-        wall_clock=clock.on(
+        trial.log.trajectory(),
+        wall_clock=wall_clock.with_pace(
             pace(),
             max(spec.protocol.control_period_s, spec.compute.charged_s),
-            spec.way,
+            spec.compute_mode,
         ),
-        recoveries=run.trial.recoveries or 0,
-        delays=packed_delays(run.turnaround.delays_ns) if spec.way == MEASURED else "",
+        recoveries=trial.recoveries or 0,
+        delays=pack_delays(driver.cycle_timer.delays_ns) if is_measured else "",
     )
     finished = replace(
-        finished, cylinders_m=run.cylinders_m, traceback=run.trial.traceback
+        finished, cylinders_m=driver.cylinders_m, traceback=trial.traceback
     )
     if recorder is not None:
         finish_bag(recorder, finished)
@@ -75,142 +97,153 @@ def run_direct_trial(
 
 
 def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
-    """Let simulator and referee, and a new planner of the trial's kind, do a few cycles, once per process.
+    """Run simulator, referee and planner for a few cycles, once per process.
 
-    The machine code of their kernels is also kept on disk, where nodes of ROS find it: on a new machine they would else
-    be busy compiling for longer than anybody waits for a node. A planner that does not survive this fails its trials,
-    which say why.
+    This compiles their kernels and keeps the machine code on disk, where ROS nodes find
+    it: on a new machine, they would otherwise compile for longer than anybody waits for
+    a node.
+
+    Args:
+        spec: A trial with the simulator and the planner.
+        with_planner: Whether to run a new planner of the registry as well. One that
+            raises an exception fails its trials, which say why.
     """
-    if ("", "") not in _ready:
-        _ready.add(("", ""))
-        with closing(
-            Simulator(
-                spec.world, spec.simulator, spec.course.start, spec.simulator_seed
-            )
-        ) as simulator:
+    if ("", "") not in _warm:
+        _warm.add(("", ""))
+        simulator = Simulator(
+            spec.world, spec.simulator, spec.course.start, spec.simulator_seed
+        )
+        with closing(simulator):
             simulator.sense()
             sensors = simulator.step(STOP)
             RunningTrial(spec).read(sensors.odometry, sensors.truth, sensors.collision)
-    if with_planner and (spec.planner, spec.preset) not in _ready:
-        _ready.add((spec.planner, spec.preset))
+    if with_planner and (spec.planner, spec.preset) not in _warm:
+        _warm.add((spec.planner, spec.preset))
         planner = make_planner(spec.planner, spec.preset, spec.overrides)
-        with suppress(Exception):  # the trials report it
-            PlannerSession(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
+        with suppress(Exception):
+            PlannerRuntime(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
 
 
 class _DirectTrial:
-    """The loop of a trial: read, ask, record, step. bags: the one that is recorded, or none."""
+    """The loop of a trial: read the sensors, ask the planner, record, step."""
 
-    def __init__(
-        self, spec: TrialSpec, planner: Planner, bags: Sequence[TrialBag]
-    ) -> None:
+    def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
-        self.turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
+        self.cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self.cylinders_m = spec.world.cylinders_m.copy()
-        self._spec, self._bags = spec, bags
-        self._session = PlannerSession(
+        self._spec = spec
+        self._bag = bag
+        self._runtime = PlannerRuntime(
             planner, seed=spec.planner_seed, use_map=spec.protocol.map_given
         )
 
     def run(self) -> Verdict:
-        spec, trial = self._spec, self.trial
+        spec = self._spec
+        trial = self.trial
         simulator = Simulator(
-            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, _engine
+            spec.world,
+            spec.simulator,
+            spec.course.start,
+            spec.simulator_seed,
+            _physics_client,
         )
         with closing(simulator), trial.deadline.installed():
             sensors = simulator.sense()
             trial.ask(self._start_planner, FIRST_LIMIT_S)
-            for bag in self._bags:
-                bag.begin(sensors)
+            if self._bag is not None:
+                self._bag.begin(sensors)
             while True:
-                for bag in self._bags:
-                    bag.reading(sensors, asked=self.turnaround.free(sensors.stamp_ns))
-                over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
-                # a planner answers scans, here as over ROS; in between its last command stays in force
-                scanned = sensors.scan.stamp_ns == sensors.stamp_ns
-                busy = over or not scanned or not self.turnaround.free(sensors.stamp_ns)
-                command, delay_ns = (None, 0) if busy else self._decide(sensors)
-                self._show_standing(sensors.stamp_ns)
+                is_free = self.cycle_timer.is_free(sensors.stamp_ns)
+                if self._bag is not None:
+                    self._bag.reading(sensors, asked=is_free)
+                is_over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
+                # A planner answers scans, here as over ROS. In between, its last command
+                # stays in force.
+                has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
+                command: Velocity2D | None = None
+                delay_ns = 0
+                if has_scan and is_free and not is_over:
+                    command, delay_ns = self._decide(sensors)
+                self._record_standing(sensors.stamp_ns)
                 if trial.verdict is not None:
-                    self._see_moved(simulator, sensors.stamp_ns)
+                    self._conclude(simulator, sensors.stamp_ns)
                     return trial.verdict
                 try:
                     sensors = simulator.step(command, delay_ns)
-                except Exception as error:  # whatever it is, it belongs in the result
+                # Whatever the simulator raises belongs into the result.
+                except Exception as error:
                     verdict = trial.referee.fail(
-                        Outcome.SIMULATOR_DIED, error_line(error)
+                        Outcome.SIMULATOR_DIED, describe_error(error)
                     )
-                    self._show_standing(sensors.stamp_ns)
+                    self._record_standing(sensors.stamp_ns)
                     return verdict
 
     def _start_planner(self) -> None:
-        """Hand the planner its map and its goal, on which it begins."""
+        """Give the planner its map and its goal, with which it begins."""
         if self._spec.map is not None:
-            self._session.set_map(self._spec.map)
-        self._session.set_goal(self._spec.goal)
+            self._runtime.set_map(self._spec.map)
+        self._runtime.set_goal(self._spec.goal)
 
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
-        """Return the command that answers readings, None where there is none, and after how many ns it arrives."""
-        pose = (
-            sensors.localisation
-            if self._spec.protocol.map_given
-            else sensors.odometry.pose
-        )
+        """Return the planner's command, None without one, and its delay [ns]."""
+        pose = sensors.odometry.pose
+        if self._spec.protocol.map_given:
+            pose = sensors.localization
         observation = Observation(
             sensors.stamp_ns, sensors.odometry, sensors.scan, pose
         )
 
-        def cycle() -> Answer:
+        def run_cycle() -> RuntimeOutput:
             stopwatch = Stopwatch()
             try:
-                return _checked(self._session.answer(observation))
+                answer = self._runtime.step(observation)
+                if not isinstance(answer.command, (Velocity2D, type(None))):
+                    raise TypeError(
+                        f"command must be a Velocity2D or None, got {answer.command!r}"
+                    )
+                return answer
             finally:
                 self.answer_times_s.append(stopwatch.elapsed_s())
 
-        answer = self.trial.ask(
-            cycle, STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S
-        )
-        # in whole microseconds, as they are kept
-        measured_ns = (
-            1000 * round(1e6 * pace() * self.answer_times_s[-1])
-            if self._spec.way == MEASURED
-            else None
-        )
-        delay_ns = self.turnaround.take(sensors.stamp_ns, measured_ns)
+        limit_s = STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S
+        answer = self.trial.ask(run_cycle, limit_s)
+        measured_ns = None
+        if self._spec.compute_mode == MEASURED:
+            # Rows keep delays in whole microseconds.
+            measured_ns = 1000 * round(1e6 * pace() * self.answer_times_s[-1])
+        delay_ns = self.cycle_timer.start_cycle(sensors.stamp_ns, measured_ns)
         if answer is None or answer.decision is None:
             return None, 0
-        self.trial.report(answer.decision.status.value)
-        if answer.decision.plan is not None:
-            self.trial.plan(answer.decision.plan, sensors.stamp_ns)
-        for bag in self._bags:
-            bag.answer(
-                answer.command, answer.decision, self._session.planner, sensors.stamp_ns
+
+        decision = answer.decision
+        self.trial.report(decision.status.value)
+        if decision.plan is not None:
+            self.trial.plan(decision.plan, sensors.stamp_ns)
+        if self._bag is not None:
+            self._bag.answer(
+                answer.command, decision, self._runtime.planner, sensors.stamp_ns
             )
         if answer.command is not None:
             self.trial.command(answer.command)
         return answer.command, delay_ns
 
-    def _show_standing(self, stamp_ns: int) -> None:
-        for bag in self._bags:
-            bag.standing(self.trial.referee.standing, stamp_ns)
+    def _record_standing(self, stamp_ns: int) -> None:
+        if self._bag is not None:
+            self._bag.standing(self.trial.referee.standing, stamp_ns)
 
-    def _see_moved(self, simulator: Simulator, stamp_ns: int) -> None:
+    def _conclude(self, simulator: Simulator, stamp_ns: int) -> None:
+        """Keep the last positions of obstacles that the robot has pushed."""
         moved = simulator.moved_obstacles()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
-        for bag in self._bags:
-            bag.conclude(self.cylinders_m, stamp_ns)
-
-
-def _checked(answer: Answer) -> Answer:
-    if not isinstance(answer.command, (Velocity2D, type(None))):
-        raise TypeError(f"command must be a Velocity2D or None, got {answer.command!r}")
-    return answer
+        if self._bag is not None:
+            self._bag.conclude(self.cylinders_m, stamp_ns)
 
 
 def reference_loop() -> float:
-    """Do a fixed amount of work as planners have it, plain Python and small arrays, and return its result."""
-    total, ranges = 0.0, np.linspace(0.1, 10.0, 720)
+    """Do a fixed amount of a planner's kind of work: plain Python and small arrays."""
+    total = 0.0
+    ranges = np.linspace(0.1, 10.0, 720)
     for k in range(1600):
         near = np.minimum(ranges, 1.0 + 0.0025 * k)
         total += float(near @ ranges) + sum(i * 0.5 for i in range(60))
@@ -219,32 +252,39 @@ def reference_loop() -> float:
 
 @cache
 def pace() -> float:
-    """Return reference seconds per second of this processor, measured once per process: above 1 on a faster one."""
-    return NOMINAL_S / max(
-        min(timeit.repeat(reference_loop, time.thread_time, number=1, repeat=_REPEATS)),
-        1e-6,
-    )
+    """Return reference seconds per second of this processor, measured once.
+
+    A faster processor has a pace above 1.
+    """
+    # The minimum has the least interference from other processes.
+    times_s = timeit.repeat(reference_loop, time.thread_time, number=1, repeat=_REPEATS)
+    return NOMINAL_S / max(min(times_s), 1e-6)
 
 
 class Stopwatch:
-    """Times what this thread does from the moment that it is made.
+    """Measures what this thread does from the moment of construction.
 
-    That is the processor's time, so that other work on the machine costs nothing; but the wall clock's where the thread
-    gave its processor away to wait: for a graphics card, another thread, a sleep.
+    It takes the processor's time, so that other work on the machine costs nothing. If
+    the thread waits (for a graphics card, another thread, a sleep), it takes the wall
+    clock's time.
     """
 
     def __init__(self) -> None:
-        self._waits, self._used_s = _waits(), time.thread_time()
-        self._wall_s = (
-            time.perf_counter()
-        )  # last here and first below: reading the other clock takes microseconds
+        self._wait_count = _count_waits()
+        self._processor_s = time.thread_time()
+        # Reading the other clock takes microseconds, so this one is read last here and
+        # first in `elapsed_s`.
+        self._wall_s = time.perf_counter()
 
     def elapsed_s(self) -> float:
-        """Return the time so far."""
+        """Return the time so far [s]."""
         wall_s = time.perf_counter() - self._wall_s
-        used_s = time.thread_time() - self._used_s
-        return wall_s if _waits() > self._waits else min(used_s, wall_s)
+        processor_s = time.thread_time() - self._processor_s
+        if _count_waits() > self._wait_count:
+            return wall_s
+        return min(processor_s, wall_s)
 
 
-def _waits() -> int:
+def _count_waits() -> int:
+    """Return how often this thread gave its processor away to wait."""
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw

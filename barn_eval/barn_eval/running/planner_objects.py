@@ -1,14 +1,14 @@
-"""Planners given as Python objects: a Planner class, an object of one, or a plain function."""
+"""Planners that are Python objects: a Planner class, its instance, or a function."""
 
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import cloudpickle
 
-from barn_eval.trials.run_config import NO_SOURCE, PlannerChoice
+from barn_eval.trials.run_config import UNKNOWN_SOURCE, PlannerChoice
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import planner_names
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -16,9 +16,9 @@ from barn_worlds.base.types import Velocity2D
 
 Answer = tuple[float, float] | Velocity2D | None
 Function = Callable[[Observation], Answer] | Callable[[Observation, Task], Answer]
-Live = Planner | type[Planner] | Function
-OnePlanner = str | PlannerChoice | Live
-Planners = (
+PlannerSource: TypeAlias = Planner | type[Planner] | Function
+OnePlanner: TypeAlias = str | PlannerChoice | PlannerSource
+Planners: TypeAlias = (
     OnePlanner
     | Mapping[str, OnePlanner]
     | Sequence[OnePlanner | Mapping[str, OnePlanner]]
@@ -26,25 +26,37 @@ Planners = (
 
 
 @dataclass(frozen=True)
-class LivePlanner:
-    """A planner given as a Python object, by the name that its results are filed under."""
+class PlannerObject:
+    """A planner handed over as a Python object."""
 
     name: str
-    given: Any
+    """Name of the planner in the results."""
 
-    def make(self) -> Planner:
-        """Return the planner for a trial: a new one of a class, else the object; BarnError if it cannot be made."""
-        try:
-            made = self.given() if isinstance(self.given, type) else self.given
-        except Exception as error:
-            raise BarnError(
-                f"planner {self.name!r} cannot be made: {type(error).__name__}: {error}"
-            ) from error
-        return made if isinstance(made, Planner) else FunctionPlanner(made)
+    source: PlannerSource
+    """The class, object or function."""
+
+    def make_planner(self) -> Planner:
+        """Return the planner of a trial: a new instance of a class, else the object.
+
+        Raises:
+            BarnError: If the class cannot be instantiated.
+        """
+        planner: Planner | Function
+        if isinstance(self.source, type):
+            try:
+                planner = self.source()
+            except Exception as error:
+                raise BarnError(
+                    f"planner {self.name!r} cannot be made:"
+                    f" {type(error).__name__}: {error}"
+                ) from error
+        else:
+            planner = self.source
+        return planner if isinstance(planner, Planner) else FunctionPlanner(planner)
 
 
 class FunctionPlanner(Planner):
-    """Drives by a function of the observation, or of observation and task, that returns (m/s forward, rad/s turn)."""
+    """A planner that asks a function of the observation, or of observation and task."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
@@ -56,12 +68,14 @@ class FunctionPlanner(Planner):
         self._task = task
 
     def step(self, observation: Observation) -> Decision:
-        """Ask the function; None sends nothing in this cycle. TypeError for any other answer than two numbers."""
-        answer = (
-            self._function(observation, self._task)
-            if self._takes_task
-            else self._function(observation)
-        )
+        """Return the command of the function; None sends no command in this cycle.
+
+        Raises:
+            TypeError: If the function returns anything else than a command, or two
+                numbers for forward speed [m/s] and yaw rate [rad/s].
+        """
+        arguments = (observation, self._task) if self._takes_task else (observation,)
+        answer = self._function(*arguments)
         if answer is None or isinstance(answer, Velocity2D):
             return Decision(answer)
         try:
@@ -73,80 +87,102 @@ class FunctionPlanner(Planner):
         return Decision(Velocity2D(forward, turn))
 
 
-def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
-    """Return planners as a request takes them, and those among them that are Python objects, by name."""
-    if isinstance(given, str):
-        return given.split(","), {}
-    entries: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
-    chosen: list[Any] = []
-    live: dict[str, LivePlanner] = {}
+def split_planner_objects(
+    planners: Planners,
+) -> tuple[list[Any], dict[str, PlannerObject]]:
+    """Separate planners that are Python objects from those known by name.
+
+    Args:
+        planners: What `barn.run` takes as `planners`.
+
+    Returns:
+        Entries for `read_planners`, in which a `PlannerChoice` with a source hash
+        stands for each object; and the objects by planner name.
+
+    Raises:
+        ConfigError: If an object is no planner, has no name or one of the registry's.
+    """
+    if isinstance(planners, str):
+        return planners.split(","), {}
+    entries = list(planners) if isinstance(planners, (list, tuple)) else [planners]
+    choices: list[Any] = []
+    objects: dict[str, PlannerObject] = {}
+    for name, source in _name_entries(entries):
+        if isinstance(source, (str, Mapping, PlannerChoice)):
+            choices.append(source)
+            continue
+        _require_planner(source)
+        planner = PlannerObject(name or _default_name(source), source)
+        if planner.name in planner_names():
+            raise ConfigError(
+                f"planner {planner.name!r}: is one of the registry's; give yours"
+                " another name"
+            )
+        objects[planner.name] = planner
+        choices.append(PlannerChoice(planner.name, source=fingerprint(source)))
+    return choices, objects
+
+
+def _name_entries(entries: Sequence[Any]) -> list[tuple[str, Any]]:
+    """Return each entry with its name, empty for entries that have none."""
+    pairs: list[tuple[str, Any]] = []
     for entry in entries:
-        named = isinstance(entry, Mapping) and not all(
+        # A mapping of texts and mappings alone has the fields of one PlannerChoice.
+        is_fields = isinstance(entry, Mapping) and all(
             isinstance(value, (str, Mapping)) for value in entry.values()
         )
-        for name, item in entry.items() if named else [(None, entry)]:
-            if isinstance(item, (str, Mapping, PlannerChoice)):
-                chosen.append(item)
-                continue
-            _check(item)
-            planner = LivePlanner(name or _name(item), item)
-            if planner.name in planner_names():
-                raise ConfigError(
-                    f"planner {planner.name!r}: is one of the registry's; give yours another name"
-                )
-            live[planner.name] = planner
-            chosen.append(PlannerChoice(planner.name, source=fingerprint(item)))
-    return chosen, live
+        if isinstance(entry, Mapping) and not is_fields:
+            pairs += entry.items()
+        else:
+            pairs.append(("", entry))
+    return pairs
 
 
 def fingerprint(planner: object) -> str:
-    """Return SHA-256 of the source of a planner's class or function and of what it holds; NO_SOURCE if not known."""
-    code = (
-        planner
-        if isinstance(planner, type) or inspect.isroutine(planner)
-        else type(planner)
-    )
-    held: Any = (
-        None
-        if code is planner
-        else vars(planner)
-        if hasattr(planner, "__dict__")
-        else repr(planner)
-    )
+    """Return SHA-256 of a planner's source and of the values that it holds.
+
+    Args:
+        planner: A Planner class, object or function.
+
+    Returns:
+        The hash in hexadecimal digits; `UNKNOWN_SOURCE` if the source cannot be read or
+        the values cannot be serialized.
+    """
+    code: Any = planner
+    state: Any = None
     if inspect.isfunction(planner):
-        held = (
-            [cell.cell_contents for cell in planner.__closure__ or ()],
-            planner.__defaults__,
-            planner.__kwdefaults__,
-        )
+        cells = [cell.cell_contents for cell in planner.__closure__ or ()]
+        state = (cells, planner.__defaults__, planner.__kwdefaults__)
+    elif not (isinstance(planner, type) or inspect.isroutine(planner)):
+        code = type(planner)
+        state = vars(planner) if hasattr(planner, "__dict__") else repr(planner)
     try:
-        return hashlib.sha256(
-            inspect.getsource(code).encode() + cloudpickle.dumps(held)
-        ).hexdigest()
-    except Exception:  # whatever an object does when it is pickled
-        return NO_SOURCE
+        source = inspect.getsource(code).encode()
+        return hashlib.sha256(source + cloudpickle.dumps(state)).hexdigest()
+    # The object's own code runs while it is pickled, and may raise anything.
+    except Exception:
+        return UNKNOWN_SOURCE
 
 
-def _check(planner: Any) -> None:
-    if isinstance(planner, type) and not issubclass(planner, Planner):
-        raise ConfigError(
-            f"planner {planner.__name__}: must be derived from barn_planners.interface.Planner"
-        )
-    if not (
-        isinstance(planner, (type, Planner))
-        or _accepts(planner, 1)
-        or _accepts(planner, 2)
+def _require_planner(planner: Any) -> None:
+    if isinstance(planner, type):
+        if not issubclass(planner, Planner):
+            raise ConfigError(
+                f"planner {planner.__name__}: must be derived from"
+                " barn_planners.interface.Planner"
+            )
+    elif not (
+        isinstance(planner, Planner) or _accepts(planner, 1) or _accepts(planner, 2)
     ):
-        kinds = "a name, a Planner class or object, or a function of the observation"
-        raise ConfigError(f"a planner must be {kinds}, got {planner!r}")
+        raise ConfigError(
+            "a planner must be a name, a Planner class or object, or a function of the"
+            f" observation, got {planner!r}"
+        )
 
 
-def _name(planner: object) -> str:
-    name = (
-        type(planner).__name__
-        if isinstance(planner, Planner)
-        else str(getattr(planner, "__name__", ""))
-    )
+def _default_name(planner: object) -> str:
+    named = type(planner) if isinstance(planner, Planner) else planner
+    name = str(getattr(named, "__name__", ""))
     if not name.isidentifier():
         raise ConfigError(
             f"planner {planner!r}: has no name; give it one, as {{'name': planner}}"
@@ -155,7 +191,7 @@ def _name(planner: object) -> str:
 
 
 def _accepts(function: Callable[..., Any], count: int) -> bool:
-    """Tell whether a function can be called with so many arguments and no more information."""
+    """Return whether a function can be called with so many positional arguments."""
     try:
         inspect.signature(function).bind(*[None] * count)
     except (TypeError, ValueError):

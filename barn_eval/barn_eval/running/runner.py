@@ -1,40 +1,40 @@
-"""The loop of an experiment: hand out jobs, keep results, try lost trials again a bounded number of times."""
+"""The loop of a run: it hands out jobs, keeps results and retries lost trials."""
 
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from textwrap import indent
 
-from barn_eval.results.folder import LOSSES, TRACEBACKS, ExperimentFolder
-from barn_eval.results.store import Record
-from barn_eval.running.engine import (
-    Done,
-    Engine,
+from barn_eval.results.folder import LOSSES, TRACEBACKS, ResultsFolder
+from barn_eval.results.store import TrialRecord
+from barn_eval.running.pool import (
     Job,
-    Lost,
-    Note,
-    Part,
-    Refused,
+    JobLoss,
+    JobRefusal,
+    JobResult,
+    Notice,
+    PartialResult,
     Report,
     Work,
+    WorkerPool,
 )
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import TrialResult, WallClock
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.errors import BarnError
 
 _WAIT_S = 1.0
 
 
-class ExperimentError(BarnError):
-    """An experiment that had to stop; the results so far are kept."""
+class RunError(BarnError):
+    """A run that has to stop; the results so far are kept."""
 
 
 @dataclass(frozen=True)
-class Loss:
+class TrialLoss:
     """An attempt at a trial that gave no result."""
 
     trial_id: str
@@ -42,130 +42,156 @@ class Loss:
     reason: str
 
 
-Event = TrialResult | Loss | Note
+Event = TrialResult | TrialLoss | Notice
 
 
-def run_remaining(
-    folder: ExperimentFolder,
-    engine: Engine,
-    execution: Execution,
+def run_trials(
+    folder: ResultsFolder,
+    trials: Sequence[TrialSpec],
+    pool: WorkerPool,
+    execution: ExecutionConfig,
     work: Work,
     mode: str = "direct",
-    trials: Sequence[TrialSpec] | None = None,
 ) -> Generator[Event, None, None]:
-    """Run what an experiment lacks; yield each result once it is on the disk, each loss, and what workers note.
+    """Run trials that have no result yet.
 
-    trials: those of the remaining ones that are to be run now, all unless given.
+    A trial that is lost at every attempt gets a result as well, by its last attempt:
+    environment_failed if the machine stood still, planner_stalled if it exceeded its
+    wall-clock time, and else planner_died in mode direct, where the planner shares the
+    worker's process, or simulator_died in mode ros, where it cannot reach the worker.
 
-    A trial that is lost at every attempt gets a result too, by the last of them: environment_failed if the machine
-    stood still, planner_stalled if it exceeded its wall-clock time, else planner_died in mode direct, where the planner
-    shares the worker's process, and simulator_died in mode ros, where it cannot touch the worker. Raises
-    ExperimentError for what the user has to remove, StoreError if a result cannot be written. The engine is left to the
-    caller to close.
+    Args:
+        folder: Receives the results.
+        trials: The trials.
+        pool: Runs the jobs; the caller closes it.
+        execution: Number of attempts and of losses in a row that end the run.
+        work: Divides trials into jobs.
+        mode: Mode of the run, "direct" or "ros".
+
+    Yields:
+        Each result once it is on the disk, each lost attempt and each notice.
+
+    Raises:
+        RunError: If the user has to change something, or too many trials in a row are
+            lost.
+        StoreError: If a result cannot be written.
     """
-    loop = _Loop(
-        folder,
-        execution,
-        mode,
-        deque(work.jobs(folder.remaining if trials is None else trials)),
-    )
-    while loop.waiting or loop.out:
-        while loop.waiting and len(loop.out) < engine.slots:
+    loop = _Loop(folder, execution, mode, deque(work.jobs(trials)))
+    while loop.waiting or loop.running:
+        while loop.waiting and len(loop.running) < pool.slots:
             job = loop.waiting.popleft()
-            loop.out[job.key] = job
-            engine.submit(job.key, job)
-        for report in engine.wait(_WAIT_S):
+            loop.running[job.key] = job
+            pool.submit(job.key, job)
+        for report in pool.wait(_WAIT_S):
             yield from loop.take(report)
 
 
 @dataclass
 class _Loop:
-    """What is known while an experiment runs: jobs that wait and are out, losses by trial, planners that raised."""
+    """State of a run: its jobs, and what happened to trials so far."""
 
-    folder: ExperimentFolder
-    execution: Execution
+    folder: ResultsFolder
+    execution: ExecutionConfig
     mode: str
     waiting: deque[Job]
-    out: dict[str, Job] = field(default_factory=dict)
+    running: dict[str, Job] = field(default_factory=dict)
+
+    # Lost attempts by trial.
     losses: Counter[str] = field(default_factory=Counter)
-    failed: set[str] = field(default_factory=set)
-    lost_in_a_row: int = 0
+    losses_in_a_row: int = 0
+
+    # Planners that raised an exception.
+    failed_planners: set[str] = field(default_factory=set)
 
     def take(self, report: Report) -> Iterator[Event]:
-        if isinstance(report, Note):
+        """Handle a report and yield its events."""
+        if isinstance(report, Notice):
             yield report
-        elif isinstance(report, Refused):
-            raise ExperimentError(f"{report.key}: {report.message}")
-        elif isinstance(report, Lost):
-            job = self.out.pop(report.key)
+        elif isinstance(report, JobRefusal):
+            raise RunError(f"{report.key}: {report.message}")
+        elif isinstance(report, JobLoss):
+            job = self.running.pop(report.key)
             if job.trials:
-                yield from self._lose(job, report)
+                yield from self._retry(job, report)
         else:
             if report.result is not None:
-                self.lost_in_a_row = 0
-                yield from self._tell(report.result)
-                yield self._keep(report)
-            if isinstance(report, Done):
-                del self.out[report.key]
+                self.losses_in_a_row = 0
+                yield from self._keep_traceback(report.result)
+                yield self._keep_result(report)
+            if isinstance(report, JobResult):
+                del self.running[report.key]
 
-    def _lose(self, job: Job, report: Lost) -> Iterator[Event]:
-        """Try a job again whose worker was lost, at the first trial that has no result, or give that trial up."""
-        spec, execution = job.trials[0], self.execution
-        self.lost_in_a_row += 1
+    def _retry(self, job: Job, loss: JobLoss) -> Iterator[Event]:
+        """Put a lost job back, from its first trial without a result.
+
+        After the last attempt, that trial is given up.
+        """
+        spec = job.trials[0]
+        self.losses_in_a_row += 1
         self.losses[spec.trial_id] += 1
         attempt = self.losses[spec.trial_id]
-        text = f"attempt {attempt} on {report.worker}: {report.reason}\n{report.traceback}".rstrip()
-        self.folder.note(LOSSES, spec.trial_id, text)
-        yield Loss(spec.trial_id, attempt, report.reason)
-        if self.lost_in_a_row >= execution.losses:
-            raise ExperimentError(
-                f"{self.lost_in_a_row} attempts in a row were lost, the last one: {report.reason}"
+        text = f"attempt {attempt} on {loss.worker}: {loss.reason}\n{loss.traceback}"
+        self.folder.write_note(LOSSES, spec.trial_id, text.rstrip())
+        yield TrialLoss(spec.trial_id, attempt, loss.reason)
+
+        if self.losses_in_a_row >= self.execution.losses:
+            raise RunError(
+                f"{self.losses_in_a_row} attempts in a row were lost, the last one:"
+                f" {loss.reason}"
             )
-        if attempt >= execution.attempts:
+        if attempt >= self.execution.attempts:
             job = job.without(spec.trial_id)
-            yield self._give_up(spec, report, attempt)
+            yield self._give_up(spec, loss, attempt)
         if job.trials:
             self.waiting.appendleft(job)
 
-    def _tell(self, record: Record) -> Iterator[Note]:
-        """Keep the traceback of a planner that raised an exception, and show the first of each planner."""
+    def _keep_traceback(self, record: TrialRecord) -> Iterator[Notice]:
+        """Keep the traceback of a planner; yield the first one of each planner."""
+        if not record.traceback:
+            return
         result = record.result
-        if record.traceback:
-            self.folder.note(TRACEBACKS, result.trial_id, record.traceback)
-            if result.planner not in self.failed:
-                told = indent(record.traceback.rstrip(), "  ")
-                yield Note(
-                    result.trial_id,
-                    "",
-                    f"planner {result.planner}, in {result.trial_id}:\n{told}",
-                )
-            self.failed.add(result.planner)
+        self.folder.write_note(TRACEBACKS, result.trial_id, record.traceback)
+        if result.planner not in self.failed_planners:
+            self.failed_planners.add(result.planner)
+            lines = indent(record.traceback.rstrip(), "  ")
+            text = f"planner {result.planner}, in {result.trial_id}:\n{lines}"
+            yield Notice(result.trial_id, "", text)
 
-    def _keep(self, report: Done | Part) -> TrialResult:
-        result, clock = report.result.result, report.result.result.wall_clock
-        attempts = max(clock.attempts, self.losses[result.trial_id] + 1)
-        clock = replace(
-            clock, started_at=report.started_at, worker=report.worker, attempts=attempts
+    def _keep_result(self, report: JobResult | PartialResult) -> TrialResult:
+        """Write a result, with what is known of its attempts, and return it."""
+        record: TrialRecord = report.result
+        trial_id = record.result.trial_id
+        wall_clock = record.result.wall_clock
+        result = replace(
+            record.result,
+            wall_clock=replace(
+                wall_clock,
+                started_at=report.started_at,
+                worker=report.worker,
+                attempts=max(wall_clock.attempts, self.losses[trial_id] + 1),
+            ),
         )
-        kept: TrialResult = replace(result, wall_clock=clock)
-        self.folder.append(Record(kept, report.result.track))
-        self.out[report.key] = self.out[report.key].without(kept.trial_id)
-        return kept
+        self.folder.append(TrialRecord(result, record.track))
+        self.running[report.key] = self.running[report.key].without(trial_id)
+        return result
 
-    def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
-        lost = Outcome.PLANNER_DIED if self.mode == "direct" else Outcome.SIMULATOR_DIED
-        outcome = Outcome.PLANNER_STALLED if report.overtime else lost
-        outcome = Outcome.ENVIRONMENT_FAILED if report.stalled else outcome
-        verdict = Verdict(
-            outcome,
-            f"{report.reason}, at the last of {attempt} attempts",
-            None,
-            0.0,
-            0.0,
-        )
-        clock = WallClock(worker=report.worker, attempts=attempt)
-        result = conclude(
-            spec, self.mode, verdict, TrajectoryLog().trajectory(), wall_clock=clock
+    def _give_up(self, spec: TrialSpec, loss: JobLoss, attempt: int) -> TrialResult:
+        """Write and return the result of a trial whose last attempt was lost."""
+        if loss.is_stall:
+            outcome = Outcome.ENVIRONMENT_FAILED
+        elif loss.is_overtime:
+            outcome = Outcome.PLANNER_STALLED
+        elif self.mode == "direct":
+            outcome = Outcome.PLANNER_DIED
+        else:
+            outcome = Outcome.SIMULATOR_DIED
+        detail = f"{loss.reason}, at the last of {attempt} attempts"
+        result = finish_trial(
+            spec,
+            self.mode,
+            Verdict(outcome, detail, None, 0.0, 0.0),
+            TrajectoryLog().trajectory(),
+            wall_clock=WallClock(worker=loss.worker, attempts=attempt),
         ).result
-        self.folder.append(Record(result, None))
+        self.folder.append(TrialRecord(result, None))
         return result

@@ -1,7 +1,8 @@
-"""A worker process: does jobs until it is told to end, or the process that started it is gone.
+"""A worker process: it runs jobs until it is told to end or its parent is gone.
 
-Started as `python -m barn_eval.running.worker FD NAME`, FD being a socket to that process, over which come the work
-and jobs. So nothing of the user's main script is imported; what it defines comes along by value (cloudpickle).
+`python -m barn_eval.running.worker FD NAME` starts it; FD is a socket to the parent,
+which sends the work and then the jobs. The worker imports nothing of the user's main
+script: cloudpickle sends what the script defines by value.
 """
 
 import os
@@ -14,46 +15,52 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from types import FrameType
 
-from barn_eval.running.engine import Refused, Work, attempt
-from barn_worlds.base.garbage import collect_seldom
+from barn_eval.running.pool import JobRefusal, Report, Work, run_job
+from barn_worlds.base.garbage import reduce_garbage_collection
 
-# Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
 GRACE_S = 20.0
+"""Time that a worker has to end its ROS nodes before it is killed [s]."""
 
 
 def serve(connection: Connection, name: str) -> None:
-    """Do jobs until None comes, or the parent is gone."""
-    for number in (
-        signal.SIGINT,
-        signal.SIGHUP,
-        signal.SIGQUIT,
-    ):  # these reach all processes; the parent decides
+    """Run the jobs of a connection until it sends None or the parent is gone.
+
+    Args:
+        connection: Socket to the parent.
+        name: Name of the worker in reports.
+    """
+    # A terminal sends these signals to all processes; the parent decides what they end.
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     signal.signal(signal.SIGTERM, _exit)
     threading.Thread(
-        target=_outlive_no_parent, args=(connection.fileno(),), daemon=True
+        target=_end_with_parent, args=(connection.fileno(),), daemon=True
     ).start()
+
     work: Work | None = None
     problem = ""
     try:
         try:
             work = connection.recv()
-        except (
-            Exception
-        ) as error:  # whatever the planners' modules do when they are imported
-            problem = f"planners cannot be loaded in a worker: {type(error).__name__}: {error}"
-        while (given := connection.recv()) is not None:
-            key, job = given
-            connection.send(
-                attempt(work, key, name, job, connection.send)
-                if work
-                else Refused(key, name, problem)
+        # Unpickling imports the planners' modules, which may raise anything.
+        except Exception as error:
+            problem = (
+                "planners cannot be loaded in a worker:"
+                f" {type(error).__name__}: {error}"
             )
+        while (message := connection.recv()) is not None:
+            key, job = message
+            report: Report = JobRefusal(key, name, problem)
+            if work is not None:
+                report = run_job(work, key, name, job, connection.send)
+            connection.send(report)
     except (EOFError, OSError):
-        return  # the parent is gone, or a planner has closed the connection
+        # The parent is gone, or a planner closed the connection.
+        return
     except KeyboardInterrupt:
-        sys.exit(1)  # raised by a planner: the signal is ignored
+        # A planner raised it: the signal itself is ignored.
+        sys.exit(1)
     finally:
         if work is not None:
             work.close()
@@ -63,22 +70,21 @@ def serve(connection: Connection, name: str) -> None:
 
 def _exit(_signal: int, _frame: FrameType | None) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    sys.unraisablehook = lambda _: (
-        None
-    )  # of finalisers of objects that this leaves half made
+    # Finalizers of objects that are only half constructed by now would complain.
+    sys.unraisablehook = lambda _: None
     raise SystemExit(128 + signal.SIGTERM)
 
 
-def _outlive_no_parent(descriptor: int) -> None:
-    """End this worker, job or not, when the parent has been killed, which closes its end of the socket."""
-    hung_up = select.poll()
-    hung_up.register(descriptor, 0)
-    hung_up.poll()
+def _end_with_parent(descriptor: int) -> None:
+    """End this worker, even within a job, when the parent's end of the socket closes."""
+    poll = select.poll()
+    poll.register(descriptor, 0)
+    poll.poll()
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(GRACE_S)
     os._exit(1)
 
 
 if __name__ == "__main__":
-    collect_seldom()
+    reduce_garbage_collection()
     serve(Connection(int(sys.argv[1])), sys.argv[2])

@@ -1,1 +1,1 @@
-"""Studies of the suite itself, which nothing else imports: the paper reproduced, statistics validated, speed."""
+"""Studies that drive trials: tuning, A/B tests, speed, and the reproduced paper."""

@@ -1,43 +1,44 @@
-"""Is HEAD better than BASE: builds, commands or settings of a planner, driven world by world until that is clear."""
+"""A/B tests: whether HEAD is better than BASE, driven until that is clear.
+
+Each side is a build, a command or a setting of a planner.
+"""
 
 import shlex
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from typing import Any
 
-from rich.console import Console
-
-from barn_eval.analysis.compare import Comparison, columns, compare
-from barn_eval.analysis.measures import MEASURES, metric_of
-from barn_eval.analysis.sequential import Decided, decide, planned_looks
-from barn_eval.analysis.text_table import counted
-from barn_eval.results.folder import fair_worlds
-from barn_eval.results.run_file import SUITE
+from barn_eval.analysis.compare import Comparison, compare, trial_values
+from barn_eval.analysis.measures import MEASURES, ranking_measure
+from barn_eval.analysis.sequential import Decision, decide, plan_looks
+from barn_eval.analysis.text_table import count_noun
+from barn_eval.results.folder import order_worlds_fairly
+from barn_eval.results.provenance import SUITE
 from barn_eval.ros.work import require_ros, work_of
-from barn_eval.running.command_files import command_files, folder_digest
-from barn_eval.running.request import (
-    Request,
-    command_words,
-    named_command,
-    parse_settings,
-    read_request,
-)
-from barn_eval.running.run import begun, direct_engine, scored
+from barn_eval.running.command_files import hash_command_files, hash_folder
+from barn_eval.running.planner_choices import parse_planner_command, split_command
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest, parse_parameters, read_request
+from barn_eval.running.run import make_shared_pool, open_run
 from barn_eval.trials import identity
 from barn_eval.trials.run_config import PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import markdown_table
 
-_SHOWN = ("success", "traversal_time_s", "min_clearance_m", "compute_p95_ms")
-_SETUPS = ("install/setup.bash", "setup.bash", "local_setup.bash")
-_WORDS = {
+_SHOWN_MEASURES = (
+    "success",
+    "traversal_time_s",
+    "min_clearance_m",
+    "compute_p95_ms",
+)
+_SETUP_FILES = ("install/setup.bash", "setup.bash", "local_setup.bash")
+_DECISIONS = {
     "better": "HEAD is better than BASE",
     "worse": "HEAD is worse than BASE",
     "futile": "no difference is clear, and none would hardly become so",
@@ -47,170 +48,240 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class AbResult:
-    """What trials say of HEAD against BASE.
+    """What trials say of HEAD against BASE."""
 
-    decision: HEAD is "better" or "worse"; "futile": it was stopped, as neither would hardly come out any more; "open":
-    the plan was driven to its end. worlds: that it took, of those planned. given: BASE and HEAD. folders: of each, that
-    its content names. comparison: HEAD (a) with BASE (b).
-    """
-
-    decision: Decided
+    # HEAD is "better" or "worse". "futile": stopped, as neither is likely to come out
+    # any more. "open": the plan was driven to its end.
+    decision: Decision
+    # Number of worlds that it took, of those planned.
     worlds: int
     planned: int
-    given: tuple[str, str]
+    # BASE and HEAD as the user named them, and their folders, which name the content.
+    sides: tuple[str, str]
     folders: tuple[Path, Path]
+    # HEAD (a) with BASE (b).
     comparison: Comparison
 
     def markdown(self) -> str:
-        """Return it as a comment on a pull request."""
-        found = self.comparison
-        metric, digits = MEASURES[found.metric], MEASURES[found.metric].digits
-        row = found.row(metric.key).paired
-        percent = (
-            f" or {row.difference.estimate / row.mean_b:+.1%}" if row.mean_b else ""
+        """Return the result as a comment on a pull request."""
+        measure = MEASURES[self.comparison.metric]
+        pair = self.comparison.row(measure.key).paired
+        difference = pair.difference.text(measure.digits)
+        if pair.mean_b:
+            difference += f" or {pair.difference.estimate / pair.mean_b:+.1%}"
+        conclusion = (
+            f"**{_DECISIONS[self.decision]}**, by the {measure.title}:"
+            f" {measure.number(pair.mean_a)} against {measure.number(pair.mean_b)},"
+            f" a difference of {difference}, after {self.worlds} of"
+            f" {count_noun(self.planned, 'world')}."
         )
-        head = (
-            f"**{_WORDS[self.decision]}**, by the {metric.title}: {metric.number(row.mean_a)} against"
-            f" {metric.number(row.mean_b)}, a difference of {row.difference.text(digits)}{percent}, after"
-            f" {self.worlds} of {counted(self.planned, 'world')}."
-        )
-        rows = [
-            (
-                one.heading,
-                one.number(pair.mean_b),
-                one.number(pair.mean_a),
-                one.text(pair.difference),
+
+        table_rows = []
+        for row in self.comparison.rows:
+            row_measure = MEASURES[row.key]
+            table_rows.append(
+                (
+                    row_measure.heading,
+                    row_measure.number(row.paired.mean_b),
+                    row_measure.number(row.paired.mean_a),
+                    row_measure.text(row.paired.difference),
+                )
             )
-            for one, pair in ((MEASURES[row.key], row.paired) for row in found.rows)
-        ]
         table = markdown_table(
-            ("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), rows
+            ("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), table_rows
         )
-        about = (
-            f"BASE: `{self.given[0]}`, HEAD: `{self.given[1]}`; {counted(row.trials, 'pair')} of trials, protocol"
-            f" {found.protocol}, task {found.task}. Looked at after each fifth of the worlds, with 5 % false alarms"
-            " over all looks; intervals are those of a single look."
+        base, head = self.sides
+        notes = (
+            f"BASE: `{base}`, HEAD: `{head}`; {count_noun(pair.trials, 'pair')} of"
+            f" trials, protocol {self.comparison.protocol}, task"
+            f" {self.comparison.task}. Looked at after each fifth of the worlds, with"
+            " 5 % false alarms over all looks; intervals are those of a single look."
         )
-        return "\n\n".join((head, table.rstrip("\n"), about))
+        return "\n\n".join((conclusion, table.rstrip("\n"), notes))
 
 
 def ab(
-    base: str, head: str, command: str, options: Mapping[str, object], console: Console
+    base: str,
+    head: str,
+    command: str,
+    options: Mapping[str, object],
+    reporter: Reporter,
 ) -> AbResult:
-    """Drive both sides in as many worlds as a verdict takes, each in a folder of its own below `options["out"]`.
+    """Drive both sides in as many worlds as a decision takes.
 
-    base, head: each a workspace (its folder or setup.bash) in which `command` starts the planner; a file of ROS
-    parameters that count most for `command`; a file as for `barn run`; a planner of the suite with settings, as
-    "dwa,dwa.path_weight=0.6"; or a command. options: as of `read_request`. Raises BarnError for what is not possible,
-    also if a trial fails by no fault of the planner.
+    Args:
+        base: A workspace (its folder or setup.bash) in which `command` starts the
+            planner; a file of ROS parameters that override those of `command`; a file
+            as for `barn run`; a planner of the suite with parameters, such as
+            "dwa,dwa.path_weight=0.6"; or a command.
+        head: The other side, likewise.
+        command: Starts the planner of a workspace or parameter file; may be empty.
+        options: Options of the runs, as `read_request` takes them. Each side has a
+            folder of its own below `out`.
+        reporter: Receives notices and progress.
+
+    Returns:
+        The decision and the comparison.
+
+    Raises:
+        BarnError: For what the user has to change, or if a trial fails by no fault of
+            its planner.
     """
-    sides = _side(base, base, command, options), _side(head, base, command, options)
-    experiments = [one.experiment for one in sides]
-    if (
-        len({one.settings(one.planners[0])["planner_config"] for one in experiments})
-        == 1
-    ):
-        raise ConfigError(
-            f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ"
-        )
-    worlds = fair_worlds(spec.index for spec in sides[0].trials())
-    looks = planned_looks(len(worlds))
-    with ExitStack() as kept:
-        direct = all(one.mode == "direct" for one in experiments)
-        engine = (
-            kept.enter_context(closing(direct_engine(sides[0].execution)))
-            if direct
-            else None
-        )
-        for experiment in experiments:
-            require_ros(experiment, console)
-        drives = [
-            kept.enter_context(
-                begun(one, console, partial(work_of, live={}), engine=engine)
-            )
-            for one in sides
-        ]
-        for look in looks:
-            of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
-            metric = metric_of(of_base)
-            a, b = (columns(one, metric) for one in (of_base, of_head))
-            found = decide(
-                a, b, worlds, looks, larger_is_better=metric.better == "larger"
-            ).decided
-            if found != "continue":
-                break
-    compared = compare(of_head, of_base, "HEAD", "BASE", _SHOWN)
-    return AbResult(
-        found, look, len(worlds), (base, head), (sides[0].out, sides[1].out), compared
+    sides = (
+        read_side(base, base, command, options),
+        read_side(head, base, command, options),
     )
-
-
-def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> Request:
-    """Return what a text stands for; ConfigError if that is nothing."""
-    path, settings, asked, files = Path(text), {}, dict[str, Any](options), {}
-    name, *changes = text.split(",")
-    label, command = named_command(command) if command else ("", "")
-    if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
-        setup = next(
-            (one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None
-        )
-        if setup is None or not command:
-            raise ConfigError(
-                f"{path}: {'a workspace needs --planner-command' if setup else 'has no setup.bash'}"
-            )
-        inner = f". {shlex.quote(str(setup.resolve()))} && exec {shlex.join(command_words(command))}"
-        files = {str(setup.resolve().parent): folder_digest(setup.resolve().parent)}
-        asked["planner_command"] = shlex.join(["bash", "-c", inner])
-    elif path.suffix in (".yaml", ".yml") and command:
-        words = command_words(command)
-        words += [] if "--ros-args" in words else ["--ros-args"]
-        asked["planner_command"] = shlex.join(
-            [*words, "--params-file", str(path.resolve())]
-        )
-    elif name.partition(":")[0] in planner_names():
-        asked["planners"] = name
-        settings = parse_settings(changes, shown(text))
-    elif path.suffix not in (".yaml", ".yml"):
-        if which(command_words(text)[0]) is None:
-            raise ConfigError(
-                f"{shown(text)}: is no workspace, file, planner of the suite or command"
-            )
-        asked["planner_command"] = text
-    if started := asked.get("planner_command"):
-        asked = (
-            {"mode": "ros"}
-            | asked
-            | {"planner_command": f"{label or named_command(base)[0]}={started}"}
-        )
-    request = read_request(
-        path if path.suffix in (".yaml", ".yml") and not started else None,
-        asked,
-        settings,
-    )
-    planner, *others = request.experiment.planners
-    if others:
-        raise ConfigError(f"{shown(text)}: must be one planner, got {1 + len(others)}")
-    if files:
-        planner = replace(planner, files=files | command_files(command_words(command)))
-        request = replace(
-            request, experiment=replace(request.experiment, planners=(planner,))
-        )
-    experiment = request.experiment
-    code = _code(planner) if planner.registered else {}
-    out = (
-        request.out
-        / f"{planner.name}_{identity.fingerprint({'experiment': as_dict(experiment), 'code': code})}"
-    )
-    return replace(request, out=out)
-
-
-def _code(planner: PlannerChoice) -> dict[str, str]:
-    """Return digests of the code that drives a planner of the suite: the suite's own and that of its package."""
-    names = sorted(
-        {*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]}
-    )
-    return {
-        one.name: folder_digest(Path(one.origin).parent)
-        for one in map(find_spec, names)
-        if one and one.origin
+    configs = [side.config for side in sides]
+    fingerprints = {
+        config.resolve_planner(config.planners[0]).fingerprint for config in configs
     }
+    if len(fingerprints) == 1:
+        raise ConfigError(
+            f"BASE and HEAD are the same, {format_value(base)}: neither settings nor"
+            " files differ"
+        )
+
+    worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
+    looks = plan_looks(len(worlds))
+    with ExitStack() as stack:
+        pool = None
+        if all(config.mode == "direct" for config in configs):
+            pool = stack.enter_context(closing(make_shared_pool(sides[0].execution)))
+        for config in configs:
+            require_ros(config, reporter)
+        base_run, head_run = (
+            stack.enter_context(open_run(side, reporter, work_of, pool=pool))
+            for side in sides
+        )
+        for look in looks:
+            base_results = base_run.drive_scored(worlds[:look])
+            head_results = head_run.drive_scored(worlds[:look])
+            measure = ranking_measure(base_results)
+            decision = decide(
+                trial_values(base_results, measure),
+                trial_values(head_results, measure),
+                worlds,
+                looks,
+                larger_is_better=measure.better == "larger",
+            ).decision
+            if decision != "continue":
+                break
+
+    return AbResult(
+        decision,
+        look,
+        len(worlds),
+        (base, head),
+        (sides[0].out, sides[1].out),
+        compare(head_results, base_results, "HEAD", "BASE", _SHOWN_MEASURES),
+    )
+
+
+def read_side(
+    text: str, base: str, command: str, options: Mapping[str, object]
+) -> RunRequest:
+    """Return the run of a side.
+
+    Args:
+        text: The side, as `ab` takes it.
+        base: Text of BASE. Planners that commands start have its name on both sides,
+            so that their seeds are equal.
+        command: Starts the planner of a workspace or parameter file.
+        options: Options of the run.
+
+    Raises:
+        ConfigError: If the text is no side.
+    """
+    path = Path(text)
+    is_yaml = path.suffix in (".yaml", ".yml")
+    run_options = dict[str, Any](options)
+    run_file: Path | None = None
+    # Content of a workspace, which the command alone does not tell.
+    workspace_hashes: dict[str, str] = {}
+    planner_name = ""
+    if command:
+        planner_name, command = parse_planner_command(command)
+
+    name, *parameters = text.split(",")
+    if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
+        setup = _find_setup(path, command)
+        workspace_hashes = {str(setup.parent): hash_folder(setup.parent)}
+        run_options["planner_command"] = _in_workspace(setup, command)
+    elif is_yaml and command:
+        run_options["planner_command"] = _with_parameter_file(command, path)
+    elif name.partition(":")[0] in planner_names():
+        run_options["planners"] = name
+        run_options["settings"] = parse_parameters(parameters, format_value(text))
+    elif is_yaml:
+        run_file = path
+    elif which(split_command(text)[0]) is not None:
+        run_options["planner_command"] = text
+    else:
+        raise ConfigError(
+            f"{format_value(text)}: is no workspace, file, planner of the suite or"
+            " command"
+        )
+
+    side_command = run_options.get("planner_command")
+    if side_command:
+        planner_name = planner_name or parse_planner_command(base)[0]
+        run_options["planner_command"] = f"{planner_name}={side_command}"
+        run_options.setdefault("mode", "ros")
+        run_file = None
+
+    request = read_request(run_file, run_options)
+    planner, *others = request.config.planners
+    if others:
+        count = 1 + len(others)
+        raise ConfigError(f"{format_value(text)}: must be one planner, got {count}")
+    if workspace_hashes:
+        files = workspace_hashes | hash_command_files(split_command(command))
+        planners = (replace(planner, files=files),)
+        request = replace(request, config=replace(request.config, planners=planners))
+    return replace(request, out=request.out / _name_side(request))
+
+
+def _find_setup(path: Path, command: str) -> Path:
+    """Return the setup file of a workspace; ConfigError without one or a command."""
+    for file in (path, *(path / name for name in _SETUP_FILES)):
+        if file.is_file():
+            if not command:
+                raise ConfigError(f"{path}: a workspace needs --planner-command")
+            return file.resolve()
+    raise ConfigError(f"{path}: has no setup.bash")
+
+
+def _in_workspace(setup: Path, command: str) -> str:
+    """Return a command that sources a workspace first."""
+    words = shlex.join(split_command(command))
+    script = f". {shlex.quote(str(setup))} && exec {words}"
+    return shlex.join(["bash", "-c", script])
+
+
+def _with_parameter_file(command: str, file: Path) -> str:
+    """Return a command with one more file of ROS parameters, which count most."""
+    words = split_command(command)
+    if "--ros-args" not in words:
+        words.append("--ros-args")
+    return shlex.join([*words, "--params-file", str(file.resolve())])
+
+
+def _name_side(request: RunRequest) -> str:
+    """Return a folder name that changes with everything that decides the results."""
+    planner = request.config.planners[0]
+    content = {
+        "experiment": as_dict(request.config),
+        "code": _hash_code(planner) if planner.registered else {},
+    }
+    return f"{planner.name}_{identity.fingerprint(content)}"
+
+
+def _hash_code(planner: PlannerChoice) -> dict[str, str]:
+    """Return hashes of the suite's packages and of the planner's, by their names."""
+    config_module = planner_entry(planner.name).config_class.__module__
+    hashes = {}
+    for name in sorted({*SUITE, config_module.partition(".")[0]}):
+        spec = find_spec(name)
+        if spec is not None and spec.origin:
+            hashes[name] = hash_folder(Path(spec.origin).parent)
+    return hashes

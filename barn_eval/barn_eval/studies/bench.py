@@ -1,7 +1,8 @@
-"""Speed of the suite on this machine, mostly as ratios, so that it can be followed over time.
+"""Speed of the suite on this machine, mostly as ratios that can be followed over time.
 
-Everything is measured in rounds, one after the other, so that what else the machine does meanwhile is spread over all
-figures. A figure is the best of its rounds; how much they differ tells how exact it is.
+Measurements come in rounds, one after the other, so whatever else the machine does
+meanwhile is spread over all figures. A figure is the best of its rounds; their range
+tells how exact it is.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import timeit
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,10 +21,10 @@ import numpy as np
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.results.bags.recorder import Recorder
-from barn_eval.results.run_file import ros_problem
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
+from barn_eval.ros.isolation import ros_problem
 from barn_eval.running.direct import run_direct_trial
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import planner_config
@@ -34,53 +34,53 @@ from barn_worlds.base.config import Checked, quantity, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import Velocity2D
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
-_CYCLES = 200  # of the simulator alone
-_STEPS, _BATCH, _WARM_UP = 500, 64, 300  # of environments
+
+_SIMULATOR_CYCLES = 200
+_ENVIRONMENT_STEPS = 500
+_BATCH = 64
+_BATCH_STEPS = _ENVIRONMENT_STEPS // 5
+_BATCH_WARM_UP_STEPS = 300
+_REAL_TIME = "x real time"
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One measured figure; `better` says which way is better, for those who compare machines or versions.
-
-    samples: the values of all rounds, of which `value` is the best.
-    """
+    """One measured figure."""
 
     name: str
     value: float
     unit: str
+    # Which way is better: "higher" or "lower".
     better: str = "higher"
+    # Values of all rounds, of which `value` is the best.
     samples: tuple[float, ...] = ()
 
     @property
     def noise(self) -> float:
         """Range of the samples as a share of the value, 0 for one sample."""
-        return (
-            (max(self.samples) - min(self.samples)) / abs(self.value)
-            if self.samples and self.value
-            else 0.0
-        )
+        if not self.samples or not self.value:
+            return 0.0
+        return (max(self.samples) - min(self.samples)) / abs(self.value)
 
 
 def best_of(rounds: Sequence[Measurement]) -> Measurement:
     """Return the best of measurements of the same figure."""
-    values = tuple(one.value for one in rounds)
-    return replace(
-        rounds[0],
-        value=(max if rounds[0].better == "higher" else min)(values),
-        samples=values,
-    )
+    values = tuple(measurement.value for measurement in rounds)
+    best = max(values) if rounds[0].better == "higher" else min(values)
+    return replace(rounds[0], value=best, samples=values)
 
 
 @dataclass(frozen=True)
 class Change:
-    """How many times as good a figure has become, and how much of that may be noise (both as shares of 1)."""
+    """How many times as good a figure has become."""
 
     name: str
     ratio: float
+    # How much of the ratio may be noise.
     noise: float
 
     @property
@@ -90,28 +90,39 @@ class Change:
 
 
 def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[Change]:
-    """Return the change of every figure that both have."""
-    earlier = {one.name: one for one in before if one.value > 0.0}
-    found = []
-    for one in now:
-        other = earlier.get(one.name)
-        if other is not None and one.value > 0.0:
-            ratio = (
-                other.value / one.value
-                if one.better == "lower"
-                else one.value / other.value
-            )
-            found.append(Change(one.name, ratio, math.hypot(one.noise, other.noise)))
-    return found
+    """Compare the figures that two benchmarks have in common.
+
+    Args:
+        now: Figures of the newer one.
+        before: Figures of the older one.
+
+    Returns:
+        A change for each figure that is positive in both.
+    """
+    earlier = {figure.name: figure for figure in before if figure.value > 0.0}
+    compared = []
+    for figure in now:
+        if figure.name not in earlier or figure.value <= 0.0:
+            continue
+        base = earlier[figure.name]
+        ratio = figure.value / base.value
+        if figure.better == "lower":
+            ratio = base.value / figure.value
+        noise = math.hypot(figure.noise, base.noise)
+        compared.append(Change(figure.name, ratio, noise))
+    return compared
 
 
 def read_figures(path: Path) -> list[Measurement]:
-    """Return the figures of a file that `barn bench --json` has printed; ConfigError if it is none."""
+    """Return the figures of a file that `barn bench --json` has printed.
+
+    Raises:
+        ConfigError: If the file has another content.
+    """
     try:
-        figures = read_json(path)["figures"]
         return [
-            Measurement(**{**one, "samples": tuple(one.get("samples", ()))})
-            for one in figures
+            Measurement(**{**figure, "samples": tuple(figure.get("samples", ()))})
+            for figure in read_json(path)["figures"]
         ]
     except (ConfigError, KeyError, TypeError) as error:
         raise ConfigError(
@@ -150,100 +161,107 @@ def bench(
     for name in planners:
         planner_config(name)
     setup = replace_dotted(BenchSetup(), settings or {}, "settings")
-    rounds: list[list[Measurement]] = [[] for _ in range(setup.repeats)]
-    for number, figures in enumerate(rounds, start=1):
-        for one in _round(setup, planners):
-            note(
-                f"round {number} of {setup.repeats}: {one.name}, {one.value:.3g} {one.unit}"
-            )
-            figures.append(one)
-    yield from (best_of(figures) for figures in zip(*rounds, strict=True))
+
+    rounds = []
+    for number in range(1, setup.repeats + 1):
+        figures = []
+        for figure in _measure_all(setup, planners):
+            progress = f"round {number} of {setup.repeats}"
+            note(f"{progress}: {figure.name}, {figure.value:.3g} {figure.unit}")
+            figures.append(figure)
+        rounds.append(figures)
+    for same_figure in zip(*rounds, strict=True):
+        yield best_of(same_figure)
 
 
-def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
+def _measure_all(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
     """Yield every measurement once."""
-    source, indices = setup.dataset, open_dataset(setup.dataset).indices
-    worlds = str(indices[len(indices) // 2] if setup.world < 0 else setup.world)
-    experiments = [
-        Experiment(dataset=source, worlds=worlds, planners=(PlannerChoice(name),))
+    world = setup.world
+    if world < 0:
+        world_numbers = open_dataset(setup.dataset).world_numbers
+        world = world_numbers[len(world_numbers) // 2]
+    runs = [
+        RunConfig(
+            dataset=setup.dataset, worlds=str(world), planners=(PlannerChoice(name),)
+        )
         for name in planners
     ]
-    yield from (
-        one for experiment in experiments for one in _direct(experiment.trials()[0])
-    )
-    yield from _simulator(experiments[0].trials()[0])
+    for run in runs:
+        yield from _measure_direct(run.trials()[0])
+    yield from _measure_simulator(runs[0].trials()[0])
     if find_spec("gymnasium") is not None:
-        yield from _environments(source)
+        yield from _measure_environments(setup.dataset)
     if setup.ros and not ros_problem():
-        yield _ros(experiments[0])
+        yield _measure_ros(runs[0])
 
 
-def _direct(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure whole trials in one process: without and with a bag, and the planner's cycles."""
-    plain = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
-    yield Measurement(
-        f"direct trial, {spec.planner}",
-        max(one.real_time_factor or 0.0 for one in plain),
-        "x real time",
-    )
+def _measure_direct(spec: TrialSpec) -> Iterator[Measurement]:
+    """Measure trials without and with a bag, and the planner's cycles in them."""
+    planner = spec.planner
+    clocks = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
+    factor = max(clock.real_time_factor or 0.0 for clock in clocks)
+    yield Measurement(f"direct trial, {planner}", factor, _REAL_TIME)
+
     with TemporaryDirectory() as folder, Recorder(Path(folder) / "bag") as recorder:
-        factor = run_direct_trial(spec, recorder).result.wall_clock.real_time_factor
-    yield Measurement(
-        f"direct trial with bag, {spec.planner}", factor or 0.0, "x real time"
-    )
+        clock = run_direct_trial(spec, recorder).result.wall_clock
+    factor = clock.real_time_factor or 0.0
+    yield Measurement(f"direct trial with bag, {planner}", factor, _REAL_TIME)
+
     for name in ("p50", "p95"):
-        value = min(getattr(one, f"compute_{name}_ms") for one in plain)
-        yield Measurement(f"planner cycle {name}, {spec.planner}", value, "ms", "lower")
+        value = min(getattr(clock, f"compute_{name}_ms") for clock in clocks)
+        yield Measurement(f"planner cycle {name}, {planner}", value, "ms", "lower")
 
 
-def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure the simulator alone, static and movable obstacles, driving in a circle at the start."""
+def _measure_simulator(spec: TrialSpec) -> Iterator[Measurement]:
+    """Measure the simulator alone while it drives in a circle at the start."""
     for name, movable in (("static", False), ("movable", True)):
-        config = replace(
-            spec.simulator, obstacles=replace(spec.simulator.obstacles, movable=movable)
-        )
+        obstacles = replace(spec.simulator.obstacles, movable=movable)
+        config = replace(spec.simulator, obstacles=obstacles)
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
-            wall_s = _time(
-                lambda: [simulator.step(Velocity2D(0.3, 1.0)) for _ in range(_CYCLES)]
-            )
-        factor = _CYCLES * config.control_period_s / wall_s
-        yield Measurement(f"simulator alone, {name} obstacles", factor, "x real time")
+            wall_s = _time(lambda: _drive_in_circle(simulator))
+        factor = _SIMULATOR_CYCLES * config.control_period_s / wall_s
+        yield Measurement(f"simulator alone, {name} obstacles", factor, _REAL_TIME)
 
 
-def _environments(source: str) -> Iterator[Measurement]:
-    """Measure the learning environment, one and a batch, under random commands, new episodes included."""
-    from barn_eval.learning.environment import JackalEnv  # noqa: PLC0415 (needs Gymnasium, which is optional)
+def _drive_in_circle(simulator: Simulator) -> None:
+    for _ in range(_SIMULATOR_CYCLES):
+        simulator.step(Velocity2D(0.3, 1.0))
+
+
+def _measure_environments(dataset: str) -> Iterator[Measurement]:
+    """Measure the learning environment and a batch, new episodes included."""
+    # These need Gymnasium, which is optional.
+    from barn_eval.learning.environment import JackalEnv  # noqa: PLC0415
     from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
 
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_STEPS, _BATCH, 2))
+    generator = np.random.default_rng(0)
+    actions = generator.uniform(-1.0, 1.0, (_ENVIRONMENT_STEPS, _BATCH, 2))
     for beams in (720, 90):
         config = EnvConfig(
-            dataset=source,
+            dataset=dataset,
             simulator={"lidar.beams": beams},
             observation=PolicyObservation(beams=beams),
         )
         with closing(JackalEnv(config)) as environment:
-            wall_s = _time(partial(_act, environment, actions[:, 0]))
-        yield Measurement(
-            f"environment steps, {beams} beams", _STEPS / wall_s, "per second"
-        )
+            wall_s = _time(lambda: _act(environment, actions[:, 0]))
+        rate = _ENVIRONMENT_STEPS / wall_s
+        yield Measurement(f"environment steps, {beams} beams", rate, "per second")
+
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
             environments.reset(seed=0)
-            for action in actions[
-                :_WARM_UP
-            ]:  # until most worlds have been read, and enough engines begun
+            # Until most worlds are loaded and enough physics clients have started.
+            for action in actions[:_BATCH_WARM_UP_STEPS]:
                 environments.step(action)
             wall_s = _time(
-                lambda: [environments.step(action) for action in actions[: _STEPS // 5]]
+                lambda: [environments.step(action) for action in actions[:_BATCH_STEPS]]
             )
-        rate = _STEPS // 5 * _BATCH / wall_s
-        yield Measurement(
-            f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second"
-        )
+        rate = _BATCH_STEPS * _BATCH / wall_s
+        name = f"environment steps, batch of {_BATCH}, {beams} beams"
+        yield Measurement(name, rate, "per second")
 
 
 def _act(environment: JackalEnv, actions: Floats) -> None:
-    """Give the actions, in as many episodes as it takes."""
+    """Do the actions, in as many episodes as it takes."""
     environment.reset(seed=0)
     for action in actions:
         _, _, terminated, truncated, _ = environment.step(action)
@@ -251,21 +269,18 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
             environment.reset()
 
 
-def _ros(experiment: Experiment) -> Measurement:
+def _measure_ros(run: RunConfig) -> Measurement:
     """Measure a trial over ROS in lockstep: three processes, bag included."""
-    from barn_eval.ros.supervision import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
+    # Its processes need rclpy.
+    from barn_eval.ros.supervision.supervisor import run_ros_trials  # noqa: PLC0415
 
+    ros_run = replace(run, mode="ros", repetitions=2)
     with TemporaryDirectory() as folder:
-        over_ros = replace(experiment, mode="ros", repetitions=2)
-        records = list(
-            run_ros_trials(over_ros, over_ros.trials(), Store(Path(folder), bags="all"))
-        )
-    factors = [record.result.wall_clock.real_time_factor or 0.0 for record in records]
-    return Measurement(
-        f"trial over ROS in lockstep, {experiment.planners[0].name}",
-        max(factors),
-        "x real time",
-    )
+        store = BagStore(Path(folder), bags="all")
+        records = list(run_ros_trials(ros_run, ros_run.trials(), store))
+    factor = max(record.result.wall_clock.real_time_factor or 0.0 for record in records)
+    planner = run.planners[0].name
+    return Measurement(f"trial over ROS in lockstep, {planner}", factor, _REAL_TIME)
 
 
 def _time(work: Callable[[], object]) -> float:

@@ -1,11 +1,10 @@
-"""Parameters of a planner tuned by Optuna in some worlds, and what holds of them in others, which it has not seen."""
+"""Tuning: Optuna chooses parameters in some worlds, and others judge them."""
 
 import json
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 import optuna
 import yaml
-from matplotlib.figure import Figure
 from optuna.distributions import (
     CategoricalDistribution,
     FloatDistribution,
@@ -22,106 +20,122 @@ from optuna.distributions import (
 )
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
-from rich.console import Console
 
-from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
-from barn_eval.analysis.measures import COMPARED, MEASURES, measures_named
-from barn_eval.analysis.verdict import pair_verdict
-from barn_eval.pages.figures import style, write_figure
-from barn_eval.results.folder import fair_worlds
+from barn_eval.analysis.compare import Comparison, adjust_by_holm, compare
+from barn_eval.analysis.measures import COMPARED, MEASURES, require_measures
+from barn_eval.analysis.verdict import conclude_comparison
+from barn_eval.pages.figures import new_figure, style, write_figure
+from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.ros.work import require_ros, work_of
-from barn_eval.running.engine import Engine
+from barn_eval.running.parameter_files import read_parameters
+from barn_eval.running.pool import WorkerPool
+from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import SCHEMA_VERSION, read_request
-from barn_eval.running.run import Drive, begun, direct_engine, scored
-from barn_eval.running.sweep import Setting, setting, values_in_files
+from barn_eval.running.run import Run, make_shared_pool, open_run
+from barn_eval.running.settings import Setting, make_setting
 from barn_eval.trials import identity
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict, fields_of
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
-_STEP = 5  # worlds, after each of which a setting may be given up
-_MOST_UNSEEN, _MOST_KEPT = 100, 5
-_RANGES = Path(__file__).parents[1] / "data" / "ranges"
+RANGES_FOLDER = Path(__file__).parents[1] / "data" / "ranges"
 _FILE_KEYS = {"schema_version", "parameters", "planner"}
-_EARLY = "given up after"  # attribute of a setting: so many worlds
+_STEP = 5  # worlds, after each of which a setting may be given up
+_MAX_UNSEEN = 100
+_MAX_FRONT = 5
+# Attribute of a setting that was given up: the number of worlds that it drove in.
+_GIVEN_UP = "given up after"
+_DIRECTIONS = {"larger": StudyDirection.MAXIMIZE, "smaller": StudyDirection.MINIMIZE}
 
 
 @dataclass(frozen=True)
 class Ranges:
-    """What parameters may be, by their names; planner: whose they are, empty for one that a command starts."""
+    """What parameters may be."""
 
+    # By the names of parameters.
     parameters: Mapping[str, Range]
+    # Whose parameters they are; empty for a planner that a command starts.
     planner: str
 
     @classmethod
     def read(cls, name: str) -> "Ranges":
-        """Return those of a YAML file, or of the suite by name; ConfigError where there are none.
+        """Read ranges from a YAML file, or the suite's by name.
 
-        A range has low and high, both whole numbers or not, and log: true where it is drawn evenly over the logarithm;
-        or choices.
+        A range has choices; or low and high, both whole numbers or not, and log: true
+        if it is drawn evenly over the logarithm.
+
+        Raises:
+            ConfigError: If there are no such ranges.
         """
-        path, known = Path(name), sorted(one.stem for one in _RANGES.glob("*.yaml"))
+        path = Path(name)
         if path.suffix not in (".yaml", ".yml"):
-            if name not in known:
+            names = sorted(file.stem for file in RANGES_FOLDER.glob("*.yaml"))
+            if name not in names:
                 raise ConfigError(
-                    f"ranges {shown(name)}: must be a YAML file or one of {', '.join(known)}"
+                    f"ranges {format_value(name)}: must be a YAML file or one of"
+                    f" {', '.join(names)}"
                 )
-            path = _RANGES / f"{name}.yaml"
+            path = RANGES_FOLDER / f"{name}.yaml"
+
         content = read_yaml(path, SCHEMA_VERSION)
-        found = content.get("parameters")
-        if not isinstance(found, dict) or not found or content.keys() - _FILE_KEYS:
+        ranges = content.get("parameters")
+        if not isinstance(ranges, dict) or not ranges or content.keys() - _FILE_KEYS:
             raise ConfigError(
-                f"{path}: must have parameters with their ranges, and may have a planner, nothing else"
+                f"{path}: must have parameters with their ranges, and may have a"
+                " planner, nothing else"
             )
-        return cls(
-            {key: _range(one, f"{path}: {key}") for key, one in found.items()},
-            content.get("planner", ""),
-        )
+        parameters = {
+            key: _parse_range(content, f"{path}: {key}")
+            for key, content in ranges.items()
+        }
+        return cls(parameters, content.get("planner", ""))
 
 
-def _range(about: dict[str, Any], where: str) -> Range:
+def _parse_range(content: dict[str, Any], subject: str) -> Range:
     try:
-        if "choices" in about:
-            return CategoricalDistribution(**about)
-        whole = isinstance(about["low"], int) and isinstance(about["high"], int)
-        return (IntDistribution if whole else FloatDistribution)(**about)
+        if "choices" in content:
+            return CategoricalDistribution(**content)
+        if isinstance(content["low"], int) and isinstance(content["high"], int):
+            return IntDistribution(**content)
+        return FloatDistribution(**content)
     except (TypeError, ValueError, KeyError):
         raise ConfigError(
-            f"{where}: must be low < high and perhaps log, or choices, got {shown(about)}"
+            f"{subject}: must be low < high and perhaps log, or choices, got"
+            f" {format_value(content)}"
         ) from None
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """A setting that is worth keeping: its values, its means where it was chosen, and what holds of it elsewhere.
+    """A setting worth keeping."""
 
-    unseen: it (a) against the default (b). files: of its parameters, ready to use.
-    """
-
+    # Number of the setting; 0 is the default.
     number: int
     values: Mapping[str, Any]
+    # Means by measure in the worlds that it was chosen in.
     seen: Mapping[str, float]
+    # The setting (a) against the default (b) in other worlds, and what that says.
     unseen: Comparison
     verdict: str
+    # Its parameters, ready to use.
     files: Sequence[Path]
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """What was found: how many settings were tried and given up early, and those that are worth keeping.
+    """The outcome of a tuning."""
 
-    default: values of the parameters. default_seen: its means in the worlds that settings were chosen by. worlds,
-    unseen: how many these are, and those that settings were judged in.
-    """
-
+    # Number of settings, and of those that were given up early.
     settings: int
     given_up: int
+    # Values of the default, and its means where settings are chosen.
     default: Mapping[str, Any]
     default_seen: Mapping[str, float]
+    # Number of worlds in which settings are chosen and judged.
     worlds: int
     unseen: int
     tuned: Sequence[Tuned]
@@ -133,41 +147,49 @@ def tune(
     unseen: str | None,
     by: Sequence[str],
     settings: int,
-    console: Console,
+    reporter: Reporter,
 ) -> Tuning:
-    """Try settings until there are so many, and judge the best by worlds that it was not chosen by.
+    """Try settings, and judge the best ones in worlds that they were not chosen in.
 
-    All is kept in the folder `options["out"]`, and not driven again. options: as of `read_request`. unseen: worlds to
-    judge by, up to a hundred of the others unless given. by: measures; the protocol's metric unless given. Of several,
-    settings are kept that no other is as good as by each. Raises BarnError for what is not possible.
+    Everything stays in the folder `options["out"]`, and is not driven again.
+
+    Args:
+        ranges: What parameters may be.
+        options: Options of the run, as `read_request` takes them.
+        unseen: Worlds to judge in; up to a hundred of the others by default.
+        by: Measures to choose by; the protocol's ranking measure by default. With
+            several, the settings of their Pareto front are judged.
+        settings: Number of settings, the default included.
+        reporter: Receives a line about each setting.
+
+    Returns:
+        The settings worth keeping.
+
+    Raises:
+        BarnError: For what the user has to change.
     """
-    tuner = _Tuner(ranges, options, by, unseen, console)
-    study = tuner.study()
-    direct = tuner.base.experiment.mode == "direct"
-    with (
-        closing(direct_engine(tuner.base.execution))
-        if direct
-        else nullcontext() as engine
-    ):
-        tuner.try_settings(study, settings, engine)
-        trials = study.trials
-        front = _front(study)
-        tuned = tuner.judge(trials, front, engine)
-    early = sum(_EARLY in one.user_attrs for one in trials)
-    seen = dict(zip(tuner.by, trials[0].values, strict=True))
+    tuner = Tuner(ranges, options, by, unseen, reporter)
+    study = tuner.open_study()
+    pool_context: AbstractContextManager[WorkerPool | None] = nullcontext()
+    if tuner.base.config.mode == "direct":
+        pool_context = closing(make_shared_pool(tuner.base.execution))
+    with pool_context as pool:
+        tuner.try_settings(study, settings, pool)
+        tuned = tuner.judge(study, pool)
+    trials = study.trials
     return Tuning(
-        len(trials),
-        early,
-        tuner.default,
-        seen,
-        len(tuner.worlds),
-        len(tuner.unseen),
-        tuned,
+        settings=len(trials),
+        given_up=sum(_GIVEN_UP in trial.user_attrs for trial in trials),
+        default=tuner.default,
+        default_seen=tuner.means(trials[0]),
+        worlds=len(tuner.worlds),
+        unseen=len(tuner.unseen),
+        tuned=tuned,
     )
 
 
-class _Tuner:
-    """What settings are made of and judged by; the rest is in the study and in folders of experiments."""
+class Tuner:
+    """Makes, drives and judges settings; the study and run folders keep the results."""
 
     def __init__(
         self,
@@ -175,281 +197,333 @@ class _Tuner:
         options: Mapping[str, Any],
         by: Sequence[str],
         unseen: str | None,
-        console: Console,
+        reporter: Reporter,
     ) -> None:
-        self.ranges, self.console = ranges.parameters, console
-        self.options = {
-            **options,
-            **({"planners": ranges.planner} if ranges.planner else {"mode": "ros"}),
-        }
-        self.base = read_request(None, self.options)
-        require_ros(self.base.experiment, console)
-        experiment = self.base.experiment
-        self.by = measures_named(by) or (experiment.protocol.metric,)
+        """Check ranges, measures and worlds; see `tune` for arguments and errors."""
+        self.ranges = ranges.parameters
+        self.reporter = reporter
+        planner = {"planners": ranges.planner} if ranges.planner else {"mode": "ros"}
+        # The run of the default, in the worlds that settings are chosen in.
+        self.base = read_request(None, {**options, **planner})
+        config = self.base.config
+        require_ros(config, reporter)
+
+        self.by = require_measures(by) or (config.protocol.metric,)
         for key in self.by:
             if not MEASURES[key].better or MEASURES[key].successes_only:
                 raise ConfigError(
-                    f"--by {key}: must be known of every trial, and one way must be better"
+                    f"--by {key}: must be known of every trial, and one way must be"
+                    " better"
                 )
-        indices = open_dataset(experiment.dataset).indices
-        self.worlds = fair_worlds(select_worlds(experiment.worlds, indices))
-        rest = [one for one in indices if one not in self.worlds]
-        thinned = rest[:: ceil(len(rest) / _MOST_UNSEEN) or 1]
-        self.unseen = (
-            thinned if unseen is None else list(select_worlds(unseen, indices))
-        )
-        if not self.unseen or not set(self.unseen) <= set(rest):
+
+        numbers = open_dataset(config.dataset).world_numbers
+        self.worlds = order_worlds_fairly(select_worlds(config.worlds, numbers))
+        other_worlds = [number for number in numbers if number not in self.worlds]
+        if unseen is not None:
+            self.unseen = list(select_worlds(unseen, numbers))
+        else:
+            self.unseen = _thin(other_worlds, len(other_worlds) / _MAX_UNSEEN)
+        if not self.unseen or not set(self.unseen) <= set(other_worlds):
             raise ConfigError(
                 "--unseen: must be worlds, and none that settings are chosen by"
             )
-        self.default = self._defaults()
+        self.default = self._read_default()
 
-    def _defaults(self) -> dict[str, Any]:
-        planner = self.base.experiment.planners[0]
-        known = (
-            values_in_files(planner.command, list(self.ranges))
-            if planner.command
-            else {}
-        )
+    def _read_default(self) -> dict[str, Any]:
+        """Return the default values of the parameters, which the ranges must hold."""
+        planner = self.base.config.planners[0]
+        values: dict[str, Any] = {}
         if planner.registered:
-            chosen = self.base.experiment.settings(planner)
-            config = planner_config(planner.name, chosen["preset"], chosen["overrides"])
-            known = {key: value for key, _, value in fields_of(config)}
-        for key, one in self.ranges.items():
-            if key not in known:
-                raise ConfigError(
-                    f"ranges: planner {planner.name!r} has no parameter {key!r}{suggest(key, known)}"
-                )
-            if one.single() or not one._contains(one.to_internal_repr(known[key])):
-                raise ConfigError(
-                    f"ranges: that of {key} must hold the default, {known[key]!r}"
-                )
-        return {key: known[key] for key in self.ranges}
+            setup = self.base.config.resolve_planner(planner)
+            config = planner_config(planner.name, setup.preset, setup.overrides)
+            values = {key: value for key, _, value in fields_of(config)}
+        elif planner.command:
+            values = read_parameters(planner.command, list(self.ranges))
 
-    def study(self) -> optuna.Study:
-        """Return the study of the folder, new or gone on with; ConfigError if it is another's."""
+        for key, allowed in self.ranges.items():
+            if key not in values:
+                raise ConfigError(
+                    f"ranges: planner {planner.name!r} has no parameter {key!r}"
+                    f"{suggest(key, values)}"
+                )
+            is_allowed = allowed._contains(allowed.to_internal_repr(values[key]))
+            if allowed.single() or not is_allowed:
+                raise ConfigError(
+                    f"ranges: that of {key} must hold the default, {values[key]!r}"
+                )
+        return {key: values[key] for key in self.ranges}
+
+    def open_study(self) -> optuna.Study:
+        """Open the study of the folder, new or to go on with.
+
+        Raises:
+            ConfigError: If the folder holds another tuning.
+        """
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        ranges = {key: distribution_to_json(one) for key, one in self.ranges.items()}
-        tuned = {"ranges": ranges, "by": self.by, "unseen": self.unseen}
-        asked = json.loads(json.dumps(as_dict(self.base.experiment) | tuned))
-        ways = {"larger": StudyDirection.MAXIMIZE, "smaller": StudyDirection.MINIMIZE}
         self.base.out.mkdir(parents=True, exist_ok=True)
+        # With several measures there is no best setting to prune against.
+        pruner: optuna.pruners.BasePruner = optuna.pruners.NopPruner()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            if len(self.by) == 1:
+                pruner = optuna.pruners.WilcoxonPruner()
             study = optuna.create_study(
                 storage=f"sqlite:///{self.base.out / 'study.db'}",
-                pruner=optuna.pruners.WilcoxonPruner()
-                if len(self.by) == 1
-                else optuna.pruners.NopPruner(),
+                pruner=pruner,
                 study_name="barn tune",
-                directions=[ways[MEASURES[key].better] for key in self.by],
+                directions=[_DIRECTIONS[MEASURES[key].better] for key in self.by],
                 load_if_exists=True,
             )
-        if found := identity.first_difference(
-            study.user_attrs.get("asked", asked), asked
-        ):
+
+        ranges = {key: distribution_to_json(item) for key, item in self.ranges.items()}
+        tuning = {"ranges": ranges, "by": self.by, "unseen": self.unseen}
+        # As JSON has it, which is how the study keeps it.
+        content = json.loads(json.dumps(as_dict(self.base.config) | tuning))
+        earlier = study.user_attrs.get("asked", content)
+        difference = identity.first_difference(earlier, content)
+        if difference:
+            key, earlier_value, value = difference
             raise ConfigError(
-                "{}: holds another tuning: {} is {!r} there, {!r} here".format(
-                    self.base.out, *found
-                )
+                f"{self.base.out}: holds another tuning: {key} is {earlier_value!r}"
+                f" there, {value!r} here"
             )
         if not study.trials:
-            study.set_user_attr("asked", asked)
+            study.set_user_attr("asked", content)
             study.enqueue_trial(self.default)
         return study
 
     def try_settings(
-        self, study: optuna.Study, settings: int, engine: Engine | None
+        self, study: optuna.Study, settings: int, pool: WorkerPool | None
     ) -> None:
-        """Try settings until so many are finished, from that on in whose midst it was stopped."""
-        while (
-            number := sum(one.state.is_finished() for one in study.trials)
-        ) < settings:
-            # a sampler of its own for each, so that what is gone on with is as if it had not been stopped
-            study.sampler = optuna.samplers.TPESampler(
-                seed=(self.base.experiment.seed + number) % 2**32
-            )
-            stopped = study.get_trials(states=[TrialState.RUNNING])
-            trial = (
-                Trial(study, stopped[0]._trial_id)
-                if stopped
-                else study.ask(dict(self.ranges))
-            )
+        """Try settings until enough are finished; one that was interrupted goes first.
+
+        Args:
+            study: The study of the folder.
+            settings: Number of settings.
+            pool: Workers shared by all runs, in mode direct.
+        """
+        while True:
+            number = sum(trial.state.is_finished() for trial in study.trials)
+            if number >= settings:
+                return
+            # Each setting has a sampler of its own, so a study that goes on draws the
+            # same settings as one that was not interrupted.
+            seed = (self.base.config.seed + number) % 2**32
+            study.sampler = optuna.samplers.TPESampler(seed=seed)
+            interrupted = study.get_trials(states=[TrialState.RUNNING])
+            if interrupted:
+                trial = Trial(study, interrupted[0]._trial_id)
+            else:
+                trial = study.ask(dict(self.ranges))
+
             try:
-                values = self._try(study, trial, engine)
-            except ConfigError as error:  # values that do not go together
+                means = self._try(study, trial, pool)
+            except ConfigError as error:
+                # Values that do not go together.
                 study.tell(trial, state=TrialState.FAIL)
-                self.console.print(
-                    f"setting {number}: {error}", markup=False, highlight=False
-                )
+                self.reporter.notify(f"setting {number}: {error}")
                 continue
-            study.tell(trial, values)
-            measures = [MEASURES[key] for key in self.by]
-            text = ", ".join(
-                f"{one.title} {one.number(value)}"
-                for one, value in zip(measures, values, strict=True)
+            study.tell(trial, means)
+            text = self._describe(study, trial, means)
+            self.reporter.notify(f"setting {number} of {settings}: {text}")
+
+    def _describe(
+        self, study: optuna.Study, trial: Trial, means: Sequence[float]
+    ) -> str:
+        measures = [MEASURES[key] for key in self.by]
+        worlds = trial.user_attrs.get(_GIVEN_UP)
+        if worlds:
+            gap = measures[0].number(abs(means[0] - study.best_value))
+            return (
+                f"given up after {worlds} worlds, {measures[0].title} {gap} worse there"
+                " than the best"
             )
-            if worlds := trial.user_attrs.get(_EARLY):
-                worse = measures[0].number(abs(values[0] - study.best_value))
-                text = f"given up after {worlds} worlds, {measures[0].title} {worse} worse there than the best"
-            self.console.print(
-                f"setting {number} of {settings}: {text}", markup=False, highlight=False
-            )
+        return ", ".join(
+            f"{measure.title} {measure.number(mean)}"
+            for measure, mean in zip(measures, means, strict=True)
+        )
 
     def _try(
-        self, study: optuna.Study, trial: Trial, engine: Engine | None
+        self, study: optuna.Study, trial: Trial, pool: WorkerPool | None
     ) -> list[float]:
-        """Drive a setting until it is clearly worse than the best, and return its means."""
-        told = dict(study.trials[trial.number].intermediate_values)
-        with self._begun(self._setting(trial, "settings"), engine) as drive:
+        """Drive a setting until it is clearly worse than the best; return its means."""
+        world_means = dict(study.trials[trial.number].intermediate_values)
+        with self._open_run(self.make_setting(trial, "settings"), pool) as run:
             for count in range(_STEP, len(self.worlds) + _STEP, _STEP):
-                seen = self.worlds[:count]
-                results = scored(drive, seen)
-                values = np.stack(
-                    [MEASURES[key].values(results) for key in self.by], axis=1
-                )
+                worlds = self.worlds[:count]
+                results = run.drive_scored(worlds)
+                columns = [MEASURES[key].values(results) for key in self.by]
                 if len(self.by) > 1:
                     continue
-                for world in (one for one in seen if one not in told):
-                    told[world] = float(
-                        np.mean(
-                            [
-                                values[n]
-                                for n, one in enumerate(results)
-                                if one.world == world
-                            ]
-                        )
-                    )
-                    trial.report(told[world], world)
-                if count < len(self.worlds) and trial.should_prune():
-                    trial.set_user_attr(_EARLY, count)
-                    best = study.best_trial.intermediate_values
-                    # the best's mean over all worlds, and how much worse this is in those that it has driven
-                    return [
-                        float(
-                            np.mean(list(best.values()))
-                            + np.mean([told[one] - best[one] for one in seen])
-                        )
-                    ]
-        return [float(one) for one in values.mean(axis=0)]
 
-    def judge(
-        self, trials: Sequence[FrozenTrial], front: Sequence[int], engine: Engine | None
-    ) -> list[Tuned]:
-        """Drive settings and the default in the worlds that they were not chosen by, and write what is to be kept."""
-        results, keys = {}, tuple(dict.fromkeys((*self.by, *COMPARED)))
-        kept = [one for one in front if one][:: ceil(len(front) / _MOST_KEPT) or 1]
-        for number in (0, *kept):
-            made = self._setting(
-                trials[number], "unseen", worlds=",".join(map(str, self.unseen))
-            )
-            with self._begun(made, engine) as drive:
-                results[number] = scored(drive, self.unseen)
-        compared = [
-            compare(results[one], results[0], f"setting {one}", "default", keys)
-            for one in kept
+                result_worlds = np.array([row.world for row in results])
+                for world in worlds:
+                    if world not in world_means:
+                        mean = float(np.mean(columns[0][result_worlds == world]))
+                        world_means[world] = mean
+                        trial.report(mean, world)
+                if count < len(self.worlds) and trial.should_prune():
+                    trial.set_user_attr(_GIVEN_UP, count)
+                    return [_extrapolate(study, world_means, worlds)]
+        values = np.stack(columns, axis=1)
+        return [float(mean) for mean in values.mean(axis=0)]
+
+    def judge(self, study: optuna.Study, pool: WorkerPool | None) -> list[Tuned]:
+        """Drive the best settings and the default in worlds they were not chosen in.
+
+        Args:
+            study: A study with all settings.
+            pool: Workers shared by all runs, in mode direct.
+
+        Returns:
+            The best settings, in order of the first measure.
+        """
+        trials = study.trials
+        front = _front(study)
+        candidates = [number for number in front if number != 0]
+        candidates = _thin(candidates, len(front) / _MAX_FRONT)
+
+        results = {}
+        worlds = ",".join(map(str, self.unseen))
+        for number in (0, *candidates):
+            setting = self.make_setting(trials[number], "unseen", worlds)
+            with self._open_run(setting, pool) as run:
+                results[number] = run.drive_scored(self.unseen)
+        keys = tuple(dict.fromkeys((*self.by, *COMPARED)))
+        comparisons = [
+            compare(results[number], results[0], f"setting {number}", "default", keys)
+            for number in candidates
         ]
         if len(self.by) > 1:
-            self._draw(trials, front)
-        found = []
-        for number, one in zip(
-            kept, holm_adjusted(compared) if kept else (), strict=True
-        ):
-            ranked, made = (
-                replace(one, metric=self.by[0]),
-                self._setting(trials[number], "settings"),
+            self._draw_front(trials, front)
+        if not comparisons:
+            return []
+        return [
+            self._keep(trials[number], replace(comparison, metric=self.by[0]))
+            for number, comparison in zip(
+                candidates, adjust_by_holm(comparisons), strict=True
             )
-            seen = dict(zip(self.by, trials[number].values, strict=True))
-            verdict = str(pair_verdict(ranked))
-            found.append(
-                Tuned(
-                    number,
-                    made.values,
-                    seen,
-                    ranked,
-                    verdict,
-                    self._write(number, made, verdict),
-                )
-            )
-        return found
+        ]
 
-    def _write(self, number: int, made: Setting, verdict: str) -> list[Path]:
-        """Write the parameters of a setting for use: a file for `barn run`, or the command's own files, changed."""
-        planner, contents = self.base.experiment.planners[0], list(made.files.values())
+    def _keep(self, trial: FrozenTrial, comparison: Comparison) -> Tuned:
+        setting = self.make_setting(trial, "settings")
+        verdict = str(conclude_comparison(comparison))
+        files = self.write_files(trial.number, setting, verdict)
+        return Tuned(
+            trial.number,
+            setting.values,
+            self.means(trial),
+            comparison,
+            verdict,
+            files,
+        )
+
+    def means(self, trial: FrozenTrial) -> dict[str, float]:
+        """Return the means of a setting by measure."""
+        return dict(zip(self.by, trial.values, strict=True))
+
+    def write_files(self, number: int, setting: Setting, verdict: str) -> list[Path]:
+        """Write the parameters of a setting for use.
+
+        Args:
+            number: Number of the setting.
+            setting: Its values and parameter files.
+            verdict: What the comparison with the default says.
+
+        Returns:
+            A file for `barn run`, or the changed parameter files of the command.
+        """
+        planner = self.base.config.planners[0]
+        contents = list(setting.parameter_files.values())
         if planner.registered:
-            preset = self.base.experiment.settings(planner)["preset"]
-            chosen = {
+            entry = {
                 "name": planner.name,
-                "preset": preset,
-                "overrides": {**planner.overrides, **made.values},
+                "preset": self.base.config.resolve_planner(planner).preset,
+                "overrides": {**planner.overrides, **setting.values},
             }
-            file = {"schema_version": SCHEMA_VERSION, "planners": [chosen]}
-            contents = [yaml.safe_dump(file, sort_keys=False).encode()]
-        found = [
-            self.base.out / f"tuned_{number:04}{'_' * bool(n)}{n or ''}.yaml"
-            for n in range(len(contents))
-        ]
-        for path, content in zip(found, contents, strict=True):
-            write_bytes(path, f"# barn tune: {verdict}\n".encode() + content)
-        return found
+            content = {"schema_version": SCHEMA_VERSION, "planners": [entry]}
+            contents = [yaml.safe_dump(content, sort_keys=False).encode()]
 
-    def _draw(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
-        """Draw all settings by the first two measures, the default, and those that no other is as good as."""
-        others = [
-            number
-            for number, one in enumerate(trials)
-            if number not in (0, *front) and one.values
+        paths = []
+        for place, content_bytes in enumerate(contents):
+            ending = f"_{place}" if place else ""
+            path = self.base.out / f"tuned_{number:04}{ending}.yaml"
+            write_bytes(path, f"# barn tune: {verdict}\n".encode() + content_bytes)
+            paths.append(path)
+        return paths
+
+    def _draw_front(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
+        """Draw settings, their front and the default by the first two measures."""
+        dominated = [
+            trial.number
+            for trial in trials
+            if trial.values and trial.number not in (0, *front)
         ]
+        groups = (
+            ("settings", dominated, "o"),
+            ("front", front, "o-"),
+            ("default", [0], "D"),
+        )
         with style():
-            figure = Figure(figsize=(5.0, 3.6), layout="constrained")
+            figure = new_figure(3.6, 5.0)
             axes = figure.add_subplot()
-            for label, group, look in (
-                ("settings", others, "o"),
-                ("front", front, "o-"),
-                ("default", [0], "D"),
-            ):
-                places = np.array(
-                    [trials[number].values[:2] for number in group]
-                ).reshape(-1, 2)
-                axes.plot(*places.T, look, label=label)
-            axes.set(
-                xlabel=MEASURES[self.by[0]].heading, ylabel=MEASURES[self.by[1]].heading
-            )
+            for label, numbers, line_format in groups:
+                means = [trials[number].values[:2] for number in numbers]
+                x, y = np.array(means).reshape(-1, 2).T
+                axes.plot(x, y, line_format, label=label)
+            first, second = (MEASURES[key].heading for key in self.by[:2])
+            axes.set(xlabel=first, ylabel=second)
             axes.legend()
         write_figure(figure, self.base.out / "front.png")
 
-    def _setting(
-        self, trial: Trial | FrozenTrial, folder: str, **options: str
+    def make_setting(
+        self, trial: Trial | FrozenTrial, folder: str, worlds: str = ""
     ) -> Setting:
-        """Return what drives a setting, its values of four digits; the first one is the default as it is."""
-        values = {
-            key: float(f"{one:.4g}") if isinstance(one, float) else one
-            for key, one in trial.params.items()
-        }
-        asked, name = {**self.options, **options}, f"{folder}/{trial.number:04}"
-        return setting(
-            self.base,
-            partial(read_request, None),
-            asked,
-            {},
-            values if trial.number else {},
-            name,
-        )
+        """Return the setting of a trial of the study.
 
-    def _begun(
-        self, made: Setting, engine: Engine | None
-    ) -> AbstractContextManager[Drive]:
-        made.write_files()
-        return begun(
-            made.request, Console(quiet=True), partial(work_of, live={}), engine=engine
-        )
+        Args:
+            trial: Its parameters are rounded to four digits; the first trial is the
+                default as it is.
+            folder: Folder of settings below that of the tuning.
+            worlds: Worlds, where not those that settings are chosen in.
+        """
+        base = self.base
+        if worlds:
+            base = replace(base, config=replace(base.config, worlds=worlds))
+        values: dict[str, Any] = {}
+        if trial.number:
+            for key, value in trial.params.items():
+                is_float = isinstance(value, float)
+                values[key] = float(f"{value:.4g}") if is_float else value
+        return make_setting(base, values, f"{folder}/{trial.number:04}")
+
+    def _open_run(
+        self, setting: Setting, pool: WorkerPool | None
+    ) -> AbstractContextManager[Run]:
+        setting.write_parameter_files()
+        return open_run(setting.request, Reporter(), work_of, pool=pool)
+
+
+def _extrapolate(
+    study: optuna.Study, world_means: Mapping[int, float], worlds: Sequence[int]
+) -> float:
+    """Return what the mean of a setting that was given up would be over all worlds.
+
+    It is the best setting's mean plus the difference in the worlds that both drove in.
+    """
+    best = study.best_trial.intermediate_values
+    differences = [world_means[world] - best[world] for world in worlds]
+    return float(np.mean(list(best.values())) + np.mean(differences))
 
 
 def _front(study: optuna.Study) -> list[int]:
-    """Return the numbers of the settings that no other is as good as, in order of the first measure."""
-    found = (
-        [study.best_trial]
-        if len(study.directions) == 1
-        else sorted(study.best_trials, key=lambda one: one.values)
-    )
-    return [one.number for one in found]
+    """Return the numbers of settings that no other is as good as by every measure."""
+    if len(study.directions) == 1:
+        return [study.best_trial.number]
+    best_trials = sorted(study.best_trials, key=lambda trial: trial.values)
+    return [trial.number for trial in best_trials]
+
+
+def _thin(numbers: Sequence[int], step: float) -> list[int]:
+    """Return every `step`-th number, rounded up."""
+    return list(numbers[:: ceil(step) or 1])

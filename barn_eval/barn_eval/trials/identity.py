@@ -1,4 +1,4 @@
-"""What makes two trials comparable: the task and the planner's configuration, each with a fingerprint."""
+"""What makes trials comparable: task and planner configuration, with fingerprints."""
 
 import hashlib
 import json
@@ -12,59 +12,95 @@ from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.robots.robot import Chassis
 
-MISSING = "not set"
+# Stands for a value that plain data do not have.
+NOT_SET = "not set"
 
 
 @cache
-def robot(chassis: Chassis) -> str:
-    """Return SHA-256 of a robot's description."""
+def robot_sha256(chassis: Chassis) -> str:
+    """Return the SHA-256 of a robot's description."""
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
-def task(
-    protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None = None
+def task_content(
+    protocol: Protocol, simulator: SimulatorConfig, robot: str = ""
 ) -> dict[str, Any]:
-    """Return what decides a task apart from its world as plain data: protocol, simulator and robot, all resolved."""
-    described = urdf_sha256 or robot(simulator.chassis)
-    return {
-        "protocol": as_dict(protocol),
-        "simulator": as_dict(simulator),
-        "robot": described,
-    }
+    """Return what decides a task apart from its world, resolved, as plain data.
+
+    Args:
+        protocol: Rules of the trials.
+        simulator: Configuration of the simulator.
+        robot: SHA-256 of the robot's description, by default the simulator's.
+    """
+    robot = robot or robot_sha256(simulator.chassis)
+    return plain_task(as_dict(protocol), as_dict(simulator), robot)
+
+
+def plain_task(protocol: Any, simulator: Any, robot: str) -> dict[str, Any]:
+    """Return what decides a task from plain data, such as run.json has.
+
+    Whatever else comes to decide a task is added here, so that every fingerprint of a
+    task has it.
+
+    Args:
+        protocol: Rules of the trials, as `as_dict` gives them.
+        simulator: Configuration of the simulator, likewise.
+        robot: SHA-256 of the robot's description.
+    """
+    return {"protocol": protocol, "simulator": simulator, "robot": robot}
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:
     """Return a short name of plain data: equal data have equal names."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+    text = json.dumps(content, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str:
-    """Return what a task is called: the first line of what is printed of it. robot_name: empty for the standard one."""
-    driven = f"robot {robot_name}, " if robot_name else ""
-    return f"protocol {protocol}, {driven}task {task_fingerprint or 'not recorded'}"
+    """Return the line that names a task.
+
+    Args:
+        protocol: Name of the protocol.
+        task_fingerprint: Fingerprint of the task, empty in rows that do not have it.
+        robot_name: Name of the robot, empty for the standard one.
+    """
+    robot = f"robot {robot_name}, " if robot_name else ""
+    return f"protocol {protocol}, {robot}task {task_fingerprint or 'not recorded'}"
 
 
 def first_difference(
     a: Mapping[str, Any], b: Mapping[str, Any]
 ) -> tuple[str, Any, Any] | None:
-    """Return the first dotted key by which plain data differ, with both values, or None; MISSING for one not there."""
-    there, here = dict(leaves(a)), dict(leaves(b))
-    found = (
-        (key, there.get(key, MISSING), here.get(key, MISSING)) for key in here | there
-    )
-    return next((one for one in found if one[1] != one[2]), None)
+    """Return the first key by which plain data differ, with both values.
+
+    Args:
+        a: Plain data.
+        b: Plain data, whose keys come first.
+
+    Returns:
+        The dotted key, the value in `a` and the value in `b`, NOT_SET for one that is
+        missing; None if nothing differs.
+    """
+    values_a = dict(flatten(a))
+    values_b = dict(flatten(b))
+    for key in values_b | values_a:
+        value_a = values_a.get(key, NOT_SET)
+        value_b = values_b.get(key, NOT_SET)
+        if value_a != value_b:
+            return key, value_a, value_b
+    return None
 
 
-def leaves(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the values of nested mappings and lists by dotted key; empty ones are values themselves."""
-    pairs = (
-        content.items()
-        if isinstance(content, dict)
-        else enumerate(content)
-        if isinstance(content, list)
-        else ()
-    )
-    for key, value in pairs:
-        yield from leaves(value, f"{name}.{key}" if name else str(key))
-    if not isinstance(content, (dict, list)) or not content:
+def flatten(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings and lists by dotted key.
+
+    Args:
+        content: Plain data. Empty mappings and lists in it are values themselves.
+        name: Dotted key of the content itself.
+    """
+    children = dict(enumerate(content)) if isinstance(content, list) else content
+    if not isinstance(children, dict) or not children:
         yield name, content
+        return
+    for key, value in children.items():
+        yield from flatten(value, f"{name}.{key}" if name else str(key))

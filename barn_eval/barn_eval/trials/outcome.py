@@ -1,4 +1,4 @@
-"""How a trial can end, and what that is worth: times, times per metre and the metric of the BARN Challenge."""
+"""How a trial can end, and what that is worth: times, and the challenge metric."""
 
 import math
 from dataclasses import dataclass
@@ -24,12 +24,16 @@ class Outcome(str, Enum):
     ENVIRONMENT_FAILED = "environment_failed"
 
 
-# Who failed where a trial is no success. Only what the planner is answerable for counts in its score.
-PLANNER, SIMULATOR, ENVIRONMENT = "planner", "simulator", "environment"
-_BLAMED = {Outcome.SIMULATOR_DIED: SIMULATOR, Outcome.ENVIRONMENT_FAILED: ENVIRONMENT}
+# Who failed in a trial that is no success. Only the planner's failures count in its
+# score.
+PLANNER = "planner"
+SIMULATOR = "simulator"
+ENVIRONMENT = "environment"
+_CULPRITS = {Outcome.SIMULATOR_DIED: SIMULATOR, Outcome.ENVIRONMENT_FAILED: ENVIRONMENT}
 
-# A planner that did not drive to the end of a trial; where none did, the command says so by its exit code.
-NOT_DRIVEN = (
+# The planner did not drive to the end. If no trial of a run has another outcome, the
+# command's exit code says so.
+UNDRIVEN_OUTCOMES = (
     Outcome.PLANNER_NOT_READY,
     Outcome.PLANNER_DIED,
     Outcome.PLANNER_STALLED,
@@ -40,32 +44,33 @@ NOT_DRIVEN = (
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The judgement on a trial; times are simulated and counted from the trial's first reading.
-
-    traversal_time_s: time on the protocol's clock, None if the clock never started.
-    duration_s: time from the first to the last reading. contact_s: time in contact with an obstacle. blamed: who
-    failed, where the outcome alone does not say.
-    """
+    """The decision about a trial; times are simulated, from the first reading on."""
 
     outcome: Outcome
     detail: str
-    traversal_time_s: float | None
-    duration_s: float
-    contact_s: float
-    blamed: str = ""
+    traversal_time_s: float | None  # on the clock, None if it never started
+    duration_s: float  # from the first to the last reading
+    contact_s: float  # in contact with an obstacle
+    culprit: str = ""  # who failed, where the outcome alone does not say
+
+    @property
+    def success_time_s(self) -> float | None:
+        """Time on the clock of a success, None for any other outcome."""
+        return self.traversal_time_s if self.outcome is Outcome.SUCCESS else None
 
     @property
     def fault(self) -> str:
         """Who failed, empty after a success."""
         if self.outcome is Outcome.SUCCESS:
             return ""
-        return self.blamed or _BLAMED.get(self.outcome, PLANNER)
+        return self.culprit or _CULPRITS.get(self.outcome, PLANNER)
 
 
-# Clips of the traversal time in multiples of the optimal time (BARN Challenge rules, since 2024, and in 2022 and 2023).
+# Clips of the traversal time in multiples of the optimal time: those of the BARN
+# Challenge since 2024, those of 2022 and 2023, and none, as before 2022-04-05.
 CHALLENGE_CLIP = (2.0, 8.0)
 CHALLENGE_CLIP_2022 = (4.0, 8.0)
-UNCLIPPED = (-math.inf, math.inf)  # as before 2022-04-05
+UNCLIPPED = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -74,78 +79,81 @@ class Scores:
 
     success: bool
     traversal_time_s: float | None  # on the protocol's clock, None if it never started
-    scored_time_s: (
-        float  # the same for a success, what the protocol counts for anything else
-    )
+    scored_time_s: float  # of a success; of a failure, what the protocol counts
     duration_s: float
-    path_length_m: float  # arc length
+    path_length_m: float  # arc length of the world's path
     normalised_time_s_per_m: float  # scored time by the path's length
     optimal_time_s: float
-    challenge: float  # metric with the clip of today, at most 0.5; with none under a protocol that is not `clipped`
+    # Metric with the clip of today, at most 0.5; unclipped under a protocol without
+    # clip.
+    challenge: float
     challenge_2022: float  # with the clip of 2022, at most 0.25
     failure_time_s: float  # the most that a failure would count with
-    least_time_s: float | None = (
-        None  # below which no time on the clock can be (`barn_eval.trials.spec`), if computed
-    )
-    efficiency: float | None = (
-        None  # that by the traversal time of a success, 0 for anything else
-    )
+    # No time on the clock can be below it (`TrialSpec.least_time_s`); None: not
+    # computed.
+    least_time_s: float | None = None
+    # The least time by the traversal time of a success, 0 for any other outcome.
+    efficiency: float | None = None
 
 
-def score(
+def score_trial(
     verdict: Verdict,
     course: Course,
     protocol: Protocol,
     least_time_s: float | None = None,
 ) -> Scores:
-    """Return the scores of a trial; the efficiency of a success where the least time is given."""
-    scored_s, success_s = scored_time_s(verdict, protocol), _success_s(verdict)
-    efficiency = 0.0 if success_s is None else None
-    if success_s is not None and least_time_s is not None:
-        efficiency = least_time_s / success_s if success_s > 0.0 else 1.0
+    """Return the scores of a trial.
+
+    Args:
+        verdict: How the trial ended.
+        course: Start, goal and lengths of its world.
+        protocol: Rules that the trial follows.
+        least_time_s: Lower bound of the time on the clock, for the efficiency.
+    """
+    efficiency: float | None = None
+    time_s = verdict.success_time_s
+    if time_s is None:
+        is_timeout = verdict.outcome is Outcome.TIMEOUT
+        scored_time_s = (
+            protocol.timeout_time_s if is_timeout else protocol.failure_time_s
+        )
+        efficiency = 0.0
+    else:
+        scored_time_s = time_s
+        if least_time_s is not None:
+            efficiency = least_time_s / time_s if time_s > 0.0 else 1.0
+
+    optimal_s = course.optimal_time_s
+    clip = CHALLENGE_CLIP if protocol.clipped else UNCLIPPED
     return Scores(
         success=verdict.outcome is Outcome.SUCCESS,
         traversal_time_s=verdict.traversal_time_s,
-        scored_time_s=scored_s,
+        scored_time_s=scored_time_s,
         duration_s=verdict.duration_s,
         path_length_m=course.path_length_m,
-        normalised_time_s_per_m=scored_s / course.path_length_m,
-        optimal_time_s=course.optimal_time_s,
-        challenge=challenge_metric(
-            verdict,
-            course.optimal_time_s,
-            CHALLENGE_CLIP if protocol.clipped else UNCLIPPED,
-        ),
-        challenge_2022=challenge_metric(
-            verdict, course.optimal_time_s, CHALLENGE_CLIP_2022
-        ),
+        normalised_time_s_per_m=scored_time_s / course.path_length_m,
+        optimal_time_s=optimal_s,
+        challenge=challenge_metric(verdict, optimal_s, clip),
+        challenge_2022=challenge_metric(verdict, optimal_s, CHALLENGE_CLIP_2022),
         failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
         least_time_s=least_time_s,
         efficiency=efficiency,
     )
 
 
-def _success_s(verdict: Verdict) -> float | None:
-    return verdict.traversal_time_s if verdict.outcome is Outcome.SUCCESS else None
-
-
-def scored_time_s(verdict: Verdict, protocol: Protocol) -> float:
-    """Return the time that a trial counts with under a protocol."""
-    if (success_s := _success_s(verdict)) is not None:
-        return success_s
-    return (
-        protocol.timeout_time_s
-        if verdict.outcome is Outcome.TIMEOUT
-        else protocol.failure_time_s
-    )
-
-
 def challenge_metric(
     verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP
 ) -> float:
-    """Return optimal time / traversal time clipped to multiples of the optimal time; 0 for anything but a success."""
-    if (success_s := _success_s(verdict)) is None:
+    """Return optimal time by clipped traversal time; 0 for anything but a success.
+
+    Args:
+        verdict: How the trial ended.
+        optimal_time_s: Length of the course at the reference speed.
+        clip: Shortest and longest time that count, in multiples of the optimal time.
+    """
+    time_s = verdict.success_time_s
+    if time_s is None:
         return 0.0
-    return optimal_time_s / min(
-        max(success_s, clip[0] * optimal_time_s), clip[1] * optimal_time_s
-    )
+    shortest, longest = clip
+    time_s = max(time_s, shortest * optimal_time_s)
+    return optimal_time_s / min(time_s, longest * optimal_time_s)

@@ -1,6 +1,9 @@
-"""The judge of a trial: a state machine over stamped readings, which reads no clock and knows no middleware."""
+"""The judge of a trial: a state machine over stamped readings.
 
-from dataclasses import dataclass, replace
+It reads no clock and knows no middleware.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,50 +12,56 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course, Protocol
 from barn_worlds.base.types import Pose2D, Velocity2D, seconds
 
-_ROUNDING = 1e-6  # of a command, which may have been a number of 32 bits
-_ONLY = np.arange(1)  # the trial of a referee among its states
+# Relative, of a command: it may have been a number of 32 bits.
+_ROUNDING = 1e-6
+
+# Row of the referee's own trial among its states.
+_ONLY = np.arange(1)
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How a trial stands: outcome (None while it runs), time on the clock (None before it starts), what is left.
+    """How a trial stands."""
 
-    left_m: distance to the goal as the protocol measures it, None before the first reading.
-    """
-
-    outcome: Outcome | None
-    on_clock_s: float | None
+    outcome: Outcome | None  # None while it runs
+    clock_s: float | None  # time on the clock, None before it starts
     contact_s: float
-    left_m: float | None
+    goal_distance_m: float | None  # as the protocol measures it, None without a reading
 
 
 class Referee:
-    """Judge one trial; the first verdict stands, whatever comes after it.
+    """Judges one trial; the first verdict stands, whatever comes after it.
 
-    Readings come in order of time. Stamps may start anywhere: all times count from the first reading. declared_mps: the
-    speed cap that the planner has declared and is held to, 0 for none.
+    Readings come in order of time. Stamps may start anywhere: all times count from the
+    first reading.
     """
 
     def __init__(
         self, protocol: Protocol, course: Course, declared_mps: float = 0.0
     ) -> None:
-        self._protocol, self._declared_mps = protocol, declared_mps
+        """Prepare for the first reading.
+
+        Args:
+            protocol: Rules of the trial, in the size of its world.
+            course: Start and goal in the map frame.
+            declared_mps: Speed cap that the planner has declared, 0 for none.
+        """
+        self._protocol = protocol
+        self._declared_mps = declared_mps
         self._verdict: Verdict | None = None
-        self._stamp_ns, self._contact = (
-            np.zeros_like(_ONLY),
-            np.zeros_like(_ONLY, np.bool_),
-        )
-        self._odometry, self._truth = (
-            np.zeros((len(_ONLY), 3)),
-            np.zeros((len(_ONLY), 3)),
-        )
-        self._keep(rules.states_of(protocol, course))
+
+        # Arguments of the kernel, made once and filled at each reading.
+        self._stamp_ns = np.zeros(1, np.int64)
+        self._contact = np.zeros(1, np.bool_)
+        self._odometry = np.zeros((1, 3))
+        self._truth = np.zeros((1, 3))
+        self._bind(rules.initial_states(protocol, course))
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None while the trial runs."""
         if self._verdict is None and self._code.item() != rules.RUNNING:
-            self._verdict = self._conclude(*self._end())
+            self._verdict = self._make_verdict(*self._explain_end())
         return self._verdict
 
     @property
@@ -63,29 +72,37 @@ class Referee:
     @property
     def standing(self) -> Standing:
         """How the trial stands at the last reading, or stood at the verdict."""
-        state, verdict = self._state, self.verdict
+        state = self._state
+        verdict = self.verdict
         return Standing(
             None if verdict is None else verdict.outcome,
-            self._on_clock_s(),
+            self._clock_s(),
             seconds(int(state["contact_ns"])),
-            float(state["left_m"]) if state["begun"] else None,
+            float(state["left_m"]) if state["has_reading"] else None,
         )
 
     def move_to(self, states: rules.States) -> None:
-        """Keep the state of the trial in these (1,) from now on: a row of those that are observed by others at once."""
+        """Keep the trial's state in `states` (1,) from now on.
+
+        That is a row of the states of trials that are judged all at once.
+        """
         states[:] = self._states
-        self._keep(states)
+        self._bind(states)
 
     def observe(
         self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool
     ) -> Verdict | None:
-        """Take the readings of one instant and return the verdict, if there is one by now.
+        """Take the readings of one instant and return the verdict, None for none yet.
 
-        odometry: measured pose in the odom frame (which starts at the start pose). truth: pose in the map frame.
-        collision: contact with an obstacle since the reading before.
+        Args:
+            stamp_ns: Time of the readings.
+            odometry: Measured pose in the odom frame, which starts at the start pose.
+            truth: True pose in the map frame.
+            collision: Whether there was a contact since the reading before.
         """
         if self._verdict is None:
-            self._stamp_ns[:], self._contact[:] = stamp_ns, collision
+            self._stamp_ns[:] = stamp_ns
+            self._contact[:] = collision
             self._odometry[:] = odometry.x, odometry.y, odometry.yaw
             self._truth[:] = truth.x, truth.y, truth.yaw
             rules.observe(
@@ -99,77 +116,89 @@ class Referee:
         return self.verdict
 
     def command(self, command: Velocity2D) -> Verdict | None:
-        """Take a command on its way to the robot; one that is not finite, or above the speed cap, ends the trial."""
+        """Take a command on its way to the robot and return the verdict, if any.
+
+        A command that is not finite, or above the speed cap, ends the trial.
+        """
         if self.verdict is not None:
             return self.verdict
         if not command.is_finite():
-            linear, angular = command.linear, command.angular
             return self.fail(
                 Outcome.INVALID_COMMAND,
-                f"command ({linear!r} m/s, {angular!r} rad/s) is not finite",
+                f"command ({command.linear!r} m/s, {command.angular!r} rad/s) is not"
+                " finite",
             )
-        if 0.0 < self._declared_mps * (1.0 + _ROUNDING) < abs(command.linear):
-            cap = f"declared speed cap of {self._declared_mps:g} m/s"
+        cap_mps = self._declared_mps * (1.0 + _ROUNDING)
+        if 0.0 < cap_mps < abs(command.linear):
             return self.fail(
                 Outcome.INVALID_COMMAND,
-                f"command of {command.linear!r} m/s is above the planner's {cap}",
+                f"command of {command.linear!r} m/s is above the planner's declared"
+                f" speed cap of {self._declared_mps:g} m/s",
             )
         return None
 
-    def fail(self, outcome: Outcome, detail: str, blamed: str = "") -> Verdict:
-        """End the trial for a reason that no reading shows, such as a process that died; `blamed` as in `Verdict`."""
-        if (verdict := self.verdict) is None:
-            verdict = self._verdict = replace(
-                self._conclude(outcome, detail), blamed=blamed
-            )
+    def fail(self, outcome: Outcome, detail: str, culprit: str = "") -> Verdict:
+        """End the trial for a reason that no reading shows, such as a dead process.
+
+        Args:
+            outcome: How the trial ends, unless it has a verdict already.
+            detail: What happened, for the row.
+            culprit: Who failed, where the outcome alone does not say.
+        """
+        verdict = self.verdict
+        if verdict is None:
+            verdict = self._make_verdict(outcome, detail, culprit)
+            self._verdict = verdict
         return verdict
 
-    def _end(self) -> tuple[Outcome, str]:
+    def _explain_end(self) -> tuple[Outcome, str]:
         """Return outcome and detail of a trial that a reading has ended."""
-        state, protocol = self._state, self._protocol
+        state = self._state
+        protocol = self._protocol
         match state["code"]:
             case rules.SUCCESS:
                 return Outcome.SUCCESS, ""
             case rules.COLLISION:
-                return (
-                    Outcome.COLLISION,
-                    f"contact at ({state['x']:.2f}, {state['y']:.2f}) m",
-                )
+                detail = f"contact at ({state['x']:.2f}, {state['y']:.2f}) m"
+                return Outcome.COLLISION, detail
             case rules.TIMEOUT:
-                return (
-                    Outcome.TIMEOUT,
-                    f"{state['left_m']:.2f} m from the goal after {protocol.limit_s:g} s",
+                detail = (
+                    f"{state['left_m']:.2f} m from the goal after"
+                    f" {protocol.limit_s:g} s"
                 )
+                return Outcome.TIMEOUT, detail
             case rules.NO_FIRST_MOTION:
-                least = f"{protocol.clock_start_distance_m:g} m in {protocol.first_motion_limit_s:g} s"
-                return Outcome.NO_FIRST_MOTION, f"moved less than {least}"
-            case rules.CLOCK_BACK:
-                last, stamp = state["last_ns"], state["stamp_ns"]
-                return (
-                    Outcome.SIMULATOR_DIED,
-                    f"the clock ran back from {last} to {stamp} ns",
+                detail = (
+                    f"moved less than {protocol.clock_start_distance_m:g} m in"
+                    f" {protocol.first_motion_limit_s:g} s"
                 )
+                return Outcome.NO_FIRST_MOTION, detail
+            case rules.CLOCK_BACK:
+                detail = (
+                    f"the clock ran back from {state['last_ns']} to"
+                    f" {state['stamp_ns']} ns"
+                )
+                return Outcome.SIMULATOR_DIED, detail
             case code:
-                name = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
-                return Outcome.SIMULATOR_DIED, f"the {name} is not finite"
+                pose = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
+                return Outcome.SIMULATOR_DIED, f"the {pose} is not finite"
 
-    def _keep(self, states: rules.States) -> None:
-        self._states, self._state, self._code = states, states[0], states["code"]
+    def _bind(self, states: rules.States) -> None:
+        # Views that are made once: indexing an array costs more than reading them.
+        self._states = states
+        self._state = states[0]
+        self._code = states["code"]
 
-    def _on_clock_s(self) -> float | None:
+    def _clock_s(self) -> float | None:
         state = self._state
-        return (
-            seconds(int(state["last_ns"] - state["clock_ns"]))
-            if state["clock_started"]
-            else None
-        )
+        if not state["clock_started"]:
+            return None
+        return seconds(int(state["last_ns"] - state["clock_ns"]))
 
-    def _conclude(self, outcome: Outcome, detail: str) -> Verdict:
+    def _make_verdict(
+        self, outcome: Outcome, detail: str, culprit: str = ""
+    ) -> Verdict:
         state = self._state
-        lasted_ns, contact_ns = (
-            int(state["last_ns"] - state["first_ns"]),
-            int(state["contact_ns"]),
-        )
-        return Verdict(
-            outcome, detail, self._on_clock_s(), seconds(lasted_ns), seconds(contact_ns)
-        )
+        duration_s = seconds(int(state["last_ns"] - state["first_ns"]))
+        contact_s = seconds(int(state["contact_ns"]))
+        return Verdict(outcome, detail, self._clock_s(), duration_s, contact_s, culprit)

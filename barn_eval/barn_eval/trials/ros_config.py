@@ -1,4 +1,4 @@
-"""How trials are run over ROS: how the planner under test is reached, and how the nodes are set up and waited for."""
+"""How trials run over ROS: how the planner is reached, and what nodes wait for."""
 
 import re
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ ENGINES = ("local", "ray", "inline")
 BAGS = ("all", "failed", "none")
 INPUTS = ("scan", "odom", "goal_pose", "map", "amcl_pose", "tf")
 RESTARTS = ("on_fault", "each_trial", "never")
-GOAL_WAYS = ("topic", "action")
+GOAL_METHODS = ("topic", "action")
 COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 
 _NAME = r"[A-Za-z_]\w*"
@@ -25,15 +25,17 @@ def _limit(
     minimum_s: float = 0.1,
     maximum_s: float = 3600.0,
 ) -> float:
+    """Return a field of a time in seconds."""
     return quantity(default_s, description, "s", minimum_s, maximum_s)
 
 
 @dataclass(frozen=True)
-class Patience(Checked):
-    """How long the evaluator waits for the others.
+class WaitLimits(Checked):
+    """How long the evaluator waits for other nodes.
 
-    Time counts by the evaluator's own turns: what it spends suspended or waiting for a processor does not count. Only
-    through these limits can a slow machine change an outcome.
+    Time counts by the evaluator's own turns: what it spends suspended or waiting for a
+    processor does not count. Only through these limits can a slow machine change an
+    outcome.
     """
 
     start_s: float = _limit(
@@ -80,16 +82,22 @@ class Patience(Checked):
 
 @dataclass(frozen=True)
 class PlannerLink(Checked):
-    """How the planner under test is reached over ROS; shared by the evaluator's parameters and `RosSetup`."""
+    """How the planner under test is reached over ROS.
+
+    The evaluator's parameters and `RosConfig` share it.
+    """
 
     command_type: str = quantity(
         "auto", "type of the commands on cmd_vel", choices=COMMAND_TYPES
     )
     planner_node: str = quantity(
         "",
-        "name of a node to wait for, whose ~/ready, ~/reset and seed are used if offered; empty: the commands' sender",
+        "name of a node to wait for, whose ~/ready, ~/reset and seed are used if"
+        " offered; empty: the commands' sender",
     )
-    goal_by: str = quantity("topic", "how the planner gets its goal", choices=GOAL_WAYS)
+    goal_by: str = quantity(
+        "topic", "how the planner gets its goal", choices=GOAL_METHODS
+    )
     goal_action: str = quantity(
         "navigate_to_pose",
         "name of the action that takes the goal, with goal_by action",
@@ -100,7 +108,8 @@ class PlannerLink(Checked):
     )
     lifecycle_nodes: tuple[str, ...] = quantity(
         (),
-        "names of managed nodes that must be active before a trial, such as bt_navigator",
+        "names of managed nodes that must be active before a trial, such as"
+        " bt_navigator",
     )
     required_inputs: tuple[str, ...] = quantity(
         ("scan", "odom", "goal_pose"),
@@ -125,11 +134,11 @@ class PlannerLink(Checked):
         "when a supervised planner is started afresh for the next trial",
         choices=RESTARTS,
     )
-    patience: Patience = field(default_factory=Patience)
+    patience: WaitLimits = field(default_factory=WaitLimits)
 
 
 @dataclass(frozen=True)
-class RosSetup(PlannerLink):
+class RosConfig(PlannerLink):
     """What a run over ROS needs to know beyond its trials."""
 
     lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
@@ -152,10 +161,10 @@ class RosSetup(PlannerLink):
     ground_truth: bool = quantity(
         False, "publish the true pose and contacts; rows name who reads them"
     )
-
     isolate: bool = quantity(
         True,
-        "the planner's processes see and signal only each other, where the kernel offers that",
+        "the planner's processes see and signal only each other, where the kernel offers"
+        " that",
     )
 
     def __post_init__(self) -> None:
@@ -171,10 +180,10 @@ class RosSetup(PlannerLink):
 
 @dataclass(frozen=True)
 class EvaluatorConfig(PlannerLink):
-    """Parameters of the evaluator. Topics are renamed by remapping, as those of any node.
+    """Parameters of the evaluator; topics are renamed by remapping.
 
-    Supervised, the evaluator was started by `barn`, which also starts the other nodes: what it is to do then comes from
-    the file `assignment`, and the first group of parameters is not looked at.
+    `barn` starts a supervised evaluator together with the other nodes. What it is to do
+    then comes from the file `assignment`, and the first group of parameters is ignored.
     """
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")

@@ -1,4 +1,4 @@
-"""The rules of a trial as one compiled step over plain numbers: for one trial, or for many at a time."""
+"""The rules of a trial as one compiled step over numbers, for one trial or many."""
 
 import math
 
@@ -11,58 +11,74 @@ from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import nanoseconds
 
 # How a trial stands after a reading.
-(
-    RUNNING,
-    SUCCESS,
-    COLLISION,
-    TIMEOUT,
-    NO_FIRST_MOTION,
-    CLOCK_BACK,
-    ODOMETRY_LOST,
-    TRUTH_LOST,
-) = range(8)
+RUNNING = 0
+SUCCESS = 1
+COLLISION = 2
+TIMEOUT = 3
+NO_FIRST_MOTION = 4
+CLOCK_BACK = 5
+ODOMETRY_LOST = 6
+TRUTH_LOST = 7
 
-# A trial in numbers, first what of its protocol decides. clock_start_m, goal_m: distances that start the clock and end
-# the trial; goal_x, goal_y: what is to be reached. stamp_ns: of the last reading, which is not taken if it
-# is at fault; first_ns, last_ns: of those taken; clock_ns: at which the clock started; from_x, from_y: where the motion
-# that starts it is counted from; x, y: the true position; left_m: to the goal. next_look_ns, touched: when a protocol
-# that does not look at each reading looks next, and whether there has been a contact by then.
-_FIELDS = {
-    "clock_start_m goal_m goal_x goal_y": np.float64,
-    "first_motion_ns limit_ns look_ns": np.int64,
-    "contact_ends clock_by_truth goal_by_truth": np.bool_,
-    "code stamp_ns first_ns last_ns clock_ns contact_ns next_look_ns": np.int64,
-    "from_x from_y x y left_m": np.float64,
-    "begun clock_started touched": np.bool_,
-}
+# A trial in numbers. The first ten follow from its protocol and course.
 STATE = np.dtype(
     (
         np.record,
-        [(name, kind) for names, kind in _FIELDS.items() for name in names.split()],
+        [
+            ("clock_start_m", np.float64),  # distances that start the clock
+            ("goal_m", np.float64),  # and end the trial
+            ("goal_x", np.float64),
+            ("goal_y", np.float64),
+            ("first_motion_ns", np.int64),  # longest time until the clock starts
+            ("limit_ns", np.int64),  # longest time on the clock
+            ("look_ns", np.int64),  # between two looks, 0 to look at each reading
+            ("contact_ends", np.bool_),
+            ("clock_by_truth", np.bool_),
+            ("goal_by_truth", np.bool_),
+            ("code", np.int64),
+            ("stamp_ns", np.int64),  # of the last reading, even a faulty one
+            ("first_ns", np.int64),  # of the first reading
+            ("last_ns", np.int64),  # of the last reading that was taken
+            ("clock_ns", np.int64),  # when the clock started
+            ("contact_ns", np.int64),  # time in contact
+            ("next_look_ns", np.int64),
+            ("from_x", np.float64),  # where the motion that starts the clock begins
+            ("from_y", np.float64),
+            ("x", np.float64),  # true position
+            ("y", np.float64),
+            ("left_m", np.float64),  # distance to the goal
+            ("has_reading", np.bool_),
+            ("clock_started", np.bool_),
+            ("touched", np.bool_),  # whether there was a contact so far
+        ],
     )
 )
 States = npt.NDArray[np.void]
 
 
-def states_of(protocol: Protocol, course: Course) -> States:
-    """Return the state (1,) of a trial before its first reading."""
+def initial_states(protocol: Protocol, course: Course) -> States:
+    """Return the state (1,) of a trial before its first reading.
+
+    Args:
+        protocol: Rules of the trial, in the size of its world.
+        course: Start and goal in the map frame.
+    """
     states: States = np.zeros(1, STATE)
-    states["clock_start_m"], states["goal_m"] = (
-        protocol.clock_start_distance_m,
-        protocol.goal_distance_m,
-    )
+    states["clock_start_m"] = protocol.clock_start_distance_m
+    states["goal_m"] = protocol.goal_distance_m
     states["first_motion_ns"] = nanoseconds(protocol.first_motion_limit_s)
     states["limit_ns"] = nanoseconds(protocol.limit_s)
     states["look_ns"] = nanoseconds(protocol.look_period_s)
     states["contact_ends"] = protocol.collision_ends_trial
     states["clock_by_truth"] = protocol.clock_start_source == "truth"
     states["goal_by_truth"] = protocol.goal_source == "truth"
-    goal = (
-        course.goal
-        if protocol.goal_source == "truth"
-        else course.start.inverse() @ course.goal
-    )
-    states["goal_x"], states["goal_y"] = goal.x, goal.y
+
+    # The odometry frame starts at the start pose.
+    goal = course.goal
+    if protocol.goal_source == "odometry":
+        goal = course.start.inverse() @ goal
+    states["goal_x"] = goal.x
+    states["goal_y"] = goal.y
     return states
 
 
@@ -75,9 +91,15 @@ def observe(
     truths: Floats,
     contacts: Bools,
 ) -> None:
-    """Judge a reading of each of the trials `which` that still runs, by their rows of all arrays.
+    """Judge a reading of each trial that still runs.
 
-    odometry, truths (n, 3): x, y, yaw in the odom and the map frame; contacts (n,): since the reading before.
+    Args:
+        states: State (n,) of each trial, which is updated.
+        which: Rows of the trials that have a reading; those of other trials stay.
+        stamps_ns: Time (n,) of each reading.
+        odometry: Measured pose (n, 3) in the odom frame: x, y in m, yaw in rad.
+        truths: True pose (n, 3) in the map frame.
+        contacts: Whether (n,) there was a contact since the reading before.
     """
     for i in which:
         if states[i].code == RUNNING:
@@ -89,7 +111,7 @@ def _observe(
     state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool
 ) -> None:
     state.stamp_ns = now_ns
-    if state.begun and now_ns < state.last_ns:
+    if state.has_reading and now_ns < state.last_ns:
         state.code = CLOCK_BACK
     elif not np.isfinite(odometry).all():
         state.code = ODOMETRY_LOST
@@ -97,48 +119,49 @@ def _observe(
         state.code = TRUTH_LOST
     if state.code != RUNNING:
         return
-    moved, arrived = (
-        truth if state.clock_by_truth else odometry,
-        truth if state.goal_by_truth else odometry,
-    )
-    if not state.begun:
-        state.begun, state.first_ns, state.last_ns, state.next_look_ns = (
-            True,
-            now_ns,
-            now_ns,
-            now_ns,
-        )
-        state.from_x, state.from_y = moved[0], moved[1]
+
+    clock_pose = truth if state.clock_by_truth else odometry
+    goal_pose = truth if state.goal_by_truth else odometry
+    if not state.has_reading:
+        state.has_reading = True
+        state.first_ns = now_ns
+        state.last_ns = now_ns
+        state.next_look_ns = now_ns
+        state.from_x = clock_pose[0]
+        state.from_y = clock_pose[1]
+
+    # A contact counts for the whole time since the reading before.
     if contact:
         state.contact_ns += now_ns - state.last_ns
-    state.last_ns, state.x, state.y = now_ns, truth[0], truth[1]
-    state.left_m = math.hypot(arrived[0] - state.goal_x, arrived[1] - state.goal_y)
-    state.touched = state.touched or contact
+        state.touched = True
+    state.last_ns = now_ns
+    state.x = truth[0]
+    state.y = truth[1]
+    state.left_m = math.hypot(goal_pose[0] - state.goal_x, goal_pose[1] - state.goal_y)
+
     if now_ns < state.next_look_ns:
         return
     while state.look_ns and state.next_look_ns <= now_ns:
         state.next_look_ns += state.look_ns
-    if (
-        not state.clock_started
-        and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y)
-        > state.clock_start_m
-    ):
-        state.clock_started, state.clock_ns = True, now_ns
-    state.code = _judged(state, state.touched)
+
+    moved_m = math.hypot(clock_pose[0] - state.from_x, clock_pose[1] - state.from_y)
+    if not state.clock_started and moved_m > state.clock_start_m:
+        state.clock_started = True
+        state.clock_ns = now_ns
+    state.code = _judge(state)
 
 
 @njit(cache=True)
-def _judged(state: np.record, contact: bool) -> int:
+def _judge(state: np.record) -> int:
     """Return how a trial stands whose reading has been taken."""
-    if contact and state.contact_ends:
+    if state.touched and state.contact_ends:
         return COLLISION
     if not state.clock_started:
-        return (
-            NO_FIRST_MOTION
-            if state.last_ns - state.first_ns >= state.first_motion_ns
-            else RUNNING
-        )
-    on_clock_ns = state.last_ns - state.clock_ns
-    if state.left_m <= state.goal_m and on_clock_ns <= state.limit_ns:
+        waited_ns = state.last_ns - state.first_ns
+        return NO_FIRST_MOTION if waited_ns >= state.first_motion_ns else RUNNING
+
+    # Arrival at the very limit is a success.
+    clock_ns = state.last_ns - state.clock_ns
+    if state.left_m <= state.goal_m and clock_ns <= state.limit_ns:
         return SUCCESS
-    return TIMEOUT if on_clock_ns >= state.limit_ns else RUNNING
+    return TIMEOUT if clock_ns >= state.limit_ns else RUNNING

@@ -1,18 +1,39 @@
-"""Seeds of a trial, made from what the trial is and not from when or where it runs."""
+"""Seeds of a trial, from what the trial is and not from when or where it runs."""
 
 import hashlib
 
 
-def simulator_seed(campaign_seed: int, world: int, repetition: int) -> int:
-    """Return the seed of a trial's simulator, the same for every planner; from 0 to 2**32 - 1."""
-    return _seed("simulator", campaign_seed, world, repetition)
+def simulator_seed(run_seed: int, world_number: int, repetition: int) -> int:
+    """Return the seed of a trial's simulator, the same for every planner.
+
+    Args:
+        run_seed: Seed of the run.
+        world_number: Number of the world in its data set.
+        repetition: Number of the trial among those in its world, from 0.
+
+    Returns:
+        A number from 0 to 2**32 - 1.
+    """
+    return _derive_seed("simulator", run_seed, world_number, repetition)
 
 
-def planner_seed(campaign_seed: int, world: int, repetition: int, planner: str) -> int:
-    """Return the seed of a trial's planner; from 0 to 2**32 - 1."""
-    return _seed("planner", campaign_seed, world, repetition, planner)
+def planner_seed(
+    run_seed: int, world_number: int, repetition: int, planner: str
+) -> int:
+    """Return the seed of a trial's planner.
+
+    Args:
+        run_seed: Seed of the run.
+        world_number: Number of the world in its data set.
+        repetition: Number of the trial among those in its world, from 0.
+        planner: Name of the planner.
+
+    Returns:
+        A number from 0 to 2**32 - 1.
+    """
+    return _derive_seed("planner", run_seed, world_number, repetition, planner)
 
 
-def _seed(*parts: object) -> int:
+def _derive_seed(*parts: object) -> int:
     digest = hashlib.sha256("/".join(map(str, parts)).encode()).digest()
     return int.from_bytes(digest[:4], "little")

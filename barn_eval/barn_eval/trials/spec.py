@@ -10,247 +10,265 @@ import numpy as np
 
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.protocol import Course, Protocol
-from barn_eval.trials.result import FREE, trial_id
+from barn_eval.trials.result import FREE, format_trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
-from barn_worlds.base.compute import NOTHING, Compute
+from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.geometry.shortest import shortest_way_m
+from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
 
+# By how much of the commanded speed base_link may go faster on average: the wheels of a
+# skid-steered robot slide where it turns, and its weight shifts to the outer ones.
+WHEEL_SLIP = {"skid_steer": 0.02, "differential": 0.005}
+
+# How far a map goes on beyond a start or a goal that lies outside its world.
+_MARGIN_M = 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class TrialSpec:
-    """What a trial is: equal specifications give equal results, wherever and whenever they run."""
+    """What a trial is: equal specifications give equal results, wherever they run."""
 
     dataset: str
-    index: int  # number of the world in its data set
+    world_number: int  # in its data set
     world: World
     planner: str
     preset: str
-    overrides: Mapping[str, Any]  # dotted names of planner parameters to values
+    overrides: Mapping[str, Any]  # planner parameters by dotted name
     protocol: Protocol
     simulator: SimulatorConfig
-    campaign_seed: int
+    run_seed: int
     repetition: int
-    planner_config: str = ""  # fingerprint of the planner's configuration
-    declared_mps: float = (
-        0.0  # the highest speed that the planner says it commands, 0 if it does not say
-    )
-    compute: Compute = NOTHING  # what it declares of its computing
-    way: str = FREE  # what is charged for that, as in `TrialResult`
-    recorded_ns: tuple[
-        int, ...
-    ] = ()  # delays of a trial that was measured, which are charged again
+
+    # Names the planner's configuration; empty for a planner that was started by hand.
+    planner_config: str = ""
+    # The highest speed that the planner says it commands, 0 if it does not say.
+    declared_mps: float = 0.0
+    # What the planner declares of its computing, and how that is charged.
+    compute: Compute = NO_COMPUTE
+    compute_mode: str = FREE
+    # Delays of a trial that was measured, which are charged again.
+    recorded_ns: tuple[int, ...] = ()
 
     @property
     def trial_id(self) -> str:
         """Name of the trial, its bag and its picture."""
-        return trial_id(self.planner, self.index, self.repetition)
+        return format_trial_id(self.planner, self.world_number, self.repetition)
 
     @property
     def simulator_seed(self) -> int:
-        """Seed of the simulator."""
-        return seeds.simulator_seed(self.campaign_seed, self.index, self.repetition)
+        """Seed of the simulator, the same for every planner."""
+        return seeds.simulator_seed(self.run_seed, self.world_number, self.repetition)
 
     @property
     def planner_seed(self) -> int:
         """Seed of the planner."""
         return seeds.planner_seed(
-            self.campaign_seed, self.index, self.repetition, self.planner
+            self.run_seed, self.world_number, self.repetition, self.planner
         )
 
     @property
     def phase_s(self) -> float:
         """How far into their motions moving obstacles are at the start."""
-        return phase_s(
-            self.world, self.simulator.obstacles.random_phase, self.simulator_seed
-        )
+        random_phase = self.simulator.obstacles.random_phase
+        return phase_s(self.world, random_phase, self.simulator_seed)
 
     @property
     def planning_frame(self) -> str:
-        """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
+        """Frame of the planner's goal and pose: map if it is given one, else odom."""
         return FRAMES.map if self.protocol.map_given else FRAMES.odom
 
     @property
     def task(self) -> str:
         """Fingerprint of protocol, simulator and robot."""
-        return _task(self.protocol, self.simulator)
+        return _task_fingerprint(self.protocol, self.simulator)
 
     @cached_property
-    def rules(self) -> Protocol:
-        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
-        return self.protocol.sized(self.world, self.simulator.chassis)
+    def scaled_protocol(self) -> Protocol:
+        """The protocol with distances in the size of this world's cells."""
+        return self.protocol.scaled_to(self.world, self.simulator.chassis)
 
     @cached_property
     def course(self) -> Course:
         """Start, goal and lengths of the world under the protocol."""
-        return _course(self.rules, self.world)
+        return _course(self.scaled_protocol, self.world)
 
     @property
     def speed_cap_mps(self) -> float:
-        """The highest speed that the robot takes from the planner: as declared, at most its own."""
+        """The highest speed that the robot takes: as declared, at most its own."""
         limit = self.simulator.drive.max_speed_m_s
         return min(self.declared_mps, limit) if self.declared_mps > 0.0 else limit
 
     @cached_property
     def least_time_s(self) -> float:
-        """A time on the clock that no trial of this robot at this speed cap falls below.
+        """A time on the clock that no trial of this robot at this cap falls below.
 
-        docs/efficiency.md has the proof. From the reading before the one that starts the clock to the one that ends the
-        trial, the robot goes from the disc around its start in which no clock starts to the disc around the goal in
-        which it has arrived, without a contact where that ends the trial. So it drives at least the shortest way
-        between the two that a disc inside its outline could take, at no more than its speed.
+        docs/efficiency.md has the proof. From the reading before the one that starts
+        the clock to the one that ends the trial, the robot goes from the disc around
+        its start in which no clock starts to the disc around the goal in which it has
+        arrived, without a contact where that ends the trial. So it drives at least the
+        shortest path between the two that a disc inside its outline could take, at no
+        more than its speed.
         """
-        fastest = self.speed_cap_mps * (1.0 + SLIP[self.simulator.chassis.kind])
-        length_m = _least_way_m(
-            self.rules, self.course, self.world, self.simulator.chassis
-        )
-        return (
-            max(0.0, length_m / fastest - self.rules.control_period_s)
-            if fastest > 0.0
-            else 0.0
-        )
+        chassis = self.simulator.chassis
+        max_speed_mps = self.speed_cap_mps * (1.0 + WHEEL_SLIP[chassis.kind])
+        if max_speed_mps <= 0.0:
+            return 0.0
+        protocol = self.scaled_protocol
+        length_m = _least_path_m(protocol, self.course, self.world, chassis)
+        return max(0.0, length_m / max_speed_mps - protocol.control_period_s)
 
     @cached_property
     def goal(self) -> Pose2D:
         """The goal in the planning frame, as it comes out of a message."""
-        goal = (
-            self.course.goal
-            if self.protocol.map_given
-            else self.course.start.inverse() @ self.course.goal
-        )
+        goal = self.course.goal
+        if not self.protocol.map_given:
+            goal = self.course.start.inverse() @ goal
         return goal.through_quaternion()
 
     @cached_property
     def map(self) -> OccupancyMap | None:
         """The map that the planner is given, if any, as it comes out of a message."""
-        return (
-            _map(self.protocol, self.world, self.course)
-            if self.protocol.map_given
-            else None
-        )
+        if not self.protocol.map_given:
+            return None
+        return _planner_map(self.protocol, self.world, self.course)
 
-    def reseeded(self, campaign_seed: int, repetition: int) -> "TrialSpec":
-        """Return the trial with another seed; what does not depend on it need not be worked out again."""
-        other = object.__new__(TrialSpec)  # `replace` would lose what is cached
-        vars(other).update(
-            vars(self), campaign_seed=campaign_seed, repetition=repetition
-        )
-        return other
+    def with_seed(self, run_seed: int, repetition: int) -> "TrialSpec":
+        """Return the same trial with another seed.
+
+        Args:
+            run_seed: Seed that those of simulator and planner come from.
+            repetition: Number of the trial among those in its world, from 0.
+        """
+        return replace(self, run_seed=run_seed, repetition=repetition)
 
     def description(self) -> dict[str, Any]:
-        """Return everything that determines the trial as plain data, all configuration resolved."""
-        phase = {"phase_s": self.phase_s} if self.world.moving else {}
-        computing = {"compute": as_dict(self.compute)} if self.compute.declared else {}
-        return {
+        """Return everything that determines the trial, resolved, as plain data."""
+        planner: dict[str, Any] = {
+            "name": self.planner,
+            "preset": self.preset,
+            "overrides": dict(self.overrides),
+            "fingerprint": self.planner_config,
+        }
+        if self.compute.is_declared:
+            planner["compute"] = as_dict(self.compute)
+
+        description: dict[str, Any] = {
             "trial_id": self.trial_id,
             "dataset": self.dataset,
             "world": {
-                "index": self.index,
+                "index": self.world_number,
                 "name": self.world.name,
                 "checksum": self.world.checksum,
             },
             "start": as_dict(self.course.start),
             "goal": as_dict(self.course.goal),
             "task": self.task,
-            "planner": {
-                "name": self.planner,
-                "preset": self.preset,
-                "overrides": dict(self.overrides),
-            }
-            | {"fingerprint": self.planner_config, **computing},
+            "planner": planner,
             "protocol": as_dict(self.protocol),
             "simulator": as_dict(self.simulator),
             "seeds": {
-                "campaign": self.campaign_seed,
+                "campaign": self.run_seed,
                 "simulator": self.simulator_seed,
                 "planner": self.planner_seed,
-            }
-            | {"repetition": self.repetition},
-            **phase,
+                "repetition": self.repetition,
+            },
         }
+        if self.world.moving:
+            description["phase_s"] = self.phase_s
+        return description
 
 
-# What trials have in common is worked out once.
-
-# By how much of the commanded speed base_link may go faster on average: the wheels of a skid-steered robot slide where
-# it turns, and its weight shifts to the outer ones.
-SLIP = {"skid_steer": 0.02, "differential": 0.005}
-_BEYOND_M = (
-    1.0  # which a map goes on beyond a start or a goal that its world does not hold
-)
+# What trials have in common is worked out once for all of them.
 
 
 @lru_cache(maxsize=64)
-def _task(protocol: Protocol, simulator: SimulatorConfig) -> str:
-    return identity.fingerprint(identity.task(protocol, simulator))
+def _task_fingerprint(protocol: Protocol, simulator: SimulatorConfig) -> str:
+    return identity.fingerprint(identity.task_content(protocol, simulator))
 
 
 @lru_cache(maxsize=512)
-def _course(rules: Protocol, world: World) -> Course:
-    return rules.course(world)
+def _course(protocol: Protocol, world: World) -> Course:
+    return protocol.course(world)
 
 
 @lru_cache(maxsize=64)
-def _least_way_m(
-    rules: Protocol, course: Course, world: World, chassis: Chassis
+def _least_path_m(
+    protocol: Protocol, course: Course, world: World, chassis: Chassis
 ) -> float:
-    """Return a lower bound of the way in m from the one disc to the other."""
-    near_m, goal_m = rules.clock_start_distance_m, rules.goal_distance_m
-    start, goal = (np.array([pose.x, pose.y]) for pose in (course.start, course.goal))
-    centres, radius_m = np.empty((0, 2)), 0.0
-    if (
-        rules.collision_ends_trial
-        and rules.clock_start_source == rules.goal_source == "truth"
-    ):
-        inside_m = -float(contact_of(chassis).distances(np.zeros(1), np.zeros(1))[0])
+    """Return a lower bound of the path from the start's disc to the goal's."""
+    start = np.array([course.start.x, course.start.y])
+    goal = np.array([course.goal.x, course.goal.y])
+    centers = np.empty((0, 2))
+    radius_m = 0.0
+
+    # Obstacles lengthen the path only where a contact ends the trial, and where the
+    # true position, not the odometry, decides when the robot has left and arrived.
+    by_truth = protocol.clock_start_source == protocol.goal_source == "truth"
+    if protocol.collision_ends_trial and by_truth:
+        outline = contact_footprint(chassis)
+        inside_m = -float(outline.distances(np.zeros(1), np.zeros(1))[0])
         radius_m = world.cylinder_radius_m + max(0.0, inside_m)
-        # a straight line in either disc completes the way to one from start to goal, which must not be barred
-        from_start, from_goal = (
-            np.hypot(*(world.cylinders_m - point).T) - radius_m
-            for point in (start, goal)
-        )
-        centres = world.cylinders_m[(from_start >= near_m) & (from_goal >= goal_m)]
-    return max(0.0, shortest_way_m(start, goal, centres, radius_m) - near_m - goal_m)
+
+        # A straight line in either disc completes the path to one from start to goal,
+        # so no obstacle within a disc may bar it.
+        cylinders_m = world.cylinders_m
+        from_start = np.hypot(*(cylinders_m - start).T) - radius_m
+        from_goal = np.hypot(*(cylinders_m - goal).T) - radius_m
+        outside_start = from_start >= protocol.clock_start_distance_m
+        outside_goal = from_goal >= protocol.goal_distance_m
+        centers = cylinders_m[outside_start & outside_goal]
+
+    length_m = shortest_path_bound_m(start, goal, centers, radius_m)
+    length_m = length_m - protocol.clock_start_distance_m - protocol.goal_distance_m
+    return max(0.0, length_m)
 
 
 @lru_cache(maxsize=64)
-def _map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
-    standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
-    grid = world.occupancy_map(historical=standard and protocol.historical_map)
-    # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
-    off_m = 0.0 if standard else protocol.map_offset_m()
-    grid = _reaching(_reaching(grid, course.start), course.goal)
-    return replace(
-        grid,
-        resolution=float(np.float32(grid.resolution)),
-        origin_y=grid.origin_y + off_m,
-    )
+def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
+    has_standard_cells = math.isclose(world.resolution_m, STANDARD_CELL_M)
+    historical = has_standard_cells and protocol.historical_map
+    grid = world.occupancy_map(historical=historical)
+
+    # Worlds of other cells never had a historical map; theirs is off as a whole, by as
+    # much as the pose is.
+    offset_m = 0.0 if has_standard_cells else protocol.map_offset_m()
+    grid = _extend_to(grid, course.start)
+    grid = _extend_to(grid, course.goal)
+
+    # A message holds the resolution as a number of 32 bits.
+    resolution = float(np.float32(grid.resolution))
+    return replace(grid, resolution=resolution, origin_y=grid.origin_y + offset_m)
 
 
-def _reaching(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
-    """Return a map with free cells up to a metre beyond a pose that is off it: a planner could not plan there."""
-    (rows, cols), size = grid.data.shape, grid.resolution
-    row, col = (
-        math.floor((pose.y - grid.origin_y) / size),
-        math.floor((pose.x - grid.origin_x) / size),
-    )
-    if 0 <= row < rows and 0 <= col < cols:
+def _extend_to(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
+    """Return a map with free cells up to a metre beyond a pose that is off it.
+
+    A planner could not plan from or to a pose off its map.
+    """
+    rows, columns = grid.data.shape
+    size = grid.resolution
+    row = math.floor((pose.y - grid.origin_y) / size)
+    column = math.floor((pose.x - grid.origin_x) / size)
+    if 0 <= row < rows and 0 <= column < columns:
         return grid
-    beyond = math.ceil(_BEYOND_M / size)
-    below, left = max(0, beyond - row), max(0, beyond - col)
-    above, right = max(0, row + 1 + beyond - rows), max(0, col + 1 + beyond - cols)
+
+    margin = math.ceil(_MARGIN_M / size)
+    below = max(0, margin - row)
+    left = max(0, margin - column)
+    above = max(0, row + 1 + margin - rows)
+    right = max(0, column + 1 + margin - columns)
     data = np.pad(grid.data, ((below, above), (left, right)))
-    return OccupancyMap(
-        data, size, grid.origin_x - left * size, grid.origin_y - below * size
-    )
+    origin_x = grid.origin_x - left * size
+    origin_y = grid.origin_y - below * size
+    return OccupancyMap(data, size, origin_x, origin_y)
 
 
 def simulator_config(
@@ -258,37 +276,47 @@ def simulator_config(
     overrides: Mapping[str, Any] | None = None,
     robot: Robot | None = None,
 ) -> SimulatorConfig:
-    """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides.
+    """Return the simulator's configuration under a protocol.
 
-    robot: in place of the preset's, which is the Jackal; the preset keeps what it says of noise and latency.
+    Args:
+        protocol: Names the preset, and fixes control period and obstacles. Under one
+            with the historical map, the pose is off with the map by one cell of a
+            standard
+            world: AMCL matches scans to the map that it is given.
+        overrides: Simulator parameters by dotted name, which come last.
+        robot: In place of the preset's, the Jackal; the preset keeps what it says of
+            noise and latency.
 
-    Under a protocol with the historical map the pose is off with the map, by one cell of a standard world: AMCL matches
-    scans to the map that it is given.
+    Raises:
+        ConfigError: The preset or a parameter is unknown, or a value is not allowed, or
+            the protocol fixes a parameter that `overrides` has.
     """
-    if (name := protocol.simulator) not in PRESETS:
+    name = protocol.simulator
+    if name not in PRESETS:
         raise ConfigError(
-            f"protocol {protocol.name}: unknown simulator preset {name!r}{suggest(name, PRESETS)}"
+            f"protocol {protocol.name}: unknown simulator preset"
+            f" {name!r}{suggest(name, PRESETS)}"
         )
+    preset = PRESETS[name]
+    if robot is not None:
+        preset = with_robot(preset, robot)
+
+    changes: dict[str, Any] = {}
+    offset_m = protocol.map_offset_m()
+    if offset_m and preset.localisation.mode == "particles":
+        changes["localisation.historical_map"] = True
+    elif offset_m:
+        changes["localisation.offset_y_m"] = offset_m
+
     fixed = {
         "control_period_s": protocol.control_period_s,
         "obstacles.movable": protocol.movable_obstacles,
         "obstacles.random_phase": protocol.random_phase,
     }
-    for name in sorted(set(fixed) & set(overrides or {})):
+    overrides = overrides or {}
+    for parameter in sorted(fixed.keys() & overrides.keys()):
         raise ConfigError(
-            f"simulator parameter {name!r} is given by protocol {protocol.name}"
+            f"simulator parameter {parameter!r} is given by protocol {protocol.name}"
         )
-    preset, off_m = PRESETS[protocol.simulator], protocol.map_offset_m()
-    preset = preset if robot is None else with_robot(preset, robot)
-    particles = preset.localisation.mode == "particles"
-    shift: dict[str, Any] = (
-        {"historical_map": True} if particles else {"offset_y_m": off_m}
-    )
-    matched = (
-        {f"localisation.{name}": value for name, value in shift.items()}
-        if off_m
-        else {}
-    )
-    return replace_dotted(
-        preset, {**matched, **fixed, **(overrides or {})}, "simulator parameters"
-    )
+    changes = changes | fixed | dict(overrides)
+    return replace_dotted(preset, changes, "simulator parameters")

@@ -1,4 +1,4 @@
-"""A trial as it passes, whoever runs it: readings and answers go in; verdict, trajectory and row come out."""
+"""A trial while it runs: readings and commands in, verdict and row out."""
 
 import math
 import signal
@@ -12,80 +12,90 @@ from traceback import extract_tb, format_exc
 from types import FrameType
 from typing import Any, TypeVar
 
-from barn_eval.trials.outcome import Outcome, Scores, Verdict, score
+from barn_eval.trials.encounters import measure_encounters
+from barn_eval.trials.outcome import Outcome, Scores, Verdict, score_trial
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, encounters, measure
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, measure_trajectory
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
-from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
+from barn_worlds.robots.contact import contact_footprint
 
 T = TypeVar("T")
-OF_SPEC = (
-    "planner",
-    "repetition",
-    "campaign_seed",
-    "simulator_seed",
-    "planner_seed",
-)  # which a row has likewise
-_OF_SPEC = ("trial_id", "dataset", "preset", "task", "planner_config")
+
+# Wall-clock time in multiples of a limit after which the machine, not the planner, is
+# given up.
+STALLED = 10.0
+
+# Characters of a text of the planner's, in a row.
+MAX_TEXT_LENGTH = 2000
+_MAX_ERROR_LENGTH = 300
 
 
 @contextmanager
-def handled(
+def signal_handler(
     number: int, handler: Callable[[int, FrameType | None], None]
 ) -> Iterator[bool]:
-    """Handle a signal while the context lasts and give whether that is so: only the main thread can."""
+    """Handle a signal while the context lasts.
+
+    Args:
+        number: Number of the signal.
+        handler: Function that takes the signal.
+
+    Yields:
+        Whether the signal is handled: only the main thread can.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield False
         return
-    before = signal.signal(number, handler)
+    previous = signal.signal(number, handler)
     try:
         yield True
     finally:
-        signal.signal(number, before)
+        signal.signal(number, previous)
 
 
 class DeadlineError(BaseException):
-    """The limit has passed; not an Exception, so that a planner that catches those does not swallow it."""
+    """The limit has passed.
+
+    Not an Exception, so that a planner that catches those does not swallow it.
+    """
 
 
 class MachineStalledError(Exception):
-    """The machine gave a planner so little of its processor that nothing can be said of the planner."""
+    """The machine withheld its processor, so nothing follows about the planner."""
 
 
-class _Stalled(BaseException):
+class _StallError(BaseException):
     """As `DeadlineError`, by no fault of the planner."""
 
 
-STALLED = 10.0  # wall-clock time in multiples of a limit after which the machine, not the planner, is given up
-LONGEST = 2000  # characters of what a planner may have said, in a row
+def processor_wait_s(process: str | int = "self") -> float:
+    """Return how long a process's main thread has waited for a processor so far.
 
-
-def queued_s(process: str | int = "self") -> float:
-    """Return how long the main thread of a process has waited for a processor, 0 where the system does not tell."""
+    0 where the system does not say.
+    """
     try:
-        return (
-            int(Path(f"/proc/{process}/schedstat").read_text("ascii").split()[1])
-            / NANOSECONDS
-        )
+        schedule = Path(f"/proc/{process}/schedstat").read_text("ascii")
+        return int(schedule.split()[1]) / NANOSECONDS_PER_SECOND
     except (OSError, IndexError, ValueError):
         return 0.0
 
 
 class Deadline:
-    """Raises DeadlineError in calls that take longer of their own time, so that a planner cannot hang everything.
+    """Raises DeadlineError in calls that take longer of their own time than a limit.
 
-    Own is processor time, and time in which a call waits; not what is withheld from it. A processor that is busy with
-    others is withheld, and so is the time of a process that is stopped, in which no look comes. Waiting counts from the
-    first look on: before, nobody asks the system, which takes longer than short work.
+    So a planner cannot hang everything. A call's own time is processor time, and time
+    in which it waits, but not what is withheld from it: a processor that is busy with
+    other processes, or the time of a stopped process, in which no check comes.
 
-    Works by an interval timer: in the main thread and while `installed` only (elsewhere nothing is limited), and in
-    compiled code not before it returns. limit_s: holds from the next call on.
+    An interval timer makes the checks: in the main thread and while `installed` only,
+    elsewhere nothing is limited; and in compiled code not before it returns.
     """
 
+    # Holds from the next call on.
     limit_s = math.inf
 
     def __init__(self) -> None:
@@ -94,7 +104,7 @@ class Deadline:
     @contextmanager
     def installed(self) -> Iterator[None]:
         """Take over the alarm signal, and give it back at the end."""
-        with handled(signal.SIGALRM, self._look) as armed:
+        with signal_handler(signal.SIGALRM, self._check) as armed:
             self._armed = armed
             try:
                 yield
@@ -102,14 +112,12 @@ class Deadline:
                 self._armed = False
 
     def __enter__(self) -> None:
-        """Begin to count."""
+        """Start to count."""
         if self._armed:
             self._period_s = min(1.0, self.limit_s / 4.0)
-            self._used_s, self._seen_s, self._queued_s = (
-                time.thread_time(),
-                0.0,
-                math.nan,
-            )
+            self._processor_s = time.thread_time()
+            self._checked_s = 0.0
+            self._withheld_s = math.nan
             signal.setitimer(signal.ITIMER_REAL, self._period_s, self._period_s)
 
     def __exit__(self, *error: object) -> None:
@@ -117,34 +125,47 @@ class Deadline:
         if self._armed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
-    def _look(self, _signal: int, _frame: FrameType | None) -> None:
-        queued = queued_s()
-        if math.isnan(self._queued_s):
-            self._queued_s = queued
+    def _check(self, _signal: int, _frame: FrameType | None) -> None:
+        # The time withheld counts from the first check on: to ask the system at the
+        # start would take longer than a short call.
+        withheld_s = processor_wait_s()
+        if math.isnan(self._withheld_s):
+            self._withheld_s = withheld_s
         else:
-            self._seen_s += self._period_s
-        if (
-            max(
-                time.thread_time() - self._used_s,
-                self._seen_s - (queued - self._queued_s),
-            )
-            >= self.limit_s
-        ):
+            self._checked_s += self._period_s
+
+        processor_s = time.thread_time() - self._processor_s
+        own_s = self._checked_s - (withheld_s - self._withheld_s)
+        if max(processor_s, own_s) >= self.limit_s:
             raise DeadlineError
-        if self._seen_s >= STALLED * self.limit_s:
-            raise _Stalled
+        if self._checked_s >= STALLED * self.limit_s:
+            raise _StallError
 
 
 class RunningTrial:
-    """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
+    """The part of a trial that is the same however it is run.
 
-    Instant by instant it takes the reading, then the command that answers it. It reads no clock. recoveries: how often
-    the planner began to recover, None if it has not said how it fares. traceback: of the exception that it raised.
+    One process, nodes over ROS or a learner give it each instant's reading, then the
+    command that answers it. It reads no clock.
+
+    Attributes:
+        spec: What determines the trial.
+        referee: Judges the readings.
+        log: Collects what the robot does.
+        deadline: Limits calls of the planner.
+        recoveries: How often the planner began to recover, None without reports.
+        traceback: Of the exception that the planner raised.
     """
 
     def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
+        """Prepare for the first reading.
+
+        Args:
+            spec: What determines the trial.
+            logged: Whether to collect what the robot does.
+        """
         self.spec = spec
-        self.referee = Referee(spec.rules, spec.course, spec.declared_mps)
+        self.referee = Referee(spec.scaled_protocol, spec.course, spec.declared_mps)
         self.log = TrajectoryLog()
         self.deadline = Deadline()
         self.recoveries: int | None = None
@@ -159,50 +180,73 @@ class RunningTrial:
 
     @property
     def scores(self) -> Scores | None:
-        """What the verdict is worth, None while the trial runs; only for a success the least time is looked for."""
-        verdict, spec = self.verdict, self.spec
+        """What the verdict is worth, None while the trial runs."""
+        verdict = self.verdict
         if verdict is None:
             return None
+
+        # Only the efficiency of a success needs the least time, which takes a search.
+        spec = self.spec
         least_s = spec.least_time_s if verdict.outcome is Outcome.SUCCESS else None
-        return score(verdict, spec.course, spec.protocol, least_s)
+        return score_trial(verdict, spec.course, spec.protocol, least_s)
 
     def read(
         self, odometry: Odometry, truth: Odometry, collision: bool
     ) -> Verdict | None:
-        """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
+        """Take the readings of an instant and return the verdict, None for none yet.
+
+        Args:
+            odometry: Measured pose and twist in the odom frame.
+            truth: True pose and twist in the map frame; its stamp is the instant's.
+            collision: Whether there was a contact since the reading before.
+        """
         if self._logged:
-            rules = (
-                self.spec.protocol
-            )  # by which the frame of plans is that of a map, or else of the odometry
-            place = (
-                Pose2D(0.0, rules.map_offset_m(), 0.0) @ truth.pose
-                if rules.map_given
-                else odometry.pose
-            )
-            self.log.reading(truth, collision, place)
+            # Plans are in the frame of the planner's map, or else of its odometry.
+            protocol = self.spec.protocol
+            plan_pose = odometry.pose
+            if protocol.map_given:
+                plan_pose = Pose2D(0.0, protocol.map_offset_m(), 0.0) @ truth.pose
+            self.log.reading(truth, collision, plan_pose)
         return self.referee.observe(
             truth.stamp_ns, odometry.pose, truth.pose, collision
         )
 
     def command(self, command: Velocity2D) -> Verdict | None:
-        """Take the command that answers the last reading; return the verdict by now."""
+        """Take the command that answers the last reading and return the verdict."""
         if self._logged:
             self.log.command(command)
         return self.referee.command(command)
 
     def plan(self, points: Floats, stamp_ns: int) -> None:
-        """Take a plan (n, 2) of the planner, in its planning frame."""
+        """Take a plan of the planner.
+
+        Args:
+            points: Points (n, 2) in m, in the planning frame.
+            stamp_ns: Time of the reading that it answers.
+        """
         if self._logged:
             self.log.plan(points, stamp_ns)
 
     def report(self, status: str) -> None:
-        """Take what the planner says of how it fares, a value of `PlannerStatus`."""
-        began = status == PlannerStatus.RECOVERING.value != self._status
+        """Take what the planner says of its state, a value of `PlannerStatus`."""
+        recovering = PlannerStatus.RECOVERING.value
+        began = status == recovering and self._status != recovering
         self.recoveries = (self.recoveries or 0) + began
         self._status = status
 
     def ask(self, call: Callable[[], T], limit_s: float) -> T | None:
-        """Call the planner within a limit and return its answer; what goes wrong there ends the trial."""
+        """Call the planner and return its answer; a failure there ends the trial.
+
+        Args:
+            call: Calls the planner.
+            limit_s: Longest time of its own that the call may take.
+
+        Returns:
+            The answer, None after a failure.
+
+        Raises:
+            MachineStalledError: The machine withheld its processor for too long.
+        """
         try:
             self.deadline.limit_s = limit_s
             with self.deadline:
@@ -210,72 +254,94 @@ class RunningTrial:
         except DeadlineError:
             detail = f"no answer within {limit_s:g} s of its own time"
             self.referee.fail(Outcome.PLANNER_STALLED, detail)
-        except _Stalled:
-            text = f"a cycle had less than {limit_s:g} s of its own in {STALLED * limit_s:g} s: the machine stalled"
-            raise MachineStalledError(text) from None
+        except _StallError:
+            raise MachineStalledError(
+                f"a cycle had less than {limit_s:g} s of its own in"
+                f" {STALLED * limit_s:g} s: the machine stalled"
+            ) from None
         except Exception as error:  # whatever it is, it belongs in the result
             self.traceback = format_exc()
-            self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
+            self.referee.fail(Outcome.PLANNER_DIED, describe_error(error))
         return None
 
 
 @dataclass(frozen=True, eq=False)
 class FinishedTrial:
-    """A trial that has ended: what was asked for, the result, and what the robot did."""
+    """A trial that has ended: its specification, result and trajectory."""
 
     spec: TrialSpec
     result: TrialResult
     trajectory: Trajectory
-    cylinders_m: Floats | None = (
-        None  # (k, 2) where the world's cylinders stood at the end, if known
-    )
+    # (k, 2) where the world's cylinders stood at the end, if known.
+    cylinders_m: Floats | None = None
     traceback: str = ""  # of the exception that the planner raised
 
 
-def conclude(
-    spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajectory, **told: Any
+def finish_trial(
+    spec: TrialSpec,
+    mode: str,
+    verdict: Verdict,
+    trajectory: Trajectory,
+    **columns: Any,
 ) -> FinishedTrial:
-    """Return the finished trial with scores and measures; mode is "direct" or "ros", `told` more fields of its row."""
-    world, scores = (
-        spec.world,
-        score(verdict, spec.course, spec.protocol, spec.least_time_s),
-    )
-    traversal_s = scores.traversal_time_s if scores.success else None
-    outline = contact_of(spec.simulator.chassis)
+    """Return a finished trial with scores and measures.
+
+    Args:
+        spec: What determines the trial.
+        mode: "direct" or "ros".
+        verdict: How it ended.
+        trajectory: What the robot did.
+        **columns: Further fields of its row.
+    """
+    world = spec.world
+    scores = score_trial(verdict, spec.course, spec.protocol, spec.least_time_s)
+    outline = contact_footprint(spec.simulator.chassis)
     result = TrialResult(
-        **{name: getattr(spec, name) for name in (*_OF_SPEC, *OF_SPEC)},
-        world=spec.index,
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        world=spec.world_number,
         world_name=world.name,
         world_checksum=world.checksum,
+        planner=spec.planner,
+        preset=spec.preset,
         protocol=spec.protocol.name,
         mode=mode,
+        repetition=spec.repetition,
+        campaign_seed=spec.run_seed,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
         outcome=verdict.outcome,
-        detail=verdict.detail[:LONGEST],
+        detail=verdict.detail[:MAX_TEXT_LENGTH],
         scores=scores,
-        measures=measure(
+        measures=measure_trajectory(
             trajectory, world.cylinders_m, world.cylinder_radius_m, outline
         ),
+        task=spec.task,
+        planner_config=spec.planner_config,
         metric=spec.protocol.metric,
         fault=verdict.fault,
         speed_cap_mps=spec.speed_cap_mps,
-        compute=spec.way,
-        motion=encounters(
-            trajectory, world, spec.phase_s, outline, spec.rules, traversal_s
+        compute=spec.compute_mode,
+        motion=measure_encounters(
+            trajectory,
+            world,
+            spec.phase_s,
+            outline,
+            spec.scaled_protocol,
+            verdict.success_time_s,
         ),
-        **told,
+        **columns,
     )
     return FinishedTrial(spec, result, trajectory)
 
 
-def error_line(error: Exception) -> str:
-    """Return an error of a planner or simulator in one line, with where it was raised, for the detail of a verdict."""
+def describe_error(error: Exception) -> str:
+    """Return an error in one line, with where it was raised, for a verdict's detail."""
+    text = type(error).__name__
     lines = str(error).splitlines()
-    said = (
-        f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
-    )
+    if lines:
+        text = f"{text}: {lines[0]}"[:_MAX_ERROR_LENGTH]
     frames = extract_tb(error.__traceback__)
-    return (
-        f"{said} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
-        if frames
-        else said
-    )
+    if not frames:
+        return text
+    return f"{text} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"

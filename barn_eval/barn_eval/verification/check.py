@@ -13,31 +13,31 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.results.bags import BAGS
-from barn_eval.results.folder import require_of
+from barn_eval.results.folder import require_row_of_trial
 from barn_eval.results.rows import (
-    FILE_NAME,
     RESULTS,
-    TRACKS_NAME,
+    ROWS_FILE,
+    TRACKS_FILE,
     csv_bytes,
     results_table,
-    unsealed,
+    unseal_line,
 )
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.tracks import from_track_line
-from barn_eval.running.engine import InlineEngine, Note, Part, Refused
-from barn_eval.running.local import LocalEngine
+from barn_eval.results.tracks import parse_track_line
+from barn_eval.running.local_pool import LocalPool
+from barn_eval.running.pool import InlinePool, JobRefusal, Notice, PartialResult
 from barn_eval.trials import identity
-from barn_eval.trials.protocol import check_name
+from barn_eval.trials.protocol import check_protocol_name
 from barn_eval.trials.result import TrialResult, from_json_line
-from barn_eval.trials.run_config import Execution, Experiment
+from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.verification.rerun import (
     COMMANDS_NAME,
-    CheckedTrial,
     CheckWork,
-    KeptTrial,
+    TrialCheck,
+    TrialEvidence,
 )
-from barn_worlds.base.errors import BarnError, ConfigError, one_line
+from barn_worlds.base.errors import BarnError, ConfigError, format_error
 from barn_worlds.base.files import read_at_most
 from barn_worlds.base.text_files import parse_json, read_lines
 
@@ -72,23 +72,23 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     again, None for all.
     """
     run = RunFile.read(folder)
-    experiment = run.configuration()
-    check_name(experiment.protocol, f"{run.path}: ")
+    experiment = run.run_config()
+    check_protocol_name(experiment.protocol, f"{run.path}: ")
     found = FolderCheck()
     specs = {spec.trial_id: spec for spec in _specs(experiment, found)}
     found.trials = len(specs)
     for index, checksum in {
-        spec.index: spec.world.checksum for spec in specs.values()
+        spec.world_number: spec.world.checksum for spec in specs.values()
     }.items():
         if run.worlds.get(str(index), checksum) != checksum:
             found.problems.append(
                 f"{run.path}: world {index} of {experiment.dataset} is not the one it names"
             )
-    rows = _rows(folder, specs, run.written_task(), found)
-    path = folder / TRACKS_NAME
+    rows = _rows(folder, specs, run.task_fingerprint(), found)
+    path = folder / TRACKS_FILE
     tracks = {
         trial_id: track
-        for _, trial_id, track in _read(path, specs, from_track_line, found)
+        for _, trial_id, track in _read(path, specs, parse_track_line, found)
     }
     sent = folder / COMMANDS_NAME  # of a submission, in place of bags
     commands = (
@@ -116,7 +116,7 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
         line = (commands or {}).get(trial_id, "")
         there = bag if bag.is_dir() else None
         trials.append(
-            KeptTrial(
+            TrialEvidence(
                 row,
                 specs[trial_id],
                 tracks.get(trial_id),
@@ -148,7 +148,7 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     return found
 
 
-def _specs(experiment: Experiment, found: FolderCheck) -> list[TrialSpec]:
+def _specs(experiment: RunConfig, found: FolderCheck) -> list[TrialSpec]:
     """Return the trials of an experiment, of planners that are not installed here as well."""
     try:
         return experiment.trials()
@@ -165,7 +165,7 @@ def _drawn(names: list[str], count: int) -> list[str]:
     ]
 
 
-def difference(row: TrialResult, again: TrialResult) -> str:
+def describe_difference(row: TrialResult, again: TrialResult) -> str:
     """Return the first thing in which a row and that of the same trial run again differ, empty if they do not."""
     found = identity.first_difference(row.repeatable(), again.repeatable())
     return (
@@ -185,7 +185,7 @@ def _read(
     try:
         for where, line in read_lines(path):
             try:
-                trial_id, content = parse(unsealed(line, where), where)
+                trial_id, content = parse(unseal_line(line, where), where)
             except BarnError as error:
                 found.problems.append(str(error))
                 continue
@@ -208,11 +208,11 @@ def _rows(
     folder: Path, specs: Mapping[str, TrialSpec], task: str, found: FolderCheck
 ) -> dict[str, TrialResult]:
     rows: dict[str, TrialResult] = {}
-    for where, trial_id, row in _read(folder / FILE_NAME, specs, _row, found):
+    for where, trial_id, row in _read(folder / ROWS_FILE, specs, _row, found):
         if trial_id in rows:
             found.problems.append(f"{where}: trial {trial_id} is there already")
         try:
-            require_of(row, specs[trial_id], task, folder)
+            require_row_of_trial(row, specs[trial_id], task, folder)
         except BarnError as error:
             found.problems.append(str(error))
         else:
@@ -225,17 +225,17 @@ def _named(line: str, where: str) -> tuple[str, str]:
     return str(content.get("trial_id") if isinstance(content, dict) else ""), line
 
 
-def _checked(trials: Sequence[KeptTrial]) -> Iterator[CheckedTrial]:
+def _checked(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
     """Yield what there is to say of trials, looked at by a process per processor."""
     waiting = deque(
         trials[first : first + _SHARE] for first in range(0, len(trials), _SHARE)
     )
-    out: dict[str, Sequence[KeptTrial]] = {}
-    processes = min(Execution().processes, len(waiting))
+    out: dict[str, Sequence[TrialEvidence]] = {}
+    processes = min(ExecutionConfig().processes, len(waiting))
     engine = (
-        LocalEngine(CheckWork(), processes, _LIMIT_S)
+        LocalPool(CheckWork(), processes, _LIMIT_S)
         if processes > 1
-        else InlineEngine(CheckWork())
+        else InlinePool(CheckWork())
     )
     with closing(engine):
         while waiting or out:
@@ -244,21 +244,21 @@ def _checked(trials: Sequence[KeptTrial]) -> Iterator[CheckedTrial]:
                 engine.submit(job[0].row.trial_id, job)
                 out[job[0].row.trial_id] = job
             for report in engine.wait(1.0):
-                if isinstance(report, Part):
+                if isinstance(report, PartialResult):
                     trial_id, told = report.result
                     out[report.key] = [
                         one for one in out[report.key] if one.row.trial_id != trial_id
                     ]
                     yield told
-                elif not isinstance(report, Note):
+                elif not isinstance(report, Notice):
                     left = out.pop(report.key)
                     if left:  # the first of them was not to be checked
                         why = (
                             report.message
-                            if isinstance(report, Refused)
+                            if isinstance(report, JobRefusal)
                             else getattr(report, "reason", "")
                         )
-                        yield CheckedTrial(
+                        yield TrialCheck(
                             left[0].row.trial_id, (f"cannot be checked: {why}",)
                         )
                         waiting.extend([left[1:]] if left[1:] else [])
@@ -276,7 +276,7 @@ def _tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
         except FileNotFoundError:
             found = "is missing, though all trials have rows; the same command again writes it"
         except (OSError, pa.ArrowException, ValueError) as error:
-            found = one_line(error)
+            found = format_error(error)
         if found:
             yield f"{path}: {found}"
 
@@ -288,7 +288,7 @@ def _parquet_problem(content: bytes, expected: pa.Table) -> str:
         file.metadata.num_rows != len(expected)
         or file.schema_arrow.names != expected.column_names
     ):
-        return f"has {file.metadata.num_rows} rows or columns that are not those of {FILE_NAME}"
+        return f"has {file.metadata.num_rows} rows or columns that are not those of {ROWS_FILE}"
     table = file.read(use_threads=False)
     for there, here in zip(table.to_pylist(), expected.to_pylist(), strict=True):
         for name, value in here.items():

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from barn_eval.results.tracks import CHANNELS, Track
-from barn_eval.trials.identity import MISSING, leaves
+from barn_eval.trials.identity import NOT_SET, flatten
 from barn_eval.trials.outcome import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, clearances
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, compute_clearances
+from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import as_dict
-from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.robots.contact import contact_footprint
 
 ROUNDING = 1e-6  # m, rad, s, and relative: what other processors may compute otherwise
 JUDGED = (
@@ -40,14 +40,14 @@ def computed(
         name: getattr(row, name)
         for name in ("recoveries", "planner_verdict", "remarks", "delays")
     }
-    return conclude(spec, row.mode, verdict, trajectory, **told).result
+    return finish_trial(spec, row.mode, verdict, trajectory, **told).result
 
 
 def difference(row: TrialResult, again: TrialResult, but: tuple[str, ...] = ()) -> str:
     """Return the first thing, but for keys that begin so, in which a row and the same computed again differ, or ""."""
-    here, there = (dict(leaves(one.repeatable())) for one in (row, again))
+    here, there = (dict(flatten(one.repeatable())) for one in (row, again))
     for key in {**there, **here}:
-        stated, now = here.get(key, MISSING), there.get(key, MISSING)
+        stated, now = here.get(key, NOT_SET), there.get(key, NOT_SET)
         near = isinstance(now, float) and isinstance(stated, float)
         if now == stated or (
             near and math.isclose(now, stated, rel_tol=ROUNDING, abs_tol=ROUNDING)
@@ -79,13 +79,13 @@ def unreasonable(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
         yield told
     if row.fault not in ("", PLANNER, SIMULATOR, ENVIRONMENT):
         yield f"fault is {row.fault!r}, can be {PLANNER}, {SIMULATOR}, {ENVIRONMENT} or empty"
-    for key, value in leaves(as_dict(row)):
+    for key, value in flatten(as_dict(row)):
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if number and not (
             math.isfinite(value) and (value >= 0 or key.rpartition(".")[2] in _SIGNED)
         ):
             yield f"{key} is {value:g}, can be 0 or more"
-    rules, fastest_mps = spec.rules, spec.simulator.drive.max_speed_m_s
+    rules, fastest_mps = spec.scaled_protocol, spec.simulator.drive.max_speed_m_s
     limits = {
         "scores.duration_s": (
             lasted_s,
@@ -143,11 +143,11 @@ def off_track(row: TrialResult, spec: TrialSpec, track: Track | None) -> Iterato
     if abs(times[-1] - lasted_s) > step["time"]:
         yield f"lasted {times[-1]:.2f} s by its track, {lasted_s:.2f} s by its row"
     world = spec.world
-    gaps = clearances(
+    gaps = compute_clearances(
         poses,
         world.cylinders_m,
         world.cylinder_radius_m,
-        contact_of(spec.simulator.chassis),
+        contact_footprint(spec.simulator.chassis),
     )
     if (
         len(gaps)
@@ -159,7 +159,11 @@ def off_track(row: TrialResult, spec: TrialSpec, track: Track | None) -> Iterato
 
 def _off_course(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[str]:
     """Yield where a track does not end as its row does, or did not begin to move when that says."""
-    rules, outcome, time_s = spec.rules, row.outcome, row.scores.traversal_time_s
+    rules, outcome, time_s = (
+        spec.scaled_protocol,
+        row.outcome,
+        row.scores.traversal_time_s,
+    )
     times, places, touched = (
         track.samples[:, 0],
         track.samples[:, 1:3],

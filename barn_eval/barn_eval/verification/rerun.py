@@ -12,11 +12,11 @@ import numpy as np
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import metadata
-from barn_eval.results.tracks import Track, track_of, unpack
-from barn_eval.running.engine import Emit, Work
+from barn_eval.results.tracks import Track, make_track, unpack_arrays
+from barn_eval.running.pool import Emit, Work
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import REAL_TIME, TrialResult, unpacked_delays
+from barn_eval.trials.result import REAL_TIME, TrialResult, unpack_delays
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import RunningTrial
@@ -28,22 +28,22 @@ from barn_eval.verification.plausibility import (
     off_track,
     unreasonable,
 )
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.compute import NOTHING, Turnaround
+from barn_worlds.base.compute import NO_COMPUTE, CycleTimer
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     Odometry,
     Pose2D,
     Velocity2D,
     nanoseconds,
 )
-from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
+from barn_worlds.robots.contact import contact_footprint
 
 COMMANDS_NAME = "commands.jsonl"  # of a submission: what planners commanded
 _MOST_BYTES = 16_000_000  # of the commands of a trial, a million
@@ -61,7 +61,7 @@ class Driven(NamedTuple):
     exact: bool = True
 
 
-class KeptTrial(NamedTuple):
+class TrialEvidence(NamedTuple):
     """What a folder has of a trial.
 
     bag: its folder, None without one. commands: a line of a submission. drive: whether they are to be driven again.
@@ -75,7 +75,7 @@ class KeptTrial(NamedTuple):
     drive: bool = True
 
 
-class CheckedTrial(NamedTuple):
+class TrialCheck(NamedTuple):
     """What there is to say of a trial, and of its bag: what is wrong, what could not be checked, and what was done."""
 
     trial_id: str
@@ -91,7 +91,7 @@ class CheckWork(Work):
 
     loads = False
 
-    def run(self, job: Sequence[KeptTrial], emit: Emit) -> None:
+    def run(self, job: Sequence[TrialEvidence], emit: Emit) -> None:
         """Tell what there is to say of each of the trials of a job, by its name."""
         for one in job:
             emit((one.row.trial_id, checked(one)))
@@ -167,7 +167,7 @@ def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
     Scans and the pose on the map are not made: they have noise of their own, and nothing here depends on them.
     """
     config, instants = spec.simulator, []
-    turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
+    cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
     scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
     with closing(
         Simulator(spec.world, config, spec.course.start, spec.simulator_seed, _engine())
@@ -181,8 +181,8 @@ def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
                     simulator.read_collision(),
                 )
             )
-            asked = not stamp_ns % scan_ns and turnaround.free(stamp_ns)
-            delay_ns = turnaround.take(stamp_ns) if asked else 0
+            asked = not stamp_ns % scan_ns and cycle_timer.is_free(stamp_ns)
+            delay_ns = cycle_timer.start_cycle(stamp_ns) if asked else 0
             if not math.isnan(command[0]):
                 instants[-1].commands = ((command[0], command[1]),)
                 simulator.command(Velocity2D(*command), delay_ns)
@@ -223,14 +223,14 @@ def judged(
         )
     verdict = trial.verdict or trial.referee.fail(row.outcome, row.detail, row.fault)
     if row.outcome is Outcome.INTERFERENCE:  # takes the place of any verdict
-        verdict = replace(verdict, outcome=row.outcome, detail=row.detail, blamed="")
+        verdict = replace(verdict, outcome=row.outcome, detail=row.detail, culprit="")
     elif row.detail.startswith(verdict.detail):  # what the planner says of it is added
         verdict = replace(verdict, detail=row.detail)
     trajectory = trial.log.trajectory()
     return computed(row, spec, verdict, trajectory), trajectory
 
 
-def checked(recorded: KeptTrial) -> CheckedTrial:
+def checked(recorded: TrialEvidence) -> TrialCheck:
     """Return what there is to say of a trial."""
     row, spec, bag = recorded.row, recorded.spec, None
     if not row.planner_config:  # a planner that was started by hand
@@ -239,8 +239,8 @@ def checked(recorded: KeptTrial) -> CheckedTrial:
             planner_config="",
             preset=row.preset,
             declared_mps=0.0,
-            compute=NOTHING,
-            way=row.compute,
+            compute=NO_COMPUTE,
+            compute_mode=row.compute,
         )
     elif not spec.planner_config:  # one that is not installed here
         spec = replace(
@@ -250,14 +250,14 @@ def checked(recorded: KeptTrial) -> CheckedTrial:
             declared_mps=row.speed_cap_mps or 0.0,
         )
     if row.delays:
-        spec = replace(spec, recorded_ns=unpacked_delays(row.delays))
+        spec = replace(spec, recorded_ns=unpack_delays(row.delays))
     problems = [*unreasonable(row, spec), *off_track(row, spec, recorded.track)]
     driven, unchecked, again = None, "", False
     if recorded.bag is not None:
         bag = BagFile(recorded.bag)
         driven, count = read_bag(bag)
         if bag.problem or (not count and row.measures.driven_m > 0.0):
-            return CheckedTrial(
+            return TrialCheck(
                 row.trial_id,
                 tuple(problems),
                 (bag.problem or "the bag is empty",),
@@ -292,7 +292,7 @@ def checked(recorded: KeptTrial) -> CheckedTrial:
             problems += _misjudged(row, spec, readings, recorded.track)
     except BarnError as error:
         problems.append(str(error))
-    return CheckedTrial(
+    return TrialCheck(
         row.trial_id,
         tuple(dict.fromkeys(problems)),
         (),
@@ -304,7 +304,7 @@ def checked(recorded: KeptTrial) -> CheckedTrial:
 
 def _undrivable(row: TrialResult, driven: Driven | None, commands: str) -> str:
     """Return why the commands of a trial cannot be driven again, empty if they can."""
-    if not row.counts:
+    if not row.is_scored:
         return "not driven again, as they are not scored"
     if driven is None and not commands:
         return "not driven again, as their commands are not kept (--bags all keeps them); only tracks tell of them"
@@ -315,10 +315,10 @@ def _undrivable(row: TrialResult, driven: Driven | None, commands: str) -> str:
     return ""
 
 
-def _commands(recorded: KeptTrial) -> Floats:
-    return unpack(parse_json(recorded.commands, recorded.row.trial_id), _MOST_BYTES)[
-        "commands"
-    ].reshape(-1, 2)
+def _commands(recorded: TrialEvidence) -> Floats:
+    return unpack_arrays(
+        parse_json(recorded.commands, recorded.row.trial_id), _MOST_BYTES
+    )["commands"].reshape(-1, 2)
 
 
 def _off(driven: Driven, simulated: Driven) -> Iterator[str]:
@@ -326,7 +326,7 @@ def _off(driven: Driven, simulated: Driven) -> Iterator[str]:
     there, here = (
         np.column_stack(
             [
-                one.stamps_ns / NANOSECONDS,
+                one.stamps_ns / NANOSECONDS_PER_SECOND,
                 one.truth,
                 odometry,
                 one.velocity,
@@ -350,11 +350,11 @@ def _misjudged(
     if told := difference(row, again):
         yield told
     world = spec.world
-    made = track_of(
+    made = make_track(
         trajectory,
         world.cylinders_m,
         world.cylinder_radius_m,
-        contact_of(spec.simulator.chassis),
+        contact_footprint(spec.simulator.chassis),
     )
     if track is None or made is None:
         return

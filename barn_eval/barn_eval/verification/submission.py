@@ -10,33 +10,34 @@ from typing import Any
 
 from barn_eval.results.bags import BAGS
 from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.provenance import SUITE, versions
 from barn_eval.results.rows import (
-    FILE_NAME,
-    TRACKS_NAME,
-    ResultRows,
-    sealed,
+    ROWS_FILE,
+    TRACKS_FILE,
+    RowFile,
+    seal_line,
     write_tables,
 )
-from barn_eval.results.run_file import RUN_FILE, SUITE, WORLDS, RunFile, versions
+from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.results.store import LOGS
-from barn_eval.results.tracks import pack
-from barn_eval.running.command_files import told_files
+from barn_eval.results.tracks import pack_arrays
+from barn_eval.running.command_files import find_parameter_files
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import (
-    DAMAGED_ZIP,
+    ZIP_ERRORS,
     open_regular,
+    pack_zip,
     read_bytes,
-    write_whole,
-    zipped,
+    write_durably,
 )
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
 ABOUT = "submission.json"
-_NEEDED = (RUN_FILE, FILE_NAME, TRACKS_NAME, COMMANDS_NAME)
+_NEEDED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_NAME)
 _ALLOWED = (*_NEEDED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
 _PARAMETERS = re.compile(
     r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}"
@@ -67,7 +68,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     folder, path = Path(folder), Path(path)
     if not _DIGEST.fullmatch(container):
         raise ConfigError(
-            f"container {shown(container)}: must be sha256: and 64 digits, after a name and @ if wanted"
+            f"container {format_value(container)}: must be sha256: and 64 digits, after a name and @ if wanted"
         )
     found, run = check_folder(folder), RunFile.read(folder)
     if found.problems or found.rows != found.trials:
@@ -85,12 +86,12 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     }
     if COMMANDS_NAME not in files:  # of one that was unpacked
         files[COMMANDS_NAME] = "".join(
-            f"{sealed(line)}\n" for line in _command_lines(folder)
+            f"{seal_line(line)}\n" for line in _command_lines(folder)
         ).encode()
-    for planner in run.configuration().planners:
+    for planner in run.run_config().planners:
         files |= {
             f"parameters/{one.name}": one.read_bytes()
-            for one in told_files(folder / LOGS, planner.name)
+            for one in find_parameter_files(folder / LOGS, planner.name)
         }
         for name, digest in planner.files.items():
             kept = f"{digest[:12]}_{Path(name).name}"
@@ -100,24 +101,26 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             }
     digests = {name: _digest(content) for name, content in files.items()}
     about = {"schema_version": SCHEMA_VERSION, "container": container, "files": digests}
-    write_whole(path, zipped({ABOUT: json.dumps(about, indent=1).encode(), **files}))
+    write_durably(
+        path, pack_zip({ABOUT: json.dumps(about, indent=1).encode(), **files})
+    )
     return found
 
 
 def _require_worlds(run: RunFile, folder: Path) -> None:
-    dataset = run.experiment.get("dataset")
-    if dataset not in shipped() and dataset != str((folder / WORLDS).absolute()):
+    dataset = run.config.get("dataset")
+    if dataset not in dataset_files() and dataset != str((folder / WORLDS).absolute()):
         raise ConfigError(
-            f"{run.path}: dataset {shown(dataset)} is not one that comes with the suite"
+            f"{run.path}: dataset {format_value(dataset)} is not one that comes with the suite"
         )
 
 
 def _command_lines(folder: Path) -> Iterator[str]:
-    for row in ResultRows(folder).read():
+    for row in RowFile(folder).read():
         bag = folder / BAGS / row.trial_id
         driven = read_bag(BagFile(bag))[0] if bag.is_dir() else None
         if driven is not None and (driven.exact or row.mode == "direct"):
-            packed = pack({"commands": driven.trajectory.command.ravel()})
+            packed = pack_arrays({"commands": driven.trajectory.command.ravel()})
             yield json.dumps({"trial_id": row.trial_id} | packed, separators=(",", ":"))
 
 
@@ -142,7 +145,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     path, folder = Path(path), Path(folder)
     container = _unpack(path, folder)
     run = RunFile.read(folder)
-    experiment, here = run.configuration(), versions()
+    experiment, here = run.run_config(), versions()
     _require_worlds(run, folder)
     for session in run.sessions:
         made = session.get("versions")
@@ -150,9 +153,9 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         for name in SUITE:
             if made.get(name) != here[name]:
                 raise ConfigError(
-                    f"{path}: was made with {name} {shown(made.get(name))}, this is {here[name]}"
+                    f"{path}: was made with {name} {format_value(made.get(name))}, this is {here[name]}"
                 )
-    rows = ResultRows(folder).read()
+    rows = RowFile(folder).read()
     if not rows or len(experiment.planners) * experiment.repetitions > len(rows):
         raise ConfigError(f"{path}: has {len(rows)} rows, too few for its planners")
     found = check_folder(folder)
@@ -174,7 +177,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     ]
     last: Mapping[str, Any] = run.sessions[-1] if run.sessions else {}
     about = {
-        "task": run.written_task(),
+        "task": run.task_fingerprint(),
         "protocol": experiment.protocol.name,
         "dataset": Path(experiment.dataset).name,
         **{
@@ -219,13 +222,15 @@ def _unpack(path: Path, folder: Path) -> str:
                     )
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
-    except DAMAGED_ZIP as error:
+    except ZIP_ERRORS as error:
         raise ConfigError(
             f"{path}: not a submission, or a damaged one: {error}"
         ) from None
     container = about.get("container")
     if not isinstance(container, str) or not _DIGEST.fullmatch(container):
-        raise ConfigError(f"{path}: {ABOUT}: container {shown(container)} is no digest")
+        raise ConfigError(
+            f"{path}: {ABOUT}: container {format_value(container)} is no digest"
+        )
     return container
 
 
@@ -235,7 +240,7 @@ def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
     for name in names:
         if name not in (ABOUT, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
             raise ConfigError(
-                f"{path}: holds {shown(name)}, which is no part of a submission"
+                f"{path}: holds {format_value(name)}, which is no part of a submission"
             )
     if missing := {ABOUT, *_NEEDED}.difference(names):
         raise ConfigError(f"{path}: not a submission: has no {min(missing)}")

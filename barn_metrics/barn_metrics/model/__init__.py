@@ -1,6 +1,6 @@
-"""The learned difficulty of a world: normalised time, predicted from its grid and path (paper, Sec. III-C).
+"""The learned difficulty of a world: time per meter, predicted from its grid and path.
 
-Prediction needs numpy, scipy and numba alone; training needs PyTorch.
+The label is the paper's (Sec. III-C). Training is a tool in qa/studies/difficulty.
 """
 
 from barn_metrics.model.predictor import DifficultyModel, Prediction

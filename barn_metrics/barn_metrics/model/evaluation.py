@@ -1,34 +1,38 @@
-"""How well a difficulty model predicts unseen worlds (repeated k-fold), beside ridge regression on the five metrics."""
+"""How well a difficulty model predicts worlds that it has not seen.
+
+The yardstick is ridge regression on the paper's five metrics, trained and judged by
+repeated k-fold cross-validation on the same worlds.
+"""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from barn_metrics import bootstrap
-from barn_metrics.bootstrap import Interval
+from barn_metrics.bootstrap import Interval, Statistic
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
-from barn_metrics.model.trials import Trials, fold_masks, held_out, trained_worlds
+from barn_metrics.model.trials import Trials, find_reserved_world, worlds_with_trials
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
-RIDGE, WEIGHTS = "ridge", "weights"
+RIDGE = "ridge"
+WEIGHTS = "weights"
 RIDGE_TITLE = "ridge regression on the five metrics"
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 _SPLITS = 50
-# Rank correlations of several repeats are slow.
-over_worlds = partial(bootstrap.over_worlds, resamples=4000)
+# Fewer than elsewhere: a rank correlation of several repeats takes long.
+_RESAMPLES = 4000
 
 
 @dataclass(frozen=True)
 class EvaluationConfig(Checked):
-    """How models that are trained here are judged: each fold by one of all others, again with other folds."""
+    """How models are judged: each fold by a model that all others trained."""
 
     folds: int = quantity(10, "parts that the worlds are divided into", "", 2, 1000)
     repeats: int = quantity(5, "divisions", "", 1, 1000)
@@ -37,25 +41,32 @@ class EvaluationConfig(Checked):
 
 @dataclass(frozen=True)
 class ModelScore:
-    """The errors of one kind of model in worlds held out, averaged over repeats; intervals are of 95 % over worlds."""
+    """Errors of one kind of model in unseen worlds, averaged over repeats.
+
+    Intervals are 95 % over worlds.
+    """
 
     name: str
     title: str
-    training_mse: float  # in the worlds that the models were trained on
-    mse: Interval  # (s/m)^2
-    mae: Interval  # s/m
+    # (s/m)^2 in the worlds that the models were trained on.
+    training_mse: float
+    # (s/m)^2
+    mse: Interval
+    # s/m
+    mae: Interval
     r2: Interval
     spearman: Interval
-    gain: Interval | None  # how much lower the error is than ridge regression's
-    predictions: tuple[float, ...]  # of each world, s/m
-    within_std: float | None = (
-        None  # share of worlds within one standard deviation of what weights say
-    )
+    # By how much the mean squared error is below that of ridge regression, (s/m)^2.
+    gain: Interval | None
+    # Of each world, s/m.
+    predictions: tuple[float, ...]
+    # Share of worlds within one standard deviation of the prediction.
+    within_std: float | None = None
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How well models predict some trials."""
+    """How well models predict the difficulty that some trials measured."""
 
     worlds: int
     trials: int
@@ -64,11 +75,11 @@ class Evaluation:
     repeats: int
     seed: int
     world_numbers: tuple[int, ...]
-    difficulty: tuple[float, ...]  # of each of them, measured, s/m
+    # Measured in each of these worlds, s/m.
+    difficulty: tuple[float, ...]
     scores: tuple[ModelScore, ...]
-    ceiling: (
-        Interval | None
-    )  # highest R2 possible; None where worlds have one trial per planner
+    # Highest R2 that the trials allow; None where worlds have one trial per planner.
+    ceiling: Interval | None
 
     def score(self, name: str) -> ModelScore:
         """Return the score of a kind of model that was evaluated."""
@@ -81,183 +92,295 @@ def evaluate(
     model: DifficultyModel,
     config: EvaluationConfig | None = None,
 ) -> Evaluation:
-    """Return the errors of a model and of ridge regression, on the worlds that every planner has.
+    """Judge a model beside ridge regression, in the worlds that every planner drove.
 
-    Worlds of `HELD_OUT` judge the model alone. ModelError for too few worlds.
+    Ridge regression is left out where worlds are reserved for judging: nothing is
+    trained on those.
+
+    Args:
+        worlds: By number, at least those that the trials name.
+        trials: Trials in these worlds.
+        model: The model to judge; it must not have been trained in these worlds.
+        config: Folds of ridge regression.
+
+    Raises:
+        ModelError: If a world is missing or there are too few.
     """
-    chosen = config or EvaluationConfig()
-    own, judged = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
-    inputs, difficulty = inputs_of(own), judged.difficulty()
-    scores = [] if held_out(own) else [ridge_score(inputs, judged, chosen)]
-    predicted, training_mse = (
-        model.difficulty(inputs)[0][None],
-        model.about.get("training_mse", math.nan),
-    )
-    title = f"{model.about.get('title')}; trained in {model.about.get('training_worlds')} other worlds"
-    found = score_of(
+    config = config or EvaluationConfig()
+    worlds_driven = worlds_with_trials(worlds, trials)
+    trials = trials.in_worlds(trials.world_numbers)
+    inputs = inputs_of(worlds_driven)
+    difficulty = trials.difficulty()
+
+    ridge_score = None
+    if find_reserved_world(worlds_driven) is None:
+        ridge_score = score_ridge(inputs, trials, config)
+
+    predicted, _ = model.difficulty(inputs)
+    trained_in = model.about.get("training_worlds")
+    model_score = score_predictions(
         WEIGHTS,
-        title,
-        training_mse,
-        predicted,
+        f"{model.about.get('title')}; trained in {trained_in} other worlds",
+        model.about.get("training_mse", math.nan),
+        predicted[None],
         difficulty,
-        scores[0] if scores else None,
+        ridge_score,
     )
-    std = np.array([one.std_s_per_m for one in model.predict_inputs(inputs)])
-    scores.append(
-        replace(
-            found, within_std=float((np.abs(predicted[0] - difficulty) <= std).mean())
-        )
-    )
+    std = np.array([item.std_s_per_m for item in model.predict_inputs(inputs)])
+    is_within = np.abs(predicted - difficulty) <= std
+    model_score = replace(model_score, within_std=float(is_within.mean()))
+
     return Evaluation(
-        len(own),
-        len(judged),
-        judged.planner_names,
-        chosen.folds,
-        chosen.repeats,
-        chosen.seed,
-        judged.world_numbers,
-        tuple(difficulty.tolist()),
-        tuple(scores),
-        noise_ceiling(judged, chosen.seed),
+        worlds=len(worlds_driven),
+        trials=len(trials),
+        planners=trials.planner_names,
+        folds=config.folds,
+        repeats=config.repeats,
+        seed=config.seed,
+        world_numbers=trials.world_numbers,
+        difficulty=tuple(difficulty.tolist()),
+        scores=(ridge_score, model_score) if ridge_score else (model_score,),
+        ceiling=noise_ceiling(trials, config.seed),
     )
 
 
-def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
-    """Return ridge regression of targets (n,) on z-scored inputs (n, d) as a function, its penalty by leave-one-out."""
+def fit_ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
+    """Fit ridge regression on z-scored inputs.
+
+    Args:
+        inputs: (n, d).
+        targets: (n,).
+
+    Returns:
+        A function from inputs (m, d) to predictions (m,).
+    """
     mean, std = moments(inputs)
     left, singular, right = np.linalg.svd((inputs - mean) / std, full_matrices=False)
     bias = targets.mean()
-    along = left.T @ (targets - bias)
-    shrunk = singular**2 / (singular**2 + _PENALTIES[:, None])  # (penalties, r)
-    leverage = shrunk @ (left**2).T + 1.0 / len(inputs)
-    errors = ((targets - bias - (shrunk * along) @ left.T) / (1.0 - leverage)) ** 2
+    residuals = targets - bias
+    coordinates = left.T @ residuals
+    shrinkage = singular**2 / (singular**2 + _PENALTIES[:, None])  # (penalties, r)
+
+    # The leverage of a row gives its leave-one-out error without another fit.
+    leverage = shrinkage @ (left**2).T + 1.0 / len(inputs)
+    fitted = (shrinkage * coordinates) @ left.T
+    errors = ((residuals - fitted) / (1.0 - leverage)) ** 2
     best = errors.mean(axis=1).argmin()
-    weights = right.T @ (shrunk[best] / np.maximum(singular, 1e-12) * along)
+    weights = right.T @ (shrinkage[best] / np.maximum(singular, 1e-12) * coordinates)
     return lambda unseen: (unseen - mean) / std @ weights + bias
 
 
-def ridge_score(inputs: Floats, trials: Trials, config: EvaluationConfig) -> ModelScore:
-    """Return the errors of ridge regression on the five metrics, which are the first of the inputs (w, d)."""
-    difficulty, five = trials.difficulty(), inputs[:, : len(METRIC_NAMES)]
+def score_ridge(inputs: Floats, trials: Trials, config: EvaluationConfig) -> ModelScore:
+    """Judge ridge regression on the five metrics by cross-validation.
 
-    def fitted(kept: Bools, _: int) -> list[Floats]:
-        return [ridge(five[mask], difficulty[mask])(five) for mask in kept]
+    Args:
+        inputs: (w, d) of the trials' worlds; the metrics are their first columns.
+        trials: Trials in these worlds.
+        config: Folds, repeats and seed.
+    """
+    difficulty = trials.difficulty()
+    metrics = inputs[:, : len(METRIC_NAMES)]
 
-    predicted, training_mse = on_folds(fitted, difficulty, config)
-    return score_of(RIDGE, RIDGE_TITLE, training_mse, predicted, difficulty, None)
+    def predict(training_masks: Bools, _: int) -> list[Floats]:
+        return [
+            fit_ridge(metrics[mask], difficulty[mask])(metrics)
+            for mask in training_masks
+        ]
+
+    predicted, training_mse = cross_validate(predict, difficulty, config)
+    return score_predictions(
+        RIDGE, RIDGE_TITLE, training_mse, predicted, difficulty, None
+    )
 
 
-def on_folds(
-    fitted: Callable[[Bools, int], list[Floats]],
+def cross_validate(
+    predict: Callable[[Bools, int], list[Floats]],
     difficulty: Floats,
     config: EvaluationConfig,
 ) -> tuple[Floats, float]:
-    """Return predictions (repeats, w) by models that were trained without the world, and their mean training error.
+    """Predict each world by models that were trained without it.
 
-    fitted: gives the predictions for all worlds of a model per row of worlds that are kept, with a seed.
+    Args:
+        predict: Takes masks of training worlds (folds, w) and a seed. It returns, per
+            fold, predictions (w,) for all worlds by a model trained on that fold's
+            mask.
+        difficulty: Measured difficulty (w,).
+        config: Folds, repeats and seed.
+
+    Returns:
+        Predictions (repeats, w), and the mean squared error in training worlds.
+
+    Raises:
+        ModelError: If there are fewer than two worlds per fold.
     """
     if len(difficulty) < 2 * config.folds:
         raise ModelError(
-            f"{config.folds} folds need at least {2 * config.folds} worlds, got {len(difficulty)}"
+            f"{config.folds} folds need at least {2 * config.folds} worlds, "
+            f"got {len(difficulty)}"
         )
-    predicted, training = np.zeros((config.repeats, len(difficulty))), []
+
+    predicted = np.zeros((config.repeats, len(difficulty)))
+    training_errors = []
     for repeat in range(config.repeats):
-        kept = fold_masks(len(difficulty), config.folds, config.seed + repeat)
-        for mask, given in zip(kept, fitted(kept, config.seed + repeat), strict=True):
-            predicted[repeat, ~mask] = given[~mask]
-            training.append(np.mean((given - difficulty)[mask] ** 2))
-    return predicted, float(np.mean(training))
+        seed = config.seed + repeat
+        training_masks = fold_masks(len(difficulty), config.folds, seed)
+        fold_predictions = predict(training_masks, seed)
+        for mask, fold_prediction in zip(training_masks, fold_predictions, strict=True):
+            predicted[repeat, ~mask] = fold_prediction[~mask]
+            errors = (fold_prediction - difficulty)[mask]
+            training_errors.append(np.mean(errors**2))
+
+    return predicted, float(np.mean(training_errors))
 
 
-def score_of(
+def fold_masks(world_count: int, folds: int, seed: int) -> Bools:
+    """Return the training worlds of each fold; each world is left out exactly once.
+
+    Args:
+        world_count: Number of worlds w.
+        folds: Number of parts.
+        seed: Seed of the division.
+
+    Returns:
+        (folds, w), True where a world is trained on.
+    """
+    order = np.random.default_rng(seed).permutation(world_count)
+    masks = np.ones((folds, world_count), np.bool_)
+    for fold, left_out in enumerate(np.array_split(order, folds)):
+        masks[fold, left_out] = False
+    return masks
+
+
+def score_predictions(
     name: str,
     title: str,
     training_mse: float,
     predicted: Floats,
     measured: Floats,
-    yardstick: ModelScore | None,
+    ridge_score: ModelScore | None,
 ) -> ModelScore:
-    """Return the errors of predictions (r, w), averaged over their r repeats, against measured times (w,)."""
-    squared, means = ((predicted - measured) ** 2).mean(axis=0), predicted.mean(axis=0)
+    """Score predictions against measured difficulty.
 
-    def mean_of(values: Floats) -> Interval:
-        return over_worlds(lambda drawn: values[drawn].mean(axis=-1), len(measured))
+    Args:
+        name: Name of the kind of model.
+        title: What it is, for people.
+        training_mse: Mean squared error in its training worlds, (s/m)^2.
+        predicted: (r, w) of r repeats, s/m.
+        measured: (w,), s/m.
+        ridge_score: Score of ridge regression on the same worlds, to compare with.
+    """
+    means = predicted.mean(axis=0)
+    squared_errors = ((predicted - measured) ** 2).mean(axis=0)
 
-    def spearman(drawn: Integers) -> Floats:
-        each = [bootstrap.spearman(one[drawn], measured[drawn]) for one in predicted]
-        mean: Floats = np.nan_to_num(each).mean(
-            axis=0
-        )  # what does not vary orders nothing
+    def mean_interval(values: Floats) -> Interval:
+        return _interval(lambda rows: values[rows].mean(axis=-1), len(measured))
+
+    def spearman(rows: Integers) -> Floats:
+        correlations = [
+            bootstrap.spearman(repeat[rows], measured[rows]) for repeat in predicted
+        ]
+        # Constant predictions order nothing: NaN counts as no correlation.
+        mean: Floats = np.nan_to_num(correlations).mean(axis=0)
         return mean
 
+    gain = None
+    if ridge_score is not None:
+        ridge_errors = (ridge_score.predictions - measured) ** 2
+        gain = mean_interval(ridge_errors - (means - measured) ** 2)
+
     return ModelScore(
-        name,
-        title,
-        training_mse,
-        mean_of(squared),
-        mean_of(np.abs(predicted - measured).mean(axis=0)),
-        determination(predicted, measured),
-        over_worlds(spearman, len(measured)),
-        mean_of((yardstick.predictions - measured) ** 2 - (means - measured) ** 2)
-        if yardstick
-        else None,
-        tuple(means.tolist()),
+        name=name,
+        title=title,
+        training_mse=training_mse,
+        mse=mean_interval(squared_errors),
+        mae=mean_interval(np.abs(predicted - measured).mean(axis=0)),
+        r2=determination(predicted, measured),
+        spearman=_interval(spearman, len(measured)),
+        gain=gain,
+        predictions=tuple(means.tolist()),
     )
 
 
 def determination(predicted: Floats, measured: Floats) -> Interval:
-    """Return R2 of predictions (r, w) of measured (w,), averaged over their r repeats; NaN where these do not vary."""
+    """Return R2 of predictions, averaged over repeats.
+
+    Args:
+        predicted: (r, w) of r repeats.
+        measured: (w,).
+
+    Returns:
+        R2 with its interval over worlds; NaN where the measured values do not vary.
+    """
     if not measured.var() > 0.0:
         return Interval(math.nan)
-    squared = ((predicted - measured) ** 2).mean(axis=0)
-    return over_worlds(
-        lambda drawn: 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1),
-        len(measured),
-    )
+
+    squared_errors = ((predicted - measured) ** 2).mean(axis=0)
+
+    def r2(rows: Integers) -> Floats:
+        unexplained = squared_errors[rows].mean(axis=-1)
+        share: Floats = 1.0 - unexplained / measured[rows].var(axis=-1)
+        return share
+
+    return _interval(r2, len(measured))
 
 
 def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
-    """Return the correlation of random halves of the repetitions, carried to all of them (Spearman and Brown)."""
-    values = [
-        [
-            mine.normalised_s_per_m[mine.worlds == world]
-            for world in trials.world_numbers
-        ]
-        for mine in map(trials.of, trials.planner_names)
-    ]
-    fewest = min(min(map(len, rows)) for rows in values)
-    if fewest < 2:
+    """Return the highest R2 that a model can have, given the noise of the trials.
+
+    Random halves of the repetitions are correlated; the formula of Spearman and Brown
+    carries the correlation to all repetitions.
+
+    Args:
+        trials: Trials with repetitions.
+        seed: Seed of the halves.
+
+    Returns:
+        The ceiling, or None if a planner has only one trial in a world.
+    """
+    times = []
+    for planner in trials.planner_names:
+        planner_trials = trials.by_planner(planner)
+        times.append(
+            [
+                planner_trials.normalized_s_per_m[planner_trials.worlds == world]
+                for world in trials.world_numbers
+            ]
+        )
+    repetitions = min(len(values) for by_world in times for values in by_world)
+    if repetitions < 2:
         return None
+
+    half = repetitions // 2
     generator = np.random.default_rng(seed)
-    halves = np.array(
-        [_split(values, fewest // 2, generator) for _ in range(_SPLITS)]
-    )  # (splits, 2, w)
-    factor = fewest / (fewest // 2)
+    halves = [_split_difficulty(times, half, generator) for _ in range(_SPLITS)]
+    factor = repetitions / half
 
-    def reliability(drawn: Integers) -> Floats:
-        each = [
-            bootstrap.correlation(first[drawn], second[drawn])
-            for first, second in halves
+    def reliability(rows: Integers) -> Floats:
+        correlations = [
+            bootstrap.correlation(first[rows], second[rows]) for first, second in halves
         ]
-        mean = np.nan_to_num(each).mean(
-            axis=0
-        )  # what does not vary agrees with nothing
-        full: Floats = factor * mean / (1.0 + (factor - 1.0) * mean)
-        return full
+        # Halves that do not vary agree on nothing: NaN counts as no correlation.
+        mean = np.nan_to_num(correlations).mean(axis=0)
+        carried: Floats = factor * mean / (1.0 + (factor - 1.0) * mean)
+        return carried
 
-    return over_worlds(reliability, len(trials.world_numbers))
+    return _interval(reliability, len(trials.world_numbers))
 
 
-def _split(
-    values: list[list[Floats]], half: int, generator: np.random.Generator
+def _split_difficulty(
+    times: list[list[Floats]], half: int, generator: np.random.Generator
 ) -> Floats:
     """Return the difficulty of each world by two halves that share no trial, (2, w)."""
     means = []
-    for rows in values:
-        drawn = [
-            generator.permutation(row)[: 2 * half].reshape(2, half).mean(axis=1)
-            for row in rows
+    for by_world in times:
+        halves = [
+            generator.permutation(values)[: 2 * half].reshape(2, half).mean(axis=1)
+            for values in by_world
         ]
-        means.append(np.array(drawn).T)
+        means.append(np.array(halves).T)
     mean: Floats = np.mean(means, axis=0)
     return mean
+
+
+def _interval(statistic: Statistic, world_count: int) -> Interval:
+    return bootstrap.bootstrap_interval(statistic, world_count, resamples=_RESAMPLES)

@@ -1,8 +1,8 @@
-"""Trials as difficulty models are trained and judged by: which world, which planner, the time per metre."""
+"""Trials that judge the difficulty model: world, planner, time per meter, success."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,43 +10,46 @@ import numpy as np
 
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ModelError, suggest
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
-FEWEST_WORLDS = 10
-HELD_OUT = "barn_test"  # judges models; nothing is trained on it or chosen by it
+MIN_WORLDS = 10
+# No model is trained on these worlds or chosen by them, so they can judge all models.
+RESERVED_DATASET = "barn_test"
 
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Trials in any order, each array (n,).
+    """Trials in any order; each array holds one value per trial, (n,).
 
-    worlds: number of the world; planners: name of the planner; normalised_s_per_m: time as it counts, failures
-    included, by the path's arc length (the paper's normalised time, Sec. IV); succeeded: the goal was reached.
-    Raises ModelError for arrays of different lengths, or times that are not finite and above zero.
+    Raises:
+        ModelError: If the arrays differ in length, or a time is not finite and
+            positive.
     """
 
+    # Number of the world.
     worlds: Integers
+    # Name of the planner.
     planners: tuple[str, ...]
-    normalised_s_per_m: Floats
+    # Scored time, failures included, by the length of the path in s/m (paper, Sec. IV).
+    normalized_s_per_m: Floats
+    # Whether the planner reached the goal.
     succeeded: Bools
 
     def __post_init__(self) -> None:
-        sizes = {
-            len(self.worlds),
-            len(self.planners),
-            len(self.normalised_s_per_m),
-            len(self.succeeded),
-        }
-        if sizes == {0} or len(sizes) > 1:
+        columns = (self.planners, self.normalized_s_per_m, self.succeeded)
+        lengths = {len(self.worlds), *map(len, columns)}
+        if lengths == {0} or len(lengths) > 1:
             raise ModelError(
-                f"trials must be at least one and their columns equally long, got lengths {sorted(sizes)}"
+                "trials must be at least one and their columns equally long, "
+                f"got lengths {sorted(lengths)}"
             )
-        times = self.normalised_s_per_m
-        wrong = np.flatnonzero(~(np.isfinite(times) & (times > 0.0)))
-        if len(wrong):
+
+        times = self.normalized_s_per_m
+        for row in np.flatnonzero(~(np.isfinite(times) & (times > 0.0))):
             raise ModelError(
-                f"world {self.worlds[wrong[0]]}: time per metre must be above 0, got {times[wrong[0]]}"
+                f"world {self.worlds[row]}: time per metre must be above 0, "
+                f"got {times[row]}"
             )
 
     def __len__(self) -> int:
@@ -59,120 +62,110 @@ class Trials:
 
     @cached_property
     def world_numbers(self) -> tuple[int, ...]:
-        """Numbers of the worlds that every planner has trials in, ascending: those whose difficulty is known."""
-        return tuple(
-            sorted(
-                set.intersection(
-                    *(set(self.of(name).worlds.tolist()) for name in self.planner_names)
-                )
-            )
+        """Numbers of the worlds in which every planner has trials, ascending.
+
+        The difficulty of the other worlds is unknown.
+        """
+        worlds_by_planner = (
+            set(self.by_planner(name).worlds.tolist()) for name in self.planner_names
         )
+        return tuple(sorted(set.intersection(*worlds_by_planner)))
 
-    def of(self, planner: str) -> Trials:
-        """Return the trials of one planner; ModelError for one that has none."""
+    def by_planner(self, planner: str) -> Trials:
+        """Return the trials of one planner; ModelError if it has none."""
         if planner not in self.planner_names:
-            raise ModelError(
-                f"no trials of planner {planner!r}{suggest(planner, self.planner_names)}"
-            )
-        return self._where(np.array([name == planner for name in self.planners]))
+            hint = suggest(planner, self.planner_names)
+            raise ModelError(f"no trials of planner {planner!r}{hint}")
+        return self._select(np.array([name == planner for name in self.planners]))
 
-    def only(self, worlds: Collection[int]) -> Trials:
-        """Return the trials in some of the worlds."""
-        return self._where(np.isin(self.worlds, sorted(worlds)))
+    def in_worlds(self, world_numbers: Collection[int]) -> Trials:
+        """Return the trials in some worlds."""
+        return self._select(np.isin(self.worlds, sorted(world_numbers)))
 
-    def times(self) -> Floats:
-        """Return each planner's mean time per metre in each of `world_numbers`, (w, p)."""
-        return self._means(self.normalised_s_per_m)
+    def mean_times(self) -> Floats:
+        """Return each planner's mean time per meter in `world_numbers`, (w, p)."""
+        return self._mean_by_world(self.normalized_s_per_m)
 
-    def failures(self) -> Floats:
-        """Return each planner's share of failures in each of `world_numbers`, (w, p)."""
-        return 1.0 - self._means(self.succeeded.astype(np.float64))
+    def failure_rates(self) -> Floats:
+        """Return each planner's share of failures in `world_numbers`, (w, p)."""
+        return 1.0 - self._mean_by_world(self.succeeded.astype(np.float64))
 
     def difficulty(self) -> Floats:
-        """Return the time in s/m of each of `world_numbers`, (w,): the mean over repetitions, then over planners."""
-        mean: Floats = self.times().T.mean(axis=0)
-        return mean
+        """Return the difficulty of each of `world_numbers` in s/m, (w,).
 
-    def _means(self, values: Floats) -> Floats:
-        names, numbers = np.array(self.planners), np.array(self.world_numbers)
+        It is the mean over repetitions, then over planners, so that planners with more
+        trials weigh no more.
+        """
+        # Along the first axis, NumPy adds planners one by one: the sum's last bit
+        # depends on the axis.
+        difficulty: Floats = self.mean_times().T.mean(axis=0)
+        return difficulty
+
+    def _mean_by_world(self, values: Floats) -> Floats:
+        names = np.array(self.planners)
+        world_numbers = np.array(self.world_numbers)
         means = []
         for planner in self.planner_names:
-            mine = (names == planner) & np.isin(self.worlds, numbers)
-            at = np.searchsorted(numbers, self.worlds[mine])
-            means.append(
-                np.bincount(at, values[mine], len(numbers))
-                / np.bincount(at, minlength=len(numbers))
-            )
+            selected = (names == planner) & np.isin(self.worlds, world_numbers)
+            places = np.searchsorted(world_numbers, self.worlds[selected])
+            sums = np.bincount(places, values[selected], len(world_numbers))
+            means.append(sums / np.bincount(places, minlength=len(world_numbers)))
         return np.stack(means, axis=1)
 
-    def _where(self, kept: Bools) -> Trials:
-        planners = tuple(
-            name for name, keep in zip(self.planners, kept, strict=True) if keep
-        )
+    def _select(self, selected: Bools) -> Trials:
+        planners = np.array(self.planners)[selected]
         return Trials(
-            self.worlds[kept],
-            planners,
-            self.normalised_s_per_m[kept],
-            self.succeeded[kept],
+            self.worlds[selected],
+            tuple(planners.tolist()),
+            self.normalized_s_per_m[selected],
+            self.succeeded[selected],
         )
 
 
-def check_worlds(worlds: Mapping[int, World], numbers: Iterable[int]) -> None:
-    """Raise ModelError if there are trials of a world that is not among the worlds."""
-    missing = next((number for number in numbers if number not in worlds), None)
-    if missing is not None:
+def worlds_with_trials(worlds: Mapping[int, World], trials: Trials) -> list[World]:
+    """Return the worlds whose difficulty is known, in the order of the trials' numbers.
+
+    Args:
+        worlds: By number; those without trials of every planner are left out.
+        trials: Trials in these worlds.
+
+    Raises:
+        ModelError: If a world is missing, or fewer than ten have trials of every
+            planner.
+    """
+    world_numbers = trials.world_numbers
+    require_worlds(worlds, world_numbers)
+    if len(world_numbers) < MIN_WORLDS:
         raise ModelError(
-            f"there are trials of world {missing}, but not the world itself"
+            f"a model needs at least {MIN_WORLDS} worlds with trials of every planner, "
+            f"got {len(world_numbers)}"
         )
+    return [worlds[number] for number in world_numbers]
 
 
-def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
-    """Return the worlds in the order of the trials' `world_numbers`; ModelError if one is missing or they are few."""
-    numbers = trials.world_numbers
-    check_worlds(worlds, numbers)
-    if (count := len(numbers)) < FEWEST_WORLDS:
-        raise ModelError(
-            f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {count}"
-        )
-    return [worlds[number] for number in numbers]
+def require_worlds(worlds: Mapping[int, World], world_numbers: Iterable[int]) -> None:
+    """Raise ModelError unless all worlds are there.
+
+    Args:
+        worlds: By number, as a data set has them.
+        world_numbers: Numbers that trials name.
+    """
+    for number in world_numbers:
+        if number not in worlds:
+            raise ModelError(
+                f"there are trials of world {number}, but not the world itself"
+            )
 
 
-def held_out(worlds: Iterable[World]) -> World | None:
-    """Return the first world with the obstacles of a world of `HELD_OUT`, whatever it is called; None without any."""
-    kept_apart = open_dataset(HELD_OUT)
-    grids = {kept_apart.load(index).grid.tobytes() for index in kept_apart.indices}
-    return next((world for world in worlds if world.grid.tobytes() in grids), None)
+def find_reserved_world(worlds: Iterable[World]) -> World | None:
+    """Return the first world whose grid is in `RESERVED_DATASET`, or None.
 
-
-def fold_masks(worlds: int, folds: int, seed: int) -> Bools:
-    """Return which worlds (folds, worlds) are trained on in each fold; each world is left out in exactly one."""
-    order = np.random.default_rng(seed).permutation(worlds)
-    kept = np.ones((folds, worlds), np.bool_)
-    for fold, part in enumerate(np.array_split(order, folds)):
-        kept[fold, part] = False
-    return kept
-
-
-def joined(
-    parts: Sequence[tuple[Mapping[int, World], Trials]],
-) -> tuple[dict[int, World], Trials]:
-    """Return worlds and trials of several campaigns, renumbered, equal worlds as one; ModelError for missing ones."""
-    numbers: dict[str, int] = {}
-    worlds: dict[int, World] = {}
-    renumbered = []
-    for mine, trials in parts:
-        check_worlds(mine, trials.worlds.tolist())
-        new = {
-            number: numbers.setdefault(world.checksum, len(numbers))
-            for number, world in mine.items()
-        }
-        worlds |= {new[number]: world for number, world in mine.items()}
-        renumbered.append(
-            np.array([new[int(number)] for number in trials.worlds], np.int64)
-        )
-    return worlds, Trials(
-        np.concatenate(renumbered),
-        tuple(planner for _, one in parts for planner in one.planners),
-        np.concatenate([one.normalised_s_per_m for _, one in parts]),
-        np.concatenate([one.succeeded for _, one in parts]),
+    Grids are compared, not names, so that a copy under another name counts as well.
+    """
+    reserved = open_dataset(RESERVED_DATASET)
+    reserved_grids = {
+        reserved.load(number).grid.tobytes() for number in reserved.world_numbers
+    }
+    return next(
+        (world for world in worlds if world.grid.tobytes() in reserved_grids), None
     )

@@ -1,7 +1,7 @@
-"""Files of weights: a header in JSON and plain arrays in one .npz, checked before anything is used.
+"""Files of weights: a header in JSON and plain arrays in one .npz.
 
-Nothing in such a file is executed, and sizes are bounded before memory is taken. The arrays have to fit the header
-exactly and to be finite, and their checksum is in it.
+Nothing in such a file is executed, and sizes are bounded before memory is taken. The
+arrays must fit the header exactly and be finite, and their checksum is in it.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ from barn_metrics.model.route import CHANNELS
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, ModelError, WorldError
-from barn_worlds.formats.npz import NpzFormat
+from barn_worlds.formats.npz import Arrays, NpzFormat
 
 FORMAT = NpzFormat(
     "a difficulty model", "header.json", schema=1, largest_file=2**25, largest=2**27
@@ -59,43 +59,52 @@ class _Header(Checked):
         )
         self.require(1 <= len(self.members) <= 64, "members", "must be from 1 to 64")
         self.require(1 <= len(self.planners) <= 16, "planners", "must be from 1 to 16")
-        equal = all(
-            abs(one.weight * len(self.members) - 1.0) < 1e-6 for one in self.members
-        )
-        self.require(equal, "members", "must weigh the same and add up to 1")
+        share = 1.0 / len(self.members)
+        for member in self.members:
+            has_share = abs(member.weight - share) < 1e-6 * share
+            self.require(has_share, "members", "must weigh the same and add up to 1")
 
 
-def shipped_weights() -> Path:
-    """Return the file of the weights that come with the package, trained in generated worlds that are not barn300's."""
+def default_weights() -> Path:
+    """Return the file of the weights that come with the package.
+
+    They were trained in generated worlds that are not in barn300.
+    """
     return Path(str(resources.files("barn_metrics"))) / "data" / "difficulty.npz"
 
 
 def save_model(model: DifficultyModel, path: Path) -> None:
-    """Write a model; the same model gives the same bytes. WorldError if the file cannot be written."""
-    arrays: dict[str, npt.NDArray[Any]] = {}
+    """Write a model; the same model gives the same bytes.
+
+    Args:
+        model: Its networks, planners and origin are stored.
+        path: File to write, .npz.
+
+    Raises:
+        WorldError: If the file cannot be written.
+    """
+    arrays: Arrays = {}
+    members = []
     for number, network in enumerate(model.networks):
-        parts = {"mean": network.mean, "std": network.std}
-        for layers, names in (
-            (network.layers, ("weights", "bias")),
-            (network.filters, ("filters", "filter_bias")),
-        ):
-            for place, layer in enumerate(layers):
-                parts |= {
-                    f"{name}{place}": one
-                    for name, one in zip(names, layer, strict=True)
-                }
-        arrays |= {
-            f"m{number}_{name}": one.astype("<f8") for name, one in parts.items()
-        }
+        arrays[f"m{number}_mean"] = network.mean
+        arrays[f"m{number}_std"] = network.std
+        for place, (weights, bias) in enumerate(network.layers):
+            arrays[f"m{number}_weights{place}"] = weights
+            arrays[f"m{number}_bias{place}"] = bias
+        for place, (weights, bias) in enumerate(network.filters):
+            arrays[f"m{number}_filters{place}"] = weights
+            arrays[f"m{number}_filter_bias{place}"] = bias
+        share = 1.0 / len(model.networks)
+        members.append(_Member("sequence", share, len(network.layers)))
+
+    # The same bytes on every machine.
+    arrays = {name: array.astype("<f8") for name, array in arrays.items()}
     header = _Header(
         schema=FORMAT.schema,
         input_names=input_names(),
         planners=model.planners,
         relative_std=model.relative_std,
-        members=tuple(
-            _Member("sequence", 1.0 / len(model.networks), len(one.layers))
-            for one in model.networks
-        ),
+        members=tuple(members),
         about=dict(model.about),
         sha256=_checksum(arrays),
     )
@@ -103,87 +112,97 @@ def save_model(model: DifficultyModel, path: Path) -> None:
 
 
 def load_model(path: Path | str | None = None) -> DifficultyModel:
-    """Return the model of a file, or the shipped one; ModelError in one line for a file that is no sound model."""
-    where = shipped_weights() if path is None else Path(path)
+    """Return the model of a file, by default the shipped one.
+
+    Raises:
+        ModelError: If the file is no sound model.
+    """
+    path = default_weights() if path is None else Path(path)
     try:
-        content, arrays = FORMAT.read(where)
-        header = from_dict(_Header, content, f"{where}: {FORMAT.header}")
+        content, arrays = FORMAT.read(path)
+        header = from_dict(_Header, content, f"{path}: {FORMAT.header}")
     except (WorldError, ConfigError) as error:
         raise ModelError(str(error)) from None
+    # A damaged file may still have arrays of the right shapes.
     if header.sha256 != _checksum(arrays):
         raise ModelError(
-            f"{where}: damaged: its arrays do not have the checksum of the header"
+            f"{path}: damaged: its arrays do not have the checksum of the header"
         )
-    networks = [
-        _network(where, arrays, k, one.layers, header.planners)
-        for k, one in enumerate(header.members)
-    ]
+
+    networks = []
+    for number, member in enumerate(header.members):
+        reader = _NetworkReader(path, arrays, number)
+        networks.append(reader.network(member.layers, len(header.planners)))
     return DifficultyModel(
         header.planners, tuple(networks), header.relative_std, header.about
     )
 
 
-def _network(
-    where: Path,
-    arrays: Mapping[str, npt.NDArray[Any]],
-    number: int,
-    layers: int,
-    planners: tuple[str, ...],
-) -> RouteNetwork:
-    """Return the network of that number in a file; ModelError for arrays that do not fit."""
+class _NetworkReader:
+    """Reads one network of a file and checks that its arrays fit together."""
 
-    def require(held: bool, name: str, what: str) -> None:
-        if not held:
-            raise ModelError(f"{where}: {name} {what}")
+    def __init__(self, path: Path, arrays: Arrays, number: int) -> None:
+        self._path = path
+        self._arrays = arrays
+        self._prefix = f"m{number}_"
 
-    def array(name: str, *shape: int | None) -> Floats:
-        """Return an array of the shape that it must have (None: any), all its values finite."""
-        name = f"m{number}_{name}"
-        if (found := arrays.get(name)) is None:
-            raise ModelError(f"{where}: has no array {name}")
-        fits = found.ndim == len(shape) and all(
-            map(lambda want, got: want in (None, got), shape, found.shape)
-        )
-        wanted = " x ".join("any" if side is None else str(side) for side in shape)
-        got = f"{found.dtype} of shape {found.shape}"
-        require(
-            fits and found.dtype == np.dtype("<f8"),
-            name,
-            f"must be {wanted} of f8, got {got}",
-        )
-        require(
-            bool(np.isfinite(found).all()), name, "holds values that are not finite"
-        )
-        return found
+    def network(self, layer_count: int, planner_count: int) -> RouteNetwork:
+        """Return the network; ModelError if an array is missing or does not fit."""
+        size = len(summary_names())
+        mean = self._array("mean", size)
+        std = self._array("std", size)
+        if not (std > 0.0).all():
+            raise self._error("std", "must be above 0")
 
-    def layer(weights: str, bias: str, *shape: int | None) -> Layer:
-        found = array(weights, *shape)
-        return found, array(bias, found.shape[-1])
+        filters = []
+        channels = len(STRIPS) * CHANNELS
+        for place in range(len(DILATIONS)):
+            name = f"filters{place}"
+            layer = self._layer(name, f"filter_bias{place}", None, channels, None)
+            width, _, channels = layer[0].shape
+            if width % 2 == 0:
+                raise self._error(
+                    name, f"must span an odd number of samples, got {width}"
+                )
+            filters.append(layer)
 
-    size, seen = len(summary_names()), len(STRIPS) * CHANNELS
-    mean, std = array("mean", size), array("std", size)
-    require(bool((std > 0.0).all()), f"m{number}_std", "must be above 0")
-    filters, connected = [], []
-    for k in range(len(DILATIONS)):
-        filters.append(layer(f"filters{k}", f"filter_bias{k}", None, seen, None))
-        span, _, seen = filters[-1][0].shape
-        require(
-            span % 2 == 1,
-            f"m{number}_filters{k}",
-            f"must span an odd number of samples, got {span}",
+        layers = []
+        # The layers see the largest and the mean response of each filter.
+        units = size + 2 * channels
+        for place in range(layer_count):
+            is_last = place == layer_count - 1
+            # A time and a share of failures per planner.
+            outputs = 2 * planner_count if is_last else None
+            layer = self._layer(f"weights{place}", f"bias{place}", units, outputs)
+            units = len(layer[1])
+            layers.append(layer)
+        return RouteNetwork(mean, std, tuple(filters), tuple(layers))
+
+    def _layer(self, weights_name: str, bias_name: str, *shape: int | None) -> Layer:
+        weights = self._array(weights_name, *shape)
+        return weights, self._array(bias_name, weights.shape[-1])
+
+    def _array(self, name: str, *shape: int | None) -> Floats:
+        """Return an array of a shape (None: any side), all its values finite."""
+        array = self._arrays.get(self._prefix + name)
+        if array is None:
+            raise ModelError(f"{self._path}: has no array {self._prefix}{name}")
+
+        fits = array.ndim == len(shape) and all(
+            side in (None, length)
+            for side, length in zip(shape, array.shape, strict=True)
         )
-    width = size + 2 * seen
-    for k in range(layers):
-        connected.append(
-            layer(
-                f"weights{k}",
-                f"bias{k}",
-                width,
-                2 * len(planners) if k == layers - 1 else None,
+        if not fits or array.dtype != np.dtype("<f8"):
+            sides = " x ".join("any" if side is None else str(side) for side in shape)
+            raise self._error(
+                name, f"must be {sides} of f8, got {array.dtype} of shape {array.shape}"
             )
-        )
-        width = len(connected[-1][1])
-    return RouteNetwork(mean, std, tuple(filters), tuple(connected))
+        if not np.isfinite(array).all():
+            raise self._error(name, "holds values that are not finite")
+        return array
+
+    def _error(self, name: str, problem: str) -> ModelError:
+        return ModelError(f"{self._path}: {self._prefix}{name} {problem}")
 
 
 def _checksum(arrays: Mapping[str, npt.NDArray[Any]]) -> str:

@@ -14,9 +14,9 @@ from barn_worlds.geometry.polygon import (
     Corner,
     area,
     contains,
-    grown,
-    hull,
+    convex_hull,
     nearest_side_m,
+    offset,
 )
 
 MAX_CELLS = 16_000_000
@@ -101,7 +101,7 @@ class CostmapConfig(Checked):
         padding_m = self.footprint_padding_m
         corners = parse_footprint(self.footprint)
         if corners:
-            return np.array(grown(corners, padding_m))
+            return np.array(offset(corners, padding_m))
 
         return rectangle(
             self.footprint_half_length_m + padding_m,
@@ -191,7 +191,7 @@ def parse_footprint(text: str) -> tuple[Corner, ...] | None:
         and 3 <= len(corners) <= _MAX_CORNERS
         and area(corners) > 0.0
         and contains(corners, (0.0, 0.0))
-        and set(hull(corners)) == set(corners)
+        and set(convex_hull(corners)) == set(corners)
     ):
         return corners
 

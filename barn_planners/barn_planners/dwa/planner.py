@@ -254,6 +254,6 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, DwaController(config.dwa)),
     read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
     "dynamic window approach of the paper's trials",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

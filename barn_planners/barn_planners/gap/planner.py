@@ -1,7 +1,8 @@
-"""A simple baseline: follow the gap nearest to the goal, stop before a collision. No map, no plan, no memory.
+"""Follow the gap: a simple baseline that uses the current scan and the goal.
 
-After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method", Robotics and Autonomous
-Systems 60(9), 2012; but it chooses the gap nearest to the goal's direction, not the widest.
+After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method",
+Robotics and Autonomous Systems 60(9), 2012. Unlike there, the robot takes the gap
+nearest to the goal's direction, not the widest, and stops before a collision.
 """
 
 import math
@@ -17,17 +18,24 @@ from barn_planners.interface import (
     PlannerView,
     Task,
 )
-from barn_planners.navigation.guard import GuardConfig, LidarPlace, ScanPlanner
+from barn_planners.navigation.observation_check import (
+    LidarMountConfig,
+    ObservationCheckConfig,
+)
+from barn_planners.navigation.scan_planner import ScanPlanner, scan_points
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import quantity
-from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import STOP, Pose2D, Velocity2D
+
+# Free distances this much shorter than needed still count: they come from roundings.
+_ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True)
-class GapConfig(LidarPlace):
-    """Follow-the-gap for a Jackal."""
+class GapConfig(LidarMountConfig):
+    """Follow-the-gap; the defaults are for a Jackal."""
 
     max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", 0.0, 5.0)
     min_speed_mps: float = quantity(
@@ -59,7 +67,7 @@ class GapConfig(LidarPlace):
         0.15, "stop if anything ahead is nearer", "m", 0.0, 5.0
     )
     gap_weight_m: float = quantity(
-        0.5, "weight of the gap's centre, by the nearest distance", "m", minimum=0.0
+        0.5, "weight of the gap's center, by the nearest distance", "m", minimum=0.0
     )
     max_bearing_rad: float = quantity(
         2.2, "gaps are searched up to this bearing", "rad", 0.1, 3.14
@@ -71,11 +79,11 @@ class GapConfig(LidarPlace):
     turning_radius_m: float = quantity(
         0.0, "furthest corner; 0: half sizes'", "m", 0.0, 10.0, optional=True
     )
-    guard: GuardConfig = field(default_factory=GuardConfig)
+    guard: ObservationCheckConfig = field(default_factory=ObservationCheckConfig)
 
 
 class GapPlanner(ScanPlanner):
-    """Decides from each scan alone."""
+    """Steers for the open direction nearest to the goal, from each scan alone."""
 
     def __init__(self, config: GapConfig):
         super().__init__(config.guard, config.goal_tolerance_m)
@@ -85,157 +93,165 @@ class GapPlanner(ScanPlanner):
         )
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial."""
+        """Begin a new trial.
+
+        Args:
+            task: Goal in the planning frame; its map is ignored.
+            seed: Ignored.
+        """
         super().start(task, seed)
-        self._pose, self._free = Pose2D(0.0, 0.0, 0.0), np.empty(0)
+        self._pose = Pose2D(0.0, 0.0, 0.0)
+        self._free_m = np.empty(0)
 
     def step(self, observation: Observation) -> Decision:
         """Steer for the gap nearest to the goal's direction."""
-        self._free = np.empty(0)
+        self._free_m = np.empty(0)
         return super().step(observation)
 
     def drive(self, observation: Observation, goal: Pose2D) -> Decision:
-        """Return the command to the chosen gap."""
-        config, pose, to_goal = (
-            self.config,
-            observation.odometry.pose,
-            observation.pose.inverse() @ goal,
-        )
-        distance = math.hypot(to_goal.x, to_goal.y)
-        points = returns(
+        """Find a gap and steer for it.
+
+        Args:
+            observation: Readings that passed all checks.
+            goal: Goal in the planning frame.
+        """
+        config = self.config
+        points = scan_points(
             observation.scan, config.lidar, config.look_ahead_m + config.robot_radius_m
         )
-        free = self._free_distances(observation, points)
-        self._pose, self._free = pose, free
-        chosen = self._bearing(
-            free,
-            points,
-            math.atan2(to_goal.y, to_goal.x),
-            min(distance, config.look_ahead_m),
+        self._pose = observation.odometry.pose
+        self._free_m = self.free_distances(observation, points)
+
+        goal_in_base = observation.pose.inverse() @ goal
+        goal_bearing = math.atan2(goal_in_base.y, goal_in_base.x)
+        goal_distance_m = math.hypot(goal_in_base.x, goal_in_base.y)
+        bearing = self._choose_bearing(
+            points, goal_bearing, min(goal_distance_m, config.look_ahead_m)
         )
-        if chosen is None:
+        if bearing is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
-        return self._steer(chosen, free, points)
+        return self._steer(bearing, points)
 
     def view(self) -> PlannerView:
-        """Return the directions as candidates, as far as they are free, in the odom frame."""
-        if self._task is None or not len(self._free):
+        """Return the directions as candidates, as far as they are free, in odom."""
+        if self._task is None or not len(self._free_m):
             return PlannerView()
-        ends = self._free[:, None] * np.stack(
-            [np.cos(self._directions), np.sin(self._directions)], axis=1
-        )
+        directions = self._directions
+        units = np.stack([np.cos(directions), np.sin(directions)], axis=1)
+        ends = self._free_m[:, None] * units
         starts = np.broadcast_to([self._pose.x, self._pose.y], ends.shape)
         lines = np.stack([starts, self._pose.transform(ends)], axis=1)
-        return PlannerView(
-            candidates=lines, candidate_costs=self.config.look_ahead_m - self._free
-        )
+        costs = self.config.look_ahead_m - self._free_m
+        return PlannerView(candidates=lines, candidate_costs=costs)
 
-    def _free_distances(
+    def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
-        """Return how far the robot can go in each direction among points (n, 2) of the scan in base_link."""
+        """Return how far the robot can go in each direction.
+
+        Args:
+            observation: Readings of this cycle.
+            points: Returns of its scan, (n, 2) in m in base_link.
+
+        Returns:
+            Distances (directions,) in m, up to the look-ahead distance.
+        """
         del observation
+        config = self.config
         return free_distances(
-            points,
-            self._directions,
-            self.config.robot_radius_m,
-            self.config.look_ahead_m,
+            points, self._directions, config.robot_radius_m, config.look_ahead_m
         )
 
-    def _bearing(
-        self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float
+    def _choose_bearing(
+        self, points: FloatArray, goal_bearing: float, needed_m: float
     ) -> float | None:
-        is_open = free >= needed_m - 1e-9
+        """Return the bearing to steer for in rad; None if no gap is open."""
+        free_m = self._free_m
+        is_open = free_m >= needed_m - _ROUNDING_M
         if not is_open.any():
-            is_open = free >= max(float(free.max()) - 1e-9, self.config.least_free_m)
+            longest_m = float(free_m.max()) - _ROUNDING_M
+            is_open = free_m >= max(longest_m, self.config.least_free_m)
         if not is_open.any():
             return None
+
+        # Gaps are runs of open directions: each begins and ends where `is_open`
+        # changes.
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]])))
-        first, last = self._directions[edges[::2]], self._directions[edges[1::2] - 1]
+        first = self._directions[edges[::2]]
+        last = self._directions[edges[1::2] - 1]
         nearest = np.clip(goal_bearing, first, last)
         gap = int(np.argmin(np.abs(nearest - goal_bearing)))
-        closest_m = (
-            float(np.hypot(points[:, 0], points[:, 1]).min())
-            if len(points)
-            else math.inf
-        )
-        weight = self.config.gap_weight_m / max(closest_m, 1e-3)
-        centre = 0.5 * (first[gap] + last[gap])
-        return float((weight * centre + nearest[gap]) / (weight + 1.0))
 
-    def _steer(self, bearing: float, free: FloatArray, points: FloatArray) -> Decision:
+        # The nearer an obstacle, the more the center of the gap counts.
+        closest_m = math.inf
+        if len(points):
+            closest_m = float(np.hypot(points[:, 0], points[:, 1]).min())
+        weight = self.config.gap_weight_m / max(closest_m, 1e-3)
+        center = 0.5 * (first[gap] + last[gap])
+        return float((weight * center + nearest[gap]) / (weight + 1.0))
+
+    def _steer(self, bearing: float, points: FloatArray) -> Decision:
         config = self.config
-        rate = min(
-            max(config.k_prop_per_s * bearing, -config.max_turn_radps),
-            config.max_turn_radps,
-        )
+        rate = config.k_prop_per_s * bearing
+        rate = min(max(rate, -config.max_turn_radps), config.max_turn_radps)
         ahead_m = self._clear_ahead(points)
-        free_m = float(np.interp(bearing, self._directions, free))
+        free_m = float(np.interp(bearing, self._directions, self._free_m))
         figures = {"bearing_rad": bearing, "clear_ahead_m": ahead_m, "free_m": free_m}
-        if abs(bearing) > config.turn_in_place_rad or ahead_m < config.stop_distance_m:
+
+        turns_in_place = abs(bearing) > config.turn_in_place_rad
+        if turns_in_place or ahead_m < config.stop_distance_m:
             corner_m = config.turning_radius_m or math.hypot(
                 config.half_length_m, config.half_width_m
             )
-            reach = corner_m + config.margin_m
-            if len(points) and bool(
-                (np.hypot(points[:, 0], points[:, 1]) < reach).any()
-            ):
+            distances_m = np.hypot(points[:, 0], points[:, 1])
+            if bool((distances_m < corner_m + config.margin_m).any()):
+                reason = "an obstacle is too near to turn"
                 return Decision(
-                    STOP,
-                    PlannerStatus.BLOCKED,
-                    "an obstacle is too near to turn",
-                    diagnostics=figures,
+                    STOP, PlannerStatus.BLOCKED, reason, diagnostics=figures
                 )
             return Decision(Velocity2D(0.0, rate), diagnostics=figures)
-        share = min(
-            1.0, ahead_m / config.look_ahead_m, free_m / config.look_ahead_m
-        ) * math.cos(bearing)
-        speed = max(
-            config.max_speed_mps * share,
-            min(config.min_speed_mps, config.max_speed_mps),
-        )
+
+        share = min(1.0, ahead_m / config.look_ahead_m, free_m / config.look_ahead_m)
+        share *= math.cos(bearing)
+        lowest = min(config.min_speed_mps, config.max_speed_mps)
+        speed = max(config.max_speed_mps * share, lowest)
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
+        """Return how far the robot can go straight ahead, up to the look-ahead."""
         config = self.config
-        in_the_way = points[
-            (np.abs(points[:, 1]) <= config.half_width_m + config.margin_m)
-            & (points[:, 0] > 0.0),
-            0,
-        ]
-        nearest_m = float(in_the_way.min()) if len(in_the_way) else math.inf
+        half_corridor_m = config.half_width_m + config.margin_m
+        is_in_corridor = np.abs(points[:, 1]) <= half_corridor_m
+        ahead = points[is_in_corridor & (points[:, 0] > 0.0), 0]
+        nearest_m = float(ahead.min()) if len(ahead) else math.inf
         return min(nearest_m - config.half_length_m, config.look_ahead_m)
-
-
-def returns(scan: Scan, lidar: Pose2D, within_m: float) -> FloatArray:
-    """Return the points (n, 2) in base_link of a scan that are nearer to its lidar than `within_m`; lidar: its pose."""
-    ranges = scan.ranges.astype(np.float64)
-    seen = (ranges >= scan.range_min) & (ranges < min(scan.range_max, within_m))
-    angles = scan.angles()[seen] + lidar.yaw
-    return np.stack(
-        [
-            lidar.x + ranges[seen] * np.cos(angles),
-            lidar.y + ranges[seen] * np.sin(angles),
-        ],
-        axis=1,
-    )
 
 
 def free_distances(
     points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float
 ) -> FloatArray:
-    """Return how far, up to `longest_m`, a disc at the origin can go in each direction (k,) before a point (n, 2)."""
+    """Return how far a disc at the origin can go in each direction.
+
+    Args:
+        points: Obstacle points (n, 2) in m.
+        directions: Directions (k,) in rad.
+        radius_m: Radius of the disc.
+        longest_m: Distance from which on nothing is checked.
+
+    Returns:
+        Distances (k,) in m until a point touches the disc, up to `longest_m`.
+    """
     if len(points) == 0:
         return np.full(len(directions), longest_m)
-    along = np.outer(np.cos(directions), points[:, 0]) + np.outer(
-        np.sin(directions), points[:, 1]
-    )
+
+    # Each point has a distance along a direction (k, n) and one aside of it.
+    along = np.outer(np.cos(directions), points[:, 0])
+    along = along + np.outer(np.sin(directions), points[:, 1])
     aside_squared = np.maximum((points**2).sum(axis=1) - along**2, 0.0)
     contact = along - np.sqrt(np.maximum(radius_m**2 - aside_squared, 0.0))
-    touched = (aside_squared < radius_m**2) & (along > 0.0)
-    distances: FloatArray = np.where(
-        touched, np.clip(contact, 0.0, longest_m), longest_m
-    ).min(axis=1)
+    touches = (aside_squared < radius_m**2) & (along > 0.0)
+    free = np.where(touches, np.clip(contact, 0.0, longest_m), longest_m)
+    distances: FloatArray = free.min(axis=1)
     return distances
 
 
@@ -243,6 +259,6 @@ ENTRY = PlannerEntry(
     GapPlanner,
     {ANY_PROTOCOL: GapConfig()},
     "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

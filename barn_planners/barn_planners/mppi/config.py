@@ -1,4 +1,4 @@
-"""Settings of model predictive path integral control and its preset."""
+"""Settings of MPPI and its preset."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -8,7 +8,8 @@ from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig
 from barn_planners.navigation.loop import NavigationConfig
 from barn_worlds.base.config import Checked, quantity
 
-_MOST_STATES = 10_000_000  # samples times steps
+# Samples times steps, which memory holds as several arrays.
+_MAX_STATES = 10_000_000
 
 
 def _weight(default: float, description: str) -> float:
@@ -17,11 +18,11 @@ def _weight(default: float, description: str) -> float:
 
 @dataclass(frozen=True)
 class CriticsConfig(Checked):
-    """What a trajectory costs; weights and thresholds are the defaults of Nav2's critics."""
+    """What a trajectory costs; the defaults are those of Nav2's critics."""
 
     limit_weight: float = _weight(4.0, "speed and yaw rate beyond their limits")
     obstacle_weight: float = _weight(
-        3.81, "mean cost under the robot's centre, as a share of 254"
+        3.81, "mean cost under the robot's center, as a share of 254"
     )
     obstacle_stride: int = quantity(
         2, "check every n-th pose for obstacles", "", 1, 100
@@ -33,7 +34,7 @@ class CriticsConfig(Checked):
     near_goal_m: float = quantity(
         1.0, "nearer to the goal than this only collisions count", "m", 0.0, 100.0
     )
-    goal_weight: float = _weight(5.0, "mean distance from the goal in metres")
+    goal_weight: float = _weight(5.0, "mean distance from the goal in meters")
     goal_within_m: float = quantity(
         1.4, "nearer to the goal than this its distance counts", "m", 0.0, 100.0
     )
@@ -43,7 +44,7 @@ class CriticsConfig(Checked):
     goal_angle_within_m: float = quantity(
         0.5, "nearer to the goal than this its heading counts", "m", 0.0, 100.0
     )
-    align_weight: float = _weight(14.0, "mean distance from the path in metres")
+    align_weight: float = _weight(14.0, "mean distance from the path in meters")
     align_stride: int = quantity(4, "use every n-th pose for that", "", 1, 100)
     align_points: int = quantity(
         20,
@@ -56,7 +57,7 @@ class CriticsConfig(Checked):
         0.05, "it does not count if more of those points are blocked", "", 0.0, 1.0
     )
     follow_weight: float = _weight(
-        5.0, "distance in metres from the end to a point ahead on the path"
+        5.0, "distance in meters from the end to a point ahead on the path"
     )
     follow_points: int = quantity(
         5, "that point lies this many beyond the furthest reached", "", 0, 1000
@@ -70,12 +71,12 @@ class CriticsConfig(Checked):
     angle_beyond_rad: float = quantity(
         1.0, "it counts if the point lies further aside", "rad", 0.0, math.pi
     )
-    forward_weight: float = _weight(5.0, "distance in metres driven in reverse")
+    forward_weight: float = _weight(5.0, "distance in meters driven in reverse")
 
 
 @dataclass(frozen=True)
 class MppiConfig(Checked):
-    """Model predictive path integral control; the defaults are Nav2's with the Jackal's settings."""
+    """Sampling and limits; the defaults are Nav2's with the Jackal's settings."""
 
     samples: int = quantity(
         2000, "control sequences sampled per cycle", "", 10, 100_000
@@ -134,31 +135,38 @@ class MppiConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        few = f"must be at most {_MOST_STATES} divided by steps = {self.steps}"
-        self.require(self.samples * self.steps <= _MOST_STATES, "samples", few)
-        small = f"must keep a step's turn to at most 0.5 rad at max_turn_radps = {self.max_turn_radps:g}"
-        self.require(self.max_turn_radps * self.step_s <= 0.5, "step_s", small)
-        slower = (
-            f"must be at least {-self.max_speed_mps:g}: no faster than max_speed_mps"
-        )
-        self.require(self.min_speed_mps >= -self.max_speed_mps, "min_speed_mps", slower)
+        limit = f"must be at most {_MAX_STATES} divided by steps = {self.steps}"
+        self.require(self.samples * self.steps <= _MAX_STATES, "samples", limit)
+
+        # The series in the rollout are exact for small turns only.
+        top_turn = f"max_turn_radps = {self.max_turn_radps:g}"
+        limit = f"must keep a step's turn to at most 0.5 rad at {top_turn}"
+        self.require(self.max_turn_radps * self.step_s <= 0.5, "step_s", limit)
+
+        lowest = -self.max_speed_mps
+        limit = f"must be at least {lowest:g}: no faster than max_speed_mps"
+        self.require(self.min_speed_mps >= lowest, "min_speed_mps", limit)
 
 
-# The Jackal's outline with Nav2's padding, and an inflation large enough to act in time.
-_BODY: dict[str, Any] = {
+# The Jackal's outline with Nav2's padding, and an inflation large enough to act in
+# time.
+_FOOTPRINT: dict[str, Any] = {
     "footprint_half_length_m": 0.254,
     "footprint_half_width_m": 0.215,
     "footprint_padding_m": 0.01,
     "inflation_radius_m": 0.8,
     "cost_scaling_per_m": 3.0,
 }
-_LOCAL = replace(CostmapConfig(resolution_m=0.06, size_m=5.0), **_BODY)
-_GLOBAL = replace(GlobalCostmapConfig(), **_BODY)
+_LOCAL_COSTMAP = replace(CostmapConfig(resolution_m=0.06, size_m=5.0), **_FOOTPRINT)
+_GLOBAL_COSTMAP = replace(GlobalCostmapConfig(), **_FOOTPRINT)
 
 
 @dataclass(frozen=True)
 class MppiPlannerConfig(NavigationConfig):
-    """The navigation loop with MPPI in it; a new global plan once a second, as from Nav2's behaviour tree."""
+    """The navigation loop with MPPI in it.
+
+    The global plan is new once a second, as Nav2's behavior tree makes it.
+    """
 
     plan_period_s: float = quantity(
         1.0, "time between two global plans", "s", 0.0, 60.0
@@ -169,6 +177,6 @@ class MppiPlannerConfig(NavigationConfig):
         "m",
         minimum=0.0,
     )
-    local_costmap: CostmapConfig = field(default_factory=lambda: _LOCAL)
-    global_costmap: GlobalCostmapConfig = field(default_factory=lambda: _GLOBAL)
+    local_costmap: CostmapConfig = field(default_factory=lambda: _LOCAL_COSTMAP)
+    global_costmap: GlobalCostmapConfig = field(default_factory=lambda: _GLOBAL_COSTMAP)
     mppi: MppiConfig = field(default_factory=MppiConfig)

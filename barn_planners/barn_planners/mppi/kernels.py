@@ -1,250 +1,453 @@
-"""Compiled loops of model predictive path integral control: its critics, which add to costs (samples,), and its path.
+"""Kernels of MPPI that evaluate: its critics, which add to costs, and its path.
 
-Arrays over samples are float32: controls (steps, 2, samples) m/s and rad/s; poses as three arrays (steps, samples). The
-samples come last, so that the inner loops take several at once.
+Arrays over samples are float32: controls (steps, 2, samples) in m/s and rad/s, and
+poses (steps, 3, samples), x and y in m and yaw in rad. Samples come last, so that the
+compiler vectorizes the inner loops over them. Costs (samples,) are changed in place.
 """
 
 import math
 
 import numpy as np
-from numba import njit
 
 from barn_planners.costmap.kernels import edge_cost, place_corners
+from barn_planners.interface import FloatArray
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles
 
-_FREE, _INSCRIBED, _LETHAL = 0, 253, 254
-_LIKELY_POINTS = 2  # of the path that a trajectory passes between two poses that are compared with it
+_FREE = 0
+_INSCRIBED = 253
+_LETHAL = 254
+# Points of the path that a trajectory usually passes between two poses that are
+# compared.
+_USUAL_POINTS = 2
 
 
-@njit(cache=True, error_model="numpy")
-def length(x, y):  # type: ignore[no-untyped-def]
-    """Return the length of a vector as glibc's hypot does since 2.35, to the last bit; loops over it are vectorised."""
-    x, y = abs(x), abs(y)
-    longer, shorter = max(x, y), min(x, y)
+@kernel
+def length(x: float, y: float) -> float:
+    """Return the length of a vector, to the last bit as hypot of glibc since 2.35.
+
+    Unlike a call of hypot, a loop over this function is vectorized.
+
+    Args:
+        x: Component along one axis.
+        y: Component along the other.
+    """
+    # The rounding error of the plain formula, computed and subtracted (Borges 2019).
+    longer = max(abs(x), abs(y))
+    shorter = min(abs(x), abs(y))
     rough = math.sqrt(longer * longer + shorter * shorter)
-    over_shorter, over_longer = rough - shorter, rough - longer
-    near = (
+    over_shorter = rough - shorter
+    over_longer = rough - longer
+    near_error = (
         longer * (2.0 * over_shorter - longer)
         + (over_shorter - 2.0 * (longer - shorter)) * over_shorter
     )
-    far = 2.0 * over_longer * (longer - 2.0 * shorter) + (
+    far_error = 2.0 * over_longer * (longer - 2.0 * shorter) + (
         (4.0 * over_longer - shorter) * shorter + over_longer * over_longer
     )
-    error = near if rough <= 2.0 * shorter else far
+    error = near_error if rough <= 2.0 * shorter else far_error
     return rough - error / (2.0 * rough) if rough > 0.0 else rough
 
 
-@njit(cache=True, error_model="numpy")
-def add_obstacle_costs(  # type: ignore[no-untyped-def]
-    costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal
-):
-    """Add the trajectories' costs on the costmap; return how many of them collide.
+@kernel
+def add_obstacle_costs(
+    costs: FloatArray,
+    poses: Singles,
+    cells: Bytes,
+    grid: tuple[float, float, float],
+    outline: FloatArray,
+    lowest_edge_cost: int,
+    stride: int,
+    weight: float,
+    critical_cost: float,
+    collision_cost: float,
+    is_near_goal: bool,
+) -> int:
+    """Add what trajectories cost on the costmap, and count those that collide.
 
-    body: corners (n, 2) of the footprint, and the cost from which its edges are checked. A trajectory that touches a
-    lethal cell costs `collision`, others the mean cell of every `stride`-th pose; `critical` for inscribed cells.
+    A trajectory whose footprint touches a lethal cell costs `collision_cost`. Others
+    cost the mean of the cells under their poses, as a share of 254.
+
+    Args:
+        costs: Costs (samples,).
+        poses: Poses (steps, 3, samples) in the frame of the costmap.
+        cells: Costs (rows, columns) of the costmap's cells.
+        grid: x and y of its corner, and the side of a cell, in m.
+        outline: Corners (n, 2) of the footprint in base_link, in m.
+        lowest_edge_cost: Cost of the cell at a pose from which the edges are checked.
+        stride: Every how many poses are checked.
+        weight: Weight of the mean cost.
+        critical_cost: What cells count from the inscribed cost on.
+        collision_cost: Cost of a trajectory that collides.
+        is_near_goal: Whether only critical cells and collisions count.
+
+    Returns:
+        Number of trajectories that collide.
     """
-    (cells, _, _, _), (outline, possible) = grid, body
-    steps, samples = xs.shape
-    per_pose = weight / _LETHAL / len(range(0, steps, stride))
-    prices = np.zeros(256)  # of cells by their costs
+    steps, _, samples = poses.shape
+    scale = weight / _LETHAL / len(range(0, steps, stride))
+    prices = np.zeros(256)
     for cost in range(_FREE + 1, 256):
-        prices[cost] = critical if cost >= _INSCRIBED else 0.0 if near_goal else cost
-    totals, collided = np.zeros(samples), np.zeros(samples, np.bool_)
-    found, corners, lethal = (
-        np.empty(samples, np.int32),
-        np.empty(outline.shape),
-        _lethal_within(cells),
-    )
+        if cost >= _INSCRIBED:
+            prices[cost] = critical_cost
+        elif not is_near_goal:
+            prices[cost] = cost
+
+    totals = np.zeros(samples)
+    collides = np.zeros(samples, np.bool_)
+    indices = np.empty(samples, np.int32)
+    corners = np.empty(outline.shape)
+    lethal_counts = _sum_lethal_cells(cells)
     for t in range(0, steps, stride):
-        x, y = xs[t], ys[t]
-        _find_cells(x, y, grid, found)
+        x = poses[t, 0]
+        y = poses[t, 1]
+        yaw = poses[t, 2]
+        _find_cells(x, y, cells, grid, indices)
         for k in range(samples):
-            if found[k] < 0 or collided[k]:
+            if indices[k] < 0 or collides[k]:
                 continue
-            cost = cells.flat[found[k]]
+            cost = cells.flat[indices[k]]
             totals[k] += prices[cost]
-            if cost >= possible and cost != _FREE:
-                place_corners(corners, x[k], y[k], yaws[t, k], outline)
-                collided[k] = cost >= _LETHAL or _touches(grid, lethal, corners)
+            # Under a low cost, no lethal cell is near enough for the edges to touch it.
+            if cost >= lowest_edge_cost and cost != _FREE:
+                place_corners(corners, x[k], y[k], yaw[k], outline)
+                collides[k] = cost >= _LETHAL or _edges_collide(
+                    cells, grid, lethal_counts, corners
+                )
     for k in range(samples):
-        costs[k] += collision if collided[k] else per_pose * totals[k]
-    return collided.sum()
+        costs[k] += collision_cost if collides[k] else scale * totals[k]
+    collisions: int = collides.sum()
+    return collisions
 
 
-@njit(cache=True, error_model="numpy")
-def _find_cells(x, y, grid, found):  # type: ignore[no-untyped-def]
-    """Write the number of the cell at each point (n,), counted row by row, -1 off the grid."""
-    cells, origin_x, origin_y, resolution = grid
-    rows, cols = cells.shape
+@kernel
+def _find_cells(
+    x: Singles,
+    y: Singles,
+    cells: Bytes,
+    grid: tuple[float, float, float],
+    indices: MediumIntegers,
+) -> None:
+    """Write the index of the cell at each point, row by row; -1 off the grid."""
+    origin_x, origin_y, resolution = grid
+    rows, columns = cells.shape
     for k in range(len(x)):
-        row, col = (
-            math.floor((y[k] - origin_y) / resolution),
-            math.floor((x[k] - origin_x) / resolution),
-        )
-        on_grid = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-        found[k] = np.int32(row * cols + col) if on_grid else np.int32(-1)
+        row = math.floor((y[k] - origin_y) / resolution)
+        column = math.floor((x[k] - origin_x) / resolution)
+        # Without `and`, so that the loop has no branches.
+        is_inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        indices[k] = np.int32(row * columns + column) if is_inside else np.int32(-1)
 
 
-@njit(cache=True)
-def _lethal_within(cells):  # type: ignore[no-untyped-def]
-    """Return how many lethal cells there are below each row and left of each column, int32 (rows + 1, columns + 1)."""
-    rows, cols = cells.shape
-    counts = np.zeros((rows + 1, cols + 1), np.int32)
+@kernel
+def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
+    """Return the lethal cells before each row and column, (rows + 1, columns + 1)."""
+    rows, columns = cells.shape
+    counts = np.zeros((rows + 1, columns + 1), np.int32)
     for row in range(rows):
-        along = np.int32(0)
-        for col in range(cols):
-            along += np.int32(cells[row, col] >= _LETHAL)
-            counts[row + 1, col + 1] = counts[row, col + 1] + along
+        in_row = np.int32(0)
+        for column in range(columns):
+            in_row += np.int32(cells[row, column] >= _LETHAL)
+            counts[row + 1, column + 1] = counts[row, column + 1] + in_row
     return counts
 
 
-@njit(cache=True, error_model="numpy")
-def _touches(grid, lethal, corners):  # type: ignore[no-untyped-def]
-    """Tell what `edge_cost` does; it need not look at the edges where the box around them holds no lethal cell."""
-    cells, origin_x, origin_y, resolution = grid
-    rows, cols = cells.shape
-    low_row, end_row, low_col, end_col = rows, 0, cols, 0
+@kernel
+def _edges_collide(
+    cells: Bytes,
+    grid: tuple[float, float, float],
+    lethal_counts: MediumIntegers,
+    corners: FloatArray,
+) -> bool:
+    """Tell whether the edges between corners touch a lethal cell or leave the grid.
+
+    Edges are not followed if the box around them holds no lethal cell. Four sums tell.
+    """
+    origin_x, origin_y, resolution = grid
+    rows, columns = cells.shape
+    first_row = rows
+    end_row = 0
+    first_column = columns
+    end_column = 0
     for k in range(len(corners)):
         row = math.floor((corners[k, 1] - origin_y) / resolution)
-        col = math.floor((corners[k, 0] - origin_x) / resolution)
-        low_row, end_row = min(low_row, row), max(end_row, row + 1)
-        low_col, end_col = min(low_col, col), max(end_col, col + 1)
-    if low_row < 0 or end_row > rows or low_col < 0 or end_col > cols:
+        column = math.floor((corners[k, 0] - origin_x) / resolution)
+        first_row = min(first_row, row)
+        end_row = max(end_row, row + 1)
+        first_column = min(first_column, column)
+        end_column = max(end_column, column + 1)
+    if first_row < 0 or end_row > rows or first_column < 0 or end_column > columns:
         return True
-    upper, lower = lethal[end_row], lethal[low_row]
-    some = upper[end_col] - upper[low_col] != lower[end_col] - lower[low_col]
-    return some and edge_cost(cells, corners, origin_x, origin_y, resolution) < 0
+
+    above = lethal_counts[end_row]
+    below = lethal_counts[first_row]
+    lethal_above = above[end_column] - above[first_column]
+    lethal_below = below[end_column] - below[first_column]
+    if lethal_above == lethal_below:
+        return False
+    return bool(edge_cost(cells, corners, origin_x, origin_y, resolution) < 0)
 
 
-@njit(cache=True)
-def furthest_reached(path, xs, ys):  # type: ignore[no-untyped-def]
-    """Return the number of the furthest point of the path that is the nearest to the end of some trajectory."""
-    x, y = xs[-1], ys[-1]
-    squares, nearest = np.full(len(x), math.inf), np.zeros(len(x), np.int64)
+@kernel
+def find_furthest_point(path: FloatArray, poses: Singles) -> int:
+    """Return the index of the furthest point of the path that a trajectory reaches.
+
+    Args:
+        path: Points (n, 2) in m.
+        poses: Poses (steps, 3, samples).
+
+    Returns:
+        The highest index of the points that are nearest to the ends of the
+        trajectories.
+    """
+    end_x = poses[-1, 0]
+    end_y = poses[-1, 1]
+    squares = np.full(len(end_x), math.inf)
+    nearest = np.zeros(len(end_x), np.int64)
     for i in range(len(path)):
         path_x, path_y = path[i]
-        for k in range(len(x)):
-            square = (path_x - x[k]) ** 2 + (path_y - y[k]) ** 2
+        for k in range(len(end_x)):
+            square = (path_x - end_x[k]) ** 2 + (path_y - end_y[k]) ** 2
             nearest[k] = i if square < squares[k] else nearest[k]
             squares[k] = min(square, squares[k])
-    return nearest.max()
+    furthest: int = nearest.max()
+    return furthest
 
 
-@njit(cache=True, error_model="numpy")
-def add_follow_costs(costs, xs, ys, x, y, weight):  # type: ignore[no-untyped-def]
-    """Add the weight times the distance from each trajectory's end to a point of the path."""
-    end_x, end_y = xs[-1], ys[-1]
+@kernel
+def add_follow_costs(
+    costs: FloatArray, poses: Singles, x: float, y: float, weight: float
+) -> None:
+    """Add the distance from the end of each trajectory to a point.
+
+    Args:
+        costs: Costs (samples,).
+        poses: Poses (steps, 3, samples).
+        x: Point in m.
+        y: Point in m.
+        weight: Cost per meter.
+    """
+    end_x = poses[-1, 0]
+    end_y = poses[-1, 1]
     for k in range(len(costs)):
         costs[k] += weight * length(end_x[k] - x, end_y[k] - y)
 
 
-@njit(cache=True)
-def add_angle_costs(costs, xs, ys, yaws, x, y, weight):  # type: ignore[no-untyped-def]
-    """Add the weight times the angle, at each trajectory's end, between its heading and the direction of a point."""
+@kernel
+def add_angle_costs(
+    costs: FloatArray,
+    poses: Singles,
+    x: float,
+    y: float,
+    weight: float,
+) -> None:
+    """Add the angle between heading and direction of a point, at each trajectory's end.
+
+    Args:
+        costs: Costs (samples,).
+        poses: Poses (steps, 3, samples).
+        x: Point in m.
+        y: Point in m.
+        weight: Cost per radian.
+    """
+    end_x = poses[-1, 0]
+    end_y = poses[-1, 1]
+    end_yaw = poses[-1, 2]
     for k in range(len(costs)):
-        direction = math.atan2(y - ys[-1, k], x - xs[-1, k])
-        costs[k] += weight * abs(_wrapped(direction - yaws[-1, k]))
+        direction = math.atan2(y - end_y[k], x - end_x[k])
+        costs[k] += weight * abs(_wrap_angle(direction - end_yaw[k]))
 
 
-@njit(cache=True, error_model="numpy")
-def add_align_costs(costs, xs, ys, start, path, arc, clear, stride, weight):  # type: ignore[no-untyped-def]
-    """Add the weight times the mean distance of every `stride`-th pose from where the path is as long and clear."""
-    (steps, samples), (start_x, start_y) = xs.shape, start
-    travelled, totals, counted = np.zeros(samples), np.zeros(samples), np.zeros(samples)
-    last_x, last_y = np.full(samples, start_x), np.full(samples, start_y)
-    beside, ends = np.zeros(samples, np.int64), np.append(arc, math.inf)
-    path_x, path_y, counts = np.empty(samples), np.empty(samples), np.empty(samples)
+@kernel
+def add_align_costs(
+    costs: FloatArray,
+    poses: Singles,
+    start: tuple[float, float],
+    path: FloatArray,
+    arc: FloatArray,
+    is_clear: Bools,
+    stride: int,
+    weight: float,
+) -> None:
+    """Add the mean distance of trajectories from where the path is as long.
+
+    Args:
+        costs: Costs (samples,).
+        poses: Poses (steps, 3, samples).
+        start: Position of the robot in m.
+        path: Points (n, 2) in m.
+        arc: Distance along the path at each point, (n,) in m.
+        is_clear: Whether a point is free, (n,); the others do not count.
+        stride: Every how many poses are compared.
+        weight: Cost per meter.
+    """
+    steps, _, samples = poses.shape
+    start_x, start_y = start
+    last_x = np.full(samples, start_x)
+    last_y = np.full(samples, start_y)
+    driven = np.zeros(samples)
+    totals = np.zeros(samples)
+    counts = np.zeros(samples)
+    # Index of the point at which the path is as long as the drive so far.
+    beside = np.zeros(samples, np.int64)
+    ends = np.append(arc, math.inf)
+    path_x = np.empty(samples)
+    path_y = np.empty(samples)
+    clear = np.empty(samples)
+    # Several loops over the samples: those without a search are vectorized.
     for t in range(stride, steps, stride):
-        x, y = xs[t], ys[t]
+        x = poses[t, 0]
+        y = poses[t, 1]
         for k in range(samples):
-            travelled[k] += length(x[k] - last_x[k], y[k] - last_y[k])
-            last_x[k], last_y[k] = x[k], y[k]
+            driven[k] += length(x[k] - last_x[k], y[k] - last_y[k])
+            last_x[k] = x[k]
+            last_y[k] = y[k]
         for k in range(samples):
-            i, way = beside[k], travelled[k]
-            for _ in range(
-                _LIKELY_POINTS
-            ):  # without branches, which would be mispredicted
-                i += np.int64(abs(ends[i + 1] - way) <= abs(ends[i] - way))
-            while abs(ends[i + 1] - way) <= abs(ends[i] - way):
+            i = beside[k]
+            # First without branches, which would be mispredicted.
+            for _ in range(_USUAL_POINTS):
+                i += np.int64(abs(ends[i + 1] - driven[k]) <= abs(ends[i] - driven[k]))
+            while abs(ends[i + 1] - driven[k]) <= abs(ends[i] - driven[k]):
                 i += 1
             beside[k] = i
-            path_x[k], path_y[k], counts[k] = path[i, 0], path[i, 1], clear[i]
+            path_x[k] = path[i, 0]
+            path_y[k] = path[i, 1]
+            clear[k] = is_clear[i]
         for k in range(samples):
-            totals[k] += counts[k] * length(path_x[k] - x[k], path_y[k] - y[k])
-            counted[k] += counts[k]
+            totals[k] += clear[k] * length(path_x[k] - x[k], path_y[k] - y[k])
+            counts[k] += clear[k]
     for k in range(samples):
-        if counted[k] > 0.0:
-            costs[k] += weight * totals[k] / counted[k]
+        if counts[k] > 0.0:
+            costs[k] += weight * totals[k] / counts[k]
 
 
-@njit(cache=True, error_model="numpy")
-def add_goal_costs(costs, xs, ys, yaws, goal, position_weight, yaw_weight):  # type: ignore[no-untyped-def]
-    """Add the weights times the mean distance from the goal (x, y, yaw) and the mean angle to its heading."""
-    (steps, samples), (goal_x, goal_y, goal_yaw) = xs.shape, goal
-    distances, angles = np.zeros(samples), np.zeros(samples)
+@kernel
+def add_goal_costs(
+    costs: FloatArray,
+    poses: Singles,
+    goal: tuple[float, float, float],
+    position_weight: float,
+    yaw_weight: float,
+) -> None:
+    """Add the mean distance of trajectories from the goal and the mean angle to it.
+
+    Args:
+        costs: Costs (samples,).
+        poses: Poses (steps, 3, samples).
+        goal: x and y in m, yaw in rad.
+        position_weight: Cost per meter.
+        yaw_weight: Cost per radian.
+    """
+    steps, _, samples = poses.shape
+    goal_x, goal_y, goal_yaw = goal
+    distances = np.zeros(samples)
+    angles = np.zeros(samples)
     for t in range(steps):
-        x, y, yaw = xs[t], ys[t], yaws[t]
+        x = poses[t, 0]
+        y = poses[t, 1]
+        yaw = poses[t, 2]
         if position_weight > 0.0:
             for k in range(samples):
                 distances[k] += length(x[k] - goal_x, y[k] - goal_y)
         if yaw_weight > 0.0:
             for k in range(samples):
-                angles[k] += abs(_wrapped(yaw[k] - goal_yaw))
+                angles[k] += abs(_wrap_angle(yaw[k] - goal_yaw))
     for k in range(samples):
         costs[k] += (position_weight * distances[k] + yaw_weight * angles[k]) / steps
 
 
-@njit(cache=True, error_model="numpy")
-def add_control_costs(  # type: ignore[no-untyped-def]
-    costs, controls, nominal, spread, limits, dt, gamma, limit_weight, forward_weight
-):
-    """Add gamma times control times deviation over variance, what is beyond the limits, and reverse speed, by dt."""
+@kernel
+def add_control_costs(
+    costs: FloatArray,
+    controls: Singles,
+    nominal: FloatArray,
+    spread: FloatArray,
+    limits: FloatArray,
+    dt: float,
+    gamma: float,
+    limit_weight: float,
+    forward_weight: float,
+) -> None:
+    """Add what controls themselves cost.
+
+    That is gamma times control times deviation over variance (Williams 2018), what is
+    beyond the limits, and the distance driven in reverse.
+
+    Args:
+        costs: Costs (samples,).
+        controls: Sampled controls (steps, 2, samples).
+        nominal: Controls (steps, 2) that they were sampled around.
+        spread: Standard deviations (2,) of speed and yaw rate.
+        limits: Lowest and highest speed in m/s, and highest yaw rate in rad/s, (3,).
+        dt: Time of a step in s.
+        gamma: Weight of the deviation.
+        limit_weight: Cost per m/s or rad/s beyond the limits, for each second.
+        forward_weight: Cost per meter in reverse.
+    """
     steps, _, samples = controls.shape
-    deviation, beyond, reverse = np.zeros(samples), np.zeros(samples), np.zeros(samples)
-    slowest, fastest, turn = limits[0], limits[1], limits[2]
-    speed_variance, rate_variance = spread[0] * spread[0], spread[1] * spread[1]
+    deviation = np.zeros(samples)
+    beyond = np.zeros(samples)
+    reverse = np.zeros(samples)
+    slowest = limits[0]
+    fastest = limits[1]
+    fastest_turn = limits[2]
+    speed_variance = spread[0] * spread[0]
+    rate_variance = spread[1] * spread[1]
     for t in range(steps):
-        speed, rate = controls[t, 0], controls[t, 1]
-        wanted_speed, wanted_rate = nominal[t, 0], nominal[t, 1]
+        speed = controls[t, 0]
+        rate = controls[t, 1]
+        nominal_speed = nominal[t, 0]
+        nominal_rate = nominal[t, 1]
         for k in range(samples):
-            along = wanted_speed * (speed[k] - wanted_speed) / speed_variance
-            turned = wanted_rate * (rate[k] - wanted_rate) / rate_variance
-            deviation[k] = deviation[k] + along + turned
+            along = nominal_speed * (speed[k] - nominal_speed) / speed_variance
+            turn = nominal_rate * (rate[k] - nominal_rate) / rate_variance
+            deviation[k] = deviation[k] + along + turn
         for k in range(samples):
             beyond[k] += (
                 max(0.0, speed[k] - fastest)
                 + max(0.0, slowest - speed[k])
-                + max(0.0, abs(rate[k]) - turn)
+                + max(0.0, abs(rate[k]) - fastest_turn)
             )
             reverse[k] += max(0.0, -speed[k])
     for k in range(samples):
-        costs[k] += (
-            gamma * deviation[k]
-            + (limit_weight * beyond[k] + forward_weight * reverse[k]) * dt
-        )
+        penalty = limit_weight * beyond[k] + forward_weight * reverse[k]
+        costs[k] += gamma * deviation[k] + penalty * dt
 
 
-@njit(cache=True)
-def resample(points, spacing, most):  # type: ignore[no-untyped-def]
-    """Return (m, 2) points at even spacing along a line, at most `most`, the first included, and the last with room."""
-    out = np.empty((most, 2))
-    out[0] = points[0]
-    count, carried = 1, 0.0
+@kernel
+def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
+    """Return points at even spacing along a line.
+
+    Args:
+        points: Corners (n, 2) of the line in m.
+        spacing: Distance along the line between two points in m.
+        max_points: Highest number of points.
+
+    Returns:
+        Points (m, 2): the first corner, and the last one if there is room.
+    """
+    result = np.empty((max_points, 2))
+    result[0] = points[0]
+    count = 1
+    # Distance since the last point.
+    carry = 0.0
     for i in range(len(points) - 1):
-        dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-        length = math.hypot(dx, dy)
-        along = spacing - carried
-        while along <= length and count < most:
-            out[count, 0] = points[i, 0] + dx * along / length
-            out[count, 1] = points[i, 1] + dy * along / length
+        dx = points[i + 1, 0] - points[i, 0]
+        dy = points[i + 1, 1] - points[i, 1]
+        side = math.hypot(dx, dy)
+        along = spacing - carry
+        while along <= side and count < max_points:
+            result[count, 0] = points[i, 0] + dx * along / side
+            result[count, 1] = points[i, 1] + dy * along / side
             count += 1
             along += spacing
-        carried = length - (along - spacing)
-    if count < most and carried > 1e-9:
-        out[count] = points[-1]
+        carry = side - (along - spacing)
+    if count < max_points and carry > 1e-9:
+        result[count] = points[-1]
         count += 1
-    return out[:count]
+    return result[:count]
 
 
-@njit(cache=True)
-def _wrapped(angle):  # type: ignore[no-untyped-def]
+@kernel
+def _wrap_angle(angle: float) -> float:
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

@@ -1,19 +1,26 @@
 """Model predictive path integral control (MPPI), a sampling planner.
 
-After Williams, Aldrich and Theodorou, "Model predictive path integral control: from theory to parallel computation",
-JGCD 40(2), 2017, and Williams, Drews, Goldfain, Rehg and Theodorou, "Information-theoretic model predictive control:
-theory and applications to autonomous driving", T-RO 34(6), 2018. Control sequences are sampled around the last
-solution and rolled out; their mean, weighted with exp(-cost / temperature), is the next solution.
+After Williams, Aldrich and Theodorou, "Model predictive path integral control: from
+theory to parallel computation", JGCD 40(2), 2017, and Williams, Drews, Goldfain, Rehg
+and Theodorou, "Information-theoretic model predictive control: theory and applications
+to autonomous driving", T-RO 34(6), 2018. Control sequences are sampled around the last
+solution and rolled out. Their mean, weighted with exp(-cost / temperature), is the next
+solution.
 
-Critics, weights and thresholds are those of Nav2's MPPI controller for a differential drive. Differences:
+Critics, weights and thresholds are those of Nav2's MPPI controller for a differential
+drive. Differences:
 
-- Everything runs once per control cycle in one thread: new noise from the trial's seed (SFC64), and a costmap update
-  with each scan. Nav2 samples in its own thread and updates its costmap at 5 Hz.
-- One of the samples is the last solution itself, so a cycle never does worse than keeping it.
+- Everything runs once per control cycle in one thread: new noise from the trial's seed
+  (SFC64), and a costmap update with each scan. Nav2 samples in its own thread and
+  updates its costmap at 5 Hz.
+- One of the samples is the last solution itself, so a cycle never does worse than it.
 - Points of the path are evenly spaced instead of one per cell of the plan.
-- The pose of a step is where that step's control leads, and the first control is sent; Nav2 shifts both by one.
-- By default it does not reverse, since the Jackal's lidar sees nothing behind; Nav2's default is 0.35 m/s.
-- The plan comes from this package's navfn, not from NavFn or Smac; recovery is `barn_planners.navigation.recovery`.
+- The pose of a step is where that step's control leads, and the first control is sent;
+  Nav2 shifts both by one.
+- By default the robot does not reverse, since the Jackal's lidar sees nothing behind;
+  Nav2's default is 0.35 m/s.
+- The plan comes from this package's navfn, not from NavFn or Smac; recovery is
+  `barn_planners.navigation.recovery`.
 """
 
 import math
@@ -21,26 +28,27 @@ import math
 import numpy as np
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import Costmap
-from barn_planners.costmap.kernels import INSCRIBED
-from barn_planners.interface import FloatArray, PlannerView
+from barn_planners.costmap.costmap import INSCRIBED, Costmap
+from barn_planners.interface import PlannerView
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.config import MppiConfig, MppiPlannerConfig
-from barn_planners.navigation.guard import ProgressCheck
 from barn_planners.navigation.loop import (
     Control,
     ControlInput,
     Controller,
     NavigationPlanner,
 )
+from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 # Savitzky and Golay's 9-point quadratic, which smooths the solution as Nav2 does.
 _SMOOTHING = np.array([-21.0, 14.0, 39.0, 54.0, 59.0, 54.0, 39.0, 14.0, -21.0]) / 231.0
-_HALF = len(_SMOOTHING) // 2
+_PAST_CONTROLS = len(_SMOOTHING) // 2
+# Once the goal's position is reached, it counts as reached up to this many tolerances.
+_TOLERANCE_HYSTERESIS = 2.0
 
 
 class MppiController(Controller):
@@ -48,10 +56,9 @@ class MppiController(Controller):
 
     def __init__(self, config: MppiConfig):
         self.config = config
-        shape = (config.steps, config.samples)
         self._noise = np.empty((config.steps, 2, config.samples), np.float32)
         self._controls = np.empty_like(self._noise)
-        self._xs, self._ys, self._yaws = (np.empty(shape, np.float32) for _ in range(3))
+        self._poses = np.empty((config.steps, 3, config.samples), np.float32)
         self._costs = np.empty(config.samples)
         self._mean = np.empty((config.steps, 2))
         self._spread = np.array([config.speed_std_mps, config.turn_std_radps])
@@ -66,232 +73,264 @@ class MppiController(Controller):
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Begin a new trial and forget the last one."""
+        """Begin a new trial; the noise comes from `seed`."""
         self._random = sampling.noise_state(seed)
         self._progress.reset()
-        self._forget()
-        self._near_goal = False
+        self._forget_solution()
+        self._is_at_goal = False
         self._pose = Pose2D(0.0, 0.0, 0.0)
-        self._sampled = False
+        self._has_samples = False
 
     def control(self, inputs: ControlInput) -> Control:
         """Improve the solution and return its first control."""
-        config, goal, pose = self.config, inputs.goal, inputs.pose
-        to_goal = pose.distance(goal)
-        self._near_goal = (
-            to_goal <= (2.0 if self._near_goal else 1.0) * config.xy_tolerance_m
-        )
-        if (
-            self._near_goal
-            and abs(wrap_angle(goal.yaw - pose.yaw)) <= config.yaw_tolerance_rad
-        ):
+        config = self.config
+        pose = inputs.pose
+        goal_distance_m = pose.distance(inputs.goal)
+        tolerance_m = config.xy_tolerance_m
+        if self._is_at_goal:
+            tolerance_m = _TOLERANCE_HYSTERESIS * tolerance_m
+        self._is_at_goal = goal_distance_m <= tolerance_m
+        goal_angle = abs(wrap_angle(inputs.goal.yaw - pose.yaw))
+        if self._is_at_goal and goal_angle <= config.yaw_tolerance_rad:
             return Control(STOP, goal_reached=True)
-        if self._progress.stuck(inputs.stamp_ns, pose):
-            self._forget()
-            return Control(
-                None,
-                reason=f"moved less than {config.progress_m:g} m in {config.progress_s:g} s",
-            )
+
+        if self._progress.is_stuck(inputs.stamp_ns, pose):
+            self._forget_solution()
+            limits = f"{config.progress_m:g} m in {config.progress_s:g} s"
+            return Control(None, reason=f"moved less than {limits}")
+
         self._pose = pose
-        path = _Path.ahead(inputs, config)
-        collisions = config.samples
-        for _ in range(2):
-            for _ in range(config.iterations):
-                collisions = self._improve(inputs, path, to_goal)
-            if collisions < config.samples:
-                break
-            self._forget()
+        path = _Path(inputs, config)
+        collisions = self._improve(inputs, path, goal_distance_m)
+        if collisions == config.samples:
+            # Samples around a solution that collides may all collide: sample around
+            # rest.
+            self._forget_solution()
+            collisions = self._improve(inputs, path, goal_distance_m)
         figures = {
             "lowest_cost": float(self._costs.min()),
             "collision_share": collisions / config.samples,
         }
         if collisions == config.samples:
-            return Control(
-                None, reason="all sampled trajectories collide", diagnostics=figures
-            )
-        return Control(self._advance(), diagnostics=figures)
+            self._forget_solution()
+            reason = "all sampled trajectories collide"
+            return Control(None, reason=reason, diagnostics=figures)
+        return Control(self._pop_command(), diagnostics=figures)
 
     def view(self) -> PlannerView:
-        """Return a subset of the sampled trajectories with their costs, and the solution's trajectory."""
-        if not self._sampled or self.config.shown == 0:
+        """Return some of the sampled trajectories, and the solution's trajectory."""
+        config = self.config
+        if not self._has_samples or config.shown == 0:
             return PlannerView()
-        every = max(1, self.config.samples // self.config.shown)
-        candidates = np.stack(
-            [self._xs[:, ::every].T, self._ys[:, ::every].T], axis=2
-        ).astype(np.float64)
-        costs = self._costs[::every].copy()
-        costs[costs >= self.config.critics.collision_cost] = np.inf
-        yaws = self._pose.yaw + self.config.step_s * np.cumsum(self._solution[:, 1])
+
+        stride = max(1, config.samples // config.shown)
+        candidates = self._poses[:, :2, ::stride].transpose(2, 0, 1)
+        costs = self._costs[::stride].copy()
+        costs[costs >= config.critics.collision_cost] = np.inf
+
+        yaws = self._pose.yaw + config.step_s * np.cumsum(self._solution[:, 1])
         headings = np.concatenate(([self._pose.yaw], yaws[:-1]))
-        steps = (
-            self.config.step_s
-            * self._solution[:, :1]
-            * np.stack([np.cos(headings), np.sin(headings)], axis=1)
-        )
-        places = np.array([self._pose.x, self._pose.y]) + np.cumsum(steps, axis=0)
-        local_plan = np.column_stack([places, yaws])
+        directions = np.stack([np.cos(headings), np.sin(headings)], axis=1)
+        steps = config.step_s * self._solution[:, :1] * directions
+        positions = np.array([self._pose.x, self._pose.y]) + np.cumsum(steps, axis=0)
         return PlannerView(
-            local_plan=local_plan, candidates=candidates, candidate_costs=costs
+            local_plan=np.column_stack([positions, yaws]),
+            candidates=candidates.astype(np.float64),
+            candidate_costs=costs,
         )
 
-    def _forget(self) -> None:
+    def _forget_solution(self) -> None:
         self._solution = np.zeros((self.config.steps, 2))
-        self._sent = np.zeros((_HALF, 2))
+        self._past = np.zeros((_PAST_CONTROLS, 2))
 
-    def _improve(self, inputs: ControlInput, path: "_Path", to_goal: float) -> int:
-        """Sample once around the solution and replace it; return the number of collisions."""
-        config, pose, velocity = self.config, inputs.pose, inputs.velocity
-        sampling.fill_normal(self._random, self._noise.reshape(-1, config.samples))
+    def _pop_command(self) -> Velocity2D:
+        """Return the first control; the solution then begins one step later."""
+        first = self._solution[0]
+        self._past = np.concatenate([self._past[1:], first[None]])
+        self._solution = np.concatenate([self._solution[1:], self._solution[-1:]])
+        return Velocity2D(float(first[0]), float(first[1]))
+
+    def _improve(
+        self, inputs: ControlInput, path: "_Path", goal_distance_m: float
+    ) -> int:
+        """Replace the solution in all rounds; return the last one's collisions."""
+        collisions = self.config.samples
+        for _ in range(self.config.iterations):
+            self._sample(inputs)
+            self._costs[:] = 0.0
+            collisions = self.add_obstacle_costs(inputs.costmap, goal_distance_m)
+            self._add_goal_and_control_costs(inputs.goal, goal_distance_m)
+            self._add_path_costs(inputs.pose, path, goal_distance_m)
+            sampling.weighted_mean(
+                self._costs, self._controls, self.config.temperature, self._mean
+            )
+            self._solution = sampling.smooth(self._mean, self._past, _SMOOTHING)
+            velocity = (inputs.velocity.linear, inputs.velocity.angular)
+            sampling.limit_controls(
+                self._solution, self._limits, self._change, velocity
+            )
+        return collisions
+
+    def _sample(self, inputs: ControlInput) -> None:
+        """Sample trajectories around the solution, with itself as the first."""
+        pose = inputs.pose
+        velocity = inputs.velocity
+        sampling.fill_normal(self._random, self._noise.reshape(-1, self.config.samples))
         self._noise[:, :, 0] = 0.0
-        start = (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
-        drawn = (
+        sampling.rollout(
             self._solution,
             self._noise,
             self._spread,
             self._change,
-            start,
-            config.step_s,
+            (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular),
+            self.config.step_s,
+            self._controls,
+            self._poses,
         )
-        sampling.rollout(*drawn, self._controls, self._xs, self._ys, self._yaws)
-        self._sampled = True
-        self._costs[:] = 0.0
-        collisions = self._add_obstacle_costs(inputs.costmap, to_goal)
-        self._add_path_costs(inputs, path, to_goal)
-        sampling.weighted_mean(
-            self._costs, self._controls, config.temperature, self._mean
-        )
-        self._solution = sampling.smoothed(self._mean, self._sent, _SMOOTHING)
-        sampling.hold_within(self._solution, self._limits, self._change, start[3:])
-        return collisions
+        self._has_samples = True
 
-    def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
-        critics, body = self.config.critics, costmap.config
-        poses, grid = (self._xs, self._ys, self._yaws), (costmap.costs, *costmap.grid)
-        outline = (costmap.outline, lowest_cost_in_reach(body, costmap.resolution))
-        weights = (
+    def add_obstacle_costs(self, costmap: Costmap, goal_distance_m: float) -> int:
+        """Add what the sampled trajectories cost on the costmap.
+
+        Derived controllers add costs of other obstacles here.
+
+        Args:
+            costmap: Costs around the robot.
+            goal_distance_m: Distance of the robot from the goal.
+
+        Returns:
+            Number of trajectories that collide.
+        """
+        critics = self.config.critics
+        return kernels.add_obstacle_costs(
+            self._costs,
+            self._poses,
+            costmap.costs,
+            costmap.grid,
+            costmap.outline,
+            lowest_cost_in_reach(costmap.config, costmap.resolution),
+            critics.obstacle_stride,
             critics.obstacle_weight,
             critics.critical_cost,
             critics.collision_cost,
+            goal_distance_m < critics.near_goal_m,
         )
-        stride, near_goal = critics.obstacle_stride, to_goal < critics.near_goal_m
-        collisions: int = kernels.add_obstacle_costs(
-            self._costs, *poses, grid, outline, stride, *weights, near_goal
-        )
-        return collisions
 
-    def _add_path_costs(
-        self, inputs: ControlInput, path: "_Path", to_goal: float
-    ) -> None:
-        config, critics, costs = self.config, self.config.critics, self._costs
-        xs, ys, yaws, goal = self._xs, self._ys, self._yaws, inputs.goal
-        position_weight = (
-            critics.goal_weight if to_goal < critics.goal_within_m else 0.0
-        )
-        yaw_weight = (
-            critics.goal_angle_weight if to_goal < critics.goal_angle_within_m else 0.0
-        )
+    def _add_goal_and_control_costs(self, goal: Pose2D, goal_distance_m: float) -> None:
+        config = self.config
+        critics = config.critics
+        counts_position = goal_distance_m < critics.goal_within_m
+        counts_yaw = goal_distance_m < critics.goal_angle_within_m
+        position_weight = critics.goal_weight if counts_position else 0.0
+        yaw_weight = critics.goal_angle_weight if counts_yaw else 0.0
         if position_weight > 0.0 or yaw_weight > 0.0:
             kernels.add_goal_costs(
-                costs,
-                xs,
-                ys,
-                yaws,
+                self._costs,
+                self._poses,
                 (goal.x, goal.y, goal.yaw),
                 position_weight,
                 yaw_weight,
             )
-        heads_for_path = to_goal >= critics.goal_angle_within_m
-        drawn = (
+        kernels.add_control_costs(
+            self._costs,
             self._controls,
             self._solution,
             self._spread,
             self._limits,
             config.step_s,
+            config.gamma,
+            critics.limit_weight,
+            0.0 if counts_yaw else critics.forward_weight,
         )
-        forward_weight = critics.forward_weight if heads_for_path else 0.0
-        kernels.add_control_costs(
-            costs, *drawn, config.gamma, critics.limit_weight, forward_weight
-        )
-        furthest = kernels.furthest_reached(path.points, xs, ys)
-        if to_goal >= critics.goal_within_m:
+
+    def _add_path_costs(
+        self, pose: Pose2D, path: "_Path", goal_distance_m: float
+    ) -> None:
+        critics = self.config.critics
+        furthest = kernels.find_furthest_point(path.points, self._poses)
+        if goal_distance_m >= critics.goal_within_m:
             x, y = path.point(furthest + critics.follow_points)
-            kernels.add_follow_costs(costs, xs, ys, x, y, critics.follow_weight)
-        if not heads_for_path:
+            kernels.add_follow_costs(
+                self._costs, self._poses, x, y, critics.follow_weight
+            )
+        # Near the goal its own heading counts, not the direction of the path.
+        if goal_distance_m < critics.goal_angle_within_m:
             return
-        pose = inputs.pose
+
         x, y = path.point(furthest + critics.angle_points)
-        if (
-            abs(wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw))
-            > critics.angle_beyond_rad
-        ):
-            kernels.add_angle_costs(costs, xs, ys, yaws, x, y, critics.angle_weight)
+        bearing = wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw)
+        if abs(bearing) > critics.angle_beyond_rad:
+            kernels.add_angle_costs(
+                self._costs, self._poses, x, y, critics.angle_weight
+            )
+
+        # A path that is blocked has to be left, so keeping to it must not count.
         if (
             furthest >= critics.align_points
             and path.blocked_share(furthest) <= critics.align_most_blocked
         ):
-            start = (pose.x, pose.y)
-            stride, weight = critics.align_stride, critics.align_weight
             kernels.add_align_costs(
-                costs, xs, ys, start, path.points, path.arc, path.clear, stride, weight
+                self._costs,
+                self._poses,
+                (pose.x, pose.y),
+                path.points,
+                path.arc,
+                path.is_clear,
+                critics.align_stride,
+                critics.align_weight,
             )
-
-    def _advance(self) -> Velocity2D:
-        first = self._solution[0]
-        self._sent = np.concatenate([self._sent[1:], first[None]])
-        self._solution = np.concatenate([self._solution[1:], self._solution[-1:]])
-        return Velocity2D(float(first[0]), float(first[1]))
 
 
 class _Path:
-    """The part of the plan ahead of the robot: points (n, 2), distance along it (n,), whether they are free (n,)."""
+    """The part of the plan ahead of the robot, with evenly spaced points."""
 
-    def __init__(self, points: FloatArray, costmap: Costmap):
-        self.points = points
-        self.arc = np.concatenate(
-            ([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+    def __init__(self, inputs: ControlInput, config: MppiConfig):
+        plan = inputs.visible[:, :2]
+        offsets = plan - (inputs.pose.x, inputs.pose.y)
+        nearest = (offsets**2).sum(axis=1).argmin()
+        max_points = 2 + int(config.path_ahead_m / config.path_spacing_m)
+        # Points (n, 2) in m, distance along the path (n,) in m, whether a point is
+        # free.
+        self.points = kernels.resample(
+            plan[nearest:], config.path_spacing_m, max_points
         )
-        self.clear = np.array(
-            [(costmap.cost_at(x, y) or 0) < INSCRIBED for x, y in points.tolist()]
-        )
-
-    @classmethod
-    def ahead(cls, inputs: ControlInput, config: MppiConfig) -> "_Path":
-        """Return the path from the plan's point nearest to the robot."""
-        nearest = (
-            ((inputs.visible[:, :2] - (inputs.pose.x, inputs.pose.y)) ** 2)
-            .sum(axis=1)
-            .argmin()
-        )
-        most = 2 + int(config.path_ahead_m / config.path_spacing_m)
-        return cls(
-            kernels.resample(inputs.visible[nearest:, :2], config.path_spacing_m, most),
-            inputs.costmap,
-        )
+        sides = np.hypot(*np.diff(self.points, axis=0).T)
+        self.arc = np.concatenate(([0.0], np.cumsum(sides)))
+        costs = [inputs.costmap.cost_at(x, y) for x, y in self.points.tolist()]
+        self.is_clear = np.array([(cost or 0) < INSCRIBED for cost in costs])
 
     def point(self, index: int) -> tuple[float, float]:
-        """Return a point by its number; the last one for larger numbers."""
+        """Return the point with an index; the last one for larger indices."""
         x, y = self.points[min(index, len(self.points) - 1)]
         return float(x), float(y)
 
     def blocked_share(self, index: int) -> float:
-        """Return the share of the points up to this number that is not free."""
-        return 1.0 - float(self.clear[: index + 1].mean())
+        """Return the share of the points up to an index that is not free."""
+        return 1.0 - float(self.is_clear[: index + 1].mean())
 
 
 def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
-    """Return the lowest cost of a cell from which the outline, and a cell's diagonal, may reach a lethal one."""
+    """Return the lowest cost of a cell from which the outline may touch a lethal one.
+
+    Args:
+        config: Inflation and footprint of the costmap.
+        resolution: Side of a cell in m.
+
+    Returns:
+        Cost at the circumscribed radius and a cell's diagonal; 0 if inflation ends
+        before.
+    """
     reach_m = config.circumscribed_m + math.sqrt(2.0) * resolution
     if not config.soft_costs or reach_m > config.inflation_radius_m:
         return 0
-    return int(
-        252.0 * math.exp(-config.cost_scaling_per_m * (reach_m - config.inscribed_m))
-    )
+    decay = -config.cost_scaling_per_m * (reach_m - config.inscribed_m)
+    return int(252.0 * math.exp(decay))
 
 
 ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, MppiController(config.mppi)),
     {ANY_PROTOCOL: MppiPlannerConfig()},
     "model predictive path integral, after Nav2's",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.002),
 )

@@ -1,231 +1,345 @@
-"""Compiled loops of model predictive path integral control: noise, rollouts, and the solution made of them.
+"""Kernels of MPPI that sample: noise, rollouts and the resulting solution.
 
-The noise is that of NumPy's generator to the last bit, in a third of its time: SFC64 (Doty-Humphrey) and the ziggurat
-(Marsaglia and Tsang, J. Stat. Softw. 5(8), 2000) as one compiled loop. Arrays are as in `kernels`.
+The noise equals that of NumPy's generator to the last bit, in a third of its time.
+SFC64 (Doty-Humphrey) and the ziggurat (Marsaglia and Tsang, J. Stat. Softw. 5(8), 2000)
+run here as one compiled loop. Arrays are laid out as in `kernels`.
 """
 
 import math
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-_TAIL = 3.6541528853610088  # where the lowest of the 256 layers ends, from there on the tail
-_LAYERS, _SHARE_BITS = 256, 23
+from barn_planners.interface import FloatArray
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Singles
+
+# Words a, b, c and counter of SFC64, whether half a draw is left (0 or 1), and that
+# half.
+_Words: TypeAlias = tuple[np.uint64, ...]
+
+# x, y, yaw, cosine and sine of yaw, speed and yaw rate of all samples, each (samples,).
+_State: TypeAlias = tuple[FloatArray, ...]
+
+_LAYERS = 256
+# Bits of a draw that place a number within its layer.
+_POSITION_BITS = 23
+# Where the tail begins below the lowest layer.
+_TAIL_START = 3.6541528853610088
 
 
-def _layers() -> tuple[
-    npt.NDArray[np.float32], npt.NDArray[np.uint32], npt.NDArray[np.float32]
-]:
-    """Return each layer's width by 2^23, the numbers below which it lies under the density, and the density (256,)."""
-    area = _TAIL * math.exp(-0.5 * _TAIL**2) + math.sqrt(0.5 * math.pi) * math.erfc(
-        _TAIL / math.sqrt(2.0)
-    )
-    ends = [_TAIL]
+def _ziggurat_tables() -> tuple[Singles, npt.NDArray[np.uint32], Singles]:
+    """Return the tables of the ziggurat, each (256,).
+
+    Returns:
+        The width of each layer divided by 2^23; the positions below which a number lies
+        under the density for certain; the density at the end of each layer.
+    """
+    # All layers have the same area; the lowest one includes the tail.
+    end_density = math.exp(-0.5 * _TAIL_START**2)
+    tail_area = math.sqrt(0.5 * math.pi) * math.erfc(_TAIL_START / math.sqrt(2.0))
+    area = _TAIL_START * end_density + tail_area
+
+    ends = [_TAIL_START]
     for _ in range(_LAYERS - 2):
-        ends.append(
-            math.sqrt(-2.0 * math.log(area / ends[-1] + math.exp(-0.5 * ends[-1] ** 2)))
-        )
+        density = area / ends[-1] + math.exp(-0.5 * ends[-1] ** 2)
+        ends.append(math.sqrt(-2.0 * math.log(density)))
     ends.append(0.0)
     ends.reverse()
-    whole = 1 << _SHARE_BITS
-    base = area / math.exp(-0.5 * _TAIL**2)
-    widths = [base, *ends[1:]]
-    inside = [_TAIL / base, *(a / b for a, b in pairwise(ends))]
+
+    base_width = area / end_density
+    scale = 1 << _POSITION_BITS
+    widths = [base_width, *ends[1:]]
+    shares_inside = [_TAIL_START / base_width]
+    shares_inside += [inner / outer for inner, outer in pairwise(ends)]
     return (
-        np.array([width / whole for width in widths], np.float32),
-        np.array([round(share * whole) for share in inside], np.uint32),
+        np.array([width / scale for width in widths], np.float32),
+        np.array([round(share * scale) for share in shares_inside], np.uint32),
         np.array([math.exp(-0.5 * end**2) for end in ends], np.float32),
     )
 
 
-_WIDTHS, _INSIDE, _DENSITY = _layers()
-_TAIL_32, _TAIL_INVERSE = np.float32(_TAIL), np.float32(1.0 / _TAIL)
-_HALF = np.uint64(32)
+_WIDTHS, _INSIDE, _DENSITY = _ziggurat_tables()
+# In single precision, as NumPy computes single-precision numbers.
+_TAIL_START_32 = np.float32(_TAIL_START)
+_TAIL_INVERSE_32 = np.float32(1.0 / _TAIL_START)
+_UNIT_24_BITS = np.float32(1.0 / 16777216.0)
 
 
 def noise_state(seed: int) -> npt.NDArray[np.uint64]:
-    """Return the state (6,) of NumPy's SFC64 for a seed: its four words, whether half a draw is left, and that half."""
+    """Return the state (6,) of NumPy's SFC64 for a seed, as `fill_normal` takes it."""
     state = np.random.SFC64(seed).state
-    return np.array(
-        [*state["state"]["state"], state["has_uint32"], state["uinteger"]], np.uint64
-    )
+    words = [*state["state"]["state"], state["has_uint32"], state["uinteger"]]
+    return np.array(words, np.uint64)
 
 
-@njit(cache=True)
-def _next(words):  # type: ignore[no-untyped-def]
-    """Return 32 random bits and the words after that."""
-    a, b, c, counter, has, half = words
-    if has:
+@kernel
+def _next_bits(words: _Words) -> tuple[np.uint32, _Words]:
+    """Return 32 random bits and the next words; a draw has 64 bits and serves twice."""
+    a, b, c, counter, has_half, half = words
+    if has_half:
         return np.uint32(half), (a, b, c, counter, np.uint64(0), half)
-    drawn = a + b + counter
-    a = b ^ (b >> np.uint64(11))
-    b = c + (c << np.uint64(3))
-    c = ((c << np.uint64(24)) | (c >> np.uint64(40))) + drawn
-    return np.uint32(drawn), (
-        a,
-        b,
-        c,
-        counter + np.uint64(1),
+
+    draw = a + b + counter
+    next_a = b ^ (b >> np.uint64(11))
+    next_b = c + (c << np.uint64(3))
+    next_c = ((c << np.uint64(24)) | (c >> np.uint64(40))) + draw
+    next_counter = counter + np.uint64(1)
+    upper_half = draw >> np.uint64(32)
+    return np.uint32(draw), (
+        next_a,
+        next_b,
+        next_c,
+        next_counter,
         np.uint64(1),
-        drawn >> _HALF,
+        upper_half,
     )
 
 
-@njit(cache=True)
-def _share(bits):  # type: ignore[no-untyped-def]
-    return np.float32(bits >> np.uint32(8)) * np.float32(1.0 / 16777216.0)
+@kernel
+def _to_unit(bits: np.uint32) -> np.float32:
+    """Return random bits as a number in [0, 1)."""
+    unit: np.float32 = np.float32(bits >> np.uint32(8)) * _UNIT_24_BITS
+    return unit
 
 
-@njit(cache=True)
-def _outside(words, x, bits, layer):  # type: ignore[no-untyped-def]
-    """Return for a number that may lie above the density: whether it is taken, the number, and the words after that."""
+@kernel
+def _sample_edge(
+    words: _Words, x: np.float32, bits: np.uint32, layer: int
+) -> tuple[bool, np.float32, _Words]:
+    """Decide on a number that may lie above the density.
+
+    Returns:
+        Whether the number is accepted, the number, and the next words.
+    """
     if layer > 0:
-        drawn, words = _next(words)
-        height = (_DENSITY[layer - 1] - _DENSITY[layer]) * _share(drawn) + _DENSITY[
-            layer
-        ]
-        return height < math.exp(-0.5 * np.float64(x) * np.float64(x)), x, words
+        draw, words = _next_bits(words)
+        step = _DENSITY[layer - 1] - _DENSITY[layer]
+        height = step * _to_unit(draw) + _DENSITY[layer]
+        is_below = height < math.exp(-0.5 * np.float64(x) * np.float64(x))
+        return is_below, x, words
+
+    # Below the lowest layer lies the tail, which Marsaglia's method samples.
     while True:
-        drawn, words = _next(words)
-        beyond = -_TAIL_INVERSE * np.float32(math.log1p(-_share(drawn)))
-        drawn, words = _next(words)
-        above = -np.float32(math.log1p(-_share(drawn)))
-        if above + above > beyond * beyond:
-            x = _TAIL_32 + beyond
-            return True, -x if (bits >> np.uint32(17)) & np.uint32(1) else x, words
+        draw, words = _next_bits(words)
+        beyond = -_TAIL_INVERSE_32 * np.float32(math.log1p(-_to_unit(draw)))
+        draw, words = _next_bits(words)
+        height = -np.float32(math.log1p(-_to_unit(draw)))
+        if height + height > beyond * beyond:
+            x = _TAIL_START_32 + beyond
+            is_negative = (bits >> np.uint32(17)) & np.uint32(1)
+            return True, -x if is_negative else x, words
 
 
-@njit(cache=True)
-def fill_normal(state, numbers):  # type: ignore[no-untyped-def]
-    """Fill float32 (n, m) column by column with the numbers of `Generator(SFC64(seed)).standard_normal`; advance."""
+@kernel
+def fill_normal(state: npt.NDArray[np.uint64], numbers: Singles) -> None:
+    """Fill an array with what `Generator(SFC64(seed)).standard_normal` draws.
+
+    Args:
+        state: State (6,) of the generator, which is advanced.
+        numbers: Array (n, m), filled column by column.
+    """
     rows, columns = numbers.shape
-    words = (state[0], state[1], state[2], state[3], state[4], state[5])
+    words: _Words = (state[0], state[1], state[2], state[3], state[4], state[5])
     for column in range(columns):
         for row in range(rows):
-            taken, x = False, np.float32(0.0)
-            while not taken:
-                bits, words = _next(words)
-                layer, size = bits & np.uint32(255), bits >> np.uint32(9)
-                x = np.float32(size) * _WIDTHS[layer]
+            is_accepted = False
+            x = np.float32(0.0)
+            while not is_accepted:
+                bits, words = _next_bits(words)
+                layer = bits & np.uint32(255)
+                position = bits >> np.uint32(9)
+                x = np.float32(position) * _WIDTHS[layer]
                 x = -x if bits & np.uint32(256) else x
-                taken = size < _INSIDE[layer]
-                if not taken:
-                    taken, x, words = _outside(words, x, bits, layer)
+                is_accepted = position < _INSIDE[layer]
+                if not is_accepted:
+                    is_accepted, x, words = _sample_edge(words, x, bits, layer)
             numbers[row, column] = x
     for i in range(len(state)):
         state[i] = words[i]
 
 
-@njit(cache=True)
-def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws):  # type: ignore[no-untyped-def]
-    """Sample control sequences around the nominal one (steps, 2) and integrate a unicycle along them.
+@kernel
+def rollout(
+    nominal: FloatArray,
+    noise: Singles,
+    spread: FloatArray,
+    change: FloatArray,
+    start: tuple[float, float, float, float, float],
+    dt: float,
+    controls: Singles,
+    poses: Singles,
+) -> None:
+    """Sample controls around the nominal ones and integrate a unicycle along them.
 
-    noise: standard normal, spread: (2,) its deviations; change: largest changes in a step, down and up (2, 2); start:
-    x, y, yaw, speed, yaw rate. The heading uses series for sine and cosine of the step, accurate to 1e-10 for 0.1 rad.
+    Args:
+        nominal: Nominal controls (steps, 2): m/s and rad/s.
+        noise: Standard normal numbers (steps, 2, samples).
+        spread: Standard deviations (2,) of speed and yaw rate.
+        change: Largest changes in a step (2, 2): speed down and up, yaw rate down and
+            up.
+        start: x and y in m, yaw in rad, speed in m/s and yaw rate in rad/s.
+        dt: Time of a step in s.
+        controls: Sampled controls (steps, 2, samples), filled.
+        poses: Where they lead, (steps, 3, samples), filled.
     """
-    (steps, samples), (x, y, yaw, speed, rate) = xs.shape, start
-    place = np.full(samples, x), np.full(samples, y), np.full(samples, yaw)
-    heading = np.full(samples, math.cos(yaw)), np.full(samples, math.sin(yaw))
-    states = (*place, *heading, np.full(samples, speed), np.full(samples, rate))
-    changes = change[0, 0], change[0, 1], change[1, 0], change[1, 1]
+    steps, _, samples = poses.shape
+    x, y, yaw, speed, rate = start
+    state = (
+        np.full(samples, x),
+        np.full(samples, y),
+        np.full(samples, yaw),
+        np.full(samples, math.cos(yaw)),
+        np.full(samples, math.sin(yaw)),
+        np.full(samples, speed),
+        np.full(samples, rate),
+    )
     for t in range(steps):
-        wanted = (
-            nominal[t, 0],
-            nominal[t, 1],
-            spread[0],
-            spread[1],
+        _step(
+            state,
+            nominal[t],
             noise[t, 0],
             noise[t, 1],
-        )
-        _step(
-            states,
-            wanted,
-            changes,
+            spread,
+            change,
             dt,
-            (controls[t, 0], controls[t, 1], xs[t], ys[t], yaws[t]),
+            controls[t, 0],
+            controls[t, 1],
+            poses[t, 0],
+            poses[t, 1],
+            poses[t, 2],
         )
 
 
-@njit(cache=True, error_model="numpy")
-def _step(states, wanted, changes, dt, out):  # type: ignore[no-untyped-def]
-    """Take a step of all samples; one loop without branches, which the compiler vectorises."""
-    x, y, yaw, c, s, speed, rate = states
-    nominal_speed, nominal_rate, speed_spread, rate_spread, speed_noise, rate_noise = (
-        wanted
-    )
-    slower, faster, right, left = changes
-    speeds, rates, xs, ys, yaws = out
+@kernel
+def _step(
+    state: _State,
+    nominal: FloatArray,
+    speed_noise: Singles,
+    rate_noise: Singles,
+    spread: FloatArray,
+    change: FloatArray,
+    dt: float,
+    speeds: Singles,
+    rates: Singles,
+    xs: Singles,
+    ys: Singles,
+    yaws: Singles,
+) -> None:
+    """Take one step of all samples.
+
+    The loop has no branches and each array is an argument of its own, without which the
+    compiler does not vectorize it.
+    """
+    x, y, yaw, c, s, speed, rate = state
+    nominal_speed, nominal_rate = nominal
+    speed_spread, rate_spread = spread
+    slower, faster = change[0]
+    right, left = change[1]
     for k in range(len(x)):
-        speed[k] = min(
-            max(nominal_speed + speed_spread * speed_noise[k], speed[k] - slower),
-            speed[k] + faster,
-        )
-        rate[k] = min(
-            max(nominal_rate + rate_spread * rate_noise[k], rate[k] - right),
-            rate[k] + left,
-        )
-        speeds[k], rates[k] = speed[k], rate[k]
+        sampled_speed = nominal_speed + speed_spread * speed_noise[k]
+        speed[k] = min(max(sampled_speed, speed[k] - slower), speed[k] + faster)
+        sampled_rate = nominal_rate + rate_spread * rate_noise[k]
+        rate[k] = min(max(sampled_rate, rate[k] - right), rate[k] + left)
+        speeds[k] = speed[k]
+        rates[k] = rate[k]
         x[k] += speed[k] * dt * c[k]
         y[k] += speed[k] * dt * s[k]
+
+        # Sine and cosine of the turn by series, accurate to 1e-10 up to 0.1 rad a step.
         turn = rate[k] * dt
         square = turn * turn
         cos_turn = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0))
         sin_turn = turn * (
             1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))
         )
-        c[k], s[k] = (
-            c[k] * cos_turn - s[k] * sin_turn,
-            s[k] * cos_turn + c[k] * sin_turn,
-        )
+        cos_yaw = c[k]
+        c[k] = cos_yaw * cos_turn - s[k] * sin_turn
+        s[k] = s[k] * cos_turn + cos_yaw * sin_turn
         yaw[k] += turn
-        xs[k], ys[k], yaws[k] = x[k], y[k], yaw[k]
+        xs[k] = x[k]
+        ys[k] = y[k]
+        yaws[k] = yaw[k]
 
 
-@njit(cache=True)
-def weighted_mean(costs, controls, temperature, mean):  # type: ignore[no-untyped-def]
-    """Set `mean` (steps, 2) to the mean of the controls, weighted with exp(-(cost - lowest cost) / temperature)."""
+@kernel
+def weighted_mean(
+    costs: FloatArray, controls: Singles, temperature: float, mean: FloatArray
+) -> None:
+    """Average the sampled controls, weighted by exp(-(cost - lowest) / temperature).
+
+    Args:
+        costs: Cost of each sample (samples,).
+        controls: Sampled controls (steps, 2, samples).
+        temperature: Cost difference over which a weight falls to 1/e.
+        mean: Mean controls (steps, 2), filled.
+    """
     weights = np.exp(-(costs - costs.min()) / temperature)
-    chosen = np.flatnonzero(weights >= 1e-9)
-    whole = 0.0
-    for k in chosen:
-        whole += weights[k]
+    # Most weights are so small that they would not change a digit.
+    relevant = np.flatnonzero(weights >= 1e-9)
+    total = 0.0
+    for k in relevant:
+        total += weights[k]
     for t in range(len(mean)):
-        speeds, rates = controls[t, 0], controls[t, 1]
-        speed, rate = 0.0, 0.0
-        for k in chosen:
+        speeds = controls[t, 0]
+        rates = controls[t, 1]
+        speed = 0.0
+        rate = 0.0
+        for k in relevant:
             speed += weights[k] * speeds[k]
             rate += weights[k] * rates[k]
-        mean[t, 0], mean[t, 1] = speed / whole, rate / whole
+        mean[t, 0] = speed / total
+        mean[t, 1] = rate / total
 
 
-@njit(cache=True, error_model="numpy")
-def smoothed(controls, sent, weights):  # type: ignore[no-untyped-def]
-    """Return controls (steps, 2) averaged over time with weights (2 n + 1,), after the n sent before them (n, 2)."""
-    steps, before = len(controls), len(sent)
-    whole = np.concatenate((sent, controls, np.empty((before, 2))))
-    whole[before + steps :] = controls[-1]
-    out = np.zeros((steps, 2))
+@kernel
+def smooth(
+    controls: FloatArray, past_controls: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Return controls averaged over time.
+
+    Args:
+        controls: Controls (steps, 2); beyond its end the last one counts.
+        past_controls: Controls (n, 2) that were sent before them.
+        weights: Weights (2 n + 1,) of the filter.
+
+    Returns:
+        Smooth controls (steps, 2).
+    """
+    steps = len(controls)
+    past_steps = len(past_controls)
+    padded = np.concatenate((past_controls, controls, np.empty((past_steps, 2))))
+    padded[past_steps + steps :] = controls[-1]
+    result = np.zeros((steps, 2))
     for t in range(steps):
         for i in range(len(weights)):
-            out[t, 0] += whole[t + i, 0] * weights[i]
-            out[t, 1] += whole[t + i, 1] * weights[i]
-    return out
+            result[t, 0] += padded[t + i, 0] * weights[i]
+            result[t, 1] += padded[t + i, 1] * weights[i]
+    return result
 
 
-@njit(cache=True, error_model="numpy")
-def hold_within(controls, limits, change, start):  # type: ignore[no-untyped-def]
-    """Hold controls (steps, 2) within limits, and changes (as of `rollout`) from `start`, speed and yaw rate now."""
-    (speed, rate), slowest, fastest, fastest_turn = (
-        start,
-        limits[0],
-        limits[1],
-        limits[2],
-    )
+@kernel
+def limit_controls(
+    controls: FloatArray,
+    limits: FloatArray,
+    change: FloatArray,
+    start: tuple[float, float],
+) -> None:
+    """Limit controls and their changes in place.
+
+    Args:
+        controls: Controls (steps, 2).
+        limits: Lowest and highest speed in m/s, and highest yaw rate in rad/s, (3,).
+        change: Largest changes in a step (2, 2), as in `rollout`.
+        start: Speed in m/s and yaw rate in rad/s of the robot now.
+    """
+    speed, rate = start
     for t in range(len(controls)):
-        wanted_speed = min(max(controls[t, 0], slowest), fastest)
-        wanted_rate = min(max(controls[t, 1], -fastest_turn), fastest_turn)
-        speed = min(max(wanted_speed, speed - change[0, 0]), speed + change[0, 1])
-        rate = min(max(wanted_rate, rate - change[1, 0]), rate + change[1, 1])
-        controls[t, 0], controls[t, 1] = speed, rate
+        allowed_speed = min(max(controls[t, 0], limits[0]), limits[1])
+        speed = min(max(allowed_speed, speed - change[0, 0]), speed + change[0, 1])
+        allowed_rate = min(max(controls[t, 1], -limits[2]), limits[2])
+        rate = min(max(allowed_rate, rate - change[1, 0]), rate + change[1, 1])
+        controls[t, 0] = speed
+        controls[t, 1] = rate

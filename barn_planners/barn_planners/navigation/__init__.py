@@ -1,1 +1,1 @@
-"""The loop around a local planner, as in move_base."""
+"""What planners share: the loop around a controller, recovery and checks."""

@@ -1,4 +1,9 @@
-"""The navigation loop around a local planner, as in move_base: costmaps, global plan, control, recovery."""
+"""The navigation loop around a local planner, as in move_base.
+
+Each control cycle updates two costmaps from the scan, makes a global plan if one is
+due, and lets a controller follow it. Recovery takes over where plan or command are
+missing.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -22,14 +27,18 @@ from barn_planners.interface import (
     PlannerView,
     Task,
 )
-from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
+from barn_planners.navigation.observation_check import (
+    LidarMountConfig,
+    ObservationCheck,
+    ObservationCheckConfig,
+)
 from barn_planners.navigation.recovery import Recovery, RecoveryConfig
 from barn_worlds.base.config import quantity
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
 
 
 @dataclass(frozen=True)
-class NavigationConfig(LidarPlace):
+class NavigationConfig(LidarMountConfig):
     """Settings of all planners that follow a global plan."""
 
     control_period_s: float = quantity(
@@ -63,232 +72,289 @@ class NavigationConfig(LidarPlace):
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     global_plan: GlobalPlanConfig = field(default_factory=GlobalPlanConfig)
     recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
-    guard: GuardConfig = field(default_factory=GuardConfig)
+    guard: ObservationCheckConfig = field(default_factory=ObservationCheckConfig)
 
 
 @dataclass(frozen=True, slots=True)
 class ControlInput:
-    """The input of a controller in one cycle, all in the odom frame."""
+    """What a controller gets in one cycle, all in the frame of the local costmap.
 
+    That frame is odom, or map with the quirk `local_costmap_in_map`.
+    """
+
+    # Simulated time since the start of the trial, in ns.
     stamp_ns: int
+    # Pose of the robot.
     pose: Pose2D
+    # Speed and yaw rate as the odometry measures them.
     velocity: Velocity2D
+    # Costs around the robot.
     costmap: Costmap
-    plan: FloatArray  # (n, 3) x, y m, yaw rad, the whole global plan, ending in `goal`
-    visible: FloatArray  # (m, 3), its part from the robot on that lies within the local costmap
+    # The whole global plan (n, 3): x and y in m, yaw in rad. It ends in `goal`.
+    plan: FloatArray
+    # The part of the plan (m, 3) from the robot on that lies within the local costmap.
+    visible: FloatArray
     goal: Pose2D
-    new_plan: bool  # since the controller was last called
+    # Whether the global plan changed since the controller was last called.
+    new_plan: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """The output of a controller; `command` is None if no valid one was found, and `reason` says why."""
+    """What a controller answers in one cycle."""
 
+    # Speed and yaw rate; None if no valid command exists.
     command: Velocity2D | None
     goal_reached: bool = False
+    # One line that explains a missing command.
     reason: str = ""
+    # Figures of this cycle for logs, by name; the names end in SI units.
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
 
 class Controller(ABC):
-    """A local planner that follows a plan, such as DWA or E-Band; one object serves trial after trial."""
+    """A local planner that follows a plan; one object serves all trials."""
 
     @abstractmethod
     def reset(self, seed: int) -> None:
-        """Begin a new trial and forget the last one."""
+        """Begin a new trial; all randomness comes from `seed`."""
 
     @abstractmethod
     def control(self, inputs: ControlInput) -> Control:
-        """Return one command; must not raise, whatever the input."""
+        """Return the command of one cycle; must not raise, whatever the input."""
 
     def view(self) -> PlannerView:
-        """Return the local plan, band or candidates of the last cycle, in the odom frame."""
+        """Return what the last cycle considered, in the frame of the local costmap."""
         return PlannerView()
 
 
 class NavigationPlanner(Planner):
-    """Plans with or without a map and lets a controller follow the plan; one command per observation."""
+    """Plans with or without a map and lets a controller follow the plan."""
 
     def __init__(self, config: NavigationConfig, controller: Controller):
         self.config = config
         self.controller = controller
-        self._planner = GlobalPlanner(config.global_plan)
+        self._global_planner = GlobalPlanner(config.global_plan)
         self._recovery = Recovery(config.recovery)
-        self._guard = ObservationGuard(config.guard)
+        self._check = ObservationCheck(config.guard)
         self._lidar = config.lidar
-        periods_s = (
-            config.control_period_s,
-            config.plan_period_s,
-            config.goal_republish_period_s,
-        )
-        self._control_ns, self._plan_ns, self._goal_ns = map(nanoseconds, periods_s)
+        self._control_period_ns = nanoseconds(config.control_period_s)
+        self._plan_period_ns = nanoseconds(config.plan_period_s)
+        self._goal_period_ns = nanoseconds(config.goal_republish_period_s)
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial: forget costmaps, plan and recovery."""
+        """Begin a new trial: forget costmaps, plan and recovery.
+
+        Args:
+            task: Goal in the planning frame, and the map to plan on if there is one.
+            seed: Handed to the controller; the loop itself draws nothing.
+        """
+        config = self.config
         self._task = task
-        self._map_given = task.map is not None
-        self._follows_in_map = self._map_given and self.config.local_costmap_in_map
-        self._local = RollingCostmap(self.config.local_costmap)
-        self._global = global_costmap(self.config.global_costmap, task.map, task.goal)
-        self._global.beams = self._local.beams
-        self._guard.reset()
+        self._goal = task.goal
+        self._has_map = task.map is not None
+        self._controls_in_map = self._has_map and config.local_costmap_in_map
+        self._local_costmap = RollingCostmap(config.local_costmap)
+        self._global_costmap = global_costmap(
+            config.global_costmap, task.map, task.goal
+        )
+        # Both costmaps see the same scan: directions of its beams are computed once.
+        self._global_costmap.beams = self._local_costmap.beams
+        self._check.reset()
         self._start_ns: int | None = None
         self._cycle = -1
         self._goal_count = 0
+        # Until then the last command holds while a re-sent goal waits for its plan.
         self._hold_until_ns = 0
         self._planned_ns: int | None = None
         self._plan: FloatArray | None = None
         self._plan_is_new = False
-        self._waiting = True
-        self._done: Decision | None = None
-        self._problem = self._cause = ""
+        self._waits_for_plan = True
+        # Repeated in every cycle once the goal is reached or given up.
+        self._final_decision: Decision | None = None
+        self._problem = ""
+        self._recovery_cause = ""
         self.controller.reset(seed)
 
     def step(self, observation: Observation) -> Decision:
-        """Return the decision for one observation; a stop with a reason if there is no other."""
+        """Return the decision for one observation; a stop with a reason if no other."""
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
-        problem = self._guard.problem(observation)
+        problem = self._check.problem(observation)
         if problem:
             return Decision(STOP, PlannerStatus.BLOCKED, problem)
-        stamp = observation.stamp_ns
+
+        stamp_ns = observation.stamp_ns
         if self._start_ns is None:
-            self._start_ns = stamp
-            self._recovery.restart(stamp)
-        cycle = (
-            stamp - self._start_ns + self._control_ns // 4
-        ) // self._control_ns  # a quarter for jittering stamps
+            self._start_ns = stamp_ns
+            self._recovery.restart(stamp_ns)
+
+        # A quarter of a period, so that a stamp that jitters stays in its own cycle.
+        elapsed_ns = stamp_ns - self._start_ns + self._control_period_ns // 4
+        cycle = elapsed_ns // self._control_period_ns
         if cycle == self._cycle:
             return Decision(None)
         self._cycle = cycle
-        goal_again = self._goal_sent_again(stamp)
-        if self._done is not None:
-            return self._done
-        self._local.update(self._robot(observation), observation.scan, self._lidar)
-        self._global.update(observation.pose, observation.scan, self._lidar)
-        self._prepare(observation)
-        fresh = self._replan(observation, self._task.goal)
-        first = cycle == 0 and self.config.first_plan_waits
-        if (first or goal_again) and not self._waiting:
-            return Decision(STOP if first else None, plan=fresh)
-        return self._act(observation, self._task.goal, fresh)
+
+        is_goal_resent = self._restart_for_resent_goal(stamp_ns)
+        if self._final_decision is not None:
+            return self._final_decision
+
+        control_pose = self.control_pose(observation)
+        self._local_costmap.update(control_pose, observation.scan, self._lidar)
+        self._global_costmap.update(observation.pose, observation.scan, self._lidar)
+        self.prepare_control(observation)
+        new_plan = self._replan(observation)
+
+        is_first = cycle == 0 and self.config.first_plan_waits
+        if (is_first or is_goal_resent) and not self._waits_for_plan:
+            return Decision(STOP if is_first else None, plan=new_plan)
+        return self._act(observation, new_plan)
 
     def view(self) -> PlannerView:
-        """Return the plan and, in the frame of the local costmap, that costmap and what the controller shows."""
+        """Return the plan, the local costmap and what the controller considered."""
         if self._task is None:
             return PlannerView()
-        plan = None if self._plan is None else self._plan[:, :2]
-        costmap, in_map = self._local.as_map(), self._follows_in_map
         return replace(
-            self.controller.view(), plan=plan, costmap=costmap, in_planning_frame=in_map
+            self.controller.view(),
+            plan=None if self._plan is None else self._plan[:, :2],
+            costmap=self._local_costmap.as_map(),
+            in_planning_frame=self._controls_in_map,
         )
 
-    def _robot(self, observation: Observation) -> Pose2D:
-        return observation.pose if self._follows_in_map else observation.odometry.pose
+    def control_pose(self, observation: Observation) -> Pose2D:
+        """Return the pose of the robot in the frame of the local costmap."""
+        if self._controls_in_map:
+            return observation.pose
+        return observation.odometry.pose
 
-    def _prepare(self, observation: Observation) -> None: ...
+    def prepare_control(self, observation: Observation) -> None:
+        """Do nothing; derived planners prepare their controllers here."""
 
-    def _goal_sent_again(self, stamp_ns: int) -> bool:
-        """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""
-        if self._goal_ns == 0 or self._start_ns is None:
+    def _restart_for_resent_goal(self, stamp_ns: int) -> bool:
+        """Tell whether the goal was sent again since the last cycle, and start over."""
+        if self._goal_period_ns == 0 or self._start_ns is None:
             return False
-        count = (stamp_ns - self._start_ns) // self._goal_ns
+        count = (stamp_ns - self._start_ns) // self._goal_period_ns
         if count == self._goal_count:
             return False
+
         self._goal_count = count
-        if not self._waiting:
-            self._waiting = True
+        if not self._waits_for_plan:
+            self._waits_for_plan = True
             self._hold_until_ns = stamp_ns + nanoseconds(self.config.hold_s)
         self._recovery.restart(stamp_ns)
-        self._done = None
+        self._final_decision = None
         return True
 
-    def _replan(self, observation: Observation, goal: Pose2D) -> FloatArray | None:
-        """Make a new plan if one is due and return its points, else None."""
-        planned_ns = self._planned_ns
+    def _replan(self, observation: Observation) -> FloatArray | None:
+        """Make a global plan if one is due; return its points (n, 2) or None."""
+        stamp_ns = observation.stamp_ns
         if (
-            not self._waiting
-            and planned_ns is not None
-            and observation.stamp_ns - planned_ns < self._plan_ns
+            not self._waits_for_plan
+            and self._planned_ns is not None
+            and stamp_ns - self._planned_ns < self._plan_period_ns
         ):
             return None
-        self._planned_ns = observation.stamp_ns
-        found = self._planner.plan(self._global, observation.pose, goal)
-        self._problem = found.reason
-        if found.poses is None:
-            return None
-        self._plan, self._plan_is_new, self._waiting = found.poses, True, False
-        self._recovery.found_plan(observation.stamp_ns)
-        return found.poses[:, :2]
 
-    def _act(
-        self, observation: Observation, goal: Pose2D, fresh: FloatArray | None
-    ) -> Decision:
-        stamp = observation.stamp_ns
-        if not self._waiting and not self._recovery.active:
-            control = self._control(observation, goal)
+        self._planned_ns = stamp_ns
+        result = self._global_planner.plan(
+            self._global_costmap, observation.pose, self._goal
+        )
+        self._problem = result.reason
+        if result.poses is None:
+            return None
+        self._plan = result.poses
+        self._plan_is_new = True
+        self._waits_for_plan = False
+        self._recovery.record_plan(stamp_ns)
+        return result.poses[:, :2]
+
+    def _act(self, observation: Observation, new_plan: FloatArray | None) -> Decision:
+        """Follow the plan, or wait or recover where that is not possible."""
+        stamp_ns = observation.stamp_ns
+        if not self._waits_for_plan and not self._recovery.active:
+            control = self._run_controller(observation)
             if control.goal_reached:
-                self._done = Decision(
+                self._final_decision = Decision(
                     STOP, PlannerStatus.GOAL_REACHED, "the goal is reached"
                 )
-                return self._done
+                return self._final_decision
             if control.command is not None and control.command.is_finite():
-                self._recovery.found_command(stamp)
-                reason = (
-                    f"following the last plan: {self._problem}" if self._problem else ""
-                )
+                self._recovery.record_command(stamp_ns)
+                reason = ""
+                if self._problem:
+                    reason = f"following the last plan: {self._problem}"
                 return Decision(
                     control.command,
                     reason=reason,
-                    plan=fresh,
+                    plan=new_plan,
                     diagnostics=control.diagnostics,
                 )
             self._problem = control.reason or "no valid command"
-            self._waiting, self._hold_until_ns = True, stamp
-            self._recovery.missing_command(stamp)
-        elif self._waiting:
-            self._recovery.missing_plan(stamp)
+            self._waits_for_plan = True
+            self._hold_until_ns = stamp_ns
+            self._recovery.record_missing_command(stamp_ns)
+        elif self._waits_for_plan:
+            self._recovery.record_missing_plan(stamp_ns)
+
         if self._recovery.active:
-            self._cause = self._problem or self._cause
-            return self._recover(observation, fresh)
-        held = stamp < self._hold_until_ns
-        return Decision(
-            None if held else STOP, PlannerStatus.BLOCKED, self._problem, fresh
+            return self._recover(observation, new_plan)
+        command = None if stamp_ns < self._hold_until_ns else STOP
+        return Decision(command, PlannerStatus.BLOCKED, self._problem, new_plan)
+
+    def _recover(
+        self, observation: Observation, new_plan: FloatArray | None
+    ) -> Decision:
+        self._recovery_cause = self._problem or self._recovery_cause
+        pose = self.control_pose(observation)
+        costmap_poses = (
+            (self._local_costmap, pose),
+            (self._global_costmap, observation.pose),
         )
-
-    def _recover(self, observation: Observation, fresh: FloatArray | None) -> Decision:
-        robot = self._robot(observation)
-        clear = ((self._local, robot), (self._global, observation.pose))
-        command = self._recovery.step(observation.stamp_ns, robot, self._local, clear)
+        command = self._recovery.step(
+            observation.stamp_ns, pose, self._local_costmap, costmap_poses
+        )
+        cause = self._recovery_cause
         if self._recovery.aborted:
-            self._done = Decision(
-                STOP, PlannerStatus.FAILED, f"gave up after recovery: {self._cause}"
+            self._final_decision = Decision(
+                STOP, PlannerStatus.FAILED, f"gave up after recovery: {cause}"
             )
-            return self._done
-        return Decision(command, PlannerStatus.RECOVERING, self._cause, fresh)
+            return self._final_decision
+        return Decision(command, PlannerStatus.RECOVERING, cause, new_plan)
 
-    def _control(self, observation: Observation, goal: Pose2D) -> Control:
+    def _run_controller(self, observation: Observation) -> Control:
+        """Call the controller with the plan in its frame, from the robot on."""
         plan = self._plan
         if plan is None:
             return Control(None, reason=self._problem)
-        robot = self._robot(observation)
-        if self._map_given and not self._follows_in_map:
-            odom_of_map = robot @ observation.pose.inverse()
-            plan = transform_plan(plan, odom_of_map)
-            goal = odom_of_map @ goal
-        window = visible_slice(plan, robot, self._local.config.size_m / 2.0)
+
+        pose = self.control_pose(observation)
+        goal = self._goal
+        if self._has_map and not self._controls_in_map:
+            odom_from_map = pose @ observation.pose.inverse()
+            plan = transform_plan(plan, odom_from_map)
+            goal = odom_from_map @ goal
+
+        window = visible_slice(plan, pose, self._local_costmap.config.size_m / 2.0)
+        start = window.start
         if self.config.prune_m > 0.0:
-            window = slice(
-                window.start
-                + count_passed_points(plan[window], robot, self.config.prune_m),
-                window.stop,
-            )
-        new_plan, self._plan_is_new = self._plan_is_new, False
-        if window.start == window.stop:
+            start += count_passed_points(plan[window], pose, self.config.prune_m)
+
+        new_plan = self._plan_is_new
+        self._plan_is_new = False
+        if start == window.stop:
             return Control(None, reason="the plan does not come near the robot")
-        stamp_ns, velocity = observation.stamp_ns, observation.odometry.velocity
-        inputs = ControlInput(
-            stamp_ns, robot, velocity, self._local, plan, plan[window], goal, new_plan
+        return self.controller.control(
+            ControlInput(
+                observation.stamp_ns,
+                pose,
+                observation.odometry.velocity,
+                self._local_costmap,
+                plan,
+                plan[start : window.stop],
+                goal,
+                new_plan,
+            )
         )
-        return self.controller.control(inputs)

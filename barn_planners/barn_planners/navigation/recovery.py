@@ -1,16 +1,30 @@
-"""Recovery as in move_base, without a plan or a valid command: patience, clearing, turning in place, giving up."""
+"""Recovery as in move_base: what the robot does without a plan or a valid command.
+
+Patience first. When it runs out, four behaviors follow one another: clear the costmaps
+far from the robot, turn in place, clear them nearby too, turn again. Control is tried
+after each of them. If the last one does not help, the planner gives up.
+"""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from barn_planners.costmap.costmap import Costmap
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds, wrap_angle
+from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds, wrap_angle
+
+# Behaviors by their place in the sequence.
+_CONSERVATIVE_CLEARING = 0
+_AGGRESSIVE_CLEARING = 2
+_TURNS = (1, 3)
+_LAST_BEHAVIOR = 3
+# Angle between the poses at which a turn is checked for collisions, in rad.
+_TURN_STEP_RAD = 0.02
 
 
 @dataclass(frozen=True)
 class RecoveryConfig(Checked):
-    """The recovery behaviours of move_base and the time before them."""
+    """The recovery behaviors of move_base and the time before them."""
 
     controller_patience_s: float = quantity(
         15.0, "time without a valid command before recovery", "s", minimum=0.0
@@ -38,82 +52,106 @@ class RecoveryConfig(Checked):
 
 
 class Recovery:
-    """The recovery of one trial: measures patience and, when it runs out, runs the four behaviours in order."""
+    """The recovery of one trial."""
 
     def __init__(self, config: RecoveryConfig):
         self.config = config
         self.restart(0)
 
     def restart(self, stamp_ns: int) -> None:
-        """Restart, as for a new goal."""
+        """Restart patience and behaviors, as for a new goal."""
         self.active = False
         self.aborted = False
-        self._next = 0
-        self._for_plan = False
-        self._plan_ns = self._control_ns = stamp_ns
-        self._turning_from: float | None = None  # yaw of the last cycle of a turn
+        self._behavior = 0
+        self._is_for_plan = False
+        self._plan_ns = self._command_ns = stamp_ns
+        # Yaw in the last cycle of a turn; None while the robot does not turn.
+        self._last_yaw: float | None = None
 
-    def found_plan(self, stamp_ns: int) -> None:
+    def record_plan(self, stamp_ns: int) -> None:
         """Record that there is a plan."""
         self._plan_ns = stamp_ns
-        if self._for_plan:
-            self._next = 0
+        if self._is_for_plan:
+            self._behavior = 0
 
-    def found_command(self, stamp_ns: int) -> None:
+    def record_command(self, stamp_ns: int) -> None:
         """Record a valid command."""
-        self._control_ns = stamp_ns
-        if not self._for_plan:
-            self._next = 0
+        self._command_ns = stamp_ns
+        if not self._is_for_plan:
+            self._behavior = 0
 
-    def missing_plan(self, stamp_ns: int) -> None:
-        """Record a cycle without a plan; starts recovery when patience runs out."""
+    def record_missing_plan(self, stamp_ns: int) -> None:
+        """Record a cycle without a plan; start recovery when patience runs out."""
         if stamp_ns - self._plan_ns > nanoseconds(self.config.planner_patience_s):
-            self.active = self._for_plan = True
+            self.active = self._is_for_plan = True
 
-    def missing_command(self, stamp_ns: int) -> None:
-        """Record a cycle without a valid command; starts recovery when patience runs out."""
-        if stamp_ns - self._control_ns > nanoseconds(self.config.controller_patience_s):
-            self.active, self._for_plan = True, False
+    def record_missing_command(self, stamp_ns: int) -> None:
+        """Record a cycle without a command; start recovery when patience runs out."""
+        patience_ns = nanoseconds(self.config.controller_patience_s)
+        if stamp_ns - self._command_ns > patience_ns:
+            self.active = True
+            self._is_for_plan = False
 
     def step(
         self,
         stamp_ns: int,
         pose: Pose2D,
-        local: Costmap,
-        clear: tuple[tuple[Costmap, Pose2D], ...],
+        costmap: Costmap,
+        costmap_poses: Sequence[tuple[Costmap, Pose2D]],
     ) -> Velocity2D:
-        """Continue for a cycle and return its command; clear: costmaps to clear, each with the robot in its frame."""
+        """Continue the current behavior for one cycle.
+
+        Args:
+            stamp_ns: Simulated time in ns.
+            pose: Pose of the robot in the frame of the local costmap.
+            costmap: Local costmap, which turns are checked against.
+            costmap_poses: Costmaps to clear, each with the robot's pose in its frame.
+
+        Returns:
+            The command of this cycle; a stop at the end of a behavior.
+        """
         command = None
-        if self._turning_from is not None or self._next in (1, 3):
-            command = self._turn(pose, local)
-        elif self._next in (0, 2) and self.config.clearing_clears:
-            side_m = (
-                self.config.conservative_reset_m
-                if self._next == 0
-                else self.config.aggressive_reset_m
-            )
-            for costmap, robot in clear:
-                costmap.clear_outside(robot, side_m)
-        self.aborted |= self._turning_from is None and self._next > 3
-        if command is None:
-            self._turning_from, self.active = None, False
-            self._next += 1
-            self._plan_ns = self._control_ns = stamp_ns
-        return command or Velocity2D()
+        # A plan that arrives during a turn resets the sequence, but the turn goes on.
+        if self._last_yaw is not None or self._behavior in _TURNS:
+            command = self._turn(pose, costmap)
+        elif self.config.clearing_clears:
+            self._clear(costmap_poses)
+
+        self.aborted |= self._last_yaw is None and self._behavior > _LAST_BEHAVIOR
+        if command is not None:
+            return command
+        self._last_yaw = None
+        self.active = False
+        self._behavior += 1
+        self._plan_ns = self._command_ns = stamp_ns
+        return STOP
+
+    def _clear(self, costmap_poses: Sequence[tuple[Costmap, Pose2D]]) -> None:
+        if self._behavior == _CONSERVATIVE_CLEARING:
+            side_m = self.config.conservative_reset_m
+        elif self._behavior == _AGGRESSIVE_CLEARING:
+            side_m = self.config.aggressive_reset_m
+        else:
+            return
+        for costmap, pose in costmap_poses:
+            costmap.clear_outside(pose, side_m)
 
     def _turn(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:
-        """Return the next command of a full turn to the left, None when it is done or blocked."""
+        """Return the next command of a full left turn; None if done or blocked."""
         config = self.config
-        if self._turning_from is None:
-            self._turning_from, self._left = pose.yaw, 2.0 * math.pi
-        self._left -= wrap_angle(pose.yaw - self._turning_from)
-        self._turning_from = pose.yaw
-        yaws = (pose.yaw + 0.02 * k for k in range(int(self._left / 0.02) + 1))
-        if self._left <= config.turn_tolerance_rad or not all(
-            costmap.has_room(pose.x, pose.y, yaw) for yaw in yaws
-        ):
+        if self._last_yaw is None:
+            self._last_yaw = pose.yaw
+            self._angle_left = 2.0 * math.pi
+        self._angle_left -= wrap_angle(pose.yaw - self._last_yaw)
+        self._last_yaw = pose.yaw
+        if self._angle_left <= config.turn_tolerance_rad:
             return None
-        speed = math.sqrt(2.0 * config.turn_acceleration_radps2 * self._left)
-        return Velocity2D(
-            0.0, min(max(speed, config.min_turn_radps), config.max_turn_radps)
-        )
+
+        for k in range(int(self._angle_left / _TURN_STEP_RAD) + 1):
+            if not costmap.has_room(pose.x, pose.y, pose.yaw + _TURN_STEP_RAD * k):
+                return None
+
+        # The highest rate from which the robot can still stop at the end of the turn.
+        rate = math.sqrt(2.0 * config.turn_acceleration_radps2 * self._angle_left)
+        rate = min(max(rate, config.min_turn_radps), config.max_turn_radps)
+        return Velocity2D(0.0, rate)

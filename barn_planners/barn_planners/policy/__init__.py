@@ -1,1 +1,1 @@
-"""Learned policies."""
+"""Learned policies: files, observations, actions and a planner."""

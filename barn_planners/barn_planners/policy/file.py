@@ -1,13 +1,16 @@
 """Files of learned policies: layers of numbers and a JSON header, nothing executable.
 
-A policy file is a .npz: `policy.json` and, per layer k, float32 in `weights_k.npy` (inputs, outputs) and `biases_k.npy`
-(outputs,). The header::
+A policy file is a .npz. For each layer k it holds float32 arrays `weights_k.npy`
+(inputs, outputs) and `biases_k.npy` (outputs,). Its header is `policy.json`::
 
     {"schema": 1, "layers": [45, 64, 64, 2], "activation": "tanh", "output": "clip",
      "observation": {...}, "action": {...}, "about": {...}}
 
-The activation follows every layer but the last. Output "tanh" is applied to the last one; "clip" only limits the
-action. observation, action: the configurations in `barn_planners.policy.space`. about: notes for people.
+- layers: number of inputs, then of outputs of each layer.
+- activation: follows every layer but the last.
+- output: "tanh" follows the last layer; "clip" only limits the action.
+- observation, action: the configurations in `barn_planners.policy.space`.
+- about: notes for people.
 """
 
 from collections.abc import Mapping
@@ -20,15 +23,14 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.interface import FloatArray
-from barn_planners.policy.space import ACTIONS, PolicyAction, PolicyObservation
+from barn_planners.policy.space import ACTIONS, PolicyAction, PolicyObservation, Vector
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError, suggest
 from barn_worlds.formats.npz import Arrays, NpzFormat
 
 ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
-_ARRAYS = (("weights", 2), ("biases", 1))  # their dimensions
-MOST_LAYERS = 16
+MAX_LAYERS = 16
 FORMAT = NpzFormat(
     "a policy file",
     "policy.json",
@@ -44,53 +46,60 @@ class PolicyError(BarnError):
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A multilayer perceptron: weights (inputs, outputs) and biases per layer; PolicyError at `where` if unsound."""
+    """A multilayer perceptron from observations to actions, checked on construction."""
 
     observation: PolicyObservation
     action: PolicyAction
+    # Per layer: (inputs, outputs).
     weights: tuple[npt.NDArray[np.float32], ...]
+    # Per layer: (outputs,).
     biases: tuple[npt.NDArray[np.float32], ...]
+    # Follows every layer but the last: one of `ACTIVATIONS`.
     activation: str = "tanh"
+    # Follows the last layer: one of `OUTPUTS`.
     output: str = "clip"
+    # Notes for people.
     about: Mapping[str, object] = field(default_factory=dict)
+    # Where errors are reported, such as the path of the file.
     where: str = "policy"
 
     def __post_init__(self) -> None:
-        for name, value, known in (
-            ("activation", self.activation, ACTIVATIONS),
-            ("output", self.output, OUTPUTS),
-        ):
-            if value not in known:
-                raise PolicyError(
-                    f"{self.where}: unknown {name} {value!r:.40}{suggest(value, known)}"
-                )
-        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.weights) != len(
-            self.biases
-        ):
-            raise PolicyError(
-                f"{self.where}: must have 1 to {MOST_LAYERS} layers, got {len(self.weights)}"
-            )
+        self._check_choice("activation", self.activation, ACTIVATIONS)
+        self._check_choice("output", self.output, OUTPUTS)
+
+        count = len(self.weights)
+        self._require(
+            1 <= count <= MAX_LAYERS and count == len(self.biases),
+            f"must have 1 to {MAX_LAYERS} layers, got {count}",
+        )
         layers = self.layers
-        if layers[0] != self.observation.size or layers[-1] != ACTIONS:
-            ends = f"{self.observation.size} observed values to {ACTIONS} actions"
-            raise PolicyError(
-                f"{self.where}: must lead from {ends}, got layers of {layers}"
+        ends = f"{self.observation.size} observed values to {ACTIONS} actions"
+        self._require(
+            layers[0] == self.observation.size and layers[-1] == ACTIONS,
+            f"must lead from {ends}, got layers of {layers}",
+        )
+
+        for k in range(count):
+            weights = self.weights[k]
+            biases = self.biases[k]
+            shape = (layers[k], layers[k + 1])
+            self._require(
+                weights.shape == shape and biases.shape == shape[1:],
+                f"layer {k} must have weights {shape} and as many biases, "
+                f"got {weights.shape} and {biases.shape}",
             )
-        for k, (weights, biases) in enumerate(
-            zip(self.weights, self.biases, strict=True)
-        ):
-            if weights.shape != (layers[k], layers[k + 1]) or biases.shape != (
-                layers[k + 1],
-            ):
-                needed = f"weights {(layers[k], layers[k + 1])} and as many biases"
-                got = f"{weights.shape} and {biases.shape}"
-                raise PolicyError(
-                    f"{self.where}: layer {k} must have {needed}, got {got}"
-                )
-            if not (np.isfinite(weights).all() and np.isfinite(biases).all()):
-                raise PolicyError(
-                    f"{self.where}: layer {k} holds values that are not finite"
-                )
+            self._require(
+                bool(np.isfinite(weights).all() and np.isfinite(biases).all()),
+                f"layer {k} holds values that are not finite",
+            )
+
+    def _check_choice(self, name: str, value: str, choices: tuple[str, ...]) -> None:
+        hint = suggest(value, choices)
+        self._require(value in choices, f"unknown {name} {value!r:.40}{hint}")
+
+    def _require(self, holds: bool, problem: str) -> None:
+        if not holds:
+            raise PolicyError(f"{self.where}: {problem}")
 
     @property
     def layers(self) -> list[int]:
@@ -100,7 +109,7 @@ class Policy:
 
 @dataclass(frozen=True)
 class _PolicyHeader:
-    """What the header of a file must hold."""
+    """The header of a file; its fields are the keys."""
 
     schema: int
     layers: list[int]
@@ -112,40 +121,57 @@ class _PolicyHeader:
 
 
 class PolicyNetwork:
-    """Evaluates a policy, summing in a fixed order: the same bits with any number of threads."""
+    """Evaluates a policy, with the same bits for any number of threads."""
 
     def __init__(self, policy: Policy) -> None:
         self._layers = [
             (np.ascontiguousarray(weights, np.float64), biases.astype(np.float64))
             for weights, biases in zip(policy.weights, policy.biases, strict=True)
         ]
-        self._relu = policy.activation == "relu"
-        self._squash = policy.output == "tanh"
+        self._uses_relu = policy.activation == "relu"
+        self._squashes_output = policy.output == "tanh"
 
-    def act(self, seen: npt.NDArray[np.float32]) -> FloatArray:
-        """Return the action (2,) for an observation, before limits."""
-        values: FloatArray = seen.astype(np.float64)
+    def act(self, observation: Vector) -> FloatArray:
+        """Return the action (2,) for an encoded observation (size,), before limits."""
+        values: FloatArray = observation.astype(np.float64)
         last = len(self._layers) - 1
         for k, (weights, biases) in enumerate(self._layers):
             values = affine(values, weights, biases)
             if k < last:
-                values = np.maximum(values, 0.0) if self._relu else np.tanh(values)
-        return np.tanh(values) if self._squash else values
+                values = np.maximum(values, 0.0) if self._uses_relu else np.tanh(values)
+        return np.tanh(values) if self._squashes_output else values
 
 
 @njit(cache=True)
-def affine(values, weights, biases):  # type: ignore[no-untyped-def]
-    """Return values (n,) @ weights (n, m) + biases (m,)."""
-    out = biases.copy()
+def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
+    """Return values @ weights + biases, summed in a fixed order.
+
+    BLAS would be as fast, but its order of summation depends on threads and machine.
+
+    Args:
+        values: Inputs (n,).
+        weights: Weights (n, m).
+        biases: Biases (m,).
+    """
+    outputs: FloatArray = biases.copy()
     for i in range(len(values)):
-        for j in range(len(out)):
-            out[j] += values[i] * weights[i, j]
-    return out
+        for j in range(len(outputs)):
+            outputs[j] += values[i] * weights[i, j]
+    return outputs
 
 
 def write_policy(path: Path, policy: Policy) -> None:
-    """Write a policy file atomically; PolicyError if that fails."""
-    given = (
+    """Write a policy file atomically.
+
+    Args:
+        path: File to write or replace.
+        policy: Policy to store; its numbers are stored as float32.
+
+    Raises:
+        PolicyError: If the file cannot be written.
+    """
+    header = _PolicyHeader(
+        FORMAT.schema,
         policy.layers,
         policy.activation,
         policy.output,
@@ -154,48 +180,62 @@ def write_policy(path: Path, policy: Policy) -> None:
         dict(policy.about),
     )
     arrays: Arrays = {}
-    for k, layer in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        for (name, _), values in zip(_ARRAYS, layer, strict=True):
-            arrays[f"{name}_{k}"] = np.ascontiguousarray(values, np.float32)
+    for k, weights in enumerate(policy.weights):
+        arrays[f"weights_{k}"] = np.ascontiguousarray(weights, np.float32)
+        arrays[f"biases_{k}"] = np.ascontiguousarray(policy.biases[k], np.float32)
     try:
-        FORMAT.write(path, as_dict(_PolicyHeader(FORMAT.schema, *given)), arrays)
+        FORMAT.write(path, as_dict(header), arrays)
     except WorldError as error:
         raise PolicyError(str(error)) from None
 
 
 def read_policy(path: Path) -> Policy:
-    """Return the policy of a file; PolicyError if it is damaged or of another version."""
+    """Return the policy of a file.
+
+    Raises:
+        PolicyError: If the file is damaged, malformed or of another version.
+    """
     try:
         content, arrays = FORMAT.read(path)
         if not isinstance(content.get("about"), dict):
             raise PolicyError(f"{path}: about must be a mapping")
         header = from_dict(_PolicyHeader, content, str(path))
-        if not 2 <= len(header.layers) <= MOST_LAYERS + 1:
+        sizes = len(header.layers)
+        if not 2 <= sizes <= MAX_LAYERS + 1:
             raise PolicyError(
-                f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes, got {len(header.layers)}"
+                f"{path}: layers must be 2 to {MAX_LAYERS + 1} sizes, got {sizes}"
             )
-        count = range(len(header.layers) - 1)
-        weights, biases = (
-            tuple(_array(path, arrays, f"{name}_{k}", n) for k in count)
-            for name, n in _ARRAYS
+        policy = Policy(
+            header.observation,
+            header.action,
+            _read_arrays(path, arrays, "weights", sizes - 1, dimensions=2),
+            _read_arrays(path, arrays, "biases", sizes - 1, dimensions=1),
+            header.activation,
+            header.output,
+            header.about,
+            str(path),
         )
-        rest = (header.activation, header.output, header.about, str(path))
-        policy = Policy(header.observation, header.action, weights, biases, *rest)
     except (WorldError, ConfigError) as error:
         raise PolicyError(str(error)) from None
-    if policy.layers != list(header.layers):
+
+    if policy.layers != header.layers:
         raise PolicyError(
-            f"{path}: its header has layers of {list(header.layers)}, the file has {policy.layers}"
+            f"{path}: its header has layers of {header.layers}, "
+            f"the file has {policy.layers}"
         )
     return policy
 
 
-def _array(
-    path: Path, arrays: Arrays, name: str, dimensions: int
-) -> npt.NDArray[np.float32]:
-    array = FORMAT.array(arrays, name, path)
-    if array.dtype != np.float32 or array.ndim != dimensions:
-        raise PolicyError(
-            f"{path}: {name} must hold float32 in {dimensions} dimensions, got {array.dtype} of shape {array.shape}"
-        )
-    return array
+def _read_arrays(
+    path: Path, arrays: Arrays, name: str, count: int, *, dimensions: int
+) -> tuple[npt.NDArray[np.float32], ...]:
+    layers = []
+    for k in range(count):
+        array = FORMAT.array(arrays, f"{name}_{k}", path)
+        if array.dtype != np.float32 or array.ndim != dimensions:
+            raise PolicyError(
+                f"{path}: {name}_{k} must hold float32 in {dimensions} dimensions, "
+                f"got {array.dtype} of shape {array.shape}"
+            )
+        layers.append(array)
+    return tuple(layers)

@@ -1,14 +1,15 @@
 """Observations and actions of learned policies, the same in training and on the robot.
 
-The observation is one vector of float32, all of whose entries lie in [-1, 1]:
+The observation is one vector of float32. All entries lie in [-1, 1]:
 
-    beams       nearest return in each of `beams` equal sectors from right to left, by the range limit; 1 is nothing
-    1           distance to the goal, by the goal limit
-    2           cosine and sine of the goal's bearing in base_link
-    2           forward speed and yaw rate as the odometry measures them, by their limits
+    beams   nearest return in each of `beams` equal sectors from right to left, as a
+            share of the range limit; 1 is nothing
+    1       distance to the goal, as a share of the goal limit
+    2       cosine and sine of the goal's bearing in base_link
+    2       forward speed and yaw rate of the odometry, as shares of their limits
 
-The action is two numbers in [-1, 1]: from the lowest to the highest forward speed, and the share of the highest yaw
-rate.
+The action is two numbers in [-1, 1]: the speed from the lowest to the highest, and the
+share of the highest yaw rate.
 """
 
 import math
@@ -24,9 +25,11 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 
 Vector = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.intp]
 
 ACTIONS = 2
-_BEYOND_LIDAR = 5  # entries after those of the lidar
+# Entries after those of the lidar: goal distance, cosine, sine, speed, yaw rate.
+_EXTRA_ENTRIES = 5
 
 
 @dataclass(frozen=True)
@@ -55,19 +58,19 @@ class PolicyObservation(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
-        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
+        rule = f"must be above angle_min_rad = {self.angle_min_rad:g}"
+        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", rule)
 
     @property
     def size(self) -> int:
         """Length of the vector."""
-        return self.beams + _BEYOND_LIDAR
+        return self.beams + _EXTRA_ENTRIES
 
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the lowest and the highest value of each entry, both (size,)."""
-        low, high = np.zeros(self.size, np.float32), np.ones(self.size, np.float32)
+        low = np.zeros(self.size, np.float32)
         low[self.beams + 1 :] = -1.0
-        return low, high
+        return low, np.ones(self.size, np.float32)
 
 
 @dataclass(frozen=True)
@@ -86,59 +89,72 @@ class PolicyAction(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        above = f"must be above min_speed_mps = {self.min_speed_mps:g}"
-        self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", above)
-
-    def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
-        """Return the velocity of an action (2,), clipped to -1 and 1; NaN stays NaN."""
-        return Velocity2D(*self.commands(action[None])[0].tolist())
-
-    def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
-        """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
-        # for one action np.clip takes longer
-        given: FloatArray = np.minimum(
-            np.maximum(actions.astype(np.float64), -1.0), 1.0
-        )
-        given[:, 0] = self.min_speed_mps + 0.5 * (given[:, 0] + 1.0) * (
-            self.max_speed_mps - self.min_speed_mps
-        )
-        given[:, 1] *= self.max_yaw_rate_radps
-        return given
+        rule = f"must be above min_speed_mps = {self.min_speed_mps:g}"
+        self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", rule)
 
     @property
     def cap_mps(self) -> float:
-        """The highest speed that it commands, forwards or backwards."""
+        """Highest speed that it commands, forward or backward."""
         return max(abs(self.min_speed_mps), abs(self.max_speed_mps))
+
+    def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
+        """Return the velocity of an action (2,), clipped to [-1, 1]; NaN stays NaN."""
+        return Velocity2D(*self.commands(action[None])[0].tolist())
+
+    def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
+        """Return the speeds and yaw rates (n, 2) of actions (n, 2)."""
+        # For a single action np.clip takes longer than the rest of this method.
+        values = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
+        speed_range = self.max_speed_mps - self.min_speed_mps
+        values[:, 0] = self.min_speed_mps + 0.5 * (values[:, 0] + 1.0) * speed_range
+        values[:, 1] *= self.max_yaw_rate_radps
+        return values
 
 
 class ObservationEncoder:
-    """Makes the vectors of a `PolicyObservation`; stores which beams of a scan fall into which sector."""
+    """Makes the vectors of a `PolicyObservation`.
+
+    It stores which beams fall into which sector, as that is the same for all scans.
+    """
 
     def __init__(self, config: PolicyObservation) -> None:
         self.config = config
+        # Number of beams, first angle and increment that the sectors were computed for.
         self._geometry: tuple[int, float, float] | None = None
         self._problem = ""
-        self._first = np.zeros(0, np.intp)
-        self._end = 0
-        metres = np.float32(config.range_limit_m)
+        # First beam of each sector, and the beam after the last sector: (beams + 1,).
+        self._beam_bounds = np.zeros(1, np.intp)
         self._limits = (
-            metres,
+            np.float32(config.range_limit_m),
             config.goal_limit_m,
             config.speed_limit_mps,
             config.yaw_rate_limit_radps,
         )
 
     def problem(self, scan: Scan) -> str:
-        """Return in one line why this policy cannot use such scans, or an empty text."""
+        """Return in one line why this policy cannot use a scan, or an empty text."""
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
-            self._geometry, self._problem = geometry, self._fit(scan)
+            self._geometry = geometry
+            self._problem = self._assign_beams(scan)
         return self._problem
 
     def encode(self, observation: Observation, goal: Pose2D) -> Vector:
-        """Return the vector (size,) for readings and a goal in the planning frame; ConfigError for a `problem`."""
-        pose, velocity = observation.pose, observation.odometry.velocity
-        seen = np.empty((1, self.config.size), np.float32)
+        """Return the vector of an observation.
+
+        Args:
+            observation: Readings of one control cycle.
+            goal: Goal in the planning frame.
+
+        Returns:
+            Vector (size,).
+
+        Raises:
+            ConfigError: If the scan has a `problem`.
+        """
+        pose = observation.pose
+        velocity = observation.odometry.velocity
+        vectors = np.empty((1, self.config.size), np.float32)
         self.encode_all(
             observation.scan,
             observation.scan.ranges[None],
@@ -146,98 +162,163 @@ class ObservationEncoder:
             np.array([[goal.x, goal.y]]),
             np.array([[velocity.linear, velocity.angular]]),
             np.zeros(1, np.intp),
-            seen,
+            vectors,
         )
-        vector: Vector = seen[0]
+        vector: Vector = vectors[0]
         return vector
 
     def encode_all(
-        self, scan: Scan, ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray,
-        which: npt.NDArray[np.intp], seen: Vector,
-    ) -> None:  # fmt: skip
-        """Fill rows `which` of `seen` (n, size) as `encode` does, for ranges (n, beams) with the geometry of `scan`."""
-        if problem := self.problem(scan):
+        self,
+        scan: Scan,
+        ranges: Vector,
+        poses: FloatArray,
+        goals: FloatArray,
+        velocities: FloatArray,
+        rows: Indices,
+        vectors: Vector,
+    ) -> None:
+        """Fill the vectors of many robots, bit for bit as `encode` does.
+
+        Args:
+            scan: Any scan with the geometry of all of them.
+            ranges: Ranges (n, beams) in m.
+            poses: Poses (n, 3) in the planning frame: x and y in m, yaw in rad.
+            goals: Goals (n, 2) in the planning frame, in m.
+            velocities: Speeds in m/s and yaw rates in rad/s, (n, 2).
+            rows: Robots whose vectors are filled, (k,).
+            vectors: Vectors (n, size), changed in place.
+
+        Raises:
+            ConfigError: If the scan has a `problem`.
+        """
+        problem = self.problem(scan)
+        if problem:
             raise ConfigError(problem)
-        ordered = ranges if scan.angle_increment > 0.0 else ranges[:, ::-1]
-        readings = (ordered, poses, goals, velocities)
         _encode(
-            *readings,
-            which,
-            self._first,
-            self._end,
+            ranges if scan.angle_increment > 0.0 else ranges[:, ::-1],
+            poses,
+            goals,
+            velocities,
+            rows,
+            self._beam_bounds,
             np.float32(scan.range_min),
             self._limits,
-            seen,
+            vectors,
         )
 
-    def _fit(self, scan: Scan) -> str:
-        """Store which beams fall into which sector; a sector between two beams uses the one to its left."""
+    def _assign_beams(self, scan: Scan) -> str:
+        """Store which beams fall into which sector; return why that is not possible."""
         config = self.config
         angles = scan.angles() if scan.angle_increment > 0.0 else scan.angles()[::-1]
         width = (config.angle_max_rad - config.angle_min_rad) / config.beams
         step = abs(scan.angle_increment)
         if not step > 0.0 or not len(angles):
             return "the scan holds no usable angles"
+
         slack = max(width, step)
         if (
             angles[0] > config.angle_min_rad + slack
             or angles[-1] < config.angle_max_rad - slack
         ):
-            seen = f"{config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad"
-            return f"the policy sees from {seen}, the scan only from {angles[0]:.3f} to {angles[-1]:.3f} rad"
+            needed = f"{config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad"
+            available = f"{angles[0]:.3f} to {angles[-1]:.3f} rad"
+            return f"the policy sees from {needed}, the scan only from {available}"
+
+        # Half a sector beyond both ends still counts: angles of real lidars are
+        # rounded.
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
-        self._end = int(
-            np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right")
-        )
-        self._first = np.minimum(np.searchsorted(angles, edges, "left"), self._end - 1)
+        end_angle = config.angle_max_rad + 0.5 * width
+        end_beam = np.searchsorted(angles, end_angle, "right")
+
+        # A sector between two beams uses the beam to its left.
+        first_beams = np.searchsorted(angles, edges, "left")
+        first_beams = np.minimum(first_beams, end_beam - 1)
+        self._beam_bounds = np.append(first_beams, end_beam)
         return ""
 
 
 @njit(cache=True, nogil=True)
-def _encode(  # type: ignore[no-untyped-def]
-    ranges, poses, goals, velocities, which, first, end, range_min, limits, seen
-):
-    """Fill the rows `which` of `seen`; limits: range, distance to the goal, speed and yaw rate that count as 1."""
-    count, (furthest, furthest_goal, fastest, fastest_turn) = len(first), limits
-    for i in which:
-        nearest_returns(ranges[i], first, end, range_min, furthest, seen[i, :count])
+def _encode(
+    ranges: Vector,
+    poses: FloatArray,
+    goals: FloatArray,
+    velocities: FloatArray,
+    rows: Indices,
+    beam_bounds: Indices,
+    range_min: np.float32,
+    limits: tuple[np.float32, float, float, float],
+    vectors: Vector,
+) -> None:
+    """Fill the rows of `vectors`; limits: range, goal distance, speed, yaw rate."""
+    range_limit, goal_limit, speed_limit, rate_limit = limits
+    count = len(beam_bounds) - 1
+    for i in rows:
+        shares = vectors[i, :count]
+        nearest_returns(ranges[i], beam_bounds, range_min, range_limit, shares)
+
+        # The same operations as `pose.inverse() @ goal`, so that the bits are the same.
         x, y, yaw = poses[i]
         goal_x, goal_y = goals[i]
-        c, s = math.cos(yaw), math.sin(yaw)
-        back = (math.pi - yaw) % (2.0 * math.pi) - math.pi
-        back_c, back_s = math.cos(back), math.sin(back)
-        ahead = -c * x - s * y + back_c * goal_x - back_s * goal_y
-        left = s * x - c * y + back_s * goal_x + back_c * goal_y
+        c = math.cos(yaw)
+        s = math.sin(yaw)
+        inverse_yaw = (math.pi - yaw) % (2.0 * math.pi) - math.pi
+        inverse_c = math.cos(inverse_yaw)
+        inverse_s = math.sin(inverse_yaw)
+        ahead = -c * x - s * y + inverse_c * goal_x - inverse_s * goal_y
+        left = s * x - c * y + inverse_s * goal_x + inverse_c * goal_y
+
         bearing = math.atan2(left, ahead)
-        seen[i, count] = min(math.hypot(ahead, left) / furthest_goal, 1.0)
-        seen[i, count + 1], seen[i, count + 2] = math.cos(bearing), math.sin(bearing)
-        seen[i, count + 3] = min(max(velocities[i, 0] / fastest, -1.0), 1.0)
-        seen[i, count + 4] = min(max(velocities[i, 1] / fastest_turn, -1.0), 1.0)
+        vectors[i, count] = min(math.hypot(ahead, left) / goal_limit, 1.0)
+        vectors[i, count + 1] = math.cos(bearing)
+        vectors[i, count + 2] = math.sin(bearing)
+        vectors[i, count + 3] = min(max(velocities[i, 0] / speed_limit, -1.0), 1.0)
+        vectors[i, count + 4] = min(max(velocities[i, 1] / rate_limit, -1.0), 1.0)
 
 
 @njit(cache=True)
-def nearest_returns(ranges, first, end, range_min, limit, shares):  # type: ignore[no-untyped-def]
-    """Fill `shares` (n,) with the nearest return of each sector by the limit; 0 if all its returns are too near.
+def nearest_returns(
+    ranges: Vector,
+    beam_bounds: Indices,
+    range_min: np.float32,
+    limit: np.float32,
+    shares: Vector,
+) -> None:
+    """Fill the nearest return of each sector, as a share of the limit.
 
-    Invalid returns (NaN), and too near ones beside others, are ignored. first (n,): beam of each sector; end: of all.
+    Invalid returns (NaN), and those that are too near beside valid ones, do not count.
+    A sector whose returns are all too near has the share 0.
+
+    Args:
+        ranges: Ranges (beams,) in m, from right to left.
+        beam_bounds: First beam of each sector, and the beam after the last, (n + 1,).
+        range_min: Shortest valid range in m.
+        limit: Range in m that counts as 1.
+        shares: Shares (n,), changed in place.
     """
-    if end - first[0] == len(first) and first[-1] == end - 1:
-        own = ranges[first[0] : end]
-        for sector in range(
-            len(shares)
-        ):  # a beam each: without a branch, for several of them at once
-            nearest = own[sector] if own[sector] < limit else limit
+    # With one beam per sector the loop has no branch, so the compiler vectorizes it.
+    first = beam_bounds[0]
+    end = beam_bounds[-1]
+    if end - first == len(shares) and beam_bounds[-2] == end - 1:
+        sector_ranges = ranges[first:end]
+        for sector in range(len(shares)):
+            # Unlike with min, NaN becomes the limit.
+            value = sector_ranges[sector]
+            nearest = value if value < limit else limit
             shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
         return
+
     for sector in range(len(shares)):
-        start = first[sector]
-        stop = first[sector + 1] if sector + 1 < len(first) else end
-        nearest, seen, too_near = limit, False, False
+        start = beam_bounds[sector]
+        stop = beam_bounds[sector + 1]
+        nearest = limit
+        has_valid = False
+        has_too_near = False
         for beam in range(start, max(start + 1, stop)):
             if ranges[beam] >= range_min:
-                seen, nearest = True, min(nearest, ranges[beam])
+                has_valid = True
+                nearest = min(nearest, ranges[beam])
             elif ranges[beam] < range_min:
-                too_near = True
-        nothing = (too_near and not seen) or nearest < range_min
-        shares[sector] = np.float32(0.0) if nothing else nearest / limit
+                has_too_near = True
+        is_zero = (has_too_near and not has_valid) or nearest < range_min
+        shares[sector] = np.float32(0.0) if is_zero else nearest / limit

@@ -1,1 +1,1 @@
-"""ROS 2 nodes of the package and what only they need; the cores never import from here."""
+"""The ROS 2 node; nothing else in the package imports from here."""

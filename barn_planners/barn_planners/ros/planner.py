@@ -1,9 +1,11 @@
-"""Node that runs any registered planner.
+"""The node that runs any registered planner.
 
-Subscribes: scan, odom, goal_pose; with `use_map` also map and amcl_pose. Publishes: cmd_vel (Twist or TwistStamped),
-plan, local_plan, local_costmap/costmap, band, candidates, diagnostics. Services: ~/ready, ~/reset (Trigger).
-Parameters: those of `NodeConfig` and all fields of the planner's configuration; changes of the latter take effect at
-the next ~/reset.
+Subscribes: scan, odom, goal_pose; with `use_map` also map and amcl_pose.
+Publishes: cmd_vel (Twist or TwistStamped), plan, local_plan, local_costmap/costmap,
+band, candidates, diagnostics.
+Services: ~/ready, ~/reset (Trigger).
+Parameters: those of `NodeConfig`, and all fields of the planner's configuration.
+Changes of the latter take effect at the next ~/reset.
 """
 
 import signal
@@ -30,31 +32,31 @@ from std_srvs.srv import Trigger
 from barn_planners.interface import Observation
 from barn_planners.registry import planner_config, planner_entry
 from barn_planners.runtime.messages import PlannerMessages
-from barn_planners.runtime.session import (
-    PlannerSession,
-    SyncConfig,
-    Synchroniser,
-    goal_problem,
-)
+from barn_planners.runtime.planner_runtime import PlannerRuntime, goal_problem
+from barn_planners.runtime.synchronizer import SyncConfig, Synchronizer
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Scan
+from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.decode import Header
 from barn_worlds.messages.topics import (
     BEST_EFFORT,
     FRAMES,
     Frames,
-    Outgoing,
+    OutgoingMessage,
     Qos,
     Topic,
 )
-from barn_worlds.ros.parameters import check_with, current, declare
-from barn_worlds.ros.topics import publisher, subscribe
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+)
+from barn_worlds.ros.topics import create_publisher, subscribe
 
 T = TypeVar("T")
 
-_SHOWN = (
+_DISPLAY_TOPICS = (
     topics.PLAN,
     topics.LOCAL_PLAN,
     topics.COSTMAP,
@@ -62,9 +64,10 @@ _SHOWN = (
     topics.CANDIDATES,
     topics.DIAGNOSTICS,
 )
-_LAST_COMMAND_S = (
-    20.0  # only for listeners that were killed, which DDS forgets after as long
-)
+# Only a listener that was killed takes this long: then DDS forgets it.
+_LAST_COMMAND_S = 20.0
+# Odometry and poses arrive more often than scans; none of them should be lost.
+_READINGS_DEPTH = 50
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ class NodeConfig(Checked):
         "seed of the planner's random numbers, read at the start of a task",
         minimum=0,
     )
-    use_map: bool = quantity(False, "plan on a map, with the robot localised in it")
+    use_map: bool = quantity(False, "plan on a map, with the robot localized in it")
     command_type: str = quantity(
         "twist", "type of the commands", choices=("twist", "twist_stamped")
     )
@@ -99,7 +102,7 @@ class NodeConfig(Checked):
 
     @property
     def frames(self) -> Frames:
-        """The frames together."""
+        """Names of all frames."""
         planning = self.map_frame if self.use_map else self.odom_frame
         return Frames(
             self.map_frame, self.odom_frame, self.base_frame, planning=planning
@@ -110,74 +113,77 @@ class PlannerNode(Node):
     """Passes readings to a planner and sends its commands."""
 
     def __init__(self, planner: str, name: str):
-        """Make the node; `planner` is what the parameter of that name is unless set. BarnError for a bad parameter."""
+        """Make the planner and connect it.
+
+        Args:
+            planner: Name of the planner, unless the parameter `planner` is set.
+            name: Name of the node.
+
+        Raises:
+            BarnError: If a parameter is not allowed.
+        """
         super().__init__(name)
         self.declare_parameter("planner", planner)
-        chosen = self.get_parameter("planner").get_parameter_value().string_value
-        self._node_config = declare(self, NodeConfig())
-        preset = self._node_config.preset or (
-            "paper2020" if self._node_config.use_map else "challenge"
-        )
-        self._entry = planner_entry(chosen)
-        self._config = declare(self, planner_config(chosen, preset))
-        sync = declare(self, SyncConfig())
-        check_with(self, self._config)
-        self._sync = Synchroniser(sync, use_pose=self._node_config.use_map)
-        self._session = self._new_session()
-        self._frame = self._node_config.frames.planning
+        planner = self.get_parameter("planner").get_parameter_value().string_value
+        self._node_config = config = declare_parameters(self, NodeConfig())
+        preset = config.preset or ("paper2020" if config.use_map else "challenge")
+        self._entry = planner_entry(planner)
+        self._planner_config = declare_parameters(self, planner_config(planner, preset))
+        sync = declare_parameters(self, SyncConfig())
+        refuse_invalid_changes(self, self._planner_config)
+
+        self._synchronizer = Synchronizer(sync, use_pose=config.use_map)
+        self._runtime = self._make_runtime()
+        self._planning_frame = config.frames.planning
         self._messages = PlannerMessages(
-            self._node_config.frames,
+            config.frames,
             self.get_name(),
-            stamped=self._node_config.command_type == "twist_stamped",
-            view_period_s=self._node_config.view_period_s,
+            stamped=config.command_type == "twist_stamped",
+            view_period_s=config.view_period_s,
         )
-        self._messages.warm_up(self._session.planner)
-        self._open()
+        self._messages.warm_up(self._runtime.planner)
+        self._connect()
+        frame = self._planning_frame
         self.get_logger().info(
-            f"planner {chosen!r}, preset {preset!r}, planning in frame {self._frame!r}"
+            f"planner {planner!r}, preset {preset!r}, planning in frame {frame!r}"
         )
 
     def stop_robot(self) -> None:
-        """Send a stop, and wait until all who listen have it: what is on its way when a process ends may be lost."""
+        """Send a stop and wait until all listeners have it.
+
+        A message that is still on its way when the process ends may be lost.
+        """
         message = self._messages.command(STOP, 0)
         self._publish(message)
-        self._outputs[message.topic.name].wait_for_all_acked(
+        self._topic_publishers[message.topic.name].wait_for_all_acked(
             Duration(seconds=_LAST_COMMAND_S)
         )
 
-    def _new_session(self) -> PlannerSession:
+    def _make_runtime(self) -> PlannerRuntime:
         config = self._node_config
-        planner = self._entry.build(self._config)
-        session = PlannerSession(
-            planner,
+        runtime = PlannerRuntime(
+            self._entry.build(self._planner_config),
             seed=config.seed,
             use_map=config.use_map,
             repeat_command=config.repeat_command,
         )
-        session.warm_up()
-        session.reset()
-        return session
+        runtime.warm_up()
+        runtime.reset()
+        return runtime
 
-    def _open(self) -> None:
-        command = self._messages.command(STOP, 0).topic
-        self._outputs = {
-            topic.name: publisher(self, topic) for topic in (command, *_SHOWN)
+    def _connect(self) -> None:
+        command_topic = self._messages.command(STOP, 0).topic
+        self._topic_publishers = {
+            topic.name: create_publisher(self, topic)
+            for topic in (command_topic, *_DISPLAY_TOPICS)
         }
-        self._sources: dict[str, Subscription] = {}
+        self._subscriptions_by_topic: dict[str, Subscription] = {}
         if self._node_config.use_map:
             subscribe(self, topics.MAP, decode.occupancy_map, self._on_map)
-            self._listen(
-                topics.AMCL_POSE,
-                _with_header(decode.pose_with_covariance),
-                self._on_pose,
-                50,
-            )
-        self._listen(
-            topics.ODOM,
-            decode.odometry,
-            lambda odometry: self._act(self._sync.add_odometry(odometry)),
-            50,
-        )
+            read_pose = _with_header(decode.pose_with_covariance)
+            self._listen(topics.AMCL_POSE, read_pose, self._on_pose, _READINGS_DEPTH)
+        self._listen(topics.ODOM, decode.odometry, self._on_odometry, _READINGS_DEPTH)
+        # Only the newest scan is worth a command.
         self._listen(topics.SCAN, decode.scan, self._on_scan, 1)
         subscribe(self, topics.GOAL_POSE, _with_header(decode.pose), self._on_goal)
         self.create_service(Trigger, "~/ready", self._on_ready)
@@ -187,73 +193,79 @@ class PlannerNode(Node):
         self,
         topic: Topic,
         read: Callable[[bytes], T],
-        take: Callable[[T], None],
+        callback: Callable[[T], None],
         depth: int,
     ) -> None:
         """Subscribe reliably, or best effort if a publisher offers no more."""
 
         def on_mismatch(_: QoSRequestedIncompatibleQoSInfo) -> None:
             self.get_logger().info(
-                f"{topic.name}: a publisher is best-effort only, subscribing as best-effort"
+                f"{topic.name}: a publisher is best-effort only, "
+                "subscribing as best-effort"
             )
-            self.destroy_subscription(self._sources[topic.name])
-            self._sources[topic.name] = subscribe(self, topic, read, take, BEST_EFFORT)
+            self.destroy_subscription(self._subscriptions_by_topic[topic.name])
+            self._subscriptions_by_topic[topic.name] = subscribe(
+                self, topic, read, callback, BEST_EFFORT
+            )
 
         events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
-        self._sources[topic.name] = subscribe(
-            self, topic, read, take, Qos(depth=depth), event_callbacks=events
+        self._subscriptions_by_topic[topic.name] = subscribe(
+            self, topic, read, callback, Qos(depth=depth), event_callbacks=events
         )
 
-    def _on_pose(self, located: tuple[Header, Pose2D]) -> None:
-        header, pose = located
-        self._act(self._sync.add_pose(header.stamp_ns, pose))
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._act(self._synchronizer.add_odometry(odometry))
+
+    def _on_pose(self, message: tuple[Header, Pose2D]) -> None:
+        header, pose = message
+        self._act(self._synchronizer.add_pose(header.stamp_ns, pose))
 
     def _on_scan(self, scan: Scan) -> None:
-        observations = self._sync.add_scan(scan)
-        if self._sync.restarted:
-            self._sync.restarted = False
+        observations = self._synchronizer.add_scan(scan)
+        if self._synchronizer.restarted:
+            self._synchronizer.restarted = False
             self.get_logger().warning("time has jumped back: beginning the task anew")
-            self._session.restart()
+            self._runtime.restart()
             self._messages.reset()
         for observation in observations:
             self._act(observation)
 
-    def _on_goal(self, given: tuple[Header, Pose2D]) -> None:
-        header, goal = given
-        problem = goal_problem(goal, header.frame, self._frame)
+    def _on_goal(self, message: tuple[Header, Pose2D]) -> None:
+        header, goal = message
+        problem = goal_problem(goal, header.frame, self._planning_frame)
         if problem:
             self.get_logger().error(problem)
             return
-        self._session.seed = (
-            self.get_parameter("seed").get_parameter_value().integer_value
-        )
-        if self._session.set_goal(goal):
-            self.get_logger().info(
-                f"new goal ({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})"
-            )
+        self._read_seed()
+        if self._runtime.set_goal(goal):
+            pose = f"({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})"
+            self.get_logger().info(f"new goal {pose}")
 
-    def _on_map(self, known: OccupancyMap) -> None:
-        self._session.seed = (
-            self.get_parameter("seed").get_parameter_value().integer_value
-        )
-        self._session.set_map(known)
+    def _on_map(self, occupancy: OccupancyMap) -> None:
+        self._read_seed()
+        self._runtime.set_map(occupancy)
+
+    def _read_seed(self) -> None:
+        """Take the seed for the next task; the evaluator sets it before each trial."""
+        value = self.get_parameter("seed").get_parameter_value()
+        self._runtime.seed = value.integer_value
 
     def _on_ready(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.message = self._session.missing()
+        response.message = self._runtime.missing()
         response.success = not response.message
         return response
 
     def _on_reset(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        config = current(self, self._config)
-        if config != self._config:
-            self._config = config
-            self._session = self._new_session()
-        self._session.reset()
-        self._sync.reset()
+        config = read_parameters(self, self._planner_config)
+        if config != self._planner_config:
+            self._planner_config = config
+            self._runtime = self._make_runtime()
+        self._runtime.reset()
+        self._synchronizer.reset()
         self._messages.reset()
         response.success = True
         return response
@@ -261,21 +273,22 @@ class PlannerNode(Node):
     def _act(self, observation: Observation | None) -> None:
         if observation is None:
             return
-        answer = self._session.answer(observation)
-        if answer.command is not None:
-            self._publish(self._messages.command(answer.command, observation.stamp_ns))
-        if answer.decision is not None and self._node_config.publish_views:
-            planner, stamp_ns = self._session.planner, observation.stamp_ns
-            for message in self._messages.shown(
-                planner, answer.decision, stamp_ns, self._is_heard
-            ):
-                self._publish(message)
+        output = self._runtime.step(observation)
+        stamp_ns = observation.stamp_ns
+        if output.command is not None:
+            self._publish(self._messages.command(output.command, stamp_ns))
+        if output.decision is None or not self._node_config.publish_views:
+            return
+        for message in self._messages.display(
+            self._runtime.planner, output.decision, stamp_ns, self._has_listeners
+        ):
+            self._publish(message)
 
-    def _publish(self, message: Outgoing) -> None:
-        self._outputs[message.topic.name].publish(message.data)
+    def _publish(self, message: OutgoingMessage) -> None:
+        self._topic_publishers[message.topic.name].publish(message.data)
 
-    def _is_heard(self, topic: Topic) -> bool:
-        return self._outputs[topic.name].get_subscription_count() > 0
+    def _has_listeners(self, topic: Topic) -> bool:
+        return self._topic_publishers[topic.name].get_subscription_count() > 0
 
 
 def _with_header(read: Callable[[bytes], T]) -> Callable[[bytes], tuple[Header, T]]:
@@ -283,20 +296,29 @@ def _with_header(read: Callable[[bytes], T]) -> Callable[[bytes], tuple[Header, 
 
 
 def run(planner: str, name: str) -> int:
-    """Run the node until SIGINT or SIGTERM and return the exit code; 1, with one line, for a mistake in parameters."""
-    ended: list[int] = []
+    """Run the node until SIGINT or SIGTERM.
+
+    Args:
+        planner: Name of the planner, unless the parameter `planner` is set.
+        name: Name of the node.
+
+    Returns:
+        Exit code: 1, with one line, if a parameter is not allowed.
+    """
+    signals: list[int] = []
 
     def on_signal(number: int, _: FrameType | None) -> None:
-        ended.append(number)
+        signals.append(number)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
+    # Without rclpy's own handlers, so that the node can still send its last command.
+    signal.signal(signal.SIGINT, on_signal)
+    signal.signal(signal.SIGTERM, on_signal)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = PlannerNode(planner, name)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not ended:
+        while not signals:
             executor.spin_once(timeout_sec=0.2)
         node.stop_robot()
         executor.shutdown()
@@ -309,7 +331,8 @@ def run(planner: str, name: str) -> int:
     return 0
 
 
-# The executables: one for any planner, which the parameter `planner` names, and one for each of these.
+# The executables: one for any planner, which the parameter `planner` names, and one for
+# each of these.
 main = partial(run, "dwa", "planner")
 main_dwa = partial(run, "dwa", "dwa_planner")
 main_eband = partial(run, "eband", "eband_planner")

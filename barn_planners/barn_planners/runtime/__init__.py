@@ -1,1 +1,1 @@
-"""What runs a planner: sessions, synchronised inputs, messages."""
+"""What runs a planner without ROS: its tasks, its synchronized inputs, its messages."""

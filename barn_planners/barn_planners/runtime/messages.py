@@ -1,26 +1,28 @@
-"""The messages of a planner, serialised: its node sends them, a direct trial records them."""
+"""The serialized messages of a planner, which a node sends and a bag records."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
-from barn_worlds.base.types import NANOSECONDS, STOP, Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.cdr import Template, make
-from barn_worlds.messages.topics import Frames, Outgoing, Topic
+from barn_worlds.messages.cdr import Message, Template, make_message
+from barn_worlds.messages.topics import Frames, OutgoingMessage, Topic
 
-MOST_SHOWN = 20
-MOST_POINTS = 8
-# Red, green, blue, opacity of the cheapest and the costliest valid trajectory, and of rejected ones.
-CHEAPEST, DEAREST, REJECTED = (
-    (0.0, 0.25, 0.5, 0.9),
-    (0.55, 0.8, 0.95, 0.7),
-    (0.55, 0.55, 0.55, 0.5),
-)
+# Limits of what is published of a planner's candidates, which can be thousands.
+MAX_CANDIDATES = 20
+MAX_POINTS = 8
+# Red, green, blue and opacity of the cheapest and the costliest valid candidate and of
+# rejected ones.
+CHEAPEST_COLOR = (0.0, 0.25, 0.5, 0.9)
+COSTLIEST_COLOR = (0.55, 0.8, 0.95, 0.7)
+REJECTED_COLOR = (0.55, 0.55, 0.55, 0.5)
+
 _LEVELS = {
     PlannerStatus.RUNNING: encode.FINE,
     PlannerStatus.GOAL_REACHED: encode.FINE,
@@ -28,70 +30,76 @@ _LEVELS = {
     PlannerStatus.BLOCKED: encode.WARNING,
     PlannerStatus.FAILED: encode.ERROR,
 }
-_BUBBLE_COLOUR, _BAND_COLOUR = (0.1, 0.5, 0.9, 0.3), (0.9, 0.3, 0.1, 1.0)
-_BUBBLE_HEIGHT_M, _BAND_WIDTH_M, _CANDIDATE_WIDTH_M = 0.01, 0.02, 0.01
+_BUBBLE_COLOR = (0.1, 0.5, 0.9, 0.3)
+_BUBBLE_HEIGHT_M = 0.01
+_BUBBLE_FIELDS = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
+_BAND_COLOR = (0.9, 0.3, 0.1, 1.0)
+_BAND_WIDTH_M = 0.02
+_CANDIDATE_WIDTH_M = 0.01
+_COLOR_FIELDS = ("color.r", "color.g", "color.b", "color.a")
+# A marker and the names of its fields that vary from message to message.
+_MarkerFields: TypeAlias = tuple[Message, tuple[str, ...]]
+# So long ago that every period is over.
 _NEVER_NS = -(10**18)
 
 
-class ShownCandidates(NamedTuple):
-    """Trajectories (k, n, 2) in metres and their colours (k, 4): red, green, blue, opacity."""
+class CandidateLines(NamedTuple):
+    """Candidates as they are drawn."""
 
-    points: FloatArray
-    colours: FloatArray
+    points: FloatArray  # (k, n, 2) x and y in m
+    colors: FloatArray  # (k, 4) red, green, blue, opacity from 0 to 1
 
 
-def shown_candidates(
+def select_candidates(
     candidates: FloatArray, costs: FloatArray | None
-) -> ShownCandidates:
-    """Choose `MOST_SHOWN` of trajectories (k, n, 2), evenly, and of each `MOST_POINTS` points, both ends among them.
+) -> CandidateLines:
+    """Select at most `MAX_CANDIDATES` trajectories for display, evenly spread.
 
-    The cheapest is always chosen; costs (k,) are +inf where rejected. Without costs all have the colour of the
-    costliest.
+    The cheapest one is always among them. Of each, at most `MAX_POINTS` points remain,
+    including both ends.
+
+    Args:
+        candidates: Trajectories (k, n, 2) in m.
+        costs: Costs (k,), +inf or NaN if rejected. None gives all the costliest color.
     """
-    worth = (
-        np.zeros(len(candidates))
-        if costs is None
-        else np.where(np.isnan(costs), np.inf, costs)
-    )
-    chosen = _spread(len(candidates), MOST_SHOWN)
-    if costs is not None and np.isfinite(worth).any():
-        cheapest = int(np.argmin(worth))
-        chosen[np.argmin(np.abs(chosen - cheapest))] = cheapest
-    points = candidates[chosen][:, _spread(candidates.shape[1], MOST_POINTS)]
-    return ShownCandidates(
-        np.asarray(points, np.float64), _colours(worth[chosen], costs is not None)
-    )
+    indices = _spread_indices(len(candidates), MAX_CANDIDATES)
+    finite_costs = np.zeros(len(candidates))
+    if costs is not None:
+        finite_costs = np.where(np.isnan(costs), np.inf, costs)
+        if np.isfinite(finite_costs).any():
+            cheapest = int(np.argmin(finite_costs))
+            indices[np.argmin(np.abs(indices - cheapest))] = cheapest
+
+    point_indices = _spread_indices(candidates.shape[1], MAX_POINTS)
+    points = np.asarray(candidates[indices][:, point_indices], np.float64)
+    return CandidateLines(points, _colors(finite_costs[indices], costs is not None))
 
 
-def _colours(costs: FloatArray, graded: bool) -> FloatArray:
-    free = np.isfinite(costs)
-    low, high = (
-        (float(costs[free].min()), float(costs[free].max()))
-        if free.any()
-        else (0.0, 0.0)
-    )
-    share = (
-        (np.where(free, costs, high) - low) / (high - low)
-        if high > low
-        else np.zeros(len(costs))
-    )
-    share = share if graded else np.ones(len(costs))
-    graded_colours = np.array(CHEAPEST) + share[:, None] * (
-        np.array(DEAREST) - np.array(CHEAPEST)
-    )
-    return np.where(free[:, None], graded_colours, np.array(REJECTED))
+def _colors(costs: FloatArray, has_costs: bool) -> FloatArray:
+    is_valid = np.isfinite(costs)
+    shares = np.zeros(len(costs)) if has_costs else np.ones(len(costs))
+    if has_costs and is_valid.any():
+        low = float(costs[is_valid].min())
+        high = float(costs[is_valid].max())
+        if high > low:
+            shares = (np.where(is_valid, costs, high) - low) / (high - low)
+
+    cheapest = np.array(CHEAPEST_COLOR)
+    costliest = np.array(COSTLIEST_COLOR)
+    colors = cheapest + shares[:, None] * (costliest - cheapest)
+    return np.where(is_valid[:, None], colors, np.array(REJECTED_COLOR))
 
 
-def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Return at most `most` of the numbers from 0 to count - 1, evenly spaced, with both ends."""
-    spread: np.ndarray[tuple[int], np.dtype[np.int64]] = (
-        np.linspace(0, count - 1, min(count, most)).round().astype(int)
+def _spread_indices(count: int, limit: int) -> npt.NDArray[np.int64]:
+    """Return at most `limit` of the numbers below `count`, evenly, with both ends."""
+    indices: npt.NDArray[np.int64] = (
+        np.linspace(0, count - 1, min(count, limit)).round().astype(np.int64)
     )
-    return spread
+    return indices
 
 
 class PlannerMessages:
-    """The messages of one planner, a node of that name: each command, stamped if told so, and its view at intervals."""
+    """Makes the messages of one planner: commands, and views at intervals."""
 
     def __init__(
         self,
@@ -101,15 +109,23 @@ class PlannerMessages:
         stamped: bool = False,
         view_period_s: float = topics.PLAN.period_s,
     ) -> None:
-        self._name = name
+        """Prepare the encoders.
+
+        Args:
+            frames: Names of the frames for the headers.
+            name: Name of the node, which diagnostics carry.
+            stamped: Whether commands are TwistStamped instead of Twist.
+            view_period_s: Simulated time between two views, in s.
+        """
         self._frames = frames
-        self._stamped = (
-            encode.TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED))
-            if stamped
-            else None
-        )
-        self._plan = encode.PathEncoder(frames.of(topics.PLAN))
-        self._local_plans = {
+        self._name = name
+        self._twist_encoder = None
+        if stamped:
+            self._twist_encoder = encode.TwistStampedEncoder(
+                frames.of(topics.CMD_VEL_STAMPED)
+            )
+        self._plan_encoder = encode.PathEncoder(frames.of(topics.PLAN))
+        self._local_plan_encoders = {
             frame: encode.PathEncoder(frame) for frame in (frames.odom, frames.planning)
         }
         self._view_period_ns = nanoseconds(view_period_s)
@@ -121,76 +137,102 @@ class PlannerMessages:
         self._status: PlannerStatus | None = None
 
     def warm_up(self, planner: Planner) -> None:
-        """Make one of each message, so that the first of a trial are not slower than the others."""
-        list(self.shown(planner, Decision(STOP, plan=np.zeros((2, 2))), 0))
+        """Make each message once, so that those of the first cycle are not slower."""
+        list(self.display(planner, Decision(STOP, plan=np.zeros((2, 2))), 0))
         self.reset()
 
-    def command(self, velocity: Velocity2D, stamp_ns: int) -> Outgoing:
-        """Return a command."""
-        if self._stamped is None:
-            return Outgoing(topics.CMD_VEL, encode.encode_twist(velocity))
-        return Outgoing(
-            topics.CMD_VEL_STAMPED, self._stamped.encode(velocity, stamp_ns)
-        )
+    def command(self, velocity: Velocity2D, stamp_ns: int) -> OutgoingMessage:
+        """Return the message of a command.
 
-    def shown(
+        Args:
+            velocity: Command of the planner.
+            stamp_ns: Simulated time in ns, for stamped commands.
+        """
+        if self._twist_encoder is None:
+            return OutgoingMessage(topics.CMD_VEL, encode.encode_twist(velocity))
+        data = self._twist_encoder.encode(velocity, stamp_ns)
+        return OutgoingMessage(topics.CMD_VEL_STAMPED, data)
+
+    def display(
         self,
         planner: Planner,
         decision: Decision,
         stamp_ns: int,
-        wanted: Callable[[Topic], bool] = lambda _: True,
-    ) -> Iterator[Outgoing]:
-        """Yield what is due of the topics that are wanted: views once per period, diagnostics each second or if new."""
+        is_wanted: Callable[[Topic], bool] = lambda _: True,
+    ) -> Iterator[OutgoingMessage]:
+        """Yield the messages for display that are due after a cycle.
+
+        Views are due once per period, diagnostics each second or if the status changes.
+
+        Args:
+            planner: Planner whose view is taken, only if a topic of it is wanted.
+            decision: Decision of the cycle.
+            stamp_ns: Simulated time in ns.
+            is_wanted: Tells whether someone listens to a topic.
+        """
         plan = decision.plan
-        if (
-            plan is not None
-            and stamp_ns - self._plan_ns >= self._view_period_ns
-            and wanted(topics.PLAN)
-        ):
+        is_plan_due = stamp_ns - self._plan_ns >= self._view_period_ns
+        if plan is not None and is_plan_due and is_wanted(topics.PLAN):
             self._plan_ns = stamp_ns
-            yield Outgoing(topics.PLAN, self._plan.encode(plan, stamp_ns))
+            yield OutgoingMessage(
+                topics.PLAN, self._plan_encoder.encode(plan, stamp_ns)
+            )
+
         if stamp_ns - self._view_ns >= self._view_period_ns:
             self._view_ns = stamp_ns
-            yield from self._view(planner, stamp_ns, wanted)
-        waited_ns = stamp_ns - self._diagnostics_ns
-        due = decision.status is not self._status or waited_ns >= nanoseconds(
-            topics.DIAGNOSTICS.period_s
+            yield from self._view(planner, stamp_ns, is_wanted)
+
+        period_ns = nanoseconds(topics.DIAGNOSTICS.period_s)
+        is_due = (
+            decision.status is not self._status
+            or stamp_ns - self._diagnostics_ns >= period_ns
         )
-        if due and decision.command is not None:
-            self._diagnostics_ns, self._status = stamp_ns, decision.status
-            if wanted(topics.DIAGNOSTICS):
-                yield Outgoing(
-                    topics.DIAGNOSTICS, _diagnostics(decision, self._name, stamp_ns)
-                )
+        # A cycle without a command says nothing new about the status.
+        if is_due and decision.command is not None:
+            self._diagnostics_ns = stamp_ns
+            self._status = decision.status
+            if is_wanted(topics.DIAGNOSTICS):
+                data = _encode_diagnostics(decision, self._name, stamp_ns)
+                yield OutgoingMessage(topics.DIAGNOSTICS, data)
 
     def _view(
-        self, planner: Planner, stamp_ns: int, wanted: Callable[[Topic], bool]
-    ) -> Iterator[Outgoing]:
-        here = (topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES)
-        asked = {topic for topic in here if wanted(topic)}
-        if not asked:
+        self, planner: Planner, stamp_ns: int, is_wanted: Callable[[Topic], bool]
+    ) -> Iterator[OutgoingMessage]:
+        view_topics = (
+            topics.LOCAL_PLAN,
+            topics.COSTMAP,
+            topics.BAND,
+            topics.CANDIDATES,
+        )
+        wanted_topics = set(filter(is_wanted, view_topics))
+        if not wanted_topics:
             return
+
         view = planner.view()
         frame = self._frames.planning if view.in_planning_frame else self._frames.odom
-        if view.local_plan is not None and topics.LOCAL_PLAN in asked:
-            yield Outgoing(
-                topics.LOCAL_PLAN,
-                self._local_plans[frame].encode(view.local_plan, stamp_ns),
-            )
-        if view.costmap is not None and topics.COSTMAP in asked:
-            yield Outgoing(
-                topics.COSTMAP, encode.encode_map(view.costmap, stamp_ns, frame)
-            )
-        if view.band is not None and topics.BAND in asked:
-            yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frame))
-        if view.candidates is not None and topics.CANDIDATES in asked:
-            shown = shown_candidates(view.candidates, view.candidate_costs)
-            yield Outgoing(topics.CANDIDATES, encode_candidates(shown, stamp_ns, frame))
+        if view.local_plan is not None and topics.LOCAL_PLAN in wanted_topics:
+            data = self._local_plan_encoders[frame].encode(view.local_plan, stamp_ns)
+            yield OutgoingMessage(topics.LOCAL_PLAN, data)
+        if view.costmap is not None and topics.COSTMAP in wanted_topics:
+            data = encode.encode_map(view.costmap, stamp_ns, frame)
+            yield OutgoingMessage(topics.COSTMAP, data)
+        if view.band is not None and topics.BAND in wanted_topics:
+            yield OutgoingMessage(topics.BAND, encode_band(view.band, stamp_ns, frame))
+        if view.candidates is not None and topics.CANDIDATES in wanted_topics:
+            lines = select_candidates(view.candidates, view.candidate_costs)
+            data = encode_candidates(lines, stamp_ns, frame)
+            yield OutgoingMessage(topics.CANDIDATES, data)
 
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
-    """Return bubbles (n, 3) x, y, radius in metres as discs and a line through their centres."""
-    stamp = divmod(stamp_ns, NANOSECONDS)
+    """Return the MarkerArray of an elastic band: discs and a line through them.
+
+    Args:
+        band: Bubbles (n, 3): x, y and radius in m.
+        stamp_ns: Simulated time in ns.
+        frame: Frame of the bubbles.
+    """
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     bubbles = band.tolist()
     values: list[float] = [*stamp]
     for x, y, radius in bubbles:
@@ -204,76 +246,76 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
 @cache
 def _band_template(count: int, frame: str) -> Template:
     """Return the template of a band; bands have a few dozen lengths, which recur."""
-    discs = [
-        encode.marker(frame, "bubbles", encode.CYLINDER, index=k, colour=_BUBBLE_COLOUR)
-        for k in range(count)
-    ]
-    for disc in discs:
+    markers: list[_MarkerFields] = []
+    for index in range(count):
+        disc = encode.make_marker(
+            frame, "bubbles", encode.CYLINDER, index=index, color=_BUBBLE_COLOR
+        )
         disc.scale.z = _BUBBLE_HEIGHT_M
-    place = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
-    line = _line(
-        encode.marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOUR),
-        _BAND_WIDTH_M,
-        count,
-    )
-    return _template(
-        topics.BAND, frame, "band", [*((disc, place) for disc in discs), line]
-    )
+        markers.append((disc, _BUBBLE_FIELDS))
+
+    line = encode.make_marker(frame, "band", encode.LINE_STRIP, color=_BAND_COLOR)
+    markers.append((line, _add_points(line, _BAND_WIDTH_M, count)))
+    return _marker_template(topics.BAND, frame, "band", markers)
 
 
-def _line(line: Any, width_m: float, count: int) -> tuple[Any, tuple[str, ...]]:
-    """Return a marker as a line of that many points, and their fields."""
-    line.scale.x, line.points = (
-        width_m,
-        [make("geometry_msgs/msg/Point") for _ in range(count)],
-    )
-    return line, tuple(
-        f"points.{index}.{axis}" for index in range(count) for axis in "xy"
-    )
+def encode_candidates(lines: CandidateLines, stamp_ns: int, frame: str) -> bytes:
+    """Return the MarkerArray of candidates: a line for each.
 
-
-def _template(
-    topic: Topic, frame: str, namespace: str, markers: list[tuple[Any, tuple[str, ...]]]
-) -> Template:
-    """Return the template of markers with the fields that vary, besides stamps; the first one deletes all others."""
-    every = [(encode.marker(frame, namespace, action=encode.DELETE_ALL), ()), *markers]
-    fields = [
-        f"markers.{k}.{name}"
-        for k, (_, own) in enumerate(every)
-        for name in (*encode.STAMP_FIELDS, *own)
-    ]
-    return Template(make(topic.type_name, markers=[one for one, _ in every]), fields)
-
-
-def encode_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> bytes:
-    """Return a line per trajectory."""
-    stamp = divmod(stamp_ns, NANOSECONDS)
+    Args:
+        lines: Points and colors.
+        stamp_ns: Simulated time in ns.
+        frame: Frame of the points.
+    """
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     values: list[float] = [*stamp]
-    for points, colour in zip(shown.points, shown.colours, strict=True):
-        values += [*stamp, *colour.tolist(), *points.ravel().tolist()]
-    count, length, _ = shown.points.shape
+    for points, color in zip(lines.points, lines.colors, strict=True):
+        values += [*stamp, *color.tolist(), *points.ravel().tolist()]
+    count, length, _ = lines.points.shape
     return _candidates_template(count, length, frame).fill(*values)
 
 
 @cache
 def _candidates_template(count: int, length: int, frame: str) -> Template:
-    """Return the template of that many lines of that many points; a planner has one or two of them."""
+    """Return the template of some lines; a planner has one or two numbers of them."""
     markers = []
     for index in range(count):
-        line = encode.marker(frame, "candidates", encode.LINE_STRIP, index=index)
-        line, points = _line(line, _CANDIDATE_WIDTH_M, length)
-        markers.append((line, ("color.r", "color.g", "color.b", "color.a", *points)))
-    return _template(topics.CANDIDATES, frame, "candidates", markers)
+        line = encode.make_marker(frame, "candidates", encode.LINE_STRIP, index=index)
+        point_fields = _add_points(line, _CANDIDATE_WIDTH_M, length)
+        markers.append((line, _COLOR_FIELDS + point_fields))
+    return _marker_template(topics.CANDIDATES, frame, "candidates", markers)
 
 
-def _diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
-    figures = {
-        key: f"{value:.6g}"
-        for key, value in decision.diagnostics.items()
-        if math.isfinite(value)
-    }
+def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:
+    """Add points to a line marker; return the names of their coordinates."""
+    line.scale.x = width_m
+    line.points = [make_message("geometry_msgs/msg/Point") for _ in range(count)]
+    return tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")
+
+
+def _marker_template(
+    topic: Topic,
+    frame: str,
+    namespace: str,
+    markers: Iterable[_MarkerFields],
+) -> Template:
+    """Return the template of markers; stamps vary in all of them."""
+    # Viewers keep markers until told otherwise: the first one deletes those of before.
+    delete_all = encode.make_marker(frame, namespace, action=encode.DELETE_ALL)
+    messages = [delete_all]
+    fields = [f"markers.0.{name}" for name in encode.STAMP_FIELDS]
+    for index, (marker, varying_fields) in enumerate(markers, 1):
+        messages.append(marker)
+        names = encode.STAMP_FIELDS + varying_fields
+        fields += [f"markers.{index}.{name}" for name in names]
+    return Template(make_message(topic.type_name, markers=messages), fields)
+
+
+def _encode_diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
     status = decision.status
-    values = {"status": status.value} | figures
-    return encode.encode_diagnostics(
-        stamp_ns, _LEVELS[status], name, decision.reason or status.value, values
-    )
+    values = {"status": status.value}
+    for key, value in decision.diagnostics.items():
+        if math.isfinite(value):
+            values[key] = f"{value:.6g}"
+    message = decision.reason or status.value
+    return encode.encode_diagnostics(stamp_ns, _LEVELS[status], name, message, values)

@@ -2,8 +2,8 @@
 
 from numba import njit
 
+from barn_sim.body.state import Fleet, Record, Records, set_drive
 from barn_sim.config import DriveConfig
-from barn_sim.motion.state import Fleet, Record, Records, set_drive
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Velocity2D, nanoseconds
 

@@ -1,10 +1,10 @@
-"""Coulomb friction of wheels whose rim speeds are given; `barn_sim.body.tyres` says what is solved, and why here."""
+"""Coulomb friction of wheels whose rim speeds are given; `barn_sim.body.tires` says what is solved, and why here."""
 
 import math
 
 from numba import njit
 
-from barn_sim.motion.free_motion import Matrix, Triple
+from barn_sim.body.free_motion import Matrix, Triple
 from barn_worlds.base.arrays import Floats
 
 SWEEPS = 100

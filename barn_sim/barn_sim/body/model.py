@@ -1,7 +1,7 @@
 """The robot's rigid body, and the URDF that is published as robot_description.
 
-The body is made of the robot's `Chassis`, and so is its URDF unless it comes with one. It includes the wheels' masses;
-`tyres` says why the wheels are not joints.
+Both are made of the robot's `Chassis`, unless it comes with a URDF. The body includes the
+wheels' masses; `barn_sim.body.tires` explains why the wheels are not joints.
 """
 
 import math
@@ -29,36 +29,52 @@ _ONE_AXLE = ("left_wheel", "right_wheel")
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A collision primitive at `centre` (3,) in base_link, with the half sizes (3,) of the box around it.
+    """A collision primitive: a box, a cylinder or an upright prism."""
 
-    radius_m: of a cylinder, along y or upright. corners (k, 2): of an upright prism, about its centre.
-    """
+    center: Floats
+    """Position (3,) in base_link, m."""
 
-    centre: Floats
     half_sizes: Floats
+    """Half sizes (3,) of the box around the shape, m."""
+
     radius_m: float = 0.0
+    """Radius of a cylinder."""
+
     upright: bool = False
+    """Whether a cylinder stands upright; otherwise its axis is along y."""
+
     corners: Floats | None = None
+    """Corners (k, 2) of a prism about its center, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A rigid body on wheels and casters, in base_link.
-
-    centre_of_mass (3,); inertia (3,) moments about it (the products, 0.2 % of them on the Jackal, are left out); wheels
-    (n, 3) centres, left and right in turn, the front ones first; footing (3,) the point of base_footprint, which
-    touches the ground. casters (k, 3): points as high as the wheels' centres, above where casters touch the ground.
-    """
+    """A rigid body on wheels and casters, in base_link."""
 
     name: str
     mass_kg: float
-    centre_of_mass: Floats
+
+    center_of_mass: Floats
+    """Position (3,), m."""
+
     inertia: Floats
+    """Moments (3,) about the center of mass, kg m2.
+
+    The products of inertia, 0.2 % of the moments on the Jackal, are left out.
+    """
+
     shapes: tuple[Shape, ...]
+
     wheels: Floats
+    """Centers (n, 3) in m, left and right in turn, the front ones first."""
+
     wheel_radius_m: float
+
     footing: Floats
+    """Position (3,) of base_footprint, which touches the ground, m."""
+
     casters: Floats
+    """Points (k, 3) above the casters, as high as the wheels' centers, m."""
 
     @property
     def track_m(self) -> float:
@@ -68,15 +84,15 @@ class RobotModel:
     @cached_property
     def extent(self) -> Floats:
         """x_min, y_min, x_max, y_max of the collision shapes in base_link."""
-        centres = np.array([shape.centre[:2] for shape in self.shapes])
+        centers = np.array([shape.center[:2] for shape in self.shapes])
         halves = np.array([shape.half_sizes[:2] for shape in self.shapes])
-        return np.concatenate(
-            [(centres - halves).min(axis=0), (centres + halves).max(axis=0)]
-        )
+        low = (centers - halves).min(axis=0)
+        high = (centers + halves).max(axis=0)
+        return np.concatenate([low, high])
 
     @cached_property
     def reach_m(self) -> float:
-        """Distance from base_link to the farthest corner of that."""
+        """Distance from base_link to the farthest corner of `extent`."""
         return math.hypot(*np.abs(self.extent).reshape(2, 2).max(axis=0).tolist())
 
 
@@ -84,18 +100,17 @@ class RobotModel:
 def model_of(chassis: Chassis) -> RobotModel:
     """Return the model of a robot."""
     wheels = np.array(chassis.wheels_m)
+    casters = [(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]
     return RobotModel(
-        chassis.name,
-        chassis.mass_kg,
-        np.array(chassis.centre_of_mass_m),
-        np.array(chassis.inertia_kg_m2),
-        _shapes_of(chassis, wheels),
-        wheels,
-        chassis.wheel_radius_m,
-        np.array([0.0, 0.0, -chassis.base_height_m]),
-        np.array([(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]).reshape(
-            -1, 3
-        ),
+        name=chassis.name,
+        mass_kg=chassis.mass_kg,
+        center_of_mass=np.array(chassis.centre_of_mass_m),
+        inertia=np.array(chassis.inertia_kg_m2),
+        shapes=_body_shapes(chassis, wheels),
+        wheels=wheels,
+        wheel_radius_m=chassis.wheel_radius_m,
+        footing=np.array([0.0, 0.0, -chassis.base_height_m]),
+        casters=np.array(casters).reshape(-1, 3),
     )
 
 
@@ -109,41 +124,39 @@ def joint_names(chassis: Chassis) -> tuple[str, ...]:
     return tuple(f"{name}_joint" for name in wheel_names(chassis))
 
 
-def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
-    """Return the body as a box, an upright cylinder or a prism, and the wheels beside it.
+def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
+    """Return the body as a box, an upright cylinder or a prism, and the wheels.
 
-    A prism has no wheels: they are within the footprint, and PyBullet makes no compound with a prism.
+    A prism has no wheels: they are within the footprint, and PyBullet makes no compound
+    with a prism.
     """
-    low, high = (
-        edge - chassis.base_height_m
-        for edge in (chassis.ground_clearance_m, chassis.body_height_m)
-    )
+    low = chassis.ground_clearance_m - chassis.base_height_m
+    high = chassis.body_height_m - chassis.base_height_m
     x_min, y_min, x_max, y_max = chassis.body_extent_m
-    centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
+    center = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
-    if not chassis.round and not chassis.rectangular:
-        return (
-            Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),
-        )
+    if not chassis.is_round and not chassis.is_rectangular:
+        corners = np.array(chassis.hull_m) - center[:2]
+        return (Shape(center, half_sizes, corners=corners),)
+
+    body = Shape(center, half_sizes, chassis.footprint_radius_m, upright=True)
     radius = chassis.wheel_radius_m
-    rim = np.array([radius, 0.5 * chassis.wheel_width_m, radius])
-    body = Shape(centre, half_sizes, chassis.footprint_radius_m, upright=True)
-    return (body, *(Shape(hub, rim, radius) for hub in wheels))
+    wheel_sizes = np.array([radius, 0.5 * chassis.wheel_width_m, radius])
+    return (body, *(Shape(hub, wheel_sizes, radius) for hub in wheels))
 
 
 @cache
 def description_text(chassis: Chassis) -> str:
-    """Return the URDF of a robot; where its lidar is, `robot_description` says.
+    """Return the URDF of a robot, with the lidar where the file has it.
 
-    One that is made has the links of the Jackal's: body, with all of the mass, wheels and lidar. A body that is a prism
-    is drawn as the box around it, a caster as a ball below the body.
+    A generated URDF has the links of the Jackal's: the body with all of the mass, wheels
+    and lidar. It shows a prism as the box around it and a caster as a ball.
     """
     if chassis.description:
         file = resources.files("barn_worlds") / "data" / "robots" / chassis.description
         return file.read_text(encoding="utf-8")
-    loader = jinja2.PackageLoader("barn_sim", "data")
     environment = jinja2.Environment(
-        loader=loader,
+        loader=jinja2.PackageLoader("barn_sim", "data"),
         autoescape=True,
         keep_trailing_newline=True,
         trim_blocks=True,
@@ -152,13 +165,17 @@ def description_text(chassis: Chassis) -> str:
     environment.filters["numbers"] = lambda numbers: " ".join(
         f"{number:.9g}" for number in numbers
     )
-    return environment.get_template("robot.urdf.jinja").render(
-        chassis=chassis, wheels=wheel_names(chassis)
-    )
+    template = environment.get_template("robot.urdf.jinja")
+    return template.render(chassis=chassis, wheels=wheel_names(chassis))
 
 
 def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
-    """Return the URDF of a robot with the lidar where `lidar` mounts it."""
+    """Return the URDF of a robot with its lidar in another place.
+
+    Args:
+        lidar: Mounting of the lidar in base_link.
+        chassis: The robot.
+    """
     root = fromstring(description_text(chassis))
     origin = root.find("joint[@name='lidar_joint']/origin")
     assert origin is not None
@@ -171,14 +188,17 @@ def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
 def fixed_frames(
     lidar: LidarConfig, chassis: Chassis
 ) -> dict[str, tuple[float, float, float]]:
-    """Return the positions of the fixed frames in base_link, by name."""
+    """Return the positions of the fixed frames in base_link by name, m.
+
+    Args:
+        lidar: Mounting of the lidar in base_link.
+        chassis: The robot.
+    """
     root = fromstring(robot_description(lidar, chassis))
-    found = {}
+    positions = {}
     for joint in root.iterfind("joint[@type='fixed']"):
-        text = (
-            next((origin.get("xyz") for origin in joint.iter("origin")), None)
-            or "0 0 0"
-        )
+        origin = joint.find(".//origin")
+        text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
         x, y, z = map(float, text.split())
-        found[next(joint.iter("child")).attrib["link"]] = x, y, z
-    return found
+        positions[next(joint.iter("child")).attrib["link"]] = (x, y, z)
+    return positions

@@ -1,146 +1,165 @@
-"""Pictures of a trial in three dimensions, drawn by PyBullet's software renderer: no display and no graphics card.
+"""Pictures of a trial in three dimensions, without a display or a graphics card.
 
-Nothing here takes part in a simulation: the scene is built anew, of shapes that only can be seen.
+PyBullet's software renderer draws them. Nothing here takes part in a simulation: the
+scene is built anew, of shapes that can only be seen.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, repeat
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
-from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
+from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.drawing.meshes import Mesh, pillars, prism
 from barn_sim.drawing.robot_parts import RobotPart, robot_parts
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
-from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.files import STANDARD
-from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.files import STANDARD_ROBOT
+from barn_worlds.robots.robot import Chassis, Vector3
 from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
 
-SIZES = {
-    "chase": (640, 400),
-    "top": (800, 336),
-    "side": (800, 360),
-}  # width and height of a picture in pixels
+SIZES = {"chase": (640, 400), "top": (800, 336), "side": (800, 360)}
+"""Width and height in pixels of each camera's picture."""
+
 CAMERAS = tuple(SIZES)
-# Light falls aslant and darkens, so that obstacles and walls begin lighter than on paper.
-_GROUND, _LINE, _OBSTACLE, _WALL = "#edf0f2", "#ccd1d9", "#5c6b85", "#b3bac7"
+
+# Light falls aslant and darkens, so obstacles and walls begin lighter than on paper.
+_GROUND = "#edf0f2"
+_LINE = "#ccd1d9"
+_OBSTACLE = "#5c6b85"
+_WALL = "#b3bac7"
 _LIGHT_FROM = (-2.0, -3.0, 6.0)
-_IN_A_MESH = 200  # pillars
-_SIDES = 14  # of a pillar
-_DISC_M, _DOT_M = 0.16, 0.05
-_TRAIL_STEP_M, _TRAIL_WIDTH_M = 0.12, 0.05
-_AROUND_M = 60.0  # of ground
+
+# Pillars in one mesh; the renderer limits the number of vertices.
+_PILLARS = 200
+_DISC_M = 0.16
+_DOT_M = 0.05
+_TRAIL_STEP_M = 0.12
+_TRAIL_WIDTH_M = 0.05
+# Ground beyond the scene.
+_MARGIN_M = 60.0
 _HIDDEN_M = (0.0, 0.0, -5.0)
-_NOWHERE = np.empty((0, 2))
+_NO_POINTS = np.empty((0, 2))
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the camera is, what it looks at, what is up in its picture (metres, map frame), and its opening angle."""
+    """Place and lens of a camera, in the map frame."""
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    eye: Vector3
+    """Position, m."""
+
+    target: Vector3
+    """Point in the middle of the picture, m."""
+
+    up: Vector3 = (0.0, 0.0, 1.0)
+    """Direction that points up in the picture."""
+
     opening_deg: float = 50.0
+    """Vertical opening angle."""
 
 
 def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
-    """Return the camera of a name: "chase" behind a pose, "top" and "side" on all of x_min, y_min, x_max, y_max.
+    """Return a camera by name; in "top" and "side" the robot drives to the right.
 
-    In the pictures of the latter two, the robot drives to the right. ConfigError for another name.
+    Args:
+        name: "chase" behind the robot, "top" or "side" for the whole scene.
+        pose: Pose of the robot in the map frame, for "chase".
+        bounds_m: x_min, y_min, x_max, y_max of the scene.
+
+    Raises:
+        ConfigError: If there is no camera of that name.
     """
-    left, below, right, above = bounds_m
-    middle_x, middle_y, wide, long = (
-        0.5 * (left + right),
-        0.5 * (below + above),
-        right - left,
-        above - below,
-    )
-    if name == "chase":
-        ahead_x, ahead_y = math.cos(pose.yaw), math.sin(pose.yaw)
-        eye = (pose.x - 1.45 * ahead_x, pose.y - 1.45 * ahead_y, 1.75)
-        return Camera(
-            eye, (pose.x + 0.8 * ahead_x, pose.y + 0.8 * ahead_y, 0.1), opening_deg=55.0
-        )
     if name not in SIZES:
+        names = ", ".join(CAMERAS)
         raise ConfigError(
-            f"camera must be one of {', '.join(CAMERAS)}, got {name!r}{suggest(name, CAMERAS)}"
+            f"camera must be one of {names}, got {name!r}{suggest(name, CAMERAS)}"
         )
-    slope, target = SIZES[name][1] / SIZES[name][0], (middle_x, middle_y, 0.0)
+    if name == "chase":
+        cosine = math.cos(pose.yaw)
+        sine = math.sin(pose.yaw)
+        eye = (pose.x - 1.45 * cosine, pose.y - 1.45 * sine, 1.75)
+        target = (pose.x + 0.8 * cosine, pose.y + 0.8 * sine, 0.1)
+        return Camera(eye, target, opening_deg=55.0)
+
+    left, low, right, high = bounds_m
+    width = right - left
+    length = high - low
+    x = 0.5 * (left + right)
+    y = 0.5 * (low + high)
+    pixels_wide, pixels_high = SIZES[name]
+    aspect = pixels_high / pixels_wide
     if name == "top":
-        opening = 2.0 * math.degrees(
-            math.atan(1.03 * 0.5 * max(wide, long * slope) / (30.0 - 1.0))
-        )
-        return Camera((middle_x, middle_y, 30.0), target, (-1.0, 0.0, 0.0), opening)
-    away, high = 1.1 * long, 0.8 * long
-    opening = 2.0 * math.degrees(
-        math.atan(0.56 * long / math.hypot(away, high) * slope)
-    )
-    return Camera((middle_x + away, middle_y, high), target, opening_deg=opening)
+        height = 30.0
+        half = 1.03 * 0.5 * max(width, length * aspect)
+        opening = 2.0 * math.degrees(math.atan(half / (height - 1.0)))
+        return Camera((x, y, height), (x, y, 0.0), (-1.0, 0.0, 0.0), opening)
+
+    distance = 1.1 * length
+    height = 0.8 * length
+    slope = 0.56 * length / math.hypot(distance, height) * aspect
+    opening = 2.0 * math.degrees(math.atan(slope))
+    return Camera((x + distance, y, height), (x, y, 0.0), opening_deg=opening)
 
 
 class Studio:
-    """A scene with a robot in it, and a camera. Use it as a context manager.
+    """A scene with a robot in it; a context manager that ends the renderer."""
 
-    scene: its cylinders, boxes, start and goal. trail_m: (n, 2) positions that the robot goes through, shown as far as
-    it has come. moving: what moves, shown where each picture has it. chassis: of the robot.
-    """
+    bounds_m: tuple[float, float, float, float]
+    """x_min, y_min, x_max, y_max of the scene in the map frame."""
 
     def __init__(
         self,
         scene: TrialScene,
         lidar: LidarConfig,
         *,
-        trail_m: Floats = _NOWHERE,
+        trail_m: Floats = _NO_POINTS,
         moving: Bodies | None = None,
-        chassis: Chassis = STANDARD.chassis,
+        chassis: Chassis = STANDARD_ROBOT.chassis,
     ) -> None:
+        """Build the scene.
+
+        Args:
+            scene: Cylinders, boxes, start and goal.
+            lidar: Mounting of the robot's lidar.
+            trail_m: Positions (n, 2) of the robot, shown as far as it has come.
+            moving: Moving obstacles, shown where each picture has them.
+            chassis: The robot.
+        """
         self._client = PhysicsClient(draws=True)
-        known = np.concatenate(
-            [scene.cylinders_m, scene.ends_m(), *scene.boxes.outlines(), trail_m]
-        )
-        low, high = known.min(axis=0) - 0.5, known.max(axis=0) + 0.5
+        outlines = scene.boxes.outlines()
+        points = np.concatenate([scene.cylinders_m, scene.ends_m(), *outlines, trail_m])
+        low = points.min(axis=0) - 0.5
+        high = points.max(axis=0) + 0.5
         self._add_ground(low, high)
         low, high = scene.view_m(low, high, trail_m)
         self.bounds_m = (*low.tolist(), *high.tolist())
-        for centres_m, colour in (
-            (scene.obstacles_m, _OBSTACLE),
-            (scene.walls_m, _WALL),
-        ):
-            for first in range(0, len(centres_m), _IN_A_MESH):
-                self._mesh(
-                    colour,
-                    **pillars(
-                        centres_m[first : first + _IN_A_MESH],
-                        scene.radius_m,
-                        scene.height_m,
-                    ),
-                )
-        for pose, colour in ((scene.start, START), (scene.goal, GOAL)):
+
+        self._add_pillars(scene.obstacles_m, scene, _OBSTACLE)
+        self._add_pillars(scene.walls_m, scene, _WALL)
+        for pose, color in ((scene.start, START), (scene.goal, GOAL)):
             if pose is not None:
-                self._mesh(
-                    colour, **pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008)
-                )
-        self._robot = [
-            (self._add(self._shape(part)), part) for part in robot_parts(chassis, lidar)
-        ]
-        self._dots: list[int] = []
-        self._moving = [] if moving is None else self._add_bodies(moving, MOVER)
-        self._add_bodies(scene.boxes, _WALL)
+                disc = pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008)
+                self._add_mesh(disc, color)
+
+        self._robot: list[tuple[int, RobotPart]] = []
+        for part in robot_parts(chassis, lidar):
+            self._robot.append((self._add(self._part_shape(part)), part))
         self._ground_m = float(model_of(chassis).footing[2])
+
+        self._moving = [] if moving is None else self._add_bodies(moving, MOVER)
+        self._dots: list[int] = []
+        self._add_bodies(scene.boxes, _WALL)
         self._trail = self._add_trail(trail_m)
 
     def __enter__(self) -> Self:
@@ -159,209 +178,170 @@ class Studio:
         *,
         driven: int = 0,
         finer: int = 2,
-        places: Points = _NOWHERE,
-        passed: Points = _NOWHERE,
+        places: Points = _NO_POINTS,
+        passed: Points = _NO_POINTS,
     ) -> Pixels:
-        """Return the picture (height, width, 3) of the robot at a pose, in the map frame.
+        """Draw the scene with the robot at a pose.
 
-        size: width, height. driven: points of the trail so far. finer: drawn so many times as large, for smooth edges.
-        places (n, 2): where what moves is; without, it stays. passed (k, 2): where it just was, shown as dots.
+        Args:
+            pose: Pose of base_link in the map frame.
+            camera: Camera to look through.
+            size: Width and height in pixels.
+            driven: Number of points of the trail that are behind the robot.
+            finer: Factor by which the picture is drawn larger, for smooth edges.
+            places: Positions (n, 2) of the moving obstacles; by default they stay.
+            passed: Their earlier positions (k, 2), shown as dots.
+
+        Returns:
+            Red, green and blue (height, width, 3).
         """
         self._put_robot(pose)
-        self._put_moving(places, passed)
+        self._put_moving(places)
+        self._put_dots(passed)
         for index, body, middle, yaw in self._trail:
             self._put(body, middle if index <= driven else _HIDDEN_M, yaw)
+
         width, height = size
         view = bullet.computeViewMatrix(camera.eye, camera.target, camera.up)
         lens = bullet.computeProjectionMatrixFOV(
             camera.opening_deg, width / height, 0.1, 80.0
         )
-        look = {
-            "lightDirection": _LIGHT_FROM,
-            "shadow": 0,
-            "renderer": bullet.ER_TINY_RENDERER,
-        }
-        size = finer * width, finer * height
-        drawn = bullet.getCameraImage(
-            *size, view, lens, **look, physicsClientId=self._client.id
+        image = bullet.getCameraImage(
+            finer * width,
+            finer * height,
+            view,
+            lens,
+            lightDirection=_LIGHT_FROM,
+            shadow=0,
+            renderer=bullet.ER_TINY_RENDERER,
+            physicsClientId=self._client.id,
         )
-        fine = np.reshape(drawn[2], (height, finer, width, finer, 4))[..., :3]
-        mean: Pixels = fine.mean(axis=(1, 3)).round().astype(np.uint8)
-        return mean
+        fine = np.reshape(image[2], (height, finer, width, finer, 4))[..., :3]
+        pixels: Pixels = fine.mean(axis=(1, 3)).round().astype(np.uint8)
+        return pixels
 
     def _add_ground(self, low: Floats, high: Floats) -> None:
-        middle, (wide, long) = (0.5 * (low + high)).tolist(), (high - low).tolist()
-        self._put(
-            self._add(
-                self._primitive((wide + _AROUND_M, long + _AROUND_M, 0.02), _GROUND)
-            ),
-            (*middle, -0.011),
-        )
-        across, along = (
-            self._primitive((0.012, long, 0.002), _LINE),
-            self._primitive((wide, 0.012, 0.002), _LINE),
-        )
-        for x in range(math.ceil(low[0]), math.floor(high[0]) + 1):
-            self._put(self._add(across), (float(x), middle[1], 0.0))
-        for y in range(math.ceil(low[1]), math.floor(high[1]) + 1):
-            self._put(self._add(along), (middle[0], float(y), 0.0))
+        """Add a plane, and lines a meter apart between two corners (2,) of the scene."""
+        x, y = (0.5 * (low + high)).tolist()
+        width, length = (high - low).tolist()
+        plane = (width + _MARGIN_M, length + _MARGIN_M, 0.02)
+        self._put(self._add(self._primitive(plane, _GROUND)), (x, y, -0.011))
 
-    def _put_robot(self, pose: Pose2D) -> None:
-        base = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
-        for body, part in self._robot:
-            turn = bullet.getQuaternionFromEuler((part.roll, part.pitch, 0.0))
-            where = bullet.multiplyTransforms(
-                (pose.x, pose.y, -self._ground_m), base, part.centre, turn
-            )
-            bullet.resetBasePositionAndOrientation(
-                body, *where, physicsClientId=self._client.id
-            )
+        along_y = self._primitive((0.012, length, 0.002), _LINE)
+        along_x = self._primitive((width, 0.012, 0.002), _LINE)
+        for line_x in range(math.ceil(low[0]), math.floor(high[0]) + 1):
+            self._put(self._add(along_y), (float(line_x), y, 0.0))
+        for line_y in range(math.ceil(low[1]), math.floor(high[1]) + 1):
+            self._put(self._add(along_x), (x, float(line_y), 0.0))
 
-    def _put_moving(self, places: Points, passed: Points) -> None:
-        for (body, yaw, height_m), (x, y) in zip(
-            self._moving, places.tolist(), strict=False
-        ):
-            self._put(body, (x, y, 0.5 * height_m), yaw)
-        while len(self._dots) < len(passed):
-            self._dots.append(self._add(self._primitive((_DOT_M, 0.004), MOVER)))
-        shown = [(x, y, 0.004) for x, y in passed.tolist()]
-        for body, where in zip(
-            self._dots, chain(shown, repeat(_HIDDEN_M)), strict=False
-        ):
-            self._put(body, where)
+    def _add_pillars(self, centers_m: Points, scene: TrialScene, color: str) -> None:
+        for first in range(0, len(centers_m), _PILLARS):
+            group = centers_m[first : first + _PILLARS]
+            self._add_mesh(pillars(group, scene.radius_m, scene.height_m), color)
 
-    def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Triple, float]]:
-        """Lay out pieces of the trail, below the ground until they are driven; each has the point that ends it."""
-        pieces, last = [], 0
+    def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Vector3, float]]:
+        """Add pieces of the trail, hidden until they are driven.
+
+        Returns:
+            Of each piece the point that ends it, its body, its center and its yaw.
+        """
+        pieces = []
+        last = 0
         for index in range(1, len(points_m)):
             step = points_m[index] - points_m[last]
             length = float(np.hypot(*step))
             if length < _TRAIL_STEP_M:
                 continue
             x, y = (0.5 * (points_m[index] + points_m[last])).tolist()
-            body = self._add(
-                self._primitive((length + 0.02, _TRAIL_WIDTH_M, 0.004), TRAIL)
-            )
-            pieces.append((index, body, (x, y, 0.004), math.atan2(step[1], step[0])))
+            sizes = (length + 0.02, _TRAIL_WIDTH_M, 0.004)
+            body = self._add(self._primitive(sizes, TRAIL))
+            yaw = math.atan2(step[1], step[0])
+            pieces.append((index, body, (x, y, 0.004), yaw))
             last = index
         return pieces
 
-    def _add_bodies(
-        self, bodies: Bodies, colour: str
-    ) -> list[tuple[int, float, float]]:
-        """Add upright cylinders and boxes; return of each its number, heading and height."""
+    def _add_bodies(self, bodies: Bodies, color: str) -> list[tuple[int, float, float]]:
+        """Add upright cylinders and boxes; return body, yaw and height of each."""
         placed = []
-        for (x, y, yaw), radius, size, height in zip(
-            *(part.tolist() for part in bodies), strict=True
-        ):
-            body = self._add(
-                self._primitive((radius, height) if radius else (*size, height), colour)
-            )
+        columns = [column.tolist() for column in bodies]
+        for (x, y, yaw), radius, size, height in zip(*columns, strict=True):
+            sizes = (radius, height) if radius else (*size, height)
+            body = self._add(self._primitive(sizes, color))
             self._put(body, (x, y, 0.5 * height), yaw)
             placed.append((body, yaw, height))
         return placed
 
-    def _shape(self, part: RobotPart) -> int:
+    def _put_robot(self, pose: Pose2D) -> None:
+        position = (pose.x, pose.y, -self._ground_m)
+        attitude = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
+        for body, part in self._robot:
+            turn = bullet.getQuaternionFromEuler((part.roll, part.pitch, 0.0))
+            place = bullet.multiplyTransforms(position, attitude, part.center, turn)
+            self._set_pose(body, *place)
+
+    def _put_moving(self, places: Points) -> None:
+        bodies = zip(self._moving, places.tolist(), strict=False)
+        for (body, yaw, height_m), (x, y) in bodies:
+            self._put(body, (x, y, 0.5 * height_m), yaw)
+
+    def _put_dots(self, points: Points) -> None:
+        while len(self._dots) < len(points):
+            self._dots.append(self._add(self._primitive((_DOT_M, 0.004), MOVER)))
+        for body in self._dots[len(points) :]:
+            self._put(body, _HIDDEN_M)
+        for body, (x, y) in zip(self._dots, points.tolist(), strict=False):
+            self._put(body, (x, y, 0.004))
+
+    def _part_shape(self, part: RobotPart) -> int:
         if part.corners:
-            return self._visual(
-                bullet.GEOM_MESH, part.colour, **prism(part.corners, part.sizes[0])
-            )
-        return self._primitive(part.sizes, part.colour)
+            mesh = prism(part.corners, part.sizes[0])
+            return self._visual(bullet.GEOM_MESH, part.color, **mesh)
+        return self._primitive(part.sizes, part.color)
 
-    def _mesh(self, colour: str, **mesh: Sequence[float]) -> None:
+    def _add_mesh(self, mesh: Mesh, color: str) -> None:
         """Add a mesh where its vertices are."""
-        self._put(
-            self._add(self._visual(bullet.GEOM_MESH, colour, **mesh)), (0.0, 0.0, 0.0)
-        )
+        body = self._add(self._visual(bullet.GEOM_MESH, color, **mesh))
+        self._put(body, (0.0, 0.0, 0.0))
 
-    def _primitive(self, sizes: Sequence[float], colour: str) -> int:
-        """Make a box of three sizes, a cylinder of radius and length, or a ball of a radius."""
+    def _primitive(self, sizes: Sequence[float], color: str) -> int:
+        """Create a box of three sizes, a cylinder of radius and length, or a ball."""
         if len(sizes) == 3:
+            half_sizes = [0.5 * size for size in sizes]
+            return self._visual(bullet.GEOM_BOX, color, halfExtents=half_sizes)
+        if len(sizes) == 2:
+            radius, length = sizes
             return self._visual(
-                bullet.GEOM_BOX, colour, halfExtents=[0.5 * size for size in sizes]
+                bullet.GEOM_CYLINDER, color, radius=radius, length=length
             )
-        if len(sizes) == 1:
-            return self._visual(bullet.GEOM_SPHERE, colour, radius=sizes[0])
-        return self._visual(
-            bullet.GEOM_CYLINDER, colour, radius=sizes[0], length=sizes[1]
-        )
+        return self._visual(bullet.GEOM_SPHERE, color, radius=sizes[0])
 
-    def _visual(self, kind: int, colour: str, **sizes: float | Sequence[float]) -> int:
-        shine: dict[str, Any] = {
-            "specularColor": (0.1, 0.1, 0.1),
-            "physicsClientId": self._client.id,
-        }
-        red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
-        made: int = bullet.createVisualShape(
-            kind, rgbaColor=(red, green, blue, 1.0), **shine, **sizes
+    def _visual(self, kind: int, color: str, **sizes: object) -> int:
+        red, green, blue = bytes.fromhex(color[1:])
+        shape: int = bullet.createVisualShape(
+            kind,
+            rgbaColor=(red / 255.0, green / 255.0, blue / 255.0, 1.0),
+            specularColor=(0.1, 0.1, 0.1),
+            physicsClientId=self._client.id,
+            **sizes,
         )
-        return made
+        return shape
 
     def _add(self, shape: int) -> int:
         """Add a body, hidden below the ground."""
-        at = {"baseVisualShapeIndex": shape, "basePosition": _HIDDEN_M}
-        made: int = bullet.createMultiBody(**at, physicsClientId=self._client.id)
-        return made
+        body: int = bullet.createMultiBody(
+            baseVisualShapeIndex=shape,
+            basePosition=_HIDDEN_M,
+            physicsClientId=self._client.id,
+        )
+        return body
 
-    def _put(self, body: int, where: Triple, yaw: float = 0.0) -> None:
-        turn = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
+    def _put(self, body: int, position: Vector3, yaw: float = 0.0) -> None:
+        attitude = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
+        self._set_pose(body, position, attitude)
+
+    def _set_pose(
+        self, body: int, position: Sequence[float], attitude: Sequence[float]
+    ) -> None:
         bullet.resetBasePositionAndOrientation(
-            body, where, turn, physicsClientId=self._client.id
+            body, position, attitude, physicsClientId=self._client.id
         )
-
-
-def prism(corners: Sequence[Corner], height_m: float) -> dict[str, list[Any]]:
-    """Return an upright prism of convex corners (k, 2) about its middle as a closed mesh with a normal to each face."""
-    around = np.asarray(corners, np.float64)
-    low, high = (
-        np.column_stack([around, np.full(len(around), level)])
-        for level in (-0.5 * height_m, 0.5 * height_m)
-    )
-    faces = [low[::-1], high]
-    following = np.roll(np.arange(len(around)), -1)
-    faces += [
-        np.array([low[k], low[n], high[n], high[k]]) for k, n in enumerate(following)
-    ]
-    made: dict[str, list[Any]] = {"vertices": [], "indices": [], "normals": []}
-    for face in faces:
-        across, first = (
-            np.cross(face[1] - face[0], face[2] - face[1]),
-            len(made["vertices"]),
-        )
-        made["indices"] += [
-            i
-            for k in range(1, len(face) - 1)
-            for i in (first, first + k, first + k + 1)
-        ]
-        made["vertices"] += face.tolist()
-        made["normals"] += [(across / np.linalg.norm(across)).tolist()] * len(face)
-    return made
-
-
-def pillars(
-    centres_m: Floats, radius_m: float, height_m: float
-) -> dict[str, list[Any]]:
-    """Return upright cylinders at centres (k, 2) as one mesh of sides and tops, with vertices, indices and normals."""
-    angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    around = np.column_stack([np.cos(angles), np.sin(angles)])
-    low, high = np.zeros((_SIDES, 1)), np.full((_SIDES, 1), height_m)
-    rim = [np.hstack([radius_m * around, level]) for level in (low, high, high)]
-    one = np.vstack([*rim, [[0.0, 0.0, height_m]]])
-    outwards, upwards = (
-        np.hstack([around, low]),
-        np.tile([0.0, 0.0, 1.0], (_SIDES + 1, 1)),
-    )
-    normals = np.vstack([outwards, outwards, upwards])
-    here = np.arange(_SIDES)
-    after, last = (here + 1) % _SIDES, np.full(_SIDES, 3 * _SIDES)
-    sides = [(here, after, after + _SIDES), (here, after + _SIDES, here + _SIDES)]
-    tops = [(here + 2 * _SIDES, after + 2 * _SIDES, last)]
-    faces = np.vstack([np.column_stack(corners) for corners in sides + tops])
-    shifts = np.column_stack([centres_m, np.zeros(len(centres_m))])
-    return {
-        "vertices": (shifts[:, None] + one).reshape(-1, 3).tolist(),
-        "indices": (len(one) * np.arange(len(centres_m))[:, None, None] + faces)
-        .ravel()
-        .tolist(),
-        "normals": np.tile(normals, (len(centres_m), 1)).tolist(),
-    }

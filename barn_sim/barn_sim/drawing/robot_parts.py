@@ -1,151 +1,167 @@
-"""What robots look like in three dimensions: a Jackal as it is, others as the body that the physics has."""
+"""What robots look like in three dimensions: primitives in base_link."""
 
 import math
 from typing import NamedTuple
 
 from barn_sim.config import LidarConfig
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.robot import Chassis, Vector3
 
-_YELLOW, _DARK, _BLACK, _METAL, _LAMP, _TAIL = (
-    "#fac40f",
-    "#33363b",
-    "#141417",
-    "#9ea3ab",
-    "#f2f2e6",
-    "#cc1a1a",
-)
+_YELLOW = "#fac40f"
+_DARK = "#33363b"
+_BLACK = "#141417"
+_METAL = "#9ea3ab"
+_LAMP = "#f2f2e6"
+_TAIL = "#cc1a1a"
+# Turns the axis of a cylinder from z to y.
+_SIDEWAYS = 0.5 * math.pi
 
 
 class RobotPart(NamedTuple):
-    """A primitive of the robot at `centre` in base_link, turned by roll and pitch.
-
-    sizes: full sizes of a box; radius and length of a cylinder, which stands along z before it is turned; radius of a
-    ball; height of an upright prism, whose corners (k, 2) are about `centre`, counter-clockwise.
-    """
+    """A primitive of the robot."""
 
     sizes: tuple[float, ...]
-    centre: tuple[float, float, float]
-    colour: str
+    """Full sizes of a box; radius and length of a cylinder along z; radius of a ball;
+    height of an upright prism. All in m."""
+
+    center: Vector3
+    """Position in base_link, m."""
+
+    color: str
+    """Color as #rrggbb."""
+
     roll: float = 0.0
+    """Rotation about x, applied first, rad."""
+
     pitch: float = 0.0
+    """Rotation about y, rad."""
+
     corners: tuple[Corner, ...] = ()
-
-
-def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return what a Jackal looks like: dark body, yellow fenders, wheels with hubs, lamps, lidar and antennas."""
-    radius, half_track = chassis.wheel_radius_m, 0.5 * chassis.track_m
-    parts = [RobotPart((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK)]
-    parts.append(RobotPart((0.42, 0.28, 0.012), (0.0, 0.0, 0.187), _BLACK))
-    parts += [
-        RobotPart((0.012, 0.20, 0.004), (x, 0.0, 0.195), _METAL) for x in (-0.06, 0.04)
-    ]
-    for end in (1.0, -1.0):
-        parts.append(RobotPart((0.02, 0.34, 0.085), (end * 0.236, 0.0, 0.085), _YELLOW))
-        parts.append(RobotPart((0.012, 0.20, 0.03), (end * 0.249, 0.0, 0.085), _BLACK))
-        for side in (1.0, -1.0):
-            middle = side * (half_track + 0.003)
-            parts.append(
-                RobotPart((0.17, 0.066, 0.014), (end * 0.118, middle, 0.150), _YELLOW)
-            )
-            parts.append(
-                RobotPart(
-                    (0.082, 0.066, 0.014),
-                    (end * 0.228, middle, 0.125),
-                    _YELLOW,
-                    pitch=end * 0.68,
-                )
-            )
-            lamp = _LAMP if end > 0 else _TAIL
-            parts.append(
-                RobotPart((0.006, 0.045, 0.018), (end * 0.247, side * 0.13, 0.10), lamp)
-            )
-    for x, y, z in chassis.wheels_m:
-        outside = 0.022 * math.copysign(1.0, y)
-        parts.append(RobotPart((radius, 0.042), (x, y, z), _BLACK, roll=0.5 * math.pi))
-        parts.append(
-            RobotPart(
-                (0.55 * radius, 0.010), (x, y + outside, z), _METAL, roll=0.5 * math.pi
-            )
-        )
-        parts.append(
-            RobotPart(
-                (0.25 * radius, 0.012),
-                (x, y + 1.1 * outside, z),
-                _YELLOW,
-                roll=0.5 * math.pi,
-            )
-        )
-    top, height, ahead = 0.193, lidar.mount_z_m, lidar.mount_x_m
-    foot = max(0.01, height - 0.03 - top)
-    parts.append(
-        RobotPart((0.09, 0.09, foot), (ahead, 0.0, 0.5 * (top + height - 0.03)), _DARK)
-    )
-    rings = (
-        ((0.042, 0.022), -0.019, _METAL),
-        ((0.041, 0.034), 0.009, _BLACK),
-        ((0.042, 0.008), 0.030, _METAL),
-    )
-    parts += [
-        RobotPart(size, (ahead, 0.0, height + above), colour)
-        for size, above, colour in rings
-    ]
-    return parts + [
-        RobotPart((0.006, 0.16), (-0.16, side * 0.09, 0.27), _BLACK)
-        for side in (1.0, -1.0)
-    ]
+    """Outline (k, 2) of a prism about its center, counter-clockwise, m."""
 
 
 def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return what a robot looks like: a Jackal as it is, others as the body that the physics has.
+    """Return the look of a robot: a Jackal as it is, others as the body of the physics.
 
-    That is a box, cylinder or prism, with wheels and casters; front and lidar are marked. A caster is a ball of half
-    the radius of the wheels: its place is all that is known of it.
+    Args:
+        chassis: The robot.
+        lidar: Mounting of the lidar in base_link.
     """
     if chassis.description == "jackal.urdf":
         return jackal_parts(chassis, lidar)
-    low, high = (
-        edge - chassis.base_height_m
-        for edge in (chassis.ground_clearance_m, chassis.body_height_m)
-    )
-    x_min, y_min, x_max, y_max = chassis.extent_m
-    long, wide, tall = x_max - x_min, y_max - y_min, high - low
-    middle = (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), 0.5 * (low + high))
-    small, z, ball = 0.04 * long, lidar.mount_z_m, 0.5 * chassis.wheel_radius_m
-    tip = (
-        [y for x, y in chassis.hull_m if x > x_max - small]
-        if not chassis.round
-        else [0.0]
-    )
-    front = (x_max, 0.5 * (min(tip) + max(tip)), middle[2])
-    foot, top = (
-        min(high, z),
-        max(high, z),
-    )  # a mast where the lidar stands over the body
+    return body_parts(chassis, lidar)
+
+
+def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
+    """Return a Jackal: dark body, yellow fenders, wheels, lamps, lidar and antennas.
+
+    Args:
+        chassis: The Jackal's wheels and track.
+        lidar: Mounting of the lidar in base_link.
+    """
     parts = [
-        _body(chassis, (long, wide, tall), middle),
-        RobotPart((small, 0.3 * wide, 0.2 * tall), front, _YELLOW),
+        RobotPart((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK),
+        RobotPart((0.42, 0.28, 0.012), (0.0, 0.0, 0.187), _BLACK),
+        RobotPart((0.012, 0.20, 0.004), (-0.06, 0.0, 0.195), _METAL),
+        RobotPart((0.012, 0.20, 0.004), (0.04, 0.0, 0.195), _METAL),
+    ]
+
+    # Bumpers, fenders and lamps at the front (1) and the back (-1).
+    fender_y = 0.5 * chassis.track_m + 0.003
+    for end in (1.0, -1.0):
+        lamp = _LAMP if end > 0 else _TAIL
+        parts += [
+            RobotPart((0.02, 0.34, 0.085), (end * 0.236, 0.0, 0.085), _YELLOW),
+            RobotPart((0.012, 0.20, 0.03), (end * 0.249, 0.0, 0.085), _BLACK),
+        ]
+        for side in (1.0, -1.0):
+            fender = (end * 0.118, side * fender_y, 0.150)
+            slope = (end * 0.228, side * fender_y, 0.125)
+            parts += [
+                RobotPart((0.17, 0.066, 0.014), fender, _YELLOW),
+                RobotPart((0.082, 0.066, 0.014), slope, _YELLOW, pitch=end * 0.68),
+                RobotPart(
+                    (0.006, 0.045, 0.018), (end * 0.247, side * 0.13, 0.10), lamp
+                ),
+            ]
+
+    radius = chassis.wheel_radius_m
+    for x, y, z in chassis.wheels_m:
+        outside = 0.022 * math.copysign(1.0, y)
+        rim = (x, y + outside, z)
+        cap = (x, y + 1.1 * outside, z)
+        parts += [
+            RobotPart((radius, 0.042), (x, y, z), _BLACK, roll=_SIDEWAYS),
+            RobotPart((0.55 * radius, 0.010), rim, _METAL, roll=_SIDEWAYS),
+            RobotPart((0.25 * radius, 0.012), cap, _YELLOW, roll=_SIDEWAYS),
+        ]
+
+    # The lidar stands on a foot, whose height depends on where it is mounted.
+    body_top = 0.193
+    lidar_x = lidar.mount_x_m
+    lidar_z = lidar.mount_z_m
+    foot = max(0.01, lidar_z - 0.03 - body_top)
+    foot_center = (lidar_x, 0.0, 0.5 * (body_top + lidar_z - 0.03))
+    return [
+        *parts,
+        RobotPart((0.09, 0.09, foot), foot_center, _DARK),
+        RobotPart((0.042, 0.022), (lidar_x, 0.0, lidar_z - 0.019), _METAL),
+        RobotPart((0.041, 0.034), (lidar_x, 0.0, lidar_z + 0.009), _BLACK),
+        RobotPart((0.042, 0.008), (lidar_x, 0.0, lidar_z + 0.030), _METAL),
+        RobotPart((0.006, 0.16), (-0.16, 0.09, 0.27), _BLACK),
+        RobotPart((0.006, 0.16), (-0.16, -0.09, 0.27), _BLACK),
+    ]
+
+
+def body_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
+    """Return the body of the physics with wheels and casters, front and lidar marked.
+
+    A caster is a ball of half the radius of the wheels: only its place is specified.
+
+    Args:
+        chassis: The robot.
+        lidar: Mounting of the lidar in base_link.
+    """
+    low = chassis.ground_clearance_m - chassis.base_height_m
+    high = chassis.body_height_m - chassis.base_height_m
+    x_min, y_min, x_max, y_max = chassis.extent_m
+    length = x_max - x_min
+    width = y_max - y_min
+    height = high - low
+    middle_z = 0.5 * (low + high)
+    center = (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), middle_z)
+
+    mark = 0.04 * length
+    front_y = 0.0
+    if not chassis.is_round:
+        tip = [y for x, y in chassis.hull_m if x > x_max - mark]
+        front_y = 0.5 * (min(tip) + max(tip))
+
+    if chassis.is_round:
+        body = RobotPart((chassis.footprint_radius_m, height), center, _DARK)
+    elif chassis.is_rectangular:
+        body = RobotPart((length, width, height), center, _DARK)
+    else:
+        corners = tuple((x - center[0], y - center[1]) for x, y in chassis.hull_m)
+        body = RobotPart((height,), center, _DARK, corners=corners)
+
+    # A mast where the lidar stands over the body.
+    mast_low = min(high, lidar.mount_z_m)
+    mast_high = max(high, lidar.mount_z_m)
+    mast = (lidar.mount_x_m, lidar.mount_y_m, 0.5 * (mast_low + mast_high))
+    parts = [
+        body,
         RobotPart(
-            (small, top - foot + 2.0 * small),
-            (lidar.mount_x_m, lidar.mount_y_m, 0.5 * (foot + top)),
-            _BLACK,
+            (mark, 0.3 * width, 0.2 * height), (x_max, front_y, middle_z), _YELLOW
         ),
-    ]
-    rim = (chassis.wheel_radius_m, chassis.wheel_width_m)
-    parts += [
-        RobotPart(rim, hub, _BLACK, roll=0.5 * math.pi) for hub in chassis.wheels_m
-    ]
-    return parts + [
-        RobotPart((ball,), (x, y, ball - chassis.base_height_m), _METAL)
-        for x, y in chassis.casters_m
+        RobotPart((mark, mast_high - mast_low + 2.0 * mark), mast, _BLACK),
     ]
 
-
-def _body(chassis: Chassis, sizes: Triple, middle: Triple) -> RobotPart:
-    """Return the body of a robot; sizes: of the box around it."""
-    if chassis.round:
-        return RobotPart((chassis.footprint_radius_m, sizes[2]), middle, _DARK)
-    if chassis.rectangular:
-        return RobotPart(sizes, middle, _DARK)
-    corners = tuple((x - middle[0], y - middle[1]) for x, y in chassis.hull_m)
-    return RobotPart((sizes[2],), middle, _DARK, corners=corners)
+    wheel = (chassis.wheel_radius_m, chassis.wheel_width_m)
+    ball = 0.5 * chassis.wheel_radius_m
+    ball_z = ball - chassis.base_height_m
+    return [
+        *parts,
+        *(RobotPart(wheel, hub, _BLACK, roll=_SIDEWAYS) for hub in chassis.wheels_m),
+        *(RobotPart((ball,), (x, y, ball_z), _METAL) for x, y in chassis.casters_m),
+    ]

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.drive import add_command, turn_wheels
+from barn_sim.body.free_motion import fill, triple
 from barn_sim.body.friction import (
     SWEEPS,
     TOLERANCE,
@@ -17,9 +18,8 @@ from barn_sim.body.friction import (
     clipped_abreast,
     sweep_friction,
 )
-from barn_sim.body.tyres import forces
-from barn_sim.motion.free_motion import fill, triple
-from barn_sim.motion.state import Record, Records
+from barn_sim.body.state import Record, Records
+from barn_sim.body.tires import forces
 from barn_sim.motion.ticks import (
     BARE,
     Push,
@@ -34,7 +34,7 @@ LANES = 32
 _FEW = 3  # robots that are faster one after the other
 # Rows, each of LANES numbers, in an array of one dimension, so that the compiler knows how far apart they are: motion,
 # the largest change of an impulse in a sweep, whether `clipped_abreast` was wrong, sweeps done; and of each wheel those
-# columns of `barn_sim.body.tyres.stand` that begin with the impulse, then how fast its rim goes along x and y.
+# columns of `barn_sim.body.tires.stand` that begin with the impulse, then how fast its rim goes along x and y.
 _LARGEST, _WRONG, _SWEEPS, _ROWS = 5, 6, 7, 8
 _ARM, _LIMIT, _LEVERS, _STEP, _SURE, _RIM, _WHEEL_ROWS = 2, 5, 6, 12, 13, 14, 16
 

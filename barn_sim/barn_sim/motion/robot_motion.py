@@ -23,14 +23,14 @@ from collections import deque
 
 import numpy as np
 
-from barn_sim.body.body import Body
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.drive import DriveController
 from barn_sim.body.model import model_of
-from barn_sim.body.movers import Movers
-from barn_sim.body.obstacles import Obstacles, tick_gap_m
+from barn_sim.body.state import Fleet
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.state import Fleet
+from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.movers import Movers
+from barn_sim.contact.obstacles import Obstacles, tick_gap_m
+from barn_sim.contact.robot_body import Body
 from barn_sim.motion.ticks import Push, advance, free_tick, motion_of
 from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.arrays import Floats
@@ -138,7 +138,7 @@ class RobotMotion:
             )
         return self._placed[1]
 
-    def remember(self) -> None:
+    def remember_pose(self) -> None:
         """Store the pose of now, for `poses_at`."""
         pose = self.place()[0]
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
@@ -168,7 +168,7 @@ class RobotMotion:
     def draw_noise(self, ticks: int) -> None:
         """Have the odometry's noise for so many ticks, at most a control period."""
         now_ns, period_ns = self.stamp_ns, self._odometry_ns
-        self.odometry.supply(
+        self.odometry.supply_noise(
             now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns
         )
 

@@ -10,12 +10,9 @@ from typing import Any
 
 from numba import njit
 
-from barn_sim.body.cylinders import nearest_gap
+from barn_sim.body import free_motion as free
 from barn_sim.body.drive import turn_wheels
-from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
-from barn_sim.body.tyres import forces, offset_of_centre, place, stand
-from barn_sim.motion import free_motion as free
-from barn_sim.motion.free_motion import (
+from barn_sim.body.free_motion import (
     Quaternion,
     Triple,
     attitude_of,
@@ -25,7 +22,10 @@ from barn_sim.motion.free_motion import (
     triple,
     turned,
 )
-from barn_sim.motion.state import Record, Records
+from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
+from barn_sim.body.state import Record, Records
+from barn_sim.body.tires import forces, offset_of_centre, place, stand
+from barn_sim.contact.cylinders import nearest_gap
 from barn_sim.sensors.odometry import integrate_wheels, read_odometry, renew_noise, wrap
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -203,7 +203,7 @@ def begin_push(robot: Record, fixed: Record) -> tuple[Motion, Rims, Triple]:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _move(robot: Record, fixed: Record, force: Triple, torque: Triple) -> None:
-    """Move the body for a tick as Bullet does; see `barn_sim.motion.free_motion`."""
+    """Move the body for a tick as Bullet does; see `barn_sim.body.free_motion`."""
     tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
     heading, attitude, spin = (
         quaternion(robot.heading),

@@ -1,1 +1,1 @@
-"""ROS 2 nodes of the package, and what only they need. The cores never import from here."""
+"""ROS 2 node of the package, and what only it needs. The cores never import from here."""

@@ -1,13 +1,16 @@
-"""Leads the simulator node for the evaluator at the other end of a private line, and for nobody else.
+"""Obeys the evaluator at the other end of a private line, and nobody else.
 
-Requests are objects {"number": n, "do": NAME, ...} and are answered by {"answer": n, "ok": BOOL, "text": TEXT}:
+Requests are objects {"number": n, "do": NAME, ...}; the answer to each is
+{"answer": n, "ok": BOOL, "text": TEXT}:
     introduce: the text is the identity (GID) of an endpoint of the node, in hexadecimal
-    set_parameters, with "values": all of them or none, for the next reset; the text says why not
+    set_parameters, with "values": all of them or none, for the next reset; the text
+        tells why they are not allowed
     pause, with "on"; reset: as the services of the node
-{"heard": STAMP} says up to which stamp of /clock, in ns, the evaluator has heard by DDS, {"heard": null} that it need
-not hear anything before the next reset; neither is answered.
-What others ask of the node is refused and reported as {"interference": TEXT}. What the evaluator sets is no parameter
-of ROS: anybody could read there which world it is.
+{"heard": STAMP} tells up to which stamp of /clock, in ns, the evaluator has heard by
+DDS, and {"heard": null} that it need not hear anything before the next reset; neither
+has an answer.
+Requests of others to the node are refused and reported as {"interference": TEXT}. What
+the evaluator sets is no parameter of ROS: anybody could read there which world it is.
 """
 
 import threading
@@ -23,17 +26,23 @@ from barn_sim.config import RunConfig
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine, Reading
-from barn_worlds.ros.topics import own_identity
+from barn_worlds.ros.topics import read_endpoint_identity
 
-Done = tuple[bool, str]  # whether, and why not
+# Whether a request succeeded, and its result or why it failed.
+Answer = tuple[bool, str]
 
 
 class Leader:
-    """Serves the requests of a line in the executor of the node, one after the other.
+    """Serves the requests of a line in the executor of the node, one after the other."""
 
-    reset, pause: what it has the node do. config: for the next reset. heard_ns: how far the evaluator has heard, None
-    while it need not; awaited: whether the executor waits for that.
-    """
+    config: RunConfig
+    """Configuration for the next reset."""
+
+    heard_ns: int | None
+    """Up to which stamp the evaluator has heard; None while it need not."""
+
+    is_awaited: bool
+    """Whether the executor waits for the evaluator to hear more."""
 
     def __init__(
         self,
@@ -42,55 +51,70 @@ class Leader:
         line: PrivateLine,
         executor: SingleThreadedExecutor,
         *,
-        reset: Callable[[], Done],
-        pause: Callable[[bool], Done],
+        reset: Callable[[], Answer],
+        pause: Callable[[bool], Answer],
     ) -> None:
+        """Listen to the line in a thread, and refuse changes of parameters.
+
+        Args:
+            node: Node that is led.
+            config: Configuration for the next reset, until the evaluator changes it.
+            line: Private line to the evaluator.
+            executor: Executor in which requests are served.
+            reset: Resets the node.
+            pause: Pauses or resumes the node.
+        """
         self.config = config
-        self.heard_ns: int | None = 0
-        self.awaited = False
+        self.heard_ns = 0
+        self.is_awaited = False
         self._name: str = node.get_name()
-        self._reset, self._pause = reset, pause
-        self._line, self._executor = line, executor
-        self._identity = own_identity(node).hex()
-        node.add_on_set_parameters_callback(self._judge_change)
+        self._reset = reset
+        self._pause = pause
+        self._line = line
+        self._executor = executor
+        self._identity = read_endpoint_identity(node).hex()
+        node.add_on_set_parameters_callback(self._refuse_parameters)
         threading.Thread(target=self._listen, daemon=True).start()
 
     def refuse(self, deed: str) -> str:
-        """Report what somebody else has asked for, and return the reason why it is not done."""
+        """Report a request of somebody else, and return the reason why it is refused."""
         self._line.send(interference=deed)
         return "this simulator is led by an evaluator"
 
     def _listen(self) -> None:
         while (request := self._line.receive(wait=True)) is not None:
             if isinstance(request, Reading):
-                continue  # an evaluator has none to send
+                # An evaluator has no readings to send.
+                continue
             if "heard" not in request:
                 self._executor.create_task(self._serve, request)
                 continue
             self.heard_ns = request["heard"]
-            if self.awaited:  # a task is a turn of the executor, which takes as long as an instant's messages
+            if self.is_awaited:
+                # An empty task wakes the executor. It takes a turn as long as an
+                # instant's messages do, so it is added only while somebody waits.
                 self._executor.create_task(lambda: None)
 
     def _serve(self, request: dict[str, Any]) -> None:
-        ok, text = self._do(request["do"], request)
+        ok, text = self._answer(request)
         self._line.send(answer=request["number"], ok=ok, text=text)
 
-    def _do(self, what: str, request: dict[str, Any]) -> Done:
-        if what == "introduce":
-            return True, self._identity
-        if what == "pause":
-            return self._pause(request["on"])
-        if what == "reset":
-            self.heard_ns = 0
-            return self._reset()
+    def _answer(self, request: dict[str, Any]) -> Answer:
+        match request["do"]:
+            case "introduce":
+                return True, self._identity
+            case "pause":
+                return self._pause(request["on"])
+            case "reset":
+                self.heard_ns = 0
+                return self._reset()
         try:
             self.config = replace_dotted(self.config, request["values"], "parameter")
         except BarnError as error:
             return False, str(error)
         return True, ""
 
-    def _judge_change(self, parameters: list[Parameter]) -> SetParametersResult:
+    def _refuse_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         names = ", ".join(sorted(parameter.name for parameter in parameters))
-        return SetParametersResult(
-            successful=False, reason=self.refuse(f"set {names} of {self._name}")
-        )
+        reason = self.refuse(f"set {names} of {self._name}")
+        return SetParametersResult(successful=False, reason=reason)

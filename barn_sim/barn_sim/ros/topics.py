@@ -1,10 +1,11 @@
-"""The topics of the simulator node: the commands that it takes, and what it publishes, its status included."""
+"""The topics of the simulator node: its commands, its readings and its status."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import ReliabilityPolicy
 from rclpy.subscription import Subscription
 
@@ -18,49 +19,71 @@ from barn_worlds.messages.topics import (
     CMD_VEL,
     CMD_VEL_STAMPED,
     SIMULATOR_DIAGNOSTICS,
-    Outgoing,
+    OutgoingMessage,
 )
 from barn_worlds.ros.private_line import PrivateLine
-from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
+from barn_worlds.ros.topics import (
+    create_optional_publisher,
+    create_publisher,
+    subscribe,
+)
 
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
-# What a trial is judged by: goes over the private line, if there is one, and before it is published.
+
+# The referee judges by these: they go over the private line, if there is one, and before
+# they are published.
 _JUDGED = (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)
 _JUDGED_NAMES = {topic.name for topic in _JUDGED}
-_OTHERS = (
+_PUBLISHED = (
+    *_JUDGED,
     topics.AMCL_POSE,
     topics.JOINT_STATES,
     topics.ROBOT_DESCRIPTION,
     SIMULATOR_DIAGNOSTICS,
+    topics.TF,
+    topics.TF_STATIC,
 )
-_PUBLISHED = (*_JUDGED, *_OTHERS, topics.TF, topics.TF_STATIC)
-_TRUE = (topics.GROUND_TRUTH, topics.COLLISION)
+_TRUTH = (topics.GROUND_TRUTH, topics.COLLISION)
 _FAULTS = ("missed_commands", "invalid_commands")
 
 
 class CommandInput:
-    """Subscribes to cmd_vel by `kind`, "twist" or "twist_stamped"; `complaint`: what is wrong with its publishers."""
+    """Subscribes to cmd_vel with the type and reliability of its publishers."""
+
+    kind: str
+    """Type of the commands: "twist" or "twist_stamped"."""
+
+    complaint: str
+    """What is wrong with the publishers, or an empty text."""
 
     def __init__(
-        self, node: Node, wanted: str, take: Callable[[Velocity2D], None]
+        self, node: Node, kind: str, take: Callable[[Velocity2D], None]
     ) -> None:
+        """Subscribe to cmd_vel.
+
+        Args:
+            node: Node that subscribes.
+            kind: "twist", "twist_stamped", or "auto" for that of the publishers.
+            take: Receives the commands.
+        """
+        self.kind = "twist" if kind == "auto" else kind
         self.complaint = ""
-        self.kind = "twist" if wanted == "auto" else wanted
-        self._node, self._take, self._fixed = node, take, wanted != "auto"
+        self._follows_publishers = kind == "auto"
+        self._node = node
+        self._take = take
         self._topic = node.resolve_topic_name(CMD_VEL.name)
-        self._complained, self._reliable = False, True
+        self._has_complained = False
+        self._is_reliable = True
         self._subscription = self._subscribe()
 
     def _subscribe(self) -> Subscription:
         topic = _COMMANDS[self.kind]
-        read = partial(decode.command, type_name=topic.type_name)
-        qos = (
-            topic.qos
-            if self._reliable
-            else replace(topic.qos, reliability="best_effort")
-        )
-        return subscribe(self._node, topic, read, self._take, qos)
+        decode_command = partial(decode.command, type_name=topic.type_name)
+        qos = topic.qos
+        if not self._is_reliable:
+            qos = replace(qos, reliability="best_effort")
+        return subscribe(self._node, topic, decode_command, self._take, qos)
 
     def publishers(self) -> int:
         """Return the number of publishers of commands."""
@@ -68,83 +91,93 @@ class CommandInput:
 
     def begin_trial(self) -> None:
         """Allow one complaint in the new trial."""
-        self._complained = False
-        self.look()
+        self._has_complained = False
+        self.check_publishers()
 
-    def look(self) -> None:
-        """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
+    def check_publishers(self) -> None:
+        """Adopt type and reliability of the publishers, or complain, once per trial."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
+        kind = self.kind
         kinds = sorted(
             _KINDS[info.topic_type] for info in publishers if info.topic_type in _KINDS
         )
-        kind = (
-            kinds[0]
-            if not self._fixed and kinds and self.kind not in kinds
-            else self.kind
-        )
-        # a reliable subscription does not receive from a best-effort publisher
-        guaranteed = all(
+        if self._follows_publishers and kinds and kind not in kinds:
+            kind = kinds[0]
+
+        # A reliable subscription does not receive from a best-effort publisher.
+        is_reliable = all(
             info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT
             for info in publishers
         )
-        name = _COMMANDS[kind].type_name
-        if publishers and (kind, guaranteed) != (self.kind, self._reliable):
-            self.kind, self._reliable = kind, guaranteed
+        type_name = _COMMANDS[kind].type_name
+        if publishers and (kind, is_reliable) != (self.kind, self._is_reliable):
+            self.kind = kind
+            self._is_reliable = is_reliable
             self._node.destroy_subscription(self._subscription)
             self._subscription = self._subscribe()
-            delivery = "reliably" if guaranteed else "best-effort"
+            delivery = "reliably" if is_reliable else "best-effort"
+            short_name = type_name.rpartition("/")[2]
             self._node.get_logger().info(
-                f"{self._topic}: commands come {delivery} as {name.rpartition('/')[2]}"
+                f"{self._topic}: commands come {delivery} as {short_name}"
             )
-        wrong = sorted(
+
+        strangers = sorted(
             f"{info.topic_type} of {info.node_name}"
             for info in publishers
-            if info.topic_type != name
+            if info.topic_type != type_name
         )
-        self.complaint = (
-            f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}"
-            if wrong
-            else ""
-        )
-        if (
-            wrong and not self._complained
-        ):  # not at each change: at first a node's name may not be known
-            self._complained = True
-            self._node.get_logger().error(self.complaint)
+        self.complaint = ""
+        if strangers:
+            names = ", ".join(strangers)
+            self.complaint = (
+                f"{self._topic}: not heard: {names}; this run expects {type_name}"
+            )
+            # Not at each change: at first a node's name may be missing.
+            if not self._has_complained:
+                self._has_complained = True
+                self._node.get_logger().error(self.complaint)
 
 
 class Outputs:
-    """Publishes messages; transforms only where their type is installed, the truth only where it is asked for.
+    """Publishes messages, and sends what the referee judges by over the private line.
 
-    What a trial is judged by also goes over the private line, if there is one.
+    Transforms are published only where their type is installed, the truth only if the
+    configuration allows it.
     """
 
     def __init__(
         self, node: Node, config: SimulatorNodeConfig, line: PrivateLine | None = None
     ) -> None:
-        free = config.scan_reliability == "auto" and not config.lockstep
-        scan = BEST_EFFORT if free or config.scan_reliability == "best_effort" else None
-        self._scan = publisher(node, topics.SCAN, scan)
+        """Create the publishers.
+
+        Args:
+            node: Node that publishes.
+            config: Whether to publish the truth, and reliability of the scans.
+            line: Private line to the evaluator.
+        """
+        reliability = config.scan_reliability
+        if reliability == "auto":
+            reliability = "reliable" if config.lockstep else "best_effort"
+        scan_qos = BEST_EFFORT if reliability == "best_effort" else None
+        self._scan = create_publisher(node, topics.SCAN, scan_qos)
         self._line = line
-        published = [
-            topic for topic in _PUBLISHED if config.ground_truth or topic not in _TRUE
-        ]
-        self._publishers = {
-            topic.name: optional_publisher(node, topic) for topic in published
-        }
-        self._publishers[topics.SCAN.name] = self._scan
+        self._publishers: dict[str, Publisher | None] = {topics.SCAN.name: self._scan}
+        for topic in _PUBLISHED:
+            if config.ground_truth or topic not in _TRUTH:
+                self._publishers[topic.name] = create_optional_publisher(node, topic)
         if self._publishers[topics.TF.name] is None:
             node.get_logger().info(
                 "tf2_msgs is not installed: /tf and /tf_static are off"
             )
 
-    def publish(self, messages: Iterable[Outgoing]) -> None:
+    def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
             if self._line is not None and topic.name in _JUDGED_NAMES:
                 self._line.publish(topic.name, data)
-            if (sender := self._publishers.get(topic.name)) is not None:
-                sender.publish(data)
+            topic_publisher = self._publishers.get(topic.name)
+            if topic_publisher is not None:
+                topic_publisher.publish(data)
 
     def scan_subscriptions(self) -> int:
         """Return how many subscriptions the scans reach."""
@@ -153,24 +186,41 @@ class Outputs:
 
 def diagnosis(
     trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False
-) -> Outgoing:
-    """Return the report; discreet: without what would tell a planner under test which world it is in."""
+) -> OutgoingMessage:
+    """Return the status message of the simulator.
+
+    Args:
+        trial: Trial that runs.
+        commands: Type of commands, and complaints about their publishers.
+        state: "running" or "paused".
+        discreet: Whether to leave out which world it is, which a planner under test
+            must not know.
+    """
     counts = trial.counts()
     faults = [
-        f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]
+        f"{counts[name]} {name.replace('_', ' ')}" for name in _FAULTS if counts[name]
     ]
-    level = ERROR if commands.complaint else WARNING if faults else FINE
-    texts = {"state": state}
-    texts |= (
-        {} if discreet else {"world": trial.world_name, "seed": str(trial.config.seed)}
-    )
-    texts |= {
-        "simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}",
-        "command_type": commands.kind,
-    }
-    texts |= {key: str(value) for key, value in counts.items()}
-    message = "; ".join(filter(None, (commands.complaint, *faults))) or state
+    level = WARNING if faults else FINE
+    problems = faults
+    if commands.complaint:
+        level = ERROR
+        problems = [commands.complaint, *faults]
+
+    values = {"state": state}
+    if not discreet:
+        values["world"] = trial.world_name
+        values["seed"] = str(trial.config.seed)
+    values["simulated_s"] = f"{seconds(trial.simulator.stamp_ns):.3f}"
+    values["command_type"] = commands.kind
+    for name, count in counts.items():
+        values[name] = str(count)
+
     data = encode_diagnostics(
-        trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal"
+        trial.now_ns,
+        level,
+        "simulator",
+        "; ".join(problems) or state,
+        values,
+        hardware_id="simulated jackal",
     )
-    return Outgoing(SIMULATOR_DIAGNOSTICS, data)
+    return OutgoingMessage(SIMULATOR_DIAGNOSTICS, data)

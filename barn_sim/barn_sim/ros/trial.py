@@ -1,4 +1,4 @@
-"""One trial of the simulator node: a simulator, the start of its time, its messages and counters."""
+"""One trial of the simulator node: a simulator, its messages and its counters."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -6,35 +6,48 @@ from dataclasses import dataclass, replace
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
-from barn_worlds.base.compute import Turnaround
-from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
-from barn_worlds.messages.topics import SCAN, Outgoing
+from barn_worlds.base.compute import CycleTimer
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.messages.topics import SCAN, OutgoingMessage
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @dataclass
 class SimulatedTrial:
-    """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
-
-    turnaround: when, in lockstep, the planner is asked and its commands take effect. published: whether the readings of
-    this instant are; asked: whether the planner is to answer them. answer: the command for them; last: the last one
-    that came; missed: how often lockstep got none in time; extra: commands that arrived when none was expected.
-    """
+    """A simulator, and how far its conversation with the planner has come."""
 
     config: RunConfig
     simulator: Simulator
     messages: SimulatorMessages
+
     origin_ns: int
+    """Time on the clock at which the simulator starts."""
+
     world_name: str
-    turnaround: Turnaround
+
+    cycle_timer: CycleTimer
+    """In lockstep, when the planner may answer and when its commands take effect."""
+
     published: bool = False
-    asked: bool = True
+    """Whether the readings of this instant have been published."""
+
+    awaits_answer: bool = True
+    """Whether the planner is to answer the readings of this instant."""
+
     answer: Velocity2D | None = None
-    last: Velocity2D | None = None
+    """The command that came for this instant."""
+
+    last_command: Velocity2D | None = None
+
     commands: int = 0
+    """How many commands came."""
+
     missed: int = 0
+    """How often lockstep got no command in time."""
+
     extra: int = 0
+    """How many commands came when none was expected."""
 
     @property
     def now_ns(self) -> int:
@@ -45,47 +58,55 @@ class SimulatedTrial:
         """Store a command for the next step; an extra one replaces the one before."""
         self.commands += 1
         self.extra += self.answer is not None
-        self.answer = self.last = velocity
+        self.answer = velocity
+        self.last_command = velocity
 
-    def readings(self) -> Iterator[Outgoing]:
-        """Yield all readings of this instant, the scan last; without the scan while the planner still computes."""
+    def readings(self) -> Iterator[OutgoingMessage]:
+        """Yield all readings of this instant, the scan last.
+
+        The scan is left out while the planner still computes.
+        """
         sensors = self.simulator.sense()
-        scanned = sensors.scan.stamp_ns == sensors.stamp_ns
-        self.published, self.asked = (
-            True,
-            scanned and self.turnaround.free(self.simulator.stamp_ns),
-        )
-        found = self.messages.sensors(sensors, self.now_ns)
-        return (one for one in found if self.asked or one.topic is not SCAN)
+        has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
+        self.published = True
+        self.awaits_answer = has_scan and self.cycle_timer.is_free(sensors.stamp_ns)
+        for message in self.messages.sensors(sensors, self.now_ns):
+            if self.awaits_answer or message.topic is not SCAN:
+                yield message
 
     def step(self) -> None:
-        """Advance one control period with the answer to the readings, when that takes effect."""
-        delay_ns = self.turnaround.take(self.simulator.stamp_ns) if self.asked else 0
-        command, self.answer = self.answer, None
-        self.simulator.step(command, delay_ns)
+        """Advance one control period with the answer, when that takes effect."""
+        delay_ns = 0
+        if self.awaits_answer:
+            delay_ns = self.cycle_timer.start_cycle(self.simulator.stamp_ns)
+        self.simulator.step(self.answer, delay_ns)
+        self.answer = None
         self.published = False
 
-    def due_readings(self) -> Iterator[Outgoing]:
+    def due_readings(self) -> Iterator[OutgoingMessage]:
         """Yield the time and those readings whose period ends now."""
         self.published = True
-        simulator, messages, now_ns = self.simulator, self.messages, self.now_ns
-        scanned = self._ends(self.config.lidar.rate_hz)
+        simulator = self.simulator
+        messages = self.messages
+        now_ns = self.now_ns
+        is_scan_due = self._is_due(self.config.lidar.rate_hz)
+
+        # The scan last: planners answer it, and need everything else before.
         odometry = simulator.read_odometry()
         yield messages.clock(now_ns)
-        if scanned:
-            yield messages.localisation(
-                simulator.read_localisation(odometry.pose), odometry.pose, now_ns
-            )
-        if self._ends(self.config.odometry.rate_hz):
+        if is_scan_due:
+            pose = simulator.read_localization(odometry.pose)
+            yield messages.localization(pose, odometry.pose, now_ns)
+        if self._is_due(self.config.odometry.rate_hz):
             yield messages.odometry(odometry, now_ns)
             yield messages.truth(simulator.read_truth(), now_ns)
             yield messages.transforms(odometry.pose, now_ns)
             yield messages.collision(simulator.read_collision())
             yield messages.joints(simulator.read_joints(), now_ns)
-        if scanned:
+        if is_scan_due:
             yield messages.scan(simulator.read_scan(), now_ns)
 
-    def _ends(self, rate_hz: float) -> bool:
+    def _is_due(self, rate_hz: float) -> bool:
         return self.simulator.stamp_ns % nanoseconds(1.0 / rate_hz) == 0
 
     def counts(self) -> dict[str, int]:
@@ -99,24 +120,34 @@ class SimulatedTrial:
 
     def summary(self) -> str:
         """Return the counts in one line."""
-        counts = ", ".join(
-            f"{number} {name.replace('_', ' ')}"
-            for name, number in self.counts().items()
-        )
-        return f"{self.simulator.stamp_ns / NANOSECONDS:.2f} s simulated, {counts}"
+        parts = [f"{self.simulator.stamp_ns / NANOSECONDS_PER_SECOND:.2f} s simulated"]
+        for name, count in self.counts().items():
+            parts.append(f"{count} {name.replace('_', ' ')}")
+        return ", ".join(parts)
 
 
-def begin(
+def begin_trial(
     config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0
 ) -> SimulatedTrial:
-    """Return a new trial from the next whole second on; BarnError if its world or its robot cannot be read."""
+    """Return a new trial, which starts at the next whole second.
+
+    Args:
+        config: World, start pose, seed and robot of the trial.
+        node: Frames and mode of the node.
+        before_ns: Last time on the clock.
+
+    Raises:
+        BarnError: If the world or the robot cannot be read.
+    """
     config = replace(config, chassis=load_robot(config.robot).chassis)
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = None if node.lockstep else 1.0 / config.lidar.rate_hz
-    messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
-    origin_ns = (before_ns // NANOSECONDS + 1) * NANOSECONDS
-    turnaround = Turnaround(config.compute, config.compute_seed)
     return SimulatedTrial(
-        config, simulator, messages, origin_ns, world.name, turnaround
+        config=config,
+        simulator=simulator,
+        messages=SimulatorMessages(config, node.frames, scan_period_s, config.start),
+        origin_ns=(before_ns // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND,
+        world_name=world.name,
+        cycle_timer=CycleTimer(config.compute, config.compute_seed),
     )

@@ -5,18 +5,19 @@ import math
 from numba import njit
 from numpy.random import Generator
 
+from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import OdometryConfig
-from barn_sim.motion.state import Fleet, Record, Records
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds
 
 
 class FusedOdometry:
-    """Speed of the wheels integrated along the yaw of the IMU, from (0, 0, 0) at the robot's start pose.
+    """Speed of the wheels integrated along the yaw of the IMU, from the start pose.
 
-    The filter trusts the IMU's absolute yaw. So the heading has that sensor's noise but does not drift, while the
-    position drifts with every slip of the wheels. Noise is drawn once per update, at the odometry's own rate, whether
-    or not the update is read. A biased gyro without a compass makes the heading drift, in proportion to time.
+    The filter trusts the IMU's absolute yaw. So the heading has that sensor's noise but
+    does not drift, while the position drifts with every slip of the wheels. A biased
+    gyro without a compass makes the heading drift, too, in proportion to time. Noise is
+    drawn once per update, at the odometry's own rate, whether or not the update is read.
     """
 
     def __init__(
@@ -27,59 +28,78 @@ class FusedOdometry:
         fleet: Fleet,
         index: int,
     ) -> None:
-        """Begin with the noise of the first update; fleet, index: whose state it keeps."""
-        self._fleet, self._index, self._rng, self._drawn = fleet, index, rng, 0
-        settings = self._fleet.settings
-        settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = (
-            config.yaw_noise_rad,
-            config.yaw_rate_noise_rad_s,
-        )
+        """Reset the odometry of a robot, which needs an `update` before it is read.
+
+        Args:
+            config: Rate and errors of the odometry.
+            rng: Source of the noise.
+            start_yaw: Yaw of the robot's start pose in the map frame, rad.
+            fleet: Keeps the state.
+            index: Row of the robot in the fleet.
+        """
+        self._fleet = fleet
+        self._index = index
+        self._rng = rng
+        # The first update whose noise is not drawn yet.
+        self._next_number = 0
+
+        settings = fleet.settings
+        settings["yaw_noise_rad"] = config.yaw_noise_rad
+        settings["yaw_rate_noise_rad_s"] = config.yaw_rate_noise_rad_s
         settings["odometry_ns"] = nanoseconds(1.0 / config.rate_hz)
-        self._fleet.robots[index]["start_yaw"] = start_yaw
-        self._fleet.robots[index]["speed_factor"] = 1.0
+        fleet.robots[index]["start_yaw"] = start_yaw
+        fleet.robots[index]["speed_factor"] = 1.0
 
     def draw_errors(self, config: OdometryConfig, rng: Generator) -> None:
-        """Draw the errors that stay for a trial: of the gyro and of the wheels' radius."""
-        robot, (gyro, radius) = self._fleet.robots[self._index], rng.standard_normal(2)
+        """Draw the errors that stay for a trial: of the gyro and of the wheels' radius.
+
+        Args:
+            config: Standard deviations of both errors over trials.
+            rng: Source of both; not the one of the noise.
+        """
+        gyro, radius = rng.standard_normal(2)
+        robot = self._fleet.robots[self._index]
         robot["gyro_bias"] = config.gyro_bias_rad_s * gyro
         robot["speed_factor"] = 1.0 + config.wheel_radius_error * radius
 
     def update(self, number: int) -> None:
-        """Make the update of this number the present one."""
-        self.supply(number, number)
-        update_noise(
-            self._fleet.robots,
-            self._fleet.settings,
-            self._index,
-            self._fleet.noise,
-            number,
-        )
+        """Apply the noise of the update with this number, counted from 0."""
+        self.supply_noise(number, number)
+        fleet = self._fleet
+        update_noise(fleet.robots, fleet.settings, self._index, fleet.noise, number)
 
-    def supply(self, first: int, last: int) -> None:
-        """Have the noise of the updates from `first` to `last`; every one is drawn once, in their order."""
-        if last < self._drawn:
+    def supply_noise(self, first: int, last: int) -> None:
+        """Draw the noise of updates in advance; each is drawn once, in their order.
+
+        Args:
+            first: Number of the first update that is still needed.
+            last: Number of the last one; there must be room for all between.
+        """
+        if last < self._next_number:
             return
         noise = self._fleet.noise[self._index]
-        kept = self._drawn - first
-        if kept > 0:
-            noise[:kept] = noise[len(noise) - kept :].copy()
-        noise[kept:] = self._rng.standard_normal((len(noise) - kept, 2))
+        unused = max(self._next_number - first, 0)
+        if unused:
+            noise[:unused] = noise[len(noise) - unused :].copy()
+        noise[unused:] = self._rng.standard_normal((len(noise) - unused, 2))
         self._fleet.robots[self._index]["noise_from"] = first
-        self._drawn = first + len(noise)
+        self._next_number = first + len(noise)
 
     def read(self, stamp_ns: int) -> Odometry:
-        """Return the state now."""
-        x, y, yaw, linear, angular = read_odometry(self._fleet.robots, self._index)
-        return Odometry(
-            stamp_ns,
-            Pose2D(x, y, yaw).through_quaternion(),
-            Velocity2D(linear, angular),
-        )
+        """Return pose and velocity in the odom frame with a time stamp."""
+        x, y, yaw, speed, yaw_rate = read_odometry(self._fleet.robots, self._index)
+        pose = Pose2D(x, y, yaw).through_quaternion()
+        return Odometry(stamp_ns, pose, Velocity2D(speed, yaw_rate))
 
 
 @njit(cache=True)
 def integrate_wheels(robot: Record, tick_s: float) -> None:
-    """Integrate the odometry of a robot by one tick."""
+    """Integrate the odometry of a robot over one tick.
+
+    Args:
+        robot: Record of the robot.
+        tick_s: Duration of the tick.
+    """
     robot.odometry_speed = 0.5 * (robot.left_m_s + robot.right_m_s) * robot.speed_factor
     heading = robot.yaw - robot.start_yaw + robot.yaw_error
     robot.odometry_x += tick_s * robot.odometry_speed * math.cos(heading)
@@ -88,7 +108,13 @@ def integrate_wheels(robot: Record, tick_s: float) -> None:
 
 @njit(cache=True)
 def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
-    """Give a robot the noise of a new update, from a row (2,) of standard normal numbers, and what has drifted."""
+    """Replace the errors of a robot's odometry by those of a new update.
+
+    Args:
+        robot: Record of the robot.
+        settings: Record of `barn_sim.body.state.SETTINGS`.
+        row: Standard normal numbers (2,), for the yaw and the yaw rate.
+    """
     drift = robot.gyro_bias * 1e-9 * robot.stamp_ns
     robot.yaw_error = settings.yaw_noise_rad * row[0] + drift
     robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1] + robot.gyro_bias
@@ -98,7 +124,15 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
 def update_noise(
     robots: Records, settings: Records, index: int, noise: Floats, number: int
 ) -> None:
-    """Give a robot the noise of the update of this number."""
+    """Replace the errors of a robot's odometry by those of an update.
+
+    Args:
+        robots: Records (n,) of robots.
+        settings: Their common record (1,) of settings.
+        index: Row of the robot.
+        noise: Noise of all robots' next updates (n, k, 2).
+        number: Number of the update, for which there must be noise.
+    """
     robot: Record = robots[index]
     renew_noise(robot, settings[0], noise[index, number - robot.noise_from])
 
@@ -107,16 +141,19 @@ def update_noise(
 def read_odometry(
     robots: Records, index: int
 ) -> tuple[float, float, float, float, float]:
-    """Return x, y, yaw, forward speed and yaw rate as the odometry of a robot has them."""
+    """Read the odometry of a robot.
+
+    Args:
+        robots: Records (n,) of robots.
+        index: Row of the robot.
+
+    Returns:
+        x, y (m), yaw (rad), forward speed (m/s) and yaw rate (rad/s) in the odom frame.
+    """
     robot: Record = robots[index]
-    seen = wrap(robot.yaw - robot.start_yaw + robot.yaw_error)
-    return (
-        robot.odometry_x,
-        robot.odometry_y,
-        seen,
-        robot.odometry_speed,
-        robot.spin[2] + robot.yaw_rate_error,
-    )
+    yaw = wrap(robot.yaw - robot.start_yaw + robot.yaw_error)
+    yaw_rate = robot.spin[2] + robot.yaw_rate_error
+    return robot.odometry_x, robot.odometry_y, yaw, robot.odometry_speed, yaw_rate
 
 
 @njit(cache=True)

@@ -1,10 +1,12 @@
-"""Adaptive Monte Carlo localisation with particles: scans matched to the map that the robot was given.
+"""Adaptive Monte Carlo localization: scans matched to the map that the robot was given.
 
-The rules are those of the amcl package (Fox 2001, KLD-sampling; Thrun, Burgard and Fox 2005, tables 5.6 and 6.3) as the
-Jackal's navigation configures it, with those of its habits that move the result: the weight of a particle is one plus
-the sum of its beams' cubed likelihoods, and the motion model draws with variances as if they were standard deviations.
-More are options: a correction takes effect late; the map's cells lie centred on their lower corners, so that poses come
-out half a cell too low in x and y; particles anywhere on the map are mixed in when scans fit worse than they did (table
+The rules are those of the amcl package (Fox 2001, KLD-sampling; Thrun, Burgard and Fox
+2005, tables 5.6 and 6.3) as the Jackal's navigation configures it, with the habits of it
+that change the result: the weight of a particle is one plus the sum of its beams' cubed
+likelihoods, and the motion model draws with variances as if they were standard
+deviations. More are options: a correction takes effect late; the map's cells lie
+centered on their lower corners, so that poses come out half a cell too low in x and y;
+particles anywhere on the map are mixed in when scans fit worse than they did (table
 8.3), where the average weight depends on how many particles there are, as in amcl.
 """
 
@@ -16,200 +18,232 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from barn_sim.config import LocalisationConfig
-from barn_worlds.base.arrays import Floats, Integers
+from barn_sim.config import LocalizationConfig
+from barn_worlds.base.arrays import BoolGrid, Floats, Integers
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan, nanoseconds, wrap_angle
 
+# Costs of map cells from which on they are obstacles.
 _OCCUPIED = 65
-_FARTHEST_M = 2.0  # distances from obstacles beyond this count as this
-_BIN = np.array(
-    [0.5, 0.5, math.radians(10.0)]
-)  # m, m, rad: particles in one bin count once
-_KLD_ERROR, _KLD_Z = 0.05, 0.99
-_CLOSE_M = 0.01  # a step shorter than this has no direction
+# Larger distances from obstacles count as this one.
+_FARTHEST_M = 2.0
+# Size of a histogram bin of KLD-sampling in x, y (m) and yaw (rad).
+_BIN = np.array([0.5, 0.5, math.radians(10.0)])
+# Largest error of the distribution, and quantile of the normal distribution for it.
+_KLD_ERROR = 0.05
+_KLD_Z = 0.99
+# A shorter step has no direction.
+_STEP_M = 0.01
 
 
-class ParticleLocalisation:
-    """A particle filter; the correction from odom to map changes only when the robot has moved or turned enough."""
+class ParticleLocalization:
+    """A particle filter whose correction changes only after the robot has moved enough."""
 
     def __init__(
         self,
-        config: LocalisationConfig,
+        config: LocalizationConfig,
         rng: np.random.Generator,
-        known: OccupancyMap,
+        occupancy: OccupancyMap,
         start: Pose2D,
-        lidar: Pose2D,
+        mount: Pose2D,
     ) -> None:
-        """Spread the particles around `start`, the robot's pose in the map frame; lidar: its pose in base_link."""
-        self._config, self._rng, self._lidar = config, rng, lidar
-        half = 0.5 * known.resolution if config.half_cell_low else 0.0
-        self._grid = (known.origin_x - half, known.origin_y - half, known.resolution)
-        self._free = np.argwhere(known.data == 0)[:, ::-1]  # columns and rows
-        self._distances_m = obstacle_distances(
-            known.data >= _OCCUPIED, known.resolution
+        """Spread the particles around the start pose.
+
+        Args:
+            config: Number and noise of the particles and the model of the sensor.
+            rng: Source of all that the filter draws.
+            occupancy: Map in the map frame.
+            start: Start pose of base_link in the map frame.
+            mount: Pose of the lidar in base_link.
+        """
+        self._config = config
+        self._rng = rng
+        self._mount = mount
+
+        resolution = occupancy.resolution
+        shift = 0.5 * resolution if config.half_cell_low else 0.0
+        self._grid = (
+            occupancy.origin_x - shift,
+            occupancy.origin_y - shift,
+            resolution,
         )
-        self._likelihoods: tuple[float, Floats] | None = None
+        # Columns and rows.
+        self._free_cells = np.argwhere(occupancy.data == 0)[:, ::-1]
+        self._distances_m = obstacle_distances(occupancy.data >= _OCCUPIED, resolution)
+        self._table: tuple[float, Floats] | None = None
+
         self._needed = needed_particles(config.min_particles, config.max_particles)
         stds = np.array(
             [config.initial_std_m, config.initial_std_m, config.initial_yaw_std_rad]
         )
-        start_pose = np.array([start.x, start.y, start.yaw])
-        self._particles = start_pose + stds * rng.standard_normal(
-            (config.max_particles, 3)
-        )
-        self._averages: tuple[float, float] | None = (
-            None  # of the weights, slow and fast
-        )
+        errors = rng.standard_normal((config.max_particles, 3))
+        self._particles = np.array([start.x, start.y, start.yaw]) + stds * errors
+        # Slow and fast average of the weights.
+        self._averages: tuple[float, float] | None = None
         self._updated_at: Pose2D | None = None
         self._correction = Pose2D(0.0, 0.0, 0.0)
-        self._pending: deque[tuple[int, Pose2D]] = (
-            deque()
-        )  # corrections made, and when each takes effect
+        # Corrections that wait for the time at which they take effect.
+        self._pending: deque[tuple[int, Pose2D]] = deque()
 
     def estimate(
-        self, stamp_ns: int, odometry: Pose2D, look: Callable[[], Scan]
+        self, stamp_ns: int, odometry: Pose2D, take_scan: Callable[[], Scan]
     ) -> Pose2D:
-        """Return the pose by the correction in effect, making a new one with a scan first if the robot has moved."""
-        if self._updated_at is None or has_moved(
-            self._config, self._updated_at, odometry
-        ):
-            scan = look()
-            if self._updated_at is not None:
-                self._move(self._updated_at, odometry)
+        """Estimate the pose, with a new correction if the robot has moved enough.
+
+        Args:
+            stamp_ns: Time since the start of the trial.
+            odometry: Pose in the odom frame.
+            take_scan: Called if the filter needs a scan of this time.
+
+        Returns:
+            The pose in the map frame by the correction that is in effect.
+        """
+        config = self._config
+        last = self._updated_at
+        if last is None or has_moved(config, last, odometry):
+            scan = take_scan()
+            effective_ns = stamp_ns
+            if last is not None:
+                self._move(last, odometry)
+                effective_ns += nanoseconds(config.correction_delay_s)
             self._resample(self._weights(scan))
-            due_ns = (
-                stamp_ns + nanoseconds(self._config.correction_delay_s)
-                if self._updated_at
-                else stamp_ns
-            )
-            self._pending.append((due_ns, self._mean() @ odometry.inverse()))
+            correction = self._mean_pose() @ odometry.inverse()
+            self._pending.append((effective_ns, correction))
             self._updated_at = odometry
         while self._pending and self._pending[0][0] <= stamp_ns:
-            self._correction = self._pending.popleft()[1]
+            _, self._correction = self._pending.popleft()
         return self._correction @ odometry
 
     def _move(self, last: Pose2D, odometry: Pose2D) -> None:
         """Move every particle as the odometry did, with noise of its own."""
-        dx, dy = odometry.x - last.x, odometry.y - last.y
+        dx = odometry.x - last.x
+        dy = odometry.y - last.y
         length = math.hypot(dx, dy)
-        first = wrap_angle(math.atan2(dy, dx) - last.yaw) if length >= _CLOSE_M else 0.0
-        second = wrap_angle(wrap_angle(odometry.yaw - last.yaw) - first)
-        turns = [
-            min(abs(turn), abs(wrap_angle(turn - math.pi))) for turn in (first, second)
-        ]  # reverse is no turn
+        turn = 0.0
+        if length >= _STEP_M:
+            turn = wrap_angle(math.atan2(dy, dx) - last.yaw)
+        final_turn = wrap_angle(wrap_angle(odometry.yaw - last.yaw) - turn)
+
         noise = self._config.motion_noise
-        spread_turns = [noise * (turn**2 + length**2) for turn in turns]
-        spread_length = noise * (length**2 + turns[0] ** 2 + turns[1] ** 2)
-        drawn = self._rng.standard_normal((3, len(self._particles)))
-        heading = self._particles[:, 2] + first - spread_turns[0] * drawn[0]
-        step = length - spread_length * drawn[1]
-        self._particles[:, :2] += step[:, None] * np.stack(
-            [np.cos(heading), np.sin(heading)], axis=1
-        )
-        self._particles[:, 2] = heading + second - spread_turns[1] * drawn[2]
+        bend = _bend(turn)
+        final_bend = _bend(final_turn)
+        turn_spread = noise * (bend**2 + length**2)
+        final_spread = noise * (final_bend**2 + length**2)
+        length_spread = noise * (length**2 + bend**2 + final_bend**2)
+
+        errors = self._rng.standard_normal((3, len(self._particles)))
+        heading = self._particles[:, 2] + turn - turn_spread * errors[0]
+        step = length - length_spread * errors[1]
+        direction = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        self._particles[:, :2] += step[:, None] * direction
+        self._particles[:, 2] = heading + final_turn - final_spread * errors[2]
 
     def _weights(self, scan: Scan) -> Floats:
-        """Return how well the scan fits the map at each particle (n,), not normalised."""
+        """Return how well the scan fits the map at each particle (n,), not normalized."""
         ranges = np.asarray(scan.ranges, np.float64)
-        seen = np.isfinite(ranges) & (ranges < scan.range_max)
-        seen &= (
-            np.arange(len(seen)) % max((len(seen) - 1) // (self._config.beams - 1), 1)
-            == 0
-        )
+        beams = np.arange(len(ranges))
+        stride = max((len(ranges) - 1) // (self._config.beams - 1), 1)
+        is_hit = np.isfinite(ranges) & (ranges < scan.range_max) & (beams % stride == 0)
+
         angles = (
             scan.angle_min
-            + scan.angle_increment * np.flatnonzero(seen)
-            + self._lidar.yaw
+            + scan.angle_increment * np.flatnonzero(is_hit)
+            + self._mount.yaw
         )
-        hits = ranges[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        hits += [self._lidar.x, self._lidar.y]
-        weights: Floats = fit(
-            self._particles, hits, self._cubed(scan.range_max), *self._grid
-        )
-        return weights
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        hits = ranges[is_hit, None] * directions + [self._mount.x, self._mount.y]
+        table = self._cubed_likelihoods(scan.range_max)
+        return particle_weights(self._particles, hits, table, *self._grid)
 
-    def _cubed(self, range_max: float) -> Floats:
-        """Return the cubed likelihood of a hit in each cell of the map, within a border for hits off the map."""
-        if self._likelihoods is None or self._likelihoods[0] != range_max:
+    def _cubed_likelihoods(self, range_max: float) -> Floats:
+        """Return the cubed likelihood of a hit in each cell of the map and its border."""
+        if self._table is None or self._table[0] != range_max:
             config = self._config
             distances = np.pad(self._distances_m, 1, constant_values=_FARTHEST_M)
-            likelihoods = config.hit_share * np.exp(
-                -0.5 * (distances / config.hit_std_m) ** 2
-            )
+            deviations = distances / config.hit_std_m
+            likelihoods = config.hit_share * np.exp(-0.5 * deviations**2)
             likelihoods += config.random_share / range_max
-            self._likelihoods = range_max, likelihoods**3
-        return self._likelihoods[1]
+            self._table = (range_max, likelihoods**3)
+        return self._table[1]
 
     def _resample(self, weights: Floats) -> None:
-        """Draw particles by their weights until there are as many as the number of bins that they fill asks for."""
-        most = self._config.max_particles
-        cumulated = np.cumsum(weights)
-        drawn = np.searchsorted(
-            cumulated, cumulated[-1] * self._rng.random(most), side="right"
+        """Draw particles by weight until there are enough for the bins that they fill."""
+        count = self._config.max_particles
+        sums = np.cumsum(weights)
+        indices = np.searchsorted(
+            sums, sums[-1] * self._rng.random(count), side="right"
         )
-        particles = self._particles[np.minimum(drawn, len(weights) - 1)]
-        if (lost := self._lost(float(cumulated[-1]) / len(weights) ** 2)) > 0.0:
-            anywhere = self._rng.random(most) < lost
-            particles[anywhere] = self._anywhere(int(anywhere.sum()))
-        _, first = np.unique(bin_keys(bins_of(particles)), return_index=True)
-        is_new = np.zeros(most, np.int64)
-        is_new[first] = 1
-        enough = np.arange(1, most + 1) > self._needed[np.cumsum(is_new)]
-        self._particles = particles[
-            : int(np.argmax(enough)) + 1 if enough.any() else most
-        ]
+        particles = self._particles[np.minimum(indices, len(weights) - 1)]
 
-    def _lost(self, average: float) -> float:
-        """Return the share of particles to draw anywhere, from the average weight of this scan; it starts anew then."""
+        share = self._random_share(float(sums[-1]) / len(weights) ** 2)
+        if share > 0.0:
+            is_random = self._rng.random(count) < share
+            particles[is_random] = self._random_poses(int(is_random.sum()))
+
+        _, firsts = np.unique(bin_keys(particle_bins(particles)), return_index=True)
+        fills_bin = np.zeros(count, np.int64)
+        fills_bin[firsts] = 1
+        is_enough = np.arange(1, count + 1) > self._needed[np.cumsum(fills_bin)]
+        if is_enough.any():
+            count = int(np.argmax(is_enough)) + 1
+        self._particles = particles[:count]
+
+    def _random_share(self, average: float) -> float:
+        """Return the share of particles to draw anywhere, by this scan's average weight.
+
+        The averages start anew once particles are drawn anywhere.
+        """
         slow, fast = self._averages or (average, average)
         slow += self._config.recovery_alpha_slow * (average - slow)
         fast += self._config.recovery_alpha_fast * (average - fast)
-        lost = max(0.0, 1.0 - fast / slow)
-        self._averages = None if lost > 0.0 else (slow, fast)
-        return lost
+        share = max(0.0, 1.0 - fast / slow)
+        self._averages = None if share > 0.0 else (slow, fast)
+        return share
 
-    def _anywhere(self, count: int) -> Floats:
-        """Return poses (count, 3) in free cells of the map, headed anywhere."""
+    def _random_poses(self, count: int) -> Floats:
+        """Draw poses (count, 3) in free cells of the map, headed anywhere."""
         origin_x, origin_y, resolution = self._grid
-        cells = (
-            self._free[self._rng.integers(len(self._free), size=count)]
-            if len(self._free)
-            else np.zeros((count, 2))
-        )
+        cells = np.zeros((count, 2), np.int64)
+        if len(self._free_cells):
+            indices = self._rng.integers(len(self._free_cells), size=count)
+            cells = self._free_cells[indices]
         yaws = self._rng.uniform(-math.pi, math.pi, count)
-        return np.column_stack(
-            [(cells + 0.5) * resolution + [origin_x, origin_y], yaws]
-        )
+        positions = (cells + 0.5) * resolution + [origin_x, origin_y]
+        return np.column_stack([positions, yaws])
 
-    def _mean(self) -> Pose2D:
-        """Return the mean of the largest cluster: particles in bins that touch one another."""
-        bins = bins_of(self._particles)
-        _, first, member = np.unique(
+    def _mean_pose(self) -> Pose2D:
+        """Return the mean pose of the largest cluster of bins that touch one another."""
+        bins = particle_bins(self._particles)
+        _, firsts, members = np.unique(
             bin_keys(bins), return_index=True, return_inverse=True
         )
-        cluster = clusters(bins[first])[member]
-        chosen = self._particles[cluster == np.argmax(np.bincount(cluster))]
-        yaw = math.atan2(np.sin(chosen[:, 2]).mean(), np.cos(chosen[:, 2]).mean())
-        return Pose2D(float(chosen[:, 0].mean()), float(chosen[:, 1].mean()), yaw)
+        labels = cluster_labels(bins[firsts])[members]
+        cluster = self._particles[labels == np.argmax(np.bincount(labels))]
+        yaws = cluster[:, 2]
+        yaw = math.atan2(np.sin(yaws).mean(), np.cos(yaws).mean())
+        return Pose2D(float(cluster[:, 0].mean()), float(cluster[:, 1].mean()), yaw)
 
 
-def has_moved(config: LocalisationConfig, last: Pose2D, odometry: Pose2D) -> bool:
-    """Tell whether the robot has moved or turned enough for a new correction."""
-    turned = abs(wrap_angle(odometry.yaw - last.yaw))
-    return (
-        odometry.distance(last) >= config.update_distance_m
-        or turned >= config.update_turn_rad
-    )
+def has_moved(config: LocalizationConfig, last: Pose2D, odometry: Pose2D) -> bool:
+    """Tell whether the robot has moved or turned enough for a new correction.
+
+    Args:
+        config: Distance and turn between updates.
+        last: Pose in the odom frame at the last update.
+        odometry: Pose in the odom frame now.
+    """
+    turn = abs(wrap_angle(odometry.yaw - last.yaw))
+    is_far = odometry.distance(last) >= config.update_distance_m
+    return is_far or turn >= config.update_turn_rad
 
 
-def bins_of(particles: Floats) -> Integers:
-    """Return the bin of x, y and yaw that each particle lies in (n, 3)."""
+def particle_bins(particles: Floats) -> Integers:
+    """Return the histogram bin of x, y and yaw that each particle lies in (n, 3)."""
     bins: Integers = np.floor(particles / _BIN).astype(np.int64)
     return bins
 
 
 def bin_keys(bins: Integers) -> Integers:
-    """Return a number for each bin (n, 3); they sort as the bins do, coordinate by coordinate."""
+    """Return a number for each bin (n, 3); they sort as the bins do."""
     low = bins.min(axis=0)
     _, rows, columns = (bins.max(axis=0) - low + 1).tolist()
     keys: Integers = (bins - low) @ np.array([rows * columns, columns, 1])
@@ -217,68 +251,104 @@ def bin_keys(bins: Integers) -> Integers:
 
 
 @njit(cache=True)
-def obstacle_distances(occupied, resolution):  # type: ignore[no-untyped-def]
-    """Return the distance in metres of each cell's centre from that of the nearest occupied one, at most 2 m."""
+def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
+    """Return the distance of each cell's center from the nearest occupied one.
+
+    Args:
+        occupied: Cells (rows, columns) of the map.
+        resolution: Size of a cell, m.
+
+    Returns:
+        Distances (rows, columns) in m, at most 2 m.
+    """
     cells = np.argwhere(occupied)
     distances = np.full(occupied.shape, _FARTHEST_M)
-    for row in range(occupied.shape[0]) if len(cells) else range(0):
+    if len(cells) == 0:
+        return distances
+    for row in range(occupied.shape[0]):
         for col in range(occupied.shape[1]):
             nearest = np.iinfo(np.int64).max
             for k in range(len(cells)):
-                nearest = min(
-                    nearest, (cells[k, 0] - row) ** 2 + (cells[k, 1] - col) ** 2
-                )
+                squared = (cells[k, 0] - row) ** 2 + (cells[k, 1] - col) ** 2
+                nearest = min(nearest, squared)
             distances[row, col] = min(math.sqrt(nearest) * resolution, _FARTHEST_M)
     return distances
 
 
 @cache
 def needed_particles(least: int, most: int) -> Integers:
-    """Return how many particles keep the error of KLD-sampling low, for 0 to `most` filled bins."""
+    """Return how many particles keep the error of KLD-sampling low.
+
+    Args:
+        least: Smallest number of particles.
+        most: Largest number of particles.
+
+    Returns:
+        A number for each count of filled bins from 0 to `most`.
+    """
     needed = np.full(most + 1, most)
     for bins in range(2, most + 1):
+        # Equation 7 of Fox 2001, the quantile of the chi-square distribution.
         ninth = 2.0 / (9.0 * (bins - 1))
-        found = math.ceil(
-            (bins - 1)
-            / (2.0 * _KLD_ERROR)
-            * (1.0 - ninth + math.sqrt(ninth) * _KLD_Z) ** 3
-        )
-        needed[bins] = min(max(found, least), most)
+        factor = (1.0 - ninth + math.sqrt(ninth) * _KLD_Z) ** 3
+        count = math.ceil((bins - 1) / (2.0 * _KLD_ERROR) * factor)
+        needed[bins] = min(max(count, least), most)
     needed.flags.writeable = False
     return needed
 
 
-def clusters(bins: Integers) -> Integers:
-    """Return the number of the cluster of each bin (n, 3); bins that touch, corners included, share one."""
-    touch = np.abs(bins[:, None] - bins[None]).max(axis=2) <= 1
-    found = np.full(len(bins), -1, np.int64)
+def cluster_labels(bins: Integers) -> Integers:
+    """Return a label for each bin (n, 3); bins that touch, corners too, share one."""
+    touches = np.abs(bins[:, None] - bins[None]).max(axis=2) <= 1
+    labels = np.full(len(bins), -1, np.int64)
     for seed in range(len(bins)):
-        if found[seed] < 0:
-            reached = np.zeros(len(bins), np.bool_)
-            grown = np.arange(len(bins)) == seed
-            while (grown & ~reached).any():
-                reached = grown
-                grown = touch[reached].any(axis=0)
-            found[reached] = seed
-    return found
+        if labels[seed] >= 0:
+            continue
+        cluster = np.zeros(len(bins), np.bool_)
+        larger = np.arange(len(bins)) == seed
+        while (larger & ~cluster).any():
+            cluster = larger
+            larger = touches[cluster].any(axis=0)
+        labels[cluster] = seed
+    return labels
 
 
 @njit(cache=True, error_model="numpy")
-def fit(particles, hits, table, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
-    """Return one plus the sum over hits (m, 2) in base_link of the table's value where they lie, for each particle.
+def particle_weights(
+    particles: Floats,
+    hits: Floats,
+    table: Floats,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+) -> Floats:
+    """Return one plus the sum of the table's values at the hits, for each particle.
 
-    table: a value per cell, within a border of one cell that stands for all that is off the map. Cells are found apart
-    from the sum, so that the compiler does several at once.
+    Args:
+        particles: Poses (n, 3) of base_link in the map frame.
+        hits: Ends of the beams (m, 2) in base_link, m.
+        table: A value for each cell of the map, within a border of one cell that stands
+            for everything off the map.
+        origin_x: Lower edge of the map without its border, m.
+        origin_y: Lower edge of the map without its border, m.
+        resolution: Size of a cell, m.
     """
     rows, cols = table.shape
     values = table.ravel()
-    hit_x, hit_y = hits[:, 0].copy(), hits[:, 1].copy()
-    last_row, last_col, width = rows - 2.0, cols - 2.0, np.int32(cols)
+    hit_x = hits[:, 0].copy()
+    hit_y = hits[:, 1].copy()
+    last_row = rows - 2.0
+    last_col = cols - 2.0
+    width = np.int32(cols)
     cells = np.empty(len(hits), np.int32)
     weights = np.empty(len(particles))
     for i in range(len(particles)):
-        x, y = particles[i, 0], particles[i, 1]
-        c, s = math.cos(particles[i, 2]), math.sin(particles[i, 2])
+        x = particles[i, 0]
+        y = particles[i, 1]
+        c = math.cos(particles[i, 2])
+        s = math.sin(particles[i, 2])
+
+        # Apart from the sum, so that the compiler finds several cells at once.
         for k in range(len(hits)):
             row = np.floor((y + s * hit_x[k] + c * hit_y[k] - origin_y) / resolution)
             col = np.floor((x + c * hit_x[k] - s * hit_y[k] - origin_x) / resolution)
@@ -286,11 +356,16 @@ def fit(particles, hits, table, origin_x, origin_y, resolution):  # type: ignore
             row = last_row if row > last_row else row
             col = -1.0 if col < -1.0 else col
             col = last_col if col > last_col else col
-            cells[k] = (
-                (np.int32(row) + np.int32(1)) * width + np.int32(col) + np.int32(1)
-            )
+            border_row = np.int32(row) + np.int32(1)
+            cells[k] = border_row * width + np.int32(col) + np.int32(1)
+
         total = 1.0
         for k in range(len(hits)):
             total += values[cells[k]]
         weights[i] = total
     return weights
+
+
+def _bend(turn: float) -> float:
+    """Return how far a turn is from straight ahead or straight back, rad."""
+    return min(abs(turn), abs(wrap_angle(turn - math.pi)))

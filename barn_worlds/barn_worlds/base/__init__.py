@@ -1,1 +1,1 @@
-"""What everything else is built on: configuration, errors, types, files."""
+"""Configuration, errors, types and files: what the rest of the suite builds on."""

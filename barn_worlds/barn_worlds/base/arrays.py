@@ -1,4 +1,4 @@
-"""Names for the kinds of arrays that worlds, and figures about them, are made of."""
+"""Array types of worlds and of measurements on them."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,7 +6,7 @@ import numpy.typing as npt
 BoolGrid = npt.NDArray[np.bool_]  # (rows, cols), True where filled or occupied
 Bools = npt.NDArray[np.bool_]  # (n,)
 Cells = npt.NDArray[np.int64]  # (n, 2) row, column
-Points = npt.NDArray[np.float64]  # (n, 2) x, y in metres
+Points = npt.NDArray[np.float64]  # (n, 2) x, y in meters
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Singles = npt.NDArray[np.float32]

@@ -1,4 +1,8 @@
-"""How long a planner computes, in simulated time: what it declares, and when its commands take effect."""
+"""How long a planner computes, in simulated time.
+
+A planner declares its computing as `Compute`. A `CycleTimer` turns the declaration, or
+times that were measured or recorded, into the delays of a trial.
+"""
 
 import math
 from collections.abc import Sequence
@@ -10,27 +14,33 @@ from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import nanoseconds
 
 _Z95 = 1.6448536269514722  # 95th percentile of the standard normal distribution
+_LONGEST_DELAY_S = 10.0
 
 
 @dataclass(frozen=True)
 class Compute(Checked):
-    """What a planner takes for a cycle on the reference computer (`barn_eval.running.direct.pace`).
+    """What a planner takes for a cycle on the reference computer.
 
-    A command takes effect `delay_s` after the readings that it answers; the next cycle begins with the first readings
-    after that, and no earlier than `period_s` after the last one. All zero: nothing is declared.
+    The defaults, all zero, declare nothing. `barn_eval.running.direct.pace` describes
+    the cycle.
     """
 
+    # A command takes effect this much later than the readings that it answers.
     delay_s: float = quantity(
-        0.0, "from readings to the effect of the command", "s", 0.0, 10.0
+        0.0, "from readings to the effect of the command", "s", 0.0, _LONGEST_DELAY_S
     )
     delay_p95_s: float = quantity(
         0.0,
         "95th percentile of that delay, log-normal by seed; 0: constant",
         "s",
         0.0,
-        10.0,
+        _LONGEST_DELAY_S,
     )
-    period_s: float = quantity(0.0, "shortest time between two cycles", "s", 0.0, 10.0)
+    # The next cycle begins with the first readings after the command takes effect,
+    # and no earlier than this after the last cycle began.
+    period_s: float = quantity(
+        0.0, "shortest time between two cycles", "s", 0.0, _LONGEST_DELAY_S
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,54 +52,68 @@ class Compute(Checked):
             )
 
     @property
-    def declared(self) -> bool:
-        """Whether anything is."""
-        return self != Compute()
+    def is_declared(self) -> bool:
+        """Whether any time differs from zero."""
+        return self != NO_COMPUTE
 
     @property
     def charged_s(self) -> float:
-        """The longest time that is charged for a cycle, but for one in twenty."""
+        """The time that 19 of 20 cycles do not exceed."""
         return max(self.delay_s, self.delay_p95_s)
 
 
-NOTHING = Compute()
+NO_COMPUTE = Compute()
 
 
-class Turnaround:
-    """Says when a planner may begin a cycle and when its command takes effect.
+class CycleTimer:
+    """Says when a planner may start a cycle and when its command takes effect."""
 
-    Without `recorded_ns` delays are those of the declaration, drawn from a seed; with it, they are these in turn, and
-    those that `take` is given beyond them. delays_ns: of all cycles so far.
-    """
+    delays_ns: list[int]
+    """Delays of all cycles so far."""
 
     def __init__(
         self, compute: Compute, seed: int, recorded_ns: Sequence[int] = ()
     ) -> None:
-        self._compute, self._recorded = compute, recorded_ns
+        """Start before the first cycle.
+
+        Args:
+            compute: Declaration of the planner.
+            seed: Seed of the delays that are drawn from the declaration.
+            recorded_ns: Delays of an earlier drive, which count before any others.
+        """
+        self._compute = compute
+        self._recorded_ns = recorded_ns
         self._rng = np.random.default_rng([seed, 0xC0])
         self._free_ns = 0
-        self.delays_ns: list[int] = []
+        self.delays_ns = []
 
-    def free(self, now_ns: int) -> bool:
-        """Tell whether no cycle is under way."""
+    def is_free(self, now_ns: int) -> bool:
+        """Tell whether no cycle is under way at a simulated time."""
         return now_ns >= self._free_ns
 
-    def take(self, now_ns: int, measured_ns: int | None = None) -> int:
-        """Begin a cycle at the time of its readings and return its delay, which is the measured one if there is one."""
-        drawn_ns, count = (
-            self._drawn_ns() if measured_ns is None else measured_ns,
-            len(self.delays_ns),
-        )
-        delay_ns = self._recorded[count] if count < len(self._recorded) else drawn_ns
+    def start_cycle(self, now_ns: int, measured_ns: int | None = None) -> int:
+        """Start a cycle and return the delay of its command in ns.
+
+        Args:
+            now_ns: Simulated time of the readings that the planner gets.
+            measured_ns: Measured delay. By default the delay follows the declaration.
+        """
+        # Each cycle draws, even if its delay is recorded, so that the cycles after the
+        # recorded ones get the same delays as in the earlier drive.
+        delay_ns = self._draw_ns() if measured_ns is None else measured_ns
+        if len(self.delays_ns) < len(self._recorded_ns):
+            delay_ns = self._recorded_ns[len(self.delays_ns)]
         self.delays_ns.append(delay_ns)
         self._free_ns = now_ns + max(delay_ns, nanoseconds(self._compute.period_s))
         return delay_ns
 
-    def _drawn_ns(self) -> int:
-        median_s, high_s = self._compute.delay_s, self._compute.delay_p95_s
-        if high_s <= median_s:
+    def _draw_ns(self) -> int:
+        median_s = self._compute.delay_s
+        p95_s = self._compute.delay_p95_s
+        if p95_s <= median_s:
             return nanoseconds(median_s)
-        sigma = math.log(high_s / median_s) / _Z95
-        return nanoseconds(
-            min(median_s * math.exp(sigma * self._rng.standard_normal()), 10.0)
-        )
+        # The logarithm is normal: its mean is that of the median, its 95th percentile
+        # lies _Z95 standard deviations above.
+        sigma = math.log(p95_s / median_s) / _Z95
+        delay_s = median_s * math.exp(sigma * self._rng.standard_normal())
+        return nanoseconds(min(delay_s, _LONGEST_DELAY_S))

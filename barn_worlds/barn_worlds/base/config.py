@@ -1,12 +1,15 @@
 """Configuration as frozen dataclasses that check themselves.
 
-A configuration class is declared once and serves the Python interface, YAML files, the ROS parameters of the
-nodes and the tables of the documentation::
+You declare a configuration class once. The Python interface, YAML files, the ROS
+parameters of the nodes and the tables of the documentation all use the declaration::
 
     @dataclass(frozen=True)
     class LidarConfig(Checked):
         beams: int = quantity(720, "number of beams", "", 1, 10000)
         range_max_m: float = quantity(30.0, "longest range", "m", minimum=0.0)
+
+    LidarConfig(beams=0)  # ConfigError: beams must be from 1 to 10000, got 0
+    from_dict(LidarConfig, {"beams": 360}, "robot.yaml")
 """
 
 import dataclasses
@@ -26,13 +29,13 @@ from cattrs.errors import (
 )
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
-from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import packaged_yaml
+from barn_worlds.base.errors import ConfigError, format_value, suggest, suggest_similar
+from barn_worlds.base.text_files import read_package_yaml
 
 T = TypeVar("T")
 
-_QUANTITY = "barn"
-_KINDS: dict[type[Any], str] = {
+_METADATA_KEY = "barn"  # under which a dataclass field holds its `Quantity`
+_TYPE_NAMES: dict[type[Any], str] = {
     float: "a number",
     int: "a whole number",
     bool: "true or false",
@@ -44,45 +47,54 @@ _LARGEST_INTEGER = 2**63 - 1
 
 @dataclass(frozen=True)
 class Quantity:
-    """The meaning, unit and allowed values (inclusive) of one configuration field.
-
-    optional: left out of plain data while it has its default, so that what was written before it existed is the same.
-    """
+    """The meaning, unit and allowed values of one configuration field."""
 
     description: str
+
     unit: str = ""
+    """Unit as it is written, such as "m/s"; empty for numbers without one."""
+
     minimum: float | None = None
+    """Smallest allowed value, inclusive."""
+
     maximum: float | None = None
+    """Largest allowed value, inclusive."""
+
     choices: tuple[str, ...] = ()
+    """Allowed texts; empty if the field is no choice."""
+
     optional: bool = False
+    """Whether plain data leave the field out while it has its default.
 
-    def text(self, *, unit: bool = True) -> str:
-        """Return meaning, unit and allowed values in one line: "longest range [m] (at least 0 m)"."""
-        allowed = f" ({self.allowed()})" if self.allowed() else ""
-        return (
-            self.description
-            + (f" [{self.unit}]" if unit and self.unit else "")
-            + allowed
-        )
+    A field that is added later is optional, so that earlier files and checksums of
+    configurations stay the same.
+    """
 
-    def allowed(self) -> str:
-        """Return the allowed values in words; an empty text if there is no limit."""
+    def summary(self, *, unit: bool = True) -> str:
+        """Return meaning, unit and limits: "longest range [m] (at least 0 m)"."""
+        parts = [self.description]
+        if unit and self.unit:
+            parts.append(f"[{self.unit}]")
+        limits = self.describe_limits()
+        if limits:
+            parts.append(f"({limits})")
+        return " ".join(parts)
+
+    def describe_limits(self) -> str:
+        """Return the allowed values in words, empty if there is no limit."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        low, high = (
-            f"{limit:g}" if isinstance(limit, float) else limit
-            for limit in (self.minimum, self.maximum)
-        )
-        if low is None and high is None:
+        low = _format_limit(self.minimum)
+        high = _format_limit(self.maximum)
+        if low and high:
+            limits = f"from {low} to {high}"
+        elif low:
+            limits = f"at least {low}"
+        elif high:
+            limits = f"at most {high}"
+        else:
             return ""
-        limits = (
-            f"at most {high}"
-            if low is None
-            else f"at least {low}"
-            if high is None
-            else f"from {low} to {high}"
-        )
-        return f"{limits} {self.unit}" if self.unit else limits
+        return f"{limits} {self.unit}".rstrip()
 
 
 def quantity(
@@ -94,55 +106,74 @@ def quantity(
     choices: tuple[str, ...] = (),
     optional: bool = False,
 ) -> T:
-    """Declare a field of a `Checked` dataclass; see `Quantity`."""
-    about = Quantity(description, unit, minimum, maximum, choices, optional)
-    return field(default=default, metadata={_QUANTITY: about})
+    """Declare a field of a `Checked` dataclass.
+
+    Args:
+        default: Value of the field where nobody sets it.
+        description: Meaning of the field in a few words, for tables and ROS tools.
+        unit: Unit of the number, such as "m/s".
+        minimum: Smallest value that passes the check. Applies to each item of a tuple.
+        maximum: Largest value that passes the check. Applies to each item of a tuple.
+        choices: Texts that pass the check. By default any text does.
+        optional: Leave the field out of plain data while it has its default.
+
+    Returns:
+        The dataclass field, under the type of its default.
+    """
+    declaration = Quantity(description, unit, minimum, maximum, choices, optional)
+    return field(default=default, metadata={_METADATA_KEY: declaration})
 
 
-required: Callable[..., Any] = partial(
-    quantity, MISSING
-)  # as `quantity`, for a field that has no default
+# As `quantity` without the default: whoever constructs the class must set the field.
+required: Callable[..., Any] = partial(quantity, MISSING)
+# As `quantity(..., optional=True)`.
 optional: Callable[..., Any] = partial(quantity, optional=True)
-OPTIONAL = {
-    _QUANTITY: Quantity("", optional=True)
-}  # metadata of an optional field of any dataclass
+# Metadata of an optional dataclass field that is no quantity.
+OPTIONAL = {_METADATA_KEY: Quantity("", optional=True)}
 
 
 @dataclass(frozen=True)
 class Checked:
-    """Base of configuration dataclasses: every declared field is checked on construction."""
+    """Base of configuration classes: construction checks every declared field."""
 
     def __post_init__(self) -> None:
-        for name, about, value in fields_of(self):
-            _check(name, about, value)
+        for name, declaration, value in fields_of(self):
+            _check(name, declaration, value)
 
     def require(self, holds: bool, name: str, rule: str) -> None:
-        """Raise ConfigError unless a rule over several fields holds.
+        """Check a rule over several fields.
 
-        name: the field that the message names, dotted if nested. rule: such as "must be below high_m = 3".
+        Args:
+            holds: Whether the configuration satisfies the rule.
+            name: Field that the message names, dotted if it is nested.
+            rule: The rest of the message, such as "must be below high_m = 3".
+
+        Raises:
+            ConfigError: If the rule does not hold.
         """
         if not holds:
-            raise ConfigError(f"{name} {rule}, got {shown(attrgetter(name)(self))}")
+            value = attrgetter(name)(self)
+            raise ConfigError(f"{name} {rule}, got {format_value(value)}")
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    """Yield (name, quantity, value) of each declared field; nested configurations give dotted names.
+    """Yield name, declaration and value of each declared field.
 
-    A nested configuration that is `OPTIONAL` is given as a whole or not at all: its fields are no parameters.
+    Fields of a nested configuration have dotted names. An `OPTIONAL` nested
+    configuration is set as a whole, so its fields are left out.
     """
     for item in dataclasses.fields(config):
         value = getattr(config, item.name)
-        if dataclasses.is_dataclass(value):
-            if item.metadata.get(_QUANTITY, Quantity("")).optional:
-                continue
-            for name, about, inner in fields_of(value):
-                yield f"{item.name}.{name}", about, inner
-        elif _QUANTITY in item.metadata:
-            yield item.name, item.metadata[_QUANTITY], value
+        if not dataclasses.is_dataclass(value):
+            if _METADATA_KEY in item.metadata:
+                yield item.name, item.metadata[_METADATA_KEY], value
+        elif not _is_optional(item):
+            for name, declaration, inner_value in fields_of(value):
+                yield f"{item.name}.{name}", declaration, inner_value
 
 
 def as_dict(config: object) -> dict[str, Any]:
-    """Return a configuration as plain mappings, lists, numbers and texts, ready for YAML or JSON.
+    """Return a configuration as plain data, ready for YAML or JSON.
 
     Optional fields are left out while they have their defaults.
     """
@@ -152,183 +183,237 @@ def as_dict(config: object) -> dict[str, Any]:
 def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     """Build a configuration from plain data.
 
-    Raises ConfigError in one line for an unknown key, a wrong type or a value out of range. The line begins with
-    `where` (a path or the name of an option) and names the key with the dotted path to it.
+    Args:
+        cls: Dataclass to build, with nested dataclasses in it.
+        mapping: Values by field name, as YAML or JSON give them.
+        where: Path of the file or name of the option, to begin an error message with.
+
+    Returns:
+        The configuration, checked.
+
+    Raises:
+        ConfigError: For an unknown key, a wrong type or a value out of range. Its line
+            names the key by its dotted path.
     """
     try:
-        return _converter().structure(mapping, cls)
+        return _reader().structure(mapping, cls)
     except (ClassValidationError, ConfigError, TypeError, ValueError) as error:
-        raise ConfigError(f"{where}: {_first_cause(error)}") from None
+        raise ConfigError(f"{where}: {_explain(error)}") from None
+
+
+def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
+    """Return a copy of a configuration with some fields replaced, checked again.
+
+    Args:
+        config: Configuration to start from; it stays as it is.
+        changes: New values by dotted field name. The name of a nested configuration
+            takes a mapping of its fields.
+        where: Path of the file or name of the option, to begin an error message with.
+
+    Returns:
+        A configuration of the same class.
+
+    Raises:
+        ConfigError: For an unknown name or a value that is not allowed.
+    """
+    # All fields, also optional ones that `as_dict` leaves out.
+    content = cast(dict[str, Any], cattrs.unstructure(config))
+    values = dict(_walk(content))
+    for name, value in _flatten(values, changes):
+        if name not in values:
+            hint = suggest(name, values)
+            raise ConfigError(f"{where}: unknown parameter {format_value(name)}{hint}")
+        parent, _, key = name.rpartition(".")
+        mapping = values[parent] if parent else content
+        mapping[key] = value
+    return from_dict(type(config), content, where)
+
+
+def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
+    """Read the configurations of a YAML file that comes with a package.
+
+    Args:
+        package: Python package with the file in its folder `data`.
+        file: File name. The file maps names of presets to changes, nested as the
+            configuration is. The key `base` names an earlier preset to start from.
+        standard: Configuration that presets without a base start from.
+
+    Returns:
+        Configurations by name, in the order of the file.
+    """
+    presets: dict[str, T] = {}
+    for name, changes in read_package_yaml(package, file).items():
+        base = presets[changes.pop("base")] if "base" in changes else standard
+        presets[name] = replace_dotted(base, changes, f"{file}: {name}")
+    return presets
 
 
 @cache
-def _converter() -> cattrs.Converter:
-    """Return the converter, made once: it generates code for each class, and results are read by the thousand."""
-    converter = cattrs.Converter(forbid_extra_keys=True, prefer_attrib_converters=True)
-    for kind in _KINDS:
-        converter.register_structure_hook(kind, _exact)
-    converter.register_structure_hook_factory(
-        dataclasses.is_dataclass, lambda cls: _reader(cls, converter)
-    )
+def _reader() -> cattrs.Converter:
+    """Return the converter of plain data to configurations.
+
+    It is shared because it generates code for each class, and folders of results hold
+    thousands of configurations.
+    """
+    converter = cattrs.Converter()
+    for kind in _TYPE_NAMES:
+        converter.register_structure_hook(kind, _read_value)
+
+    def build_reader(cls: type[Any]) -> Callable[[Any, Any], Any]:
+        build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
+
+        def read(value: object, kind: object) -> Any:
+            if not isinstance(value, Mapping):
+                raise TypeError(
+                    f"must be a mapping of names to values, got {format_value(value)}"
+                )
+            for key in value:
+                if not isinstance(key, str):
+                    raise TypeError(f"keys must be text, got {format_value(key)}")
+            return build(value, kind)
+
+        return read
+
+    converter.register_structure_hook_factory(dataclasses.is_dataclass, build_reader)
     return converter
-
-
-def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
-    """Return the function that builds a dataclass from a mapping, once the mapping itself is checked."""
-    build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
-
-    def read(value: object, kind: object) -> Any:
-        if not isinstance(value, Mapping):
-            raise TypeError(f"must be a mapping of names to values, got {shown(value)}")
-        if odd := [key for key in value if not isinstance(key, str)]:
-            raise TypeError(f"keys must be text, got {shown(odd[0])}")
-        return build(value, kind)
-
-    return read
 
 
 @cache
 def _writer() -> cattrs.Converter:
+    """Return the converter of configurations to plain data."""
+    # cattrs keeps defaults unless a class has overrides, so only classes with optional
+    # fields need a writer of their own.
     converter = cattrs.Converter()
 
-    def write(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
-        omitted: dict[str, Any] = {
-            name: override(omit_if_default=True) for name in _optional_fields(cls)
-        }
-        return make_dict_unstructure_fn(cls, converter, **omitted)
+    def has_optional_fields(cls: type[Any]) -> bool:
+        return dataclasses.is_dataclass(cls) and any(
+            map(_is_optional, dataclasses.fields(cls))
+        )
 
-    converter.register_unstructure_hook_factory(
-        lambda cls: bool(_optional_fields(cls)), write
-    )
+    def build_writer(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
+        overrides: dict[str, Any] = {
+            item.name: override(omit_if_default=True)
+            for item in dataclasses.fields(cls)
+            if _is_optional(item)
+        }
+        return make_dict_unstructure_fn(cls, converter, **overrides)
+
+    converter.register_unstructure_hook_factory(has_optional_fields, build_writer)
     return converter
 
 
-def _optional_fields(cls: type[Any]) -> list[str]:
-    """Return the names of a dataclass's optional fields; none for anything else."""
-    found = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
-    return [
-        item.name
-        for item in found
-        if _QUANTITY in item.metadata and item.metadata[_QUANTITY].optional
-    ]
+def _is_optional(item: "dataclasses.Field[Any]") -> bool:
+    declaration: Quantity | None = item.metadata.get(_METADATA_KEY)
+    return declaration is not None and declaration.optional
 
 
-def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return a copy with some fields replaced and everything checked again.
-
-    changes: values by dotted name, or by the name of a nested configuration with a mapping of its fields.
-    """
-    merged = cast(dict[str, Any], cattrs.unstructure(config))
-    known = dict(_dotted(merged))
-    for name, value in _flat(known, changes):
-        if name not in known:
-            raise ConfigError(
-                f"{where}: unknown parameter {shown(name)}{suggest(name, known)}"
-            )
-        parents, _, last = name.rpartition(".")
-        (known[parents] if parents else merged)[last] = value
-    return from_dict(type(config), merged, where)
-
-
-def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
-    """Return the configurations of a file in a package's data, by name.
-
-    The file has of each what it changes, nested as the configuration is: of the one before it that it names as its
-    base, or else of the standard one.
-    """
-    found: dict[str, T] = {}
-    for name, changes in packaged_yaml(package, file).items():
-        base = found[changes.pop("base")] if "base" in changes else standard
-        found[name] = replace_dotted(base, changes, f"{file}: {name}")
-    return found
-
-
-def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name and the value of everything in nested mappings, the inner mappings included."""
-    for name, value in mapping.items():
-        yield prefix + name, value
-        if isinstance(value, dict):
-            yield from _dotted(value, f"{prefix}{name}.")
-
-
-def _flat(
-    known: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = ""
-) -> Iterator[tuple[str, Any]]:
-    """Yield changes by dotted name; a mapping for a nested configuration yields one per key."""
-    for name, value in changes.items():
-        nested = known.get(
-            f"{prefix}{name}"
-        )  # empty where it is a mapping of whatever its user puts there
-        if nested and isinstance(nested, dict) and isinstance(value, Mapping):
-            yield from _flat(known, value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
-
-
-def _exact(value: object, kind: type[Any]) -> Any:
-    """Return the value if it has the right type. An integer is accepted for a float; nothing else is converted."""
-    if kind is float and type(value) is int and abs(value) < _LARGEST_FLOAT:
-        return float(value)
+def _read_value(value: object, kind: type[Any]) -> Any:
+    """Return a value of the right type; convert nothing but integers to floats."""
     if issubclass(kind, Enum):
         return kind(value)
     if type(value) is kind:
         return value
-    raise TypeError(f"must be {_KINDS[kind]}, got {shown(value)}")
+    # People write 2 where they mean 2.0, but a float cannot hold every integer.
+    if kind is float and type(value) is int and abs(value) < _LARGEST_FLOAT:
+        return float(value)
+    raise TypeError(f"must be {_TYPE_NAMES[kind]}, got {format_value(value)}")
 
 
-def _first_cause(error: BaseException, path: str = "") -> str:
-    """Return the innermost first cause of a conversion error, with the dotted name of the field it concerns."""
+def _walk(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield dotted name and value of everything in mappings, nested ones included."""
+    for name, value in mapping.items():
+        yield prefix + name, value
+        if isinstance(value, dict):
+            yield from _walk(value, f"{prefix}{name}.")
+
+
+def _flatten(
+    values: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = ""
+) -> Iterator[tuple[str, Any]]:
+    """Yield changes by dotted name, those of a nested configuration one by one."""
+    for key, value in changes.items():
+        name = f"{prefix}{key}"
+        nested = values.get(name)
+        # An empty mapping is no nested configuration: users put their own keys there.
+        if nested and isinstance(nested, dict) and isinstance(value, Mapping):
+            yield from _flatten(values, value, f"{name}.")
+        else:
+            yield name, value
+
+
+def _explain(error: BaseException, prefix: str = "") -> str:
+    """Describe the innermost first cause of a conversion error.
+
+    Args:
+        error: What cattrs or a check of a configuration raised.
+        prefix: Dotted name of the field that the error concerns, with a dot at its end;
+            empty for the configuration itself.
+    """
+    name = prefix.removesuffix(".")
     if isinstance(error, ForbiddenExtraKeysError):
-        known = [path + item.name for item in dataclasses.fields(error.cl)]
-        extra = path + min(error.extra_fields)
-        return f"unknown key {shown(extra)}{suggest(extra, known)}"
+        key = prefix + min(error.extra_fields)
+        allowed = [prefix + item.name for item in dataclasses.fields(error.cl)]
+        return f"unknown key {format_value(key)}{suggest(key, allowed)}"
+
     if isinstance(error, ClassValidationError):
-        name = _noted(error.exceptions[0], "name", "")
-        return _first_cause(error.exceptions[0], f"{path}{name}." if name else path)
+        cause = error.exceptions[0]
+        field_name = _note(cause, "name")
+        return _explain(cause, f"{prefix}{field_name}." if field_name else prefix)
+
     if isinstance(error, IterableValidationError):
-        index = _noted(error.exceptions[0], "index", 0)
-        return _first_cause(error.exceptions[0], f"{path.rstrip('.')}[{index}].")
+        cause = error.exceptions[0]
+        return _explain(cause, f"{name}[{_note(cause, 'index')}].")
+
     if isinstance(error, KeyError):
-        key = str(error.args[0])
-        return f"missing key {(path if path.endswith(f'{key}.') else path + key).rstrip('.')!r}"
+        return f"missing key {name!r}"
     if isinstance(error, ConfigError):
-        return f"{path}{error}"
-    return f"{path.rstrip('.')} {error}".lstrip()
+        return f"{prefix}{error}"
+    return f"{name} {error}".lstrip()
 
 
-def _noted(error: BaseException, what: str, default: T) -> T:
-    return next(
-        (
-            getattr(note, what)
-            for note in getattr(error, "__notes__", ())
-            if hasattr(note, what)
-        ),
-        default,
-    )
+def _note(error: BaseException, attribute: str) -> Any:
+    """Return what cattrs noted about an error, None if it noted nothing of the kind."""
+    for note in getattr(error, "__notes__", ()):
+        if hasattr(note, attribute):
+            return getattr(note, attribute)
+    return None
 
 
-def _check(name: str, about: Quantity, value: object) -> None:
+def _format_limit(limit: float | None) -> str:
+    if limit is None:
+        return ""
+    return f"{limit:g}" if isinstance(limit, float) else str(limit)
+
+
+def _check(name: str, declaration: Quantity, value: object) -> None:
+    """Raise ConfigError if a value, or an item of a tuple, is not allowed."""
     plain = value.value if isinstance(value, Enum) else value
-    for number in plain if isinstance(plain, tuple) else (plain,):
-        if about.choices and number not in about.choices:
-            near = "".join(
-                hint
-                for hint in [suggest(number, about.choices)]
-                if "did you mean" in hint
-            )
+    items = plain if isinstance(plain, tuple) else (plain,)
+    choices = declaration.choices
+    limits = declaration.describe_limits()
+    for item in items:
+        if choices and item not in choices:
+            hint = suggest_similar(item, choices)
             raise ConfigError(
-                f"{name} must be {about.allowed()}, got {shown(number)}{near}"
+                f"{name} must be {limits}, got {format_value(item)}{hint}"
             )
-        if isinstance(number, bool) or not isinstance(number, (int, float)):
+        if isinstance(item, bool) or not isinstance(item, (int, float)):
             continue
-        kind, most = (
-            ("finite", sys.float_info.max)
-            if isinstance(number, float)
-            else ("of 64 bits", _LARGEST_INTEGER)
-        )
-        low = -most if about.minimum is None else about.minimum
-        high = most if about.maximum is None else about.maximum
-        if not low <= number <= high:
+
+        largest: float = sys.float_info.max
+        kind = "finite"
+        if isinstance(item, int):
+            # Larger integers fit neither a ROS parameter nor an array of numpy.
+            largest = _LARGEST_INTEGER
+            kind = "of 64 bits"
+        low = declaration.minimum
+        high = declaration.maximum
+        if low is None:
+            low = -largest
+        if high is None:
+            high = largest
+        # NaN fails both comparisons.
+        if not low <= item <= high:
             raise ConfigError(
-                f"{name} must be {about.allowed() or kind}, got {shown(number)}"
+                f"{name} must be {limits or kind}, got {format_value(item)}"
             )

@@ -5,28 +5,30 @@ import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-_LONGEST_NAME, _LONGEST_SHOWN, _LONGEST_ERROR = 60, 120, 200
-_LONGEST_MESSAGE, _HEAD, _TAIL = 1000, 650, 300
-_MOST_LISTED, _MOST_HINTS = 20, 3
+# Longest texts in a message, in characters.
+_LONGEST_NAME = 60
+_LONGEST_VALUE = 120
+_LONGEST_ERROR = 200
+_LONGEST_MESSAGE = 1000
+# Of a longer message, how much of its beginning and its end remains.
+_HEAD = 650
+_TAIL = 300
+_MOST_NAMES = 20  # in a list of known names
+# Values of users may be huge and deeply nested; reprlib looks at a part of them only.
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 3
-_REPR.maxstring = _REPR.maxother = _LONGEST_SHOWN
+_REPR.maxstring = _REPR.maxother = _LONGEST_VALUE
 
 
 class BarnError(Exception):
-    """A mistake in the input: the message names the path or parameter, its value and what is allowed.
-
-    Of a message that is too long, whatever is in it, beginning and end are left.
-    """
+    """A mistake in the input: path or parameter, its value and what is allowed."""
 
     def __str__(self) -> str:
-        """Return the message."""
+        """Return the message, without its middle if it is too long."""
         text = super().__str__()
-        return (
-            text
-            if len(text) <= _LONGEST_MESSAGE
-            else f"{text[:_HEAD]} ... {text[-_TAIL:]}"
-        )
+        if len(text) <= _LONGEST_MESSAGE:
+            return text
+        return f"{text[:_HEAD]} ... {text[-_TAIL:]}"
 
 
 class ConfigError(BarnError):
@@ -42,11 +44,11 @@ class MessageError(BarnError):
 
 
 class ModelError(BarnError):
-    """Weights that cannot be read, trials that no model can be made of, or a library that training lacks."""
+    """Weights that cannot be read, or a model that cannot be trained."""
 
 
 class StoreError(BarnError):
-    """A result or table that cannot be written; what was written before is whole."""
+    """A result or table that cannot be written; what is on disk stays whole."""
 
 
 class BagError(BarnError):
@@ -54,54 +56,92 @@ class BagError(BarnError):
 
 
 @contextmanager
-def reported_as(kind: type[BarnError], what: object) -> Iterator[None]:
-    """Raise an OSError of the block as an error of that kind, whose one line begins with `what`."""
+def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
+    """Raise an OSError of the block as an error of the suite.
+
+    Args:
+        kind: Class to raise.
+        subject: Beginning of the message, such as the path and what failed with it.
+
+    Raises:
+        BarnError: Of the class `kind`, if the block raises OSError.
+    """
     try:
         yield
     except OSError as error:
-        raise kind(f"{what}: {error.strerror or error}") from None
+        raise kind(f"{subject}: {error.strerror or error}") from None
 
 
-def shown(value: object) -> str:
-    """Return a value for a message: its repr on one line, cut if it is long."""
+def format_value(value: object) -> str:
+    """Return the repr of a value on one line, cut if it is long."""
     try:
         text = " ".join(_REPR.repr(value).split())
-    except ValueError:  # Python gives no repr for an integer of thousands of digits
+    except ValueError:
+        # Python refuses the repr of an integer of more than 4300 digits.
         return "a number of thousands of digits"
-    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "..."
+    return text if len(text) <= _LONGEST_VALUE else text[:_LONGEST_VALUE] + "..."
 
 
-def one_line(error: object) -> str:
-    """Return the message of an error of a library as one line, cut if it is long; its kind where it has none."""
+def format_error(error: object) -> str:
+    """Return a library's error message on one line, or its class if it has none."""
     return " ".join(str(error).split())[:_LONGEST_ERROR] or type(error).__name__
 
 
-def suggest(name: object, known: Iterable[object]) -> str:
-    """Return what to add to a message about an unknown name: the near one, or else the known ones.
+def suggest(name: object, candidates: Iterable[object]) -> str:
+    """Return what to add to a message about an unknown name.
 
-    So "; did you mean 'dwa'?" or "; known: dwa, eband". Among dotted names, those under the same parent count first.
+    Args:
+        name: What the user wrote.
+        candidates: Names that exist. Of dotted names, those with the same parent as
+            `name` come first.
+
+    Returns:
+        "; did you mean 'dwa'?" if a name is similar, else "; known: dwa, eband".
     """
-    names = sorted(str(key)[:_LONGEST_NAME] for key in known)
-    wanted = (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN]
-    siblings = [
-        one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]
-    ] or names
-    near = [one for one in names if one.endswith(f".{wanted}")] or _alike(
-        wanted, siblings, 0.6
+    names = _sort_names(candidates)
+    siblings = _siblings(_shorten(name), names)
+    ellipsis = ", ..." if len(siblings) > _MOST_NAMES else ""
+    alternatives = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"
+    return suggest_similar(name, names) or alternatives
+
+
+def suggest_similar(name: object, candidates: Iterable[object]) -> str:
+    """Return "; did you mean 'dwa'?" for the similar names, empty if there is none.
+
+    Args:
+        name: What the user wrote.
+        candidates: Names that exist, dotted or not.
+    """
+    text = _shorten(name)
+    names = _sort_names(candidates)
+    similar = (
+        # A user may leave out the parents of a dotted name.
+        [candidate for candidate in names if candidate.endswith(f".{text}")][:3]
+        or _most_similar(text, _siblings(text, names), 0.6)
+        # Under another parent, a name must be closer to count as meant.
+        or _most_similar(text, names, 0.8)
     )
-    near = near or _alike(wanted, names, 0.8)
-    if near:
-        return "; did you mean " + " or ".join(map(repr, near[:_MOST_HINTS])) + "?"
-    more = ", ..." if len(siblings) > _MOST_LISTED else ""
-    return f"; known: {', '.join(siblings[:_MOST_LISTED])}{more}"
+    return f"; did you mean {' or '.join(map(repr, similar))}?" if similar else ""
 
 
-def _alike(wanted: str, names: list[str], cutoff: float) -> list[str]:
-    """Return the name whose last part is most like that of `wanted`, in a list; an empty list if none is alike."""
-    by_end = {name.rpartition(".")[2]: name for name in names}
-    return [
-        by_end[end]
-        for end in difflib.get_close_matches(
-            wanted.rpartition(".")[2], by_end, n=1, cutoff=cutoff
-        )
-    ]
+def _shorten(name: object) -> str:
+    text = name if isinstance(name, str) else format_value(name)
+    return text[:_LONGEST_VALUE]
+
+
+def _sort_names(candidates: Iterable[object]) -> list[str]:
+    return sorted(str(candidate)[:_LONGEST_NAME] for candidate in candidates)
+
+
+def _siblings(name: str, names: list[str]) -> list[str]:
+    """Return the names with the parent of a dotted name; all names if there is none."""
+    parent = name.rpartition(".")[0]
+    return [other for other in names if other.rpartition(".")[0] == parent] or names
+
+
+def _most_similar(name: str, names: list[str], cutoff: float) -> list[str]:
+    """Return the name with the most similar last part, an empty list if none is."""
+    by_last_part = {candidate.rpartition(".")[2]: candidate for candidate in names}
+    last_part = name.rpartition(".")[2]
+    matches = difflib.get_close_matches(last_part, by_last_part, n=1, cutoff=cutoff)
+    return [by_last_part[match] for match in matches]

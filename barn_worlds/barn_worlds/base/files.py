@@ -1,4 +1,7 @@
-"""Reading files of bounded size, and writing atomically: the one place where the suite opens and replaces files."""
+"""Reading files of bounded size and replacing files atomically.
+
+No other module of the suite opens files that others wrote, or replaces files.
+"""
 
 import errno
 import gzip
@@ -14,10 +17,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from barn_worlds.base.errors import StoreError, WorldError, reported_as
+from barn_worlds.base.errors import StoreError, WorldError, convert_os_errors
 
-LARGEST_FILE = 256 * 1024 * 1024
-DAMAGED_ZIP = (
+LARGEST_FILE_BYTES = 256 * 1024 * 1024
+
+# What zipfile raises for damaged or hostile files.
+ZIP_ERRORS = (
     zipfile.BadZipFile,
     zlib.error,
     EOFError,
@@ -26,20 +31,37 @@ DAMAGED_ZIP = (
     ValueError,
     OSError,
 )
-PARTIAL = (
-    ".partial"  # ending of files that are being written; of a killed process they stay
-)
+
+# Ending of files that are being written. A process that is killed leaves them behind.
+PARTIAL_SUFFIX = ".partial"
 
 
-def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a file of at most `largest` bytes; WorldError names the path otherwise."""
-    with reported_as(WorldError, f"{path}: cannot be read"):
+def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
+    """Read a file of a world, map or data set.
+
+    Args:
+        path: A regular file.
+        largest: Most bytes that it may hold.
+
+    Raises:
+        WorldError: If the file cannot be read or is larger.
+    """
+    with convert_os_errors(WorldError, f"{path}: cannot be read"):
         return read_at_most(path, largest)
 
 
 def read_at_most(path: Path, largest: int) -> bytes:
-    """Return the content of a regular file; OSError if it holds more than `largest` bytes, whatever its size says."""
+    """Read a regular file that must not hold more than some number of bytes.
+
+    Args:
+        path: A regular file.
+        largest: Most bytes that it may hold, whatever size its folder gives.
+
+    Raises:
+        OSError: If the file cannot be read or is larger.
+    """
     with open_regular(path) as file:
+        # One byte more shows that there is more, without reading it all.
         content = file.read(largest + 1)
     if len(content) > largest:
         raise OSError(errno.EFBIG, f"more than the allowed {largest} bytes", str(path))
@@ -47,27 +69,36 @@ def read_at_most(path: Path, largest: int) -> bytes:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading; OSError for anything else, such as a pipe, which would block, or a device."""
+    """Open a regular file for reading; raise OSError for a folder, pipe or device."""
+    # Without O_NONBLOCK, opening a pipe waits for a writer.
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:
+        # The name contains a NUL.
         raise OSError(errno.EINVAL, str(error), str(path)) from None
+
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        raise OSError(
-            errno.EINVAL,
-            "is a folder" if stat.S_ISDIR(mode) else "not a regular file",
-            str(path),
-        )
+        problem = "is a folder" if stat.S_ISDIR(mode) else "not a regular file"
+        raise OSError(errno.EINVAL, problem, str(path))
     return os.fdopen(descriptor, "rb")
 
 
-def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a file, unpacked if it is gzipped, of at most `largest` bytes (checked while unpacking)."""
+def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
+    """Read a file and unpack it if it is gzipped.
+
+    Args:
+        path: A regular file.
+        largest: Most bytes that the file may hold, and most that it may unpack to.
+
+    Raises:
+        WorldError: If the file cannot be read, is damaged or is larger.
+    """
     content = read_bytes(path, largest)
     if content[:2] != b"\x1f\x8b":
         return content
+    # Unpacking stops at the limit, so a small file cannot fill the memory.
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(content)) as file:
             unpacked = file.read(largest + 1)
@@ -78,50 +109,79 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
     return unpacked
 
 
-def zipped(members: Mapping[str, bytes]) -> bytes:
-    """Return a zip file of members by name; equal members give equal bytes, at any time."""
+def pack_zip(members: Mapping[str, bytes]) -> bytes:
+    """Return a zip file of members by name; equal members give equal bytes."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for name, data in members.items():
+            # A ZipInfo of its own has a fixed date instead of the present time.
             archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED, 9)
     return content.getvalue()
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file atomically; WorldError if that fails."""
-    with reported_as(WorldError, f"{path}: cannot be written"):
+    """Replace a file of a world, map or data set atomically.
+
+    Args:
+        path: File to write; missing folders above it are created.
+        content: Bytes of the whole file.
+
+    Raises:
+        WorldError: If the file cannot be written.
+    """
+    with convert_os_errors(WorldError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
+        with replace_file(path) as temporary:
             temporary.write_bytes(content)
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file onto the disk, so that it is there as a whole or as it was before; StoreError if that fails."""
+def write_durably(path: Path, content: bytes) -> None:
+    """Replace a file of results atomically, safe against a loss of power.
+
+    Args:
+        path: File to write, in a folder that exists.
+        content: Bytes of the whole file. The old file stays until they are on the disk.
+
+    Raises:
+        StoreError: If the file cannot be written.
+    """
     with (
-        reported_as(StoreError, f"{path}: cannot be written"),
-        replacing(path, durable=True) as temporary,
+        convert_os_errors(StoreError, f"{path}: cannot be written"),
+        replace_file(path, durable=True) as temporary,
     ):
         temporary.write_bytes(content)
 
 
 @contextmanager
-def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
-    """Provide an empty file, private to the user, that takes the place of `path` if the block succeeds.
+def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
+    """Provide an empty temporary file that replaces a file if the block succeeds.
 
-    However the block ends, nothing else is left; only a kill leaves a hidden file that ends in `PARTIAL`. durable:
-    whether the content is to be on the disk at the end. OSError if that fails.
+    Only a kill leaves the temporary file behind: hidden, private to the user and with
+    the ending `PARTIAL_SUFFIX`.
+
+    Args:
+        path: File to replace.
+        durable: Whether the content must be on the disk at the end of the block.
+
+    Yields:
+        Path of the temporary file, in the same folder.
+
+    Raises:
+        OSError: If the file cannot be written.
     """
     handle, name = tempfile.mkstemp(
-        prefix=f".{path.name}.", suffix=PARTIAL, dir=path.parent
+        prefix=f".{path.name}.", suffix=PARTIAL_SUFFIX, dir=path.parent
     )
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
+        # mkstemp makes files that only their owner can read.
+        temporary.chmod(0o666 & ~_read_umask())
         if durable:
             _sync(temporary)
         temporary.replace(path)
+        # The new name is on the disk only once its folder is.
         if durable:
             _sync(path.parent)
     finally:
@@ -129,19 +189,26 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def remove_partial(folder: Path) -> None:
-    """Remove what killed writers have left in a folder, of which the caller must be the only writer."""
-    for left in folder.glob(f".*{PARTIAL}"):
-        left.unlink(missing_ok=True)
+def remove_partial_files(folder: Path) -> None:
+    """Remove what killed writers left in a folder that nobody else writes to."""
+    for file in folder.glob(f".*{PARTIAL_SUFFIX}"):
+        file.unlink(missing_ok=True)
 
 
 @contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """Provide a temporary folder that becomes `path` if the block succeeds and is removed if it fails.
+def create_folder(path: Path) -> Iterator[Path]:
+    """Provide a temporary folder that becomes a new folder if the block succeeds.
 
-    Raises WorldError if `path` exists and is not an empty folder, or if it cannot be written.
+    Args:
+        path: Folder to create. An empty one may exist.
+
+    Yields:
+        Path of the temporary folder, which is removed if the block fails.
+
+    Raises:
+        WorldError: If the folder has content already or cannot be written.
     """
-    with reported_as(WorldError, f"{path}: cannot be written"):
+    with convert_os_errors(WorldError, f"{path}: cannot be written"):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise WorldError(
                 f"{path}: exists already; name a new folder or an empty one"
@@ -150,21 +217,22 @@ def new_folder(path: Path) -> Iterator[Path]:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
         try:
             yield temporary
-            temporary.chmod(0o777 & ~_umask())
+            temporary.chmod(0o777 & ~_read_umask())
             temporary.replace(path)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _umask() -> int:
-    """Return the process's umask, which can only be read by setting it; files made meanwhile are private."""
+def _read_umask() -> int:
+    """Return the umask of the process."""
+    # It can only be read by setting it. Files of other threads are private meanwhile.
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 def _sync(path: Path) -> None:
-    """See a file, or the names in a folder, onto the disk."""
+    """Write a file, or the names in a folder, through to the disk."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)

@@ -1,14 +1,15 @@
-"""How often a program of the suite looks for garbage."""
+"""Garbage collection in programs of the suite."""
 
 import atexit
 import gc
 
 
-def collect_seldom() -> None:
-    """Let this process collect garbage less often, and not once more as it ends.
+def reduce_garbage_collection() -> None:
+    """Let this process collect garbage less often, and not as it ends.
 
-    For programs, not for libraries: a quarter of the time that one takes to start and to end would go into looking
-    again and again at what libraries have defined, which stays to the end anyway.
+    Call it in programs, not in libraries. Otherwise a quarter of the time that a
+    program takes to start and end goes into looking again and again at the definitions
+    of libraries, which stay to the end anyway.
     """
     gc.set_threshold(10_000)
     atexit.register(gc.freeze)

@@ -1,7 +1,10 @@
-"""Where numba keeps compiled kernels: beside the source, else in a folder that can be written; never those of old code.
+"""Where numba keeps compiled kernels, and when they are stale.
 
-numba asks for a kernel's own file whether it has changed, and not for those of the kernels that it calls, so that old
-code would run on. In a source tree all compiled kernels go once one of them has changed.
+They lie beside the source or, if it cannot be written, in a folder of the user.
+
+numba compiles a kernel again when its own file changes, but not when the kernel calls
+one from another file that changed: old code would run on. In a source tree all compiled
+kernels go once any file with kernels changes.
 """
 
 import hashlib
@@ -17,80 +20,97 @@ _VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def prepare(package: Path) -> None:
-    """See to it that kernels can be kept; package: folder of barn_worlds. To be called before numba is imported.
+    """Choose the folder of compiled kernels and remove stale ones.
 
-    A line on stderr says where they go if that is neither beside the source nor in the user's folder for caches.
+    Call this before numba is imported. A line on stderr names the folder if it is
+    neither beside the source nor in the cache of the user.
+
+    Args:
+        package: Folder of the Python package barn_worlds.
     """
     if os.environ.get(_VARIABLE):
         return
-    tree = package.parents[1]
+
     if os.access(package, os.W_OK):
+        tree = package.parents[1]
         if (tree / "pyproject.toml").exists():
-            _drop_stale(
-                [tree / name / name for name in _PACKAGES],
-                package / "__pycache__" / "kernels.digest",
-            )
+            packages = [tree / name / name for name in _PACKAGES]
+            _remove_stale(packages, package / "__pycache__" / "kernels.digest")
         return
-    digest = digest_of([package.parent / name for name in _PACKAGES])
-    homes = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
-    shared = Path(tempfile.gettempdir()) / f"barn_kernels_{os.getuid()}"
-    kept = homes / "barn" / digest
-    if not _is_own(kept):
-        # the second where somebody else has taken the name of the first
-        kept = (
-            shared / digest
-            if _is_own(shared / digest)
-            else Path(tempfile.mkdtemp(prefix="barn_kernels_"))
-        )
+
+    # Folders of digests keep kernels of several installed versions apart.
+    digest = kernel_digest([package.parent / name for name in _PACKAGES])
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    folder = caches / "barn" / digest
+    if not _is_private(folder):
+        shared = Path(tempfile.gettempdir())
+        folder = shared / f"barn_kernels_{os.getuid()}" / digest
+        # Another user may have created that folder first, to plant code in it.
+        if not _is_private(folder):
+            folder = Path(tempfile.mkdtemp(prefix="barn_kernels_"))
         print(
-            f"compiled kernels go to {kept}: neither {package} nor {homes} can be written",
+            f"compiled kernels go to {folder}: "
+            f"neither {package} nor {caches} can be written",
             file=sys.stderr,
         )
-    os.environ[_VARIABLE] = str(kept)
+    os.environ[_VARIABLE] = str(folder)
 
 
-def digest_of(packages: list[Path]) -> str:
-    """Return a digest of all files that hold kernels."""
-    found = hashlib.blake2b(digest_size=8)
-    for path in _sources(packages):
-        if b"njit" in (content := path.read_bytes()):
-            found.update(content)
-    return found.hexdigest()
+def kernel_digest(packages: list[Path]) -> str:
+    """Return a digest of all source files with kernels in some packages."""
+    digest = hashlib.blake2b(digest_size=8)
+    for path in _find_sources(packages):
+        content = path.read_bytes()
+        if b"njit" in content:
+            digest.update(content)
+    return digest.hexdigest()
 
 
-def _drop_stale(packages: list[Path], note: Path) -> None:
-    """Remove all compiled kernels if the digest in a note is of others; read no file if none is newer than the note."""
+def _remove_stale(packages: list[Path], note: Path) -> None:
+    """Remove all compiled kernels if any kernel has changed.
+
+    Args:
+        packages: Folders of Python packages.
+        note: File with the digest of the kernels at the last check.
+    """
     with suppress(OSError):
-        since = note.stat().st_mtime_ns if note.exists() else 0
-        if since and all(
-            path.stat().st_mtime_ns < since for path in _sources(packages)
+        checked_ns = note.stat().st_mtime_ns if note.exists() else 0
+        # Most of the time nothing has changed, and no file needs to be read.
+        if checked_ns and all(
+            path.stat().st_mtime_ns < checked_ns for path in _find_sources(packages)
         ):
             return
-        digest = digest_of(packages)
-        if not note.exists() or note.read_text("ascii") != digest:
+
+        digest = kernel_digest(packages)
+        if not checked_ns or note.read_text("ascii") != digest:
             for package in packages:
+                # Without its index, numba does not find a compiled kernel.
                 for index in package.rglob("*.nbi"):
                     index.unlink(missing_ok=True)
         note.parent.mkdir(exist_ok=True)
         note.write_text(digest, "ascii")
 
 
-def _sources(packages: list[Path]) -> Iterator[Path]:
+def _find_sources(packages: list[Path]) -> Iterator[Path]:
     for package in packages:
         for folder, _, names in os.walk(package):
-            yield from (
-                Path(folder, name) for name in sorted(names) if name.endswith(".py")
-            )
+            for name in sorted(names):
+                if name.endswith(".py"):
+                    yield Path(folder, name)
 
 
-def _is_own(folder: Path) -> bool:
-    """Make a folder if need be, and tell whether nobody else can put code there."""
+def _is_private(folder: Path) -> bool:
+    """Create a folder and tell whether nobody else can put code into it."""
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return os.access(folder, os.W_OK) and all(
-            one.lstat().st_uid == os.getuid()
-            and not one.is_symlink()
-            and not one.lstat().st_mode & 0o022
-            for one in (folder, folder.parent)
-        )
+        if not os.access(folder, os.W_OK):
+            return False
+        # Whoever owns the parent could replace the folder.
+        for level in (folder, folder.parent):
+            status = level.lstat()
+            if status.st_uid != os.getuid() or status.st_mode & 0o022:
+                return False
+            if level.is_symlink():
+                return False
+        return True
     return False

@@ -1,6 +1,7 @@
-"""Reading YAML, JSON and lines of JSON that anyone may have written; Markdown.
+"""Reading YAML, JSON and lines of JSON that anyone may have written.
 
-Size, depth, count, numbers and encoding are bounded. Every mistake is a ConfigError of one line that names the file.
+Size, depth, number of values, numbers and encoding are bounded. Every mistake is a
+ConfigError of one line that names the file.
 """
 
 import json
@@ -12,7 +13,7 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from barn_worlds.base.errors import ConfigError, one_line, shown
+from barn_worlds.base.errors import ConfigError, format_error, format_value
 from barn_worlds.base.files import open_regular, read_at_most
 
 LARGEST_JSON_BYTES = 64 * 1024 * 1024
@@ -21,50 +22,69 @@ LARGEST_LINES_BYTES = 1 << 30
 LONGEST_LINE_BYTES = 1 << 20
 MOST_VALUES = 1_000_000
 DEEPEST = 60
-Plain: TypeAlias = Any  # None, bool, int, float, str, and lists and mappings of them
+PlainData: TypeAlias = Any  # None, bool, int, float, str, lists and mappings of them
 _LARGEST_INTEGER = 2**63 - 1
-_Loader: Any = getattr(
-    yaml, "CSafeLoader", yaml.SafeLoader
-)  # libyaml's is ten times faster
+# The loader of libyaml is ten times faster than that of Python.
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> Plain:
-    """Return the content of a JSON file of at most `largest` bytes."""
+def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:
+    """Read a JSON file.
+
+    Args:
+        path: A regular file.
+        largest: Most bytes that it may hold.
+
+    Raises:
+        ConfigError: If the file cannot be read or `parse_json` refuses it.
+    """
     return parse_json(_read(path, largest), str(path))
 
 
-def parse_json(text: str | bytes, where: str) -> Plain:
-    """Return the content of JSON text that can be written as JSON again; ConfigError begins with `where`.
+def parse_json(text: str | bytes, where: str) -> PlainData:
+    """Parse JSON that can be written as JSON again.
 
-    Numbers must be finite, integers of 64 bits, texts valid Unicode.
+    Args:
+        text: JSON, as bytes in UTF-8.
+        where: Path or name of the source, to begin an error message with.
+
+    Raises:
+        ConfigError: If the text is not JSON, has numbers that are not finite, integers
+            of more than 64 bits or texts that are not Unicode, or is too large.
     """
     try:
         content = text if isinstance(text, str) else text.decode("utf-8")
+        # Every value but the first follows one of these characters.
         if sum(map(content.count, ",[{")) > MOST_VALUES:
             raise ValueError(f"more than {MOST_VALUES} values")
-        found = json.loads(content, parse_constant=_no_number)
-        _check(found)
+        data = json.loads(content, parse_constant=_refuse_constant)
+        _check(data)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{where}: not JSON: {one_line(error)}") from None
-    return found
+        raise ConfigError(f"{where}: not JSON: {format_error(error)}") from None
+    return data
 
 
 def read_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield each line of a file, if there is one, with its place, such as "rows.jsonl, line 2"; not one cut off."""
+    """Yield each complete line of a file with its place, such as "rows.jsonl, line 2".
+
+    A file that does not exist has no lines. A last line without its end, as a killed
+    writer leaves it, is left out.
+    """
+    number = 1
+    size = 0
     try:
         with open_regular(path) as file:
-            read = 0
-            for number, line in enumerate(
-                iter(lambda: file.readline(LONGEST_LINE_BYTES + 1), b""), 1
-            ):
-                read += len(line)
-                if len(line) > LONGEST_LINE_BYTES or read > LARGEST_LINES_BYTES:
-                    limits = f"{LONGEST_LINE_BYTES} bytes in a line or {LARGEST_LINES_BYTES} in the file"
+            while line := file.readline(LONGEST_LINE_BYTES + 1):
+                size += len(line)
+                if len(line) > LONGEST_LINE_BYTES or size > LARGEST_LINES_BYTES:
                     raise ConfigError(
-                        f"{path}, line {number}: more than the allowed {limits}"
+                        f"{path}, line {number}: more than the allowed "
+                        f"{LONGEST_LINE_BYTES} bytes in a line or "
+                        f"{LARGEST_LINES_BYTES} in the file"
                     )
                 if line.endswith(b"\n"):
                     yield f"{path}, line {number}", line[:-1].decode("utf-8")
+                number += 1
     except FileNotFoundError:
         return
     except UnicodeDecodeError as error:
@@ -76,29 +96,49 @@ def read_lines(path: Path) -> Iterator[tuple[str, str]]:
 def read_yaml(
     path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES
 ) -> dict[str, Any]:
-    """Return the mapping in a YAML file of at most `largest` bytes without its `schema_version`, the one given."""
+    """Read a YAML file that holds a mapping.
+
+    Args:
+        path: A regular file.
+        schema_version: What its key `schema_version` must be.
+        largest: Most bytes that it may hold.
+
+    Returns:
+        The mapping without its `schema_version`.
+
+    Raises:
+        ConfigError: If the file cannot be read, is not YAML or of another version.
+    """
     content = parse_yaml(_read(path, largest), str(path))
     if not isinstance(content, dict):
         raise ConfigError(
-            f"{path}: must be a mapping of names to values, got {shown(content)}"
+            f"{path}: must be a mapping of names to values, got {format_value(content)}"
         )
     version = content.pop("schema_version", None)
     if version != schema_version:
         raise ConfigError(
-            f"{path}: schema_version must be {schema_version}, got {shown(version)}"
+            f"{path}: schema_version must be {schema_version}, "
+            f"got {format_value(version)}"
         )
     return content
 
 
-def parse_yaml(text: str | bytes, where: str) -> Plain:
-    """Return the content of YAML text; ConfigError begins with `where` (a path or the name of an option)."""
+def parse_yaml(text: str | bytes, where: str) -> PlainData:
+    """Parse YAML without aliases.
+
+    Args:
+        text: YAML, as bytes in UTF-8 or UTF-16.
+        where: Path or name of the source, to begin an error message with.
+
+    Raises:
+        ConfigError: If the text is not YAML or nested too deep.
+    """
     try:
         _check_events(text)
-        found = yaml.load(text, _Loader)  # one of the safe ones  # noqa: S506  # nosec B506
-        _check(
-            found, numbers=False
-        )  # ranges are the configuration's, which names the key
-    # PyYAML does not catch what its constructors raise for a bad date, `!!int x` and the like
+        data = yaml.load(text, _Loader)  # a safe loader  # noqa: S506  # nosec B506
+        # The configuration checks numbers itself, because it can name the key.
+        _check(data, numbers=False)
+    # PyYAML lets through what its constructors raise for a bad date, `!!int x` etc.
     except (
         yaml.YAMLError,
         ValueError,
@@ -107,83 +147,105 @@ def parse_yaml(text: str | bytes, where: str) -> Plain:
         AttributeError,
         ArithmeticError,
     ) as error:
-        raise ConfigError(f"{where}: not YAML: {one_line(error)}") from None
-    return found
+        raise ConfigError(f"{where}: not YAML: {format_error(error)}") from None
+    return data
 
 
-def packaged_yaml(package: str, file: str) -> Plain:
-    """Return the content of a YAML file in a package's data."""
+def read_package_yaml(package: str, file: str) -> PlainData:
+    """Read a YAML file that comes with a package.
+
+    Args:
+        package: Python package with the file in its folder `data`.
+        file: File name, with folders below `data` if there are any.
+    """
     return parse_yaml((files(package) / "data" / file).read_text("utf-8"), file)
 
 
-def finite(content: Plain) -> Plain:
-    """Return plain data that JSON can hold: None for numbers that are not finite, keys as text, tuples as lists."""
+def make_json_safe(content: PlainData) -> PlainData:
+    """Return plain data that JSON can hold.
+
+    Numbers that are not finite become None, keys become text, tuples become lists.
+    """
     if isinstance(content, dict):
-        return {str(key): finite(value) for key, value in content.items()}
+        return {str(key): make_json_safe(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
-        return [finite(value) for value in content]
-    return (
-        None if isinstance(content, float) and not math.isfinite(content) else content
-    )
+        return [make_json_safe(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
 
 
 def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join(
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |"
-        for line in lines
-    )
+    """Return a Markdown table.
+
+    Args:
+        headings: Text over each column.
+        rows: Cells of each row, in the order of the headings.
+    """
+    lines = []
+    for cells in (headings, ["---"] * len(headings), *rows):
+        text = " | ".join(cell.replace("|", "\\|") for cell in cells)
+        lines.append(f"| {text} |")
+    return "\n".join(lines)
 
 
 def _read(path: Path, largest: int) -> bytes:
     try:
         return read_at_most(path, largest)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise ConfigError(
-            f"{path}: {getattr(error, 'strerror', None) or error}"
-        ) from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
-def _no_number(name: str) -> None:
+def _refuse_constant(name: str) -> None:
+    """Raise ValueError for NaN and Infinity, which Python reads but JSON lacks."""
     raise ValueError(f"numbers must be finite, got {name}")
 
 
-def _check(content: Plain, *, numbers: bool = True) -> None:
-    """Raise ValueError for plain data that is nested too deep, has texts or, if asked, numbers that are not allowed."""
+def _check(content: PlainData, *, numbers: bool = True) -> None:
+    """Raise ValueError for plain data that is nested too deep or has invalid values.
+
+    Args:
+        content: Plain data.
+        numbers: Whether to check the range of numbers, too.
+    """
+    # Level by level, because recursion would fail on the depth that is checked here.
     level = [content]
     for _ in range(DEEPEST):
-        deeper: list[Any] = []
+        next_level: list[Any] = []
         for value in level:
             if isinstance(value, dict):
-                deeper += value
-                deeper += value.values()
+                next_level += value
+                next_level += value.values()
             elif isinstance(value, (list, tuple, set)):
-                deeper += value
+                next_level += value
             elif isinstance(value, str):
-                value.encode()  # lone surrogates could not be written
-            elif (
-                numbers
-                and isinstance(value, int)
-                and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER
-            ):
-                raise ValueError(f"integers must be of 64 bits, got {shown(value)}")
-            elif numbers and isinstance(value, float) and not math.isfinite(value):
-                raise ValueError(f"numbers must be finite, got {value}")
-        if not deeper:
+                # Raises UnicodeEncodeError for lone surrogates, which no file can hold.
+                value.encode()
+            elif numbers:
+                _check_number(value)
+        if not next_level:
             return
-        level = deeper
+        level = next_level
     raise ValueError(f"nested more than {DEEPEST} deep")
 
 
+def _check_number(value: PlainData) -> None:
+    if isinstance(value, int) and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER:
+        raise ValueError(f"integers must be of 64 bits, got {format_value(value)}")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"numbers must be finite, got {value}")
+
+
 def _check_events(text: str | bytes) -> None:
-    """Raise YAMLError for aliases, which let a short file describe a huge structure, and for a structure too deep."""
+    """Raise YAMLError for aliases and for a structure that is nested too deep."""
     depth = 0
     for event in yaml.parse(text, _Loader):
+        # Aliases let a file of a few bytes describe gigabytes.
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("aliases (*name) are not allowed")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
-            event, yaml.CollectionEndEvent
-        )
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
         if depth > DEEPEST:
             raise yaml.YAMLError(f"nested more than {DEEPEST} deep")

@@ -1,7 +1,8 @@
-"""The types that the packages exchange: poses, velocities, sensor readings and maps.
+"""Poses, velocities, sensor readings and maps, as the packages exchange them.
 
-Metres, radians, seconds; frames as in REP-105 (map, odom, base_link), axes as in REP-103 (x forward, y left).
-Time is in integer nanoseconds: differences are exact and messages carry it unchanged.
+Units are meters, radians and seconds. Frames are as in REP-105 (map, odom, base_link),
+axes as in REP-103 (x forward, y left). Times are integers in nanoseconds: their
+differences are exact, and messages carry them unchanged.
 """
 
 import math
@@ -10,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-NANOSECONDS = 1_000_000_000
+NANOSECONDS_PER_SECOND = 1_000_000_000
 
 
 def seconds(duration_ns: int) -> float:
     """Return a duration in nanoseconds as seconds."""
-    return duration_ns / NANOSECONDS
+    return duration_ns / NANOSECONDS_PER_SECOND
 
 
 def nanoseconds(duration_s: float) -> int:
     """Return a duration in seconds as the nearest whole nanosecond."""
-    return round(duration_s * NANOSECONDS)
+    return round(duration_s * NANOSECONDS_PER_SECOND)
 
 
 def wrap_angle(angle: float) -> float:
@@ -34,7 +35,15 @@ def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
 
 
 def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Return the rotation about z of a quaternion, in [-pi, pi]."""
+    """Return the rotation about z in radians, in [-pi, pi].
+
+    Args:
+        x: First component of the vector part; 0 for a rotation about z.
+        y: Second component of the vector part; 0 for a rotation about z.
+        z: Third component of the vector part.
+        w: Scalar part.
+    """
+    # The short form is exact for rotations about z, which is what planar robots send.
     if x == 0.0 and y == 0.0:
         return wrap_angle(2.0 * math.atan2(z, w))
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -42,55 +51,70 @@ def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Pose2D:
-    """A pose in the plane, or the transform from the frame it describes to the frame it is given in."""
+    """A pose in the plane, in meters and radians.
+
+    It is also the transform from the frame that it describes to its reference frame.
+    """
 
     x: float
     y: float
     yaw: float
 
     def __matmul__(self, inner: "Pose2D") -> "Pose2D":
-        """Return the pose `inner`, which is relative to this pose, in the frame that this pose is given in."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        """Return a pose relative to this pose in the reference frame of this pose."""
+        cos = math.cos(self.yaw)
+        sin = math.sin(self.yaw)
         return Pose2D(
-            self.x + c * inner.x - s * inner.y,
-            self.y + s * inner.x + c * inner.y,
+            self.x + cos * inner.x - sin * inner.y,
+            self.y + sin * inner.x + cos * inner.y,
             wrap_angle(self.yaw + inner.yaw),
         )
 
     def inverse(self) -> "Pose2D":
         """Return the inverse transform."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        cos = math.cos(self.yaw)
+        sin = math.sin(self.yaw)
         return Pose2D(
-            -c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw)
+            -cos * self.x - sin * self.y,
+            sin * self.x - cos * self.y,
+            wrap_angle(-self.yaw),
         )
 
     def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Transform points (n, 2) from the frame of this pose to the frame it is given in."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        moved: npt.NDArray[np.float64] = points @ np.array(
-            [[c, s], [-s, c]]
-        ) + np.array([self.x, self.y])
-        return moved
+        """Return points (n, 2) in the frame of this pose in its reference frame."""
+        cos = math.cos(self.yaw)
+        sin = math.sin(self.yaw)
+        # Points are rows, so the rotation matrix stands transposed on the right.
+        rotation = np.array([[cos, sin], [-sin, cos]])
+        transformed: npt.NDArray[np.float64]
+        transformed = points @ rotation + np.array([self.x, self.y])
+        return transformed
 
     def distance(self, other: "Pose2D") -> float:
-        """Return the distance between the two positions in metres."""
+        """Return the distance between the two positions in meters."""
         return math.hypot(self.x - other.x, self.y - other.y)
 
     def through_quaternion(self) -> "Pose2D":
-        """Return the pose as it comes out of a message: a quaternion does not keep the last bit of the yaw."""
+        """Return the pose as it comes out of a message.
+
+        A quaternion does not keep the last bit of the yaw.
+        """
         z, w = quaternion_from_yaw(self.yaw)
         return Pose2D(self.x, self.y, yaw_from_quaternion(0.0, 0.0, z, w))
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity2D:
-    """Forward speed in m/s and yaw rate in rad/s of a robot that cannot move sideways."""
+    """The twist of a robot that cannot move sideways."""
 
     linear: float = 0.0
+    """Forward speed in m/s."""
+
     angular: float = 0.0
+    """Yaw rate in rad/s."""
 
     def is_finite(self) -> bool:
-        """Tell whether both parts are numbers."""
+        """Tell whether neither number is infinite or NaN."""
         return math.isfinite(self.linear) and math.isfinite(self.angular)
 
 
@@ -99,39 +123,50 @@ STOP = Velocity2D()
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """A stamped pose (child base_link, in the odom frame unless said otherwise) and the velocity in base_link."""
+    """A pose and velocity of base_link at one time."""
 
     stamp_ns: int
+
     pose: Pose2D
+    """Pose in the odom frame, where the source names no other."""
+
     velocity: Velocity2D
+    """Velocity in base_link."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """A planar laser scan; ranges are float32, +inf nothing seen, -inf too close, NaN invalid (REP-117)."""
+    """A planar laser scan."""
 
     stamp_ns: int
+
     ranges: npt.NDArray[np.float32]
+    """Meters by beam: +inf nothing in range, -inf too close, NaN invalid (REP-117)."""
+
     angle_min: float
+    """Direction of the first beam in the sensor frame."""
+
     angle_increment: float
     range_min: float
     range_max: float
 
     def angles(self) -> npt.NDArray[np.float64]:
         """Return the direction of each beam in the sensor frame, (n,) radians."""
-        return self.angle_min + self.angle_increment * np.arange(
-            len(self.ranges), dtype=np.float64
-        )
+        beams = np.arange(len(self.ranges), dtype=np.float64)
+        return self.angle_min + self.angle_increment * beams
 
 
 @dataclass(frozen=True, slots=True)
 class OccupancyMap:
-    """An occupancy grid as nav_msgs/OccupancyGrid has it: data[row, column], row along y, column along x.
-
-    0 free, 100 occupied, -1 unknown. `origin_x`, `origin_y` are the outer corner of data[0, 0] in the map frame.
-    """
+    """An occupancy grid in the layout of nav_msgs/OccupancyGrid."""
 
     data: npt.NDArray[np.int8]
+    """Cells by row (along y) and column (along x): 0 free, 100 occupied, -1 unknown."""
+
     resolution: float
+    """Side of a cell in meters."""
+
     origin_x: float
+    """Position of the outer corner of data[0, 0] in the map frame."""
+
     origin_y: float

@@ -11,8 +11,8 @@ from PIL import Image
 
 from barn_worlds.base.files import write_bytes
 
-# By format: what matplotlib would say of itself and of the time.
-_NOT_WRITTEN: dict[str, Any] = {
+# Left out of files, by format: versions and times differ from run to run.
+_OMITTED_METADATA: dict[str, Any] = {
     "png": ("Software",),
     "svg": ("Date", "Creator"),
     "pdf": ("CreationDate",),
@@ -26,13 +26,23 @@ def figure_bytes(
     *,
     tight: bool = False,
 ) -> bytes:
-    """Return the content of a file with a figure; tight: without its empty margins."""
+    """Return the content of a file with a figure.
+
+    Args:
+        figure: Saved in its own size in inches.
+        kind: Format: png, svg or pdf.
+        dots_per_inch: Resolution of pixels.
+        tight: Whether to cut off empty margins.
+    """
     if kind == "png":
         FigureCanvasAgg(figure)
-    content, unsaid = io.BytesIO(), dict.fromkeys(_NOT_WRITTEN[kind])
-    around = "tight" if tight else None
+    content = io.BytesIO()
     figure.savefig(
-        content, format=kind, dpi=dots_per_inch, bbox_inches=around, metadata=unsaid
+        content,
+        format=kind,
+        dpi=dots_per_inch,
+        bbox_inches="tight" if tight else None,
+        metadata=dict.fromkeys(_OMITTED_METADATA[kind]),
     )
     return content.getvalue()
 
@@ -40,16 +50,27 @@ def figure_bytes(
 def write_png(
     figure: Figure, path: Path, dots_per_inch: float = 120, *, tight: bool = True
 ) -> None:
-    """Write a figure as PNG, whatever the file's ending, atomically; tight: without its empty margins."""
+    """Write a figure as PNG, atomically.
+
+    Args:
+        figure: Saved in its own size in inches.
+        path: File to write; its ending does not matter.
+        dots_per_inch: Resolution.
+        tight: Whether to cut off empty margins.
+    """
     write_bytes(path, figure_bytes(figure, dots_per_inch=dots_per_inch, tight=tight))
 
 
 def gif_bytes(frames: Iterator[Image.Image], frames_per_s: float) -> bytes:
-    """Return the content of a GIF that plays for ever; at least one frame."""
+    """Return the content of a GIF that plays forever.
+
+    Args:
+        frames: The images, at least one.
+        frames_per_s: Speed of the animation.
+    """
+    # A GIF counts in hundredths of a second; browsers slow down periods below 20 ms.
+    period_ms = max(20, 10 * round(100.0 / frames_per_s))
     content = io.BytesIO()
-    period_ms = max(
-        20, 10 * round(100.0 / frames_per_s)
-    )  # a GIF counts in hundredths of a second
     next(frames).save(
         content,
         "GIF",

@@ -1,55 +1,65 @@
-"""The colours of all that is drawn: figures, pages, films and pictures of worlds, each named by what it stands for.
+"""The colors of everything that is drawn, each named by what it stands for.
 
-Hues of scenes are Okabe and Ito's, which colour-blind readers can tell apart. Planners are dark and light in turn: each
-has 3:1 against the paper, and a dark one 3:1 against a light one (WCAG 2.2, 1.4.11).
+Hues of scenes are Okabe and Ito's, which color-blind readers can tell apart. Planners
+are dark and light in turn: each has a contrast of 3:1 to the paper, and a dark one 3:1
+to a light one (WCAG 2.2, 1.4.11).
 """
 
-BLUE, ORANGE, PINK, SKY, GREEN, VERMILION = (
-    "#0072B2",
-    "#E69F00",
-    "#CC79A7",
-    "#56B4E9",
-    "#009E73",
-    "#D55E00",
-)
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+PINK = "#CC79A7"
+SKY = "#56B4E9"
+GREEN = "#009E73"
+VERMILION = "#D55E00"
 WHITE = "#ffffff"
-# Planners take these in their order, on white; below, the same on dark paper.
-PLANNERS = ("#0A38A8", "#EE6A18", "#7D1F08", "#25A48F", "#1D1030", "#C96CF1", "#513159")
-_PLANNERS_ON_DARK = (
-    "#4a63ea",
-    "#ffbe73",
-    "#cd2a20",
-    "#6ff0d0",
-    "#8a5a94",
-    "#e3b5ff",
-    "#56808a",
-)
 
 # A scene.
-START, GOAL, ROUTE = BLUE, GREEN, VERMILION
-OBSTACLE, WALL, HOLLOW, INFLATED, UNKNOWN = (
-    "#33373d",
-    "#8b919b",
-    "#5a5a5a",
-    "#cfe2f3",
-    "#c9ced6",
-)
-MOVER, MOVER_ON_TRACK = "#7b5a8c", PINK  # the latter where its track is drawn below it
-# A trial in it.
-ROBOT, TRAIL, CONTACT, SCAN = ORANGE, BLUE, "#b84600", VERMILION
-PLAN, LOCAL_PLAN, BAND, CANDIDATE = GREEN, PINK, SKY, "#8a8f98"
-# A figure: black takes the colour of a page's text.
-INK, FAINT = "#010101", "#8a8f98"
-# How a trial ended: light where it succeeded, dark where it failed, white where there was none.
-SUCCEEDED, COLLIDED, TIMED_OUT, UNMOVED, BROKEN = (
-    "#25a48f",
-    "#8c1d04",
-    "#241a6b",
-    "#6a1a6a",
-    "#474747",
-)
+START = BLUE
+GOAL = GREEN
+ROUTE = VERMILION
+OBSTACLE = "#33373d"
+WALL = "#8b919b"
+HOLLOW = "#5a5a5a"
+INFLATED = "#cfe2f3"
+UNKNOWN = "#c9ced6"
+MOVER = "#7b5a8c"
+# Where the obstacle's track is drawn below it.
+MOVER_ON_TRACK = PINK
 
-# Of a page, by the name of its style sheet's property: on white and on dark paper. Print is on white.
+# A trial in it.
+ROBOT = ORANGE
+TRAIL = BLUE
+CONTACT = "#b84600"
+SCAN = VERMILION
+PLAN = GREEN
+LOCAL_PLAN = PINK
+BAND = SKY
+CANDIDATE = "#8a8f98"
+
+# A figure. A page replaces this black by the color of its text.
+INK = "#010101"
+FAINT = "#8a8f98"
+
+# How a trial ended: light where it succeeded, dark where it failed.
+SUCCEEDED = "#25a48f"
+COLLIDED = "#8c1d04"
+TIMED_OUT = "#241a6b"
+UNMOVED = "#6a1a6a"
+BROKEN = "#474747"
+
+# Planners on dark paper, by their color on white. They take these in order.
+PLANNERS_ON_DARK = {
+    "#0A38A8": "#4a63ea",
+    "#EE6A18": "#ffbe73",
+    "#7D1F08": "#cd2a20",
+    "#25A48F": "#6ff0d0",
+    "#1D1030": "#8a5a94",
+    "#C96CF1": "#e3b5ff",
+    "#513159": "#56808a",
+}
+PLANNERS = tuple(PLANNERS_ON_DARK)
+
+# A page, by property of its style sheet: on white and on dark paper. Print is on white.
 PAGE = {
     "paper": (WHITE, "#15171b"),
     "panel": ("#f5f6f8", "#1e2127"),
@@ -73,5 +83,3 @@ PAGE = {
     "candidate": (CANDIDATE, "#7d838e"),
     "cost": ("#8e7cc3", "#a594d6"),
 }
-# What a planner's colour is on dark paper.
-PLANNERS_ON_DARK = dict(zip(PLANNERS, _PLANNERS_ON_DARK, strict=True))

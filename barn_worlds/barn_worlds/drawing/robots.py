@@ -1,25 +1,19 @@
-"""A picture of a robot from above: outline, wheels, casters, centre of mass and lidar."""
+"""A picture of a robot from above: outline, wheels, casters, mass and lidar."""
 
 import math
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
+from matplotlib.patches import Circle, Patch, Polygon, Rectangle, Wedge
 
-from barn_worlds.drawing.palette import (
-    GOAL,
-    HOLLOW,
-    INFLATED,
-    OBSTACLE,
-    SCAN,
-    START,
-    WHITE,
-)
+from barn_worlds.drawing import palette
 from barn_worlds.robots.robot import Robot
 
-_BEYOND = 0.35  # of the longer side, that is drawn around the robot
-_SEEN = 0.6  # of the longer side, to which the field of view is drawn
+# Shares of the robot's longer side: the margin around it, and the radius to which the
+# lidar's field of view is drawn.
+_MARGIN = 0.35
+_VIEW_RADIUS = 0.6
 
 
 def robot_figure(robot: Robot) -> Figure:
@@ -32,23 +26,28 @@ def robot_figure(robot: Robot) -> Figure:
         0.0,
         0.0,
         marker="+",
-        color=OBSTACLE,
+        color=palette.OBSTACLE,
         markersize=12,
         linestyle="",
         label="base_link",
     )
     x, y, _ = robot.chassis.centre_of_mass_m
-    axes.plot(x, y, marker="x", color=GOAL, linestyle="", label="centre of mass")
-    left, low, right, high = robot.chassis.extent_m
-    around = _BEYOND * max(robot.length_m, robot.width_m)
-    axes.set(
-        xlim=(left - around, right + around),
-        ylim=(low - around, high + around),
-        aspect="equal",
+    axes.plot(
+        x, y, marker="x", color=palette.GOAL, linestyle="", label="centre of mass"
     )
-    axes.set(xlabel="x, forward [m]", ylabel="y, left [m]")
+
+    left, low, right, high = robot.chassis.extent_m
+    margin = _MARGIN * max(robot.length_m, robot.width_m)
+    axes.set(
+        xlim=(left - margin, right + margin),
+        ylim=(low - margin, high + margin),
+        aspect="equal",
+        xlabel="x, forward [m]",
+        ylabel="y, left [m]",
+    )
     axes.set_title(
-        f"{robot.name}: {robot.length_m:.3f} x {robot.width_m:.3f} m, {robot.chassis.mass_kg:.3g} kg"
+        f"{robot.name}: {robot.length_m:.3f} x {robot.width_m:.3f} m, "
+        f"{robot.chassis.mass_kg:.3g} kg"
     )
     figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     return figure
@@ -56,49 +55,67 @@ def robot_figure(robot: Robot) -> Figure:
 
 def _draw_body(axes: Axes, robot: Robot) -> None:
     chassis = robot.chassis
-    look: Any = {
-        "facecolor": WHITE + "b0",
-        "edgecolor": OBSTACLE,
+    style: dict[str, Any] = {
+        # Translucent, so that the lidar's field of view stays visible.
+        "facecolor": palette.WHITE + "b0",
+        "edgecolor": palette.OBSTACLE,
         "linewidth": 1.5,
         "label": "footprint",
         "zorder": 2,
     }
-    outline = (
-        Circle((0.0, 0.0), chassis.footprint_radius_m, **look)
-        if chassis.round
-        else None
+    outline: Patch = (
+        Circle((0.0, 0.0), chassis.footprint_radius_m, **style)
+        if chassis.is_round
+        else Polygon(chassis.footprint_m, **style)
     )
-    axes.add_patch(outline or Polygon(chassis.footprint_m, **look))
-    radius, width = chassis.wheel_radius_m, chassis.wheel_width_m
-    for k, (x, y, _) in enumerate(chassis.wheels_m):
-        place, label = (x - radius, y - 0.5 * width), "" if k else "wheel"
-        axes.add_patch(
-            Rectangle(
-                place, 2.0 * radius, width, facecolor=HOLLOW, zorder=3, label=label
-            )
+    axes.add_patch(outline)
+
+    radius = chassis.wheel_radius_m
+    width = chassis.wheel_width_m
+    # Only the first wheel and caster have a label, so that the legend names each once.
+    label = "wheel"
+    for x, y, _ in chassis.wheels_m:
+        corner = (x - radius, y - 0.5 * width)
+        wheel = Rectangle(
+            corner,
+            2.0 * radius,
+            width,
+            facecolor=palette.HOLLOW,
+            zorder=3,
+            label=label,
         )
-    for k, place in enumerate(chassis.casters_m):
-        axes.add_patch(
-            Circle(
-                place,
-                0.5 * width,
-                facecolor=START,
-                zorder=3,
-                label="" if k else "caster",
-            )
+        axes.add_patch(wheel)
+        label = ""
+
+    label = "caster"
+    for center in chassis.casters_m:
+        caster = Circle(
+            center, 0.5 * width, facecolor=palette.START, zorder=3, label=label
         )
+        axes.add_patch(caster)
+        label = ""
 
 
 def _draw_lidar(axes: Axes, robot: Robot) -> None:
     lidar = robot.lidar
-    first, last = (
-        math.degrees(angle + lidar.mount_yaw_rad)
-        for angle in (lidar.angle_min_rad, lidar.angle_max_rad)
+    first_deg = math.degrees(lidar.angle_min_rad + lidar.mount_yaw_rad)
+    last_deg = math.degrees(lidar.angle_max_rad + lidar.mount_yaw_rad)
+    center = (lidar.mount_x_m, lidar.mount_y_m)
+    field_of_view = Wedge(
+        center,
+        _VIEW_RADIUS * max(robot.length_m, robot.width_m),
+        first_deg,
+        last_deg,
+        facecolor=palette.INFLATED,
+        edgecolor=palette.SCAN,
+        zorder=1,
     )
-    reach = _SEEN * max(robot.length_m, robot.width_m)
-    place = lidar.mount_x_m, lidar.mount_y_m
-    name = f"lidar, {last - first:.0f}°, {lidar.range_max_m:g} m"
-    axes.add_patch(
-        Wedge(place, reach, first, last, facecolor=INFLATED, edgecolor=SCAN, zorder=1)
+    axes.add_patch(field_of_view)
+    axes.plot(
+        *center,
+        marker="o",
+        color=palette.SCAN,
+        linestyle="",
+        zorder=4,
+        label=f"lidar, {last_deg - first_deg:.0f}°, {lidar.range_max_m:g} m",
     )
-    axes.plot(*place, marker="o", color=SCAN, linestyle="", zorder=4, label=name)

@@ -1,4 +1,7 @@
-"""The scene of a trial from above, drawn onto axes in metres: what stands, what moves, where the robot went."""
+"""The scene of a trial from above, drawn onto axes in meters.
+
+It shows what stands, what moves and where the robot went.
+"""
 
 import math
 from collections.abc import Sequence
@@ -25,104 +28,130 @@ from barn_worlds.drawing.palette import (
 from barn_worlds.moving.tracks import Tracks, jumps
 from barn_worlds.worlds.scene import TrialScene
 
-_LEAST_TOP_MPS = 0.5  # of the scale of speeds
+# The scale of speeds reaches at least this far.
+_LOWEST_TOP_MPS = 0.5
 
 
-def discs(
-    axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any
-) -> EllipseCollection:
-    """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
-    sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
-    where: Any = {
+def draw_discs(
+    axes: Axes, centers_m: npt.NDArray[np.floating], radius_m: float, **style: Any
+) -> None:
+    """Draw discs.
+
+    Args:
+        axes: Axes in meters.
+        centers_m: Centers (n, 2).
+        radius_m: Radius of all of them.
+        style: Of matplotlib's collection.
+    """
+    sizes = np.full(len(centers_m), 2.0 * radius_m)
+    offsets: Any = {
         "units": "xy",
-        "offsets": centres_m,
+        "offsets": centers_m,
         "offset_transform": axes.transData,
     }
-    ellipses = EllipseCollection(sizes, sizes, np.zeros(len(sizes)), **where, **look)
-    axes.add_collection(ellipses)
-    return ellipses
-
-
-def circles(centres_m: Points, radii_m: npt.ArrayLike) -> list[Points]:
-    """Return the outlines (k, 2) of discs around centres (n, 2); radii_m: one for all, or (n,)."""
-    turns = np.linspace(0.0, 2.0 * math.pi, 41)
-    around = np.column_stack([np.cos(turns), np.sin(turns)])
-    radii = np.broadcast_to(np.asarray(radii_m, np.float64), len(centres_m))
-    return list(centres_m[:, None] + radii[:, None, None] * around)
+    angles = np.zeros(len(sizes))
+    axes.add_collection(EllipseCollection(sizes, sizes, angles, **offsets, **style))
 
 
 def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
-    """Draw obstacles, walls and path of a world, with start, goal and how near to it counts as arrival.
+    """Draw obstacles, walls and path of a world, with start and goal.
 
-    faint: all but start and goal in one light colour, for maps on which trajectories are what counts.
+    Args:
+        axes: Axes in meters.
+        scene: Cylinders, boxes, path, start and goal to draw.
+        faint: Draw everything but start and goal in one light color, for maps on which
+            trajectories are what counts. The circle of arrival is left out.
     """
     if len(scene.boxes.poses):
         axes.add_collection(PolyCollection(scene.boxes.outlines(), facecolor=WALL))
-    discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
-    discs(
-        axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE
-    )
-    look: dict[str, Any] = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
-    axes.plot(
-        *scene.path_m.T,
-        **look if faint else {"color": WALL, "linestyle": ":", "linewidth": 1.0},
-    )
-    above: dict[str, Any] = {"zorder": 6} if faint else {}
+    wall_color = FAINT if faint else WALL
+    obstacle_color = FAINT if faint else OBSTACLE
+    draw_discs(axes, scene.walls_m, scene.radius_m, facecolor=wall_color)
+    draw_discs(axes, scene.obstacles_m, scene.radius_m, facecolor=obstacle_color)
+
+    path_style: dict[str, Any] = {"color": WALL, "linestyle": ":", "linewidth": 1.0}
+    end_style: dict[str, Any] = {}
+    if faint:
+        path_style = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
+        # Above the trajectories.
+        end_style = {"zorder": 6}
+    axes.plot(*scene.path_m.T, **path_style)
+
     if scene.start is not None:
-        axes.plot(
-            scene.start.x,
-            scene.start.y,
-            "o",
-            color=START,
-            markersize=7,
-            label="start",
-            **above,
-        )
+        end_style |= {"color": START, "markersize": 7, "label": "start"}
+        axes.plot(scene.start.x, scene.start.y, "o", **end_style)
     if scene.goal is not None:
-        middle = (scene.goal.x, scene.goal.y)
-        axes.plot(*middle, "*", color=GOAL, markersize=13, label="goal", **above)
+        goal = (scene.goal.x, scene.goal.y)
+        end_style |= {"color": GOAL, "markersize": 13, "label": "goal"}
+        axes.plot(*goal, "*", **end_style)
         if not faint:
-            circle: dict[str, Any] = {
-                "fill": False,
-                "color": GOAL,
-                "linewidth": 1.0,
-                "linestyle": ":",
-            }
-            axes.add_patch(Circle(middle, scene.goal_distance_m, **circle))
+            circle = Circle(
+                goal,
+                scene.goal_distance_m,
+                fill=False,
+                color=GOAL,
+                linewidth=1.0,
+                linestyle=":",
+            )
+            axes.add_patch(circle)
 
 
 def draw_outlines(
-    axes: Axes, poses: Floats, corners_m: Points, colour: str = INK, **look: Any
+    axes: Axes, poses: Floats, corners_m: Points, color: str = INK, **style: Any
 ) -> PolyCollection:
-    """Draw a robot's outline, given by its corners (k, 2), at poses (n, 3)."""
-    outlines = [Pose2D(*pose).transform(corners_m) for pose in poses.tolist()]
-    shown = PolyCollection(outlines, facecolor="none", edgecolor=colour, **look)
-    axes.add_collection(shown)
-    return shown
+    """Draw and return a robot's outline at poses.
+
+    Args:
+        axes: Axes in meters.
+        poses: x, y and yaw (n, 3).
+        corners_m: Corners (k, 2) of the outline in base_link.
+        color: Color of the line.
+        style: Of matplotlib's collection.
+    """
+    corners = [Pose2D(*pose).transform(corners_m) for pose in poses.tolist()]
+    outlines = PolyCollection(corners, facecolor="none", edgecolor=color, **style)
+    axes.add_collection(outlines)
+    return outlines
 
 
 def draw_trail(
-    axes: Axes, points_m: Points, speeds_mps: Floats | None = None, colour: str = ""
+    axes: Axes, points_m: Points, speeds_mps: Floats | None = None, color: str = ""
 ) -> LineCollection:
-    """Draw where a robot went, (n, 2), in one colour, or coloured by its speeds (n,) with a dark edge."""
-    look: dict[str, Any] = (
-        {"colors": colour} if speeds_mps is None else {"cmap": "viridis"}
-    )
-    segments = list(np.stack([points_m[:-1], points_m[1:]], axis=1))
+    """Draw and return where a robot went.
+
+    Args:
+        axes: Axes in meters.
+        points_m: Positions (n, 2).
+        speeds_mps: Speeds (n,) that color the trail, which then gets a dark edge.
+        color: Color of a trail without speeds.
+    """
+    style: dict[str, Any] = {"colors": color}
+    if speeds_mps is not None:
+        style = {"cmap": "viridis"}
+        # Bright colors are visible on a dark edge.
+        axes.plot(*points_m.T, color=INK, linewidth=2.8, zorder=2.9)
+
     trail = LineCollection(
-        segments, linewidths=1.8, alpha=0.85, zorder=3, capstyle="round", **look
+        list(np.stack([points_m[:-1], points_m[1:]], axis=1)),
+        linewidths=1.8,
+        alpha=0.85,
+        zorder=3,
+        capstyle="round",
+        **style,
     )
     if speeds_mps is not None:
         trail.set_array(np.abs(speeds_mps[1:]))
-        axes.plot(
-            *points_m.T, color=INK, linewidth=2.8, zorder=2.9
-        )  # on which bright colours are seen
     axes.add_collection(trail)
     return trail
 
 
-def draw_contacts(axes: Axes, points_m: Points, label: str = "") -> None:
-    """Draw where a robot touched something, (n, 2)."""
+def draw_contacts(axes: Axes, points_m: Points) -> None:
+    """Draw where a robot touched something.
+
+    Args:
+        axes: Axes in meters.
+        points_m: Positions (n, 2) of the robot.
+    """
     axes.plot(
         *points_m.T,
         "x",
@@ -130,49 +159,81 @@ def draw_contacts(axes: Axes, points_m: Points, label: str = "") -> None:
         markersize=8,
         markeredgewidth=2.0,
         zorder=5,
-        label=label,
+        label="",
     )
 
 
 def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
-    """Give trails that are coloured by speed one scale, from 0, with a bar of colours."""
-    arrays = [np.asarray(trail.get_array()) for trail in trails]
-    fastest = max(
-        _LEAST_TOP_MPS, *(float(np.nanmax(one, initial=0.0)) for one in arrays)
-    )
+    """Give trails that are colored by speed one scale, from 0, with a bar of colors.
+
+    Args:
+        axes: Axes of the trails.
+        trails: The trails, at least one.
+    """
+    fastest_mps = _LOWEST_TOP_MPS
     for trail in trails:
-        trail.set_clim(0.0, fastest)
+        speeds_mps = np.asarray(trail.get_array())
+        fastest_mps = max(fastest_mps, float(np.nanmax(speeds_mps, initial=0.0)))
+    for trail in trails:
+        trail.set_clim(0.0, fastest_mps)
     axes.figure.colorbar(
         trails[-1], ax=axes, label="speed [m/s]", fraction=0.05, pad=0.02
     )
 
 
-def ways(tracks: Tracks, times_s: Floats) -> list[Points]:
-    """Return where moving obstacles are over times at equal steps, pieces (k, 2) between their jumps."""
-    positions, velocities = tracks.over(times_s)
+def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
+    """Return where moving obstacles are, in pieces between their jumps.
+
+    Args:
+        tracks: The motions.
+        times_s: Times at equal steps.
+
+    Returns:
+        Pieces (k, 2) of at least two points.
+    """
     if len(times_s) < 2:
         return []
-    jumped = jumps(positions, velocities, float(times_s[1] - times_s[0]))
-    ends = [np.flatnonzero(jumped[:, k]) + 1 for k in range(len(tracks))]
-    return [
-        piece
-        for k, at in enumerate(ends)
-        for piece in np.split(positions[:, k], at)
-        if len(piece) > 1
-    ]
+    positions, velocities = tracks.over(times_s)
+    is_jump = jumps(positions, velocities, float(times_s[1] - times_s[0]))
+    pieces: list[Points] = []
+    for k in range(len(tracks)):
+        ends = np.flatnonzero(is_jump[:, k]) + 1
+        pieces += np.split(positions[:, k], ends)
+    return [piece for piece in pieces if len(piece) > 1]
 
 
-def draw_ways(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:
-    """Draw where moving obstacles go, pieces (k, 2)."""
+def draw_motion_paths(axes: Axes, pieces: Sequence[Points], **style: Any) -> None:
+    """Draw where moving obstacles go.
+
+    Args:
+        axes: Axes in meters.
+        pieces: Of `motion_paths`.
+        style: Of matplotlib's collection.
+    """
     axes.add_collection(
-        LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **look)
+        LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **style)
     )
 
 
-def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: object) -> None:
-    """Draw the head of an arrow at a point (2,) in a direction (2,), none if that is 0; look: of matplotlib's patch."""
-    length = math.hypot(*along)
-    if length > 1e-6:
-        begin, end = (float(at[0]), float(at[1])), (at + along / length * 0.01).tolist()
-        style = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0}
-        axes.annotate("", (end[0], end[1]), begin, arrowprops=style | look)
+def draw_arrow(
+    axes: Axes, position: Floats, direction: Floats, **style: object
+) -> None:
+    """Draw the head of an arrow; none if it has no direction.
+
+    Args:
+        axes: Axes in meters.
+        position: Where it is, (2,).
+        direction: Where it points, (2,).
+        style: Of matplotlib's patch.
+    """
+    length = math.hypot(*direction)
+    if length <= 1e-6:
+        return
+    tip = (position + direction / length * 0.01).tolist()
+    arrow = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0}
+    axes.annotate(
+        "",
+        (tip[0], tip[1]),
+        (float(position[0]), float(position[1])),
+        arrowprops=arrow | style,
+    )

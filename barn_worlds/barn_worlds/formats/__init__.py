@@ -1,1 +1,1 @@
-"""Reading and writing worlds in other formats. Files are not trusted."""
+"""Reading and writing worlds in each format, whoever the author of a file."""

@@ -1,4 +1,4 @@
-"""Maps in the format of map_server: an 8-bit grey image and a .yaml file."""
+"""Maps in the format of map_server: an 8-bit gray image and a .yaml file."""
 
 import io
 from collections.abc import Sequence
@@ -17,23 +17,32 @@ from barn_worlds.base.config import (
     quantity,
     required,
 )
-from barn_worlds.base.errors import ConfigError, WorldError, one_line
+from barn_worlds.base.errors import ConfigError, WorldError, format_error
 from barn_worlds.base.files import read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_yaml
 from barn_worlds.base.types import OccupancyMap
-from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.cells import LARGEST_MAP, OCCUPIED, world_map
+from barn_worlds.worlds.cells import (
+    LARGEST_MAP,
+    OCCUPIED,
+    lead_in_cells,
+    margin_cells,
+    world_map,
+)
 
 UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
-LARGEST_IMAGE = 256 * 1024 * 1024
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP")
-_FREE, _UNKNOWN, _OCCUPIED = 254, 205, 0  # grey
+# Gray values that map_saver writes. That of unknown cells lies between the thresholds.
+_FREE_GRAY = 254
+_UNKNOWN_GRAY = 205
+_OCCUPIED_GRAY = 0
+_OCCUPIED_THRESHOLD = 0.65
+_FREE_THRESHOLD = 0.196
 
 
 @dataclass(frozen=True)
 class MapFile(Checked):
-    """What map_server's .yaml file says."""
+    """The .yaml file of a map, with the keys of map_server and a course."""
 
     image: str = required("name of the image file beside it")
     resolution: float = required("size of a cell", "m", 0.005, 10.0)
@@ -43,7 +52,7 @@ class MapFile(Checked):
     negate: int = required("whether white is occupied", "", 0, 1)
     occupied_thresh: float = required("occupied above this chance", "", 0.0, 1.0)
     free_thresh: float = required("free below this chance", "", 0.0, 1.0)
-    mode: str = quantity("trinary", "how grey values are read", choices=("trinary",))
+    mode: str = quantity("trinary", "how gray values are read", choices=("trinary",))
     start: tuple[float, ...] = optional(
         (), "x, y in m and yaw in rad of a world's start"
     )
@@ -51,8 +60,11 @@ class MapFile(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        most = f"must be at most occupied_thresh ({self.occupied_thresh:g})"
-        self.require(self.free_thresh <= self.occupied_thresh, "free_thresh", most)
+        self.require(
+            self.free_thresh <= self.occupied_thresh,
+            "free_thresh",
+            f"must be at most occupied_thresh ({self.occupied_thresh:g})",
+        )
         self.require(self.origin[2] == 0.0, "origin", "must have a yaw of 0")
         self.require(
             bool(self.start) == bool(self.goal),
@@ -69,97 +81,107 @@ class MapFile(Checked):
 def write_map(
     grid: OccupancyMap, path: Path, image: str = "", course: Sequence[float] = ()
 ) -> None:
-    """Write a map as NAME.yaml (`path`, with or without the ending) and the image NAME.pgm (or `image`).
+    """Write a map as a .yaml file and an image beside it.
 
-    course: x, y and yaw of start and goal, which are kept with it.
+    Args:
+        grid: Map to write.
+        path: The .yaml file, with or without its ending.
+        image: Name of the image. By default it is that of the .yaml file, as .pgm.
+        course: x, y and yaw of start and goal, (6,), for the .yaml file.
+
+    Raises:
+        WorldError: If a file cannot be written.
     """
-    target = path if path.suffix == ".yaml" else path.with_name(path.name + ".yaml")
-    origin = float(grid.origin_x), float(grid.origin_y), 0.0
-    # the grey value of unknown cells lies between the thresholds
-    thresholds, ends = (0.65, 0.196), (tuple(course[:3]), tuple(course[3:]))
-    about = MapFile(
-        image or f"{target.stem}.pgm",
-        float(grid.resolution),
-        origin,
-        0,
-        *thresholds,
-        "trinary",
-        *ends,
+    yaml_path = path if path.suffix == ".yaml" else path.with_name(f"{path.name}.yaml")
+    map_file = MapFile(
+        image=image or f"{yaml_path.stem}.pgm",
+        resolution=float(grid.resolution),
+        origin=(float(grid.origin_x), float(grid.origin_y), 0.0),
+        negate=0,
+        occupied_thresh=_OCCUPIED_THRESHOLD,
+        free_thresh=_FREE_THRESHOLD,
+        start=tuple(course[:3]),
+        goal=tuple(course[3:]),
     )
-    write_bytes(target.with_name(about.image), pgm(grid))
-    write_bytes(target, yaml.safe_dump(as_dict(about), sort_keys=False).encode())
+    text = yaml.safe_dump(as_dict(map_file), sort_keys=False)
+    write_bytes(path.with_name(map_file.image), _encode_pgm(grid))
+    write_bytes(yaml_path, text.encode())
 
 
-def pgm(grid: OccupancyMap) -> bytes:
-    """Return a map as a binary PGM image, its last row (the largest y) at the top."""
-    height, width = grid.data.shape
-    grey = np.select(
-        [grid.data == 0, grid.data > 0], [_FREE, _OCCUPIED], _UNKNOWN
-    ).astype(np.uint8)
-    return f"P5\n{width} {height}\n255\n".encode() + grey[::-1].tobytes()
-
-
-def read_about(path: Path) -> MapFile:
-    """Return what a .yaml file says; WorldError if it is malformed."""
+def read_map_file(path: Path) -> MapFile:
+    """Return the content of a .yaml file; raise WorldError if it is malformed."""
     try:
-        return from_dict(
-            MapFile, parse_yaml(read_bytes(path, LARGEST_YAML), str(path)), str(path)
-        )
+        content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
+        return from_dict(MapFile, content, str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
 
 
-def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
-    """Return the map of a .yaml file in map_server's trinary mode; WorldError if it is malformed.
+def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
+    """Return a map, read in the trinary mode of map_server.
 
-    about: what `read_about` has already read of it.
+    Args:
+        path: The .yaml file.
+        map_file: Its content. By default it is read.
+
+    Raises:
+        WorldError: If the .yaml file or the image is malformed.
     """
-    about = about or read_about(path)
-    shade = _read_image(path.parent / about.image)[::-1] / 255.0
-    chance = shade if about.negate else 1.0 - shade
+    map_file = map_file or read_map_file(path)
+    # Images begin with the top row, which has the largest y.
+    gray = _read_image(path.parent / map_file.image)[::-1] / 255.0
+    chance = gray if map_file.negate else 1.0 - gray
     data = np.select(
-        [chance < about.free_thresh, chance > about.occupied_thresh],
+        [chance < map_file.free_thresh, chance > map_file.occupied_thresh],
         [0, OCCUPIED],
         UNKNOWN,
     )
-    return OccupancyMap(data.astype(np.int8), about.resolution, *about.origin[:2])
+    x, y, _ = map_file.origin
+    return OccupancyMap(data.astype(np.int8), map_file.resolution, x, y)
 
 
-def grid_of(grid: OccupancyMap) -> BoolGrid | None:
-    """Return the grid (rows, cols) of the world that a map shows with its containment, None for any other map.
+def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
+    """Return the grid (rows, cols) of the world of BARN that a map shows.
 
-    The obstacles may be in their true places or one cell too near, as in the original maps.
+    The map must have the containment. Its obstacles may be in their true positions or
+    one cell too near, as in the original maps. Other maps give None.
     """
-    filled = grid.data != 0
-    height, width = filled.shape
-    cols = (
-        height
-        - geometry.lead_in_cells(grid.resolution)
-        - geometry.margin_cells(grid.resolution)
-    )
-    if (
-        cols < 1
-        or abs(grid.origin_x + width * grid.resolution) >= 1e-6
-        or abs(grid.origin_y) >= 1e-6
-    ):
+    is_filled = grid.data != 0
+    height, width = is_filled.shape
+    resolution_m = grid.resolution
+    lead_in = lead_in_cells(resolution_m)
+    cols = height - lead_in - margin_cells(resolution_m)
+    right_m = grid.origin_x + width * resolution_m
+    if cols < 1 or abs(right_m) >= 1e-6 or abs(grid.origin_y) >= 1e-6:
         return None
+
     candidates = []
     for historical in (False, True):
-        front = geometry.lead_in_cells(grid.resolution) - historical
-        inside: BoolGrid = np.ascontiguousarray(filled[front : front + cols].T)
-        if np.array_equal(
-            world_map(inside, grid.resolution, historical=historical).data != 0, filled
-        ):
-            candidates.append(inside)
+        first = lead_in - historical
+        field: BoolGrid = np.ascontiguousarray(is_filled[first : first + cols].T)
+        expected = world_map(field, resolution_m, historical=historical)
+        if np.array_equal(expected.data != 0, is_filled):
+            candidates.append(field)
     # If both fit, one of them has an empty last column, without side walls.
-    return max(candidates, key=lambda inside: bool(inside[[0, -1]].all()), default=None)
+    return max(candidates, key=lambda field: bool(field[[0, -1]].all()), default=None)
+
+
+def _encode_pgm(grid: OccupancyMap) -> bytes:
+    """Return a map as a binary PGM image."""
+    height, width = grid.data.shape
+    gray = np.select(
+        [grid.data == 0, grid.data > 0], [_FREE_GRAY, _OCCUPIED_GRAY], _UNKNOWN_GRAY
+    )
+    pixels = gray[::-1].astype(np.uint8).tobytes()
+    return f"P5\n{width} {height}\n255\n".encode() + pixels
 
 
 def _read_image(path: Path) -> Floats:
-    """Return the grey values (height, width) from 0 to 255 of an image, its top row first."""
-    from PIL import Image  # noqa: PLC0415 (most worlds are no images)
+    """Return the gray values (height, width) of an image, from 0 to 255."""
+    # Most worlds are no images.
+    from PIL import Image  # noqa: PLC0415
 
-    content = read_bytes(path, LARGEST_IMAGE)
+    content = read_bytes(path)
     try:
         with Image.open(io.BytesIO(content), formats=_IMAGE_FORMATS) as image:
             if image.width * image.height > LARGEST_MAP:
@@ -168,17 +190,16 @@ def _read_image(path: Path) -> Floats:
                 )
             if image.mode not in ("1", "L", "RGB"):
                 raise ValueError(
-                    f"must be grey or RGB with 8 bits and opaque, got mode {image.mode}"
+                    f"must be gray or RGB with 8 bits and opaque, got mode {image.mode}"
                 )
-            pixels = np.asarray(
-                image if image.mode == "RGB" else image.convert("L"), np.float64
-            )
-    except (
-        Exception
-    ) as error:  # the library raises errors of any kind for malformed bytes
-        kinds = ", ".join(_IMAGE_FORMATS)
+            if image.mode == "RGB":
+                gray: Floats = np.asarray(image, np.float64).mean(axis=2)
+            else:
+                gray = np.asarray(image.convert("L"), np.float64)
+    # Pillow raises errors of any kind for malformed bytes.
+    except Exception as error:
         raise WorldError(
-            f"{path}: not an image that can be read ({kinds}): {one_line(error)}"
+            f"{path}: not an image that can be read ({', '.join(_IMAGE_FORMATS)}): "
+            f"{format_error(error)}"
         ) from None
-    grey: Floats = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
-    return grey
+    return gray

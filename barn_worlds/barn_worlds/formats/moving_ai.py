@@ -1,4 +1,7 @@
-"""Maps of the MovingAI benchmarks (.map): a header of four lines, then a letter per cell, the first row at the top."""
+"""Maps of the MovingAI benchmarks (.map).
+
+A header of four lines, then a letter per cell, the first row at the top.
+"""
 
 import re
 from pathlib import Path
@@ -11,37 +14,49 @@ from barn_worlds.base.files import read_bytes
 from barn_worlds.worlds.world import LARGEST_SIDE
 
 ENDING = ".map"
-CELL_M = 1.0  # the format has no size: in cells of 1 m all of our robots pass where one cell is free
+# The format has no size. In cells of 1 m all robots of the suite pass one free cell.
+CELL_M = 1.0
 LARGEST_BYTES = LARGEST_SIDE * (LARGEST_SIDE + 2) + 1000
 _HEADER = re.compile(
     rb"type octile\r?\nheight (\d{1,6})\r?\nwidth (\d{1,6})\r?\nmap\r?\n"
 )
-_FREE = b".G"
-_KNOWN = b".G@OTSW"  # ground; out of bounds, trees, swamp and water, which are no ground for a robot
+_HEADER_LINES = 4
+_GROUND = b".G"
+# Besides ground: out of bounds, trees, swamp and water, where no robot drives.
+_LETTERS = b".G@OTSW"
 
 
 def read_grid(path: Path) -> BoolGrid:
-    """Return the grid (rows along x, columns along y) of a map, True where it is no ground; WorldError if malformed."""
+    """Return the grid (rows along x, columns along y), True where no ground is.
+
+    Raises:
+        WorldError: If the file cannot be read or is malformed.
+    """
     content = read_bytes(path, LARGEST_BYTES)
     header = _HEADER.match(content)
     if header is None:
         raise WorldError(
             f"{path}: must begin with the lines type octile, height N, width N and map"
         )
-    height, width = int(header[1]), int(header[2])
+    height, width = map(int, header.groups())
     if not 1 <= min(height, width) <= max(height, width) <= LARGEST_SIDE:
         raise WorldError(
             f"{path}: sides must be 1 to {LARGEST_SIDE} cells, got {width} x {height}"
         )
+
     lines = content[header.end() :].split()
-    wrong = next(
-        (k for k, line in enumerate(lines) if len(line) != width or line.strip(_KNOWN)),
-        None,
-    )
-    if len(lines) != height or wrong is not None:
-        what = f"line {5 + wrong}" if wrong is not None else f"{len(lines)} lines"
+    problem = ""
+    if len(lines) != height:
+        problem = f"{len(lines)} lines"
+    for number, line in enumerate(lines, _HEADER_LINES + 1):
+        if len(line) != width or line.strip(_LETTERS):
+            problem = f"line {number}"
+            break
+    if problem:
         raise WorldError(
-            f"{path}: must have {height} lines of {width} of the letters {_KNOWN.decode()}, got {what}"
+            f"{path}: must have {height} lines of {width} of the letters "
+            f"{_LETTERS.decode()}, got {problem}"
         )
     letters = np.frombuffer(b"".join(lines), np.uint8).reshape(height, width)
-    return np.ascontiguousarray(~np.isin(letters, list(_FREE))[::-1].T)
+    is_filled = ~np.isin(letters, list(_GROUND))
+    return np.ascontiguousarray(is_filled[::-1].T)

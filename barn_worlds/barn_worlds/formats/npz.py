@@ -15,14 +15,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.base.errors import ConfigError, WorldError, one_line, shown
-from barn_worlds.base.files import DAMAGED_ZIP, read_bytes, write_bytes, zipped
+from barn_worlds.base.errors import (
+    ConfigError,
+    WorldError,
+    format_error,
+    format_value,
+)
+from barn_worlds.base.files import ZIP_ERRORS, pack_zip, read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, npt.NDArray[Any]]
-# what NumPy raises for other bytes, for a header that is no Python, and for sizes that no memory has
-_NO_ARRAY = (
+# What NumPy raises for bytes that are no array, for a header that is no Python, and for
+# sizes that no memory has.
+_NPY_ERRORS = (
     ValueError,
     TypeError,
     MemoryError,
@@ -34,17 +40,29 @@ _NO_ARRAY = (
 
 
 def read_npy(path: Path) -> npt.NDArray[Any]:
-    """Return the array of a .npy file of at most 64 MB; WorldError if it is damaged or not a numeric array."""
+    """Return the array of a .npy file of at most 64 MB.
+
+    Raises:
+        WorldError: If the file cannot be read or does not hold numbers.
+    """
     return parse_npy(read_bytes(path, LARGEST_NPY), str(path))
 
 
 def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
-    """Return the array of the content of a .npy file; WorldError begins with `where`."""
+    """Return the array of the content of a .npy file.
+
+    Args:
+        content: Bytes of the file.
+        where: Path of the file, to begin an error message with.
+
+    Raises:
+        WorldError: If the content is damaged or does not hold numbers.
+    """
     try:
         array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-    except _NO_ARRAY as error:
+    except _NPY_ERRORS as error:
         raise WorldError(
-            f"{where}: not a .npy file of numbers: {one_line(error)}"
+            f"{where}: not a .npy file of numbers: {format_error(error)}"
         ) from None
     if array.dtype.kind not in "biuf":
         raise WorldError(
@@ -53,7 +71,7 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
     return array
 
 
-def to_npy(array: npt.NDArray[Any]) -> bytes:
+def encode_npy(array: npt.NDArray[Any]) -> bytes:
     """Return the content of a .npy file."""
     file = io.BytesIO()
     np.lib.format.write_array(file, array, allow_pickle=False)
@@ -62,19 +80,25 @@ def to_npy(array: npt.NDArray[Any]) -> bytes:
 
 @dataclass(frozen=True)
 class NpzFormat:
-    """A kind of .npz file.
-
-    what: its name in messages, such as "a policy file". header: the header's file name inside, such as "policy.json".
-    schema: the version that the header must have. largest_file: most bytes of a file. largest: most bytes of what it
-    unpacks to. newer: further versions, which files have that need them; their headers say so themselves.
-    """
+    """A kind of .npz file: arrays and a header in JSON."""
 
     what: str
+    """Kind of file in messages, such as "a policy file"."""
+
     header: str
+    """Name of the header inside the file, such as "policy.json"."""
+
     schema: int
+    """Version that the header must have."""
+
     largest_file: int
+    """Most bytes of a file."""
+
     largest: int
+    """Most bytes that a file unpacks to."""
+
     newer: tuple[int, ...] = ()
+    """Further versions, for files that need them; their headers give it themselves."""
 
     def write(
         self,
@@ -82,33 +106,30 @@ class NpzFormat:
         header: Mapping[str, Any],
         arrays: Mapping[str, npt.NDArray[Any]],
     ) -> str:
-        """Write a file atomically and return the text of its header; equal content gives equal bytes."""
+        """Write a file atomically; equal content gives equal bytes.
+
+        Args:
+            path: File to write.
+            header: Plain data. Its schema is added if it does not have one.
+            arrays: Arrays by name.
+
+        Returns:
+            The text of the header.
+        """
         text = json.dumps({"schema": self.schema, **header}, indent=1) + "\n"
-        members = {
-            self.header: text.encode(),
-            **{f"{name}.npy": to_npy(array) for name, array in arrays.items()},
-        }
-        write_bytes(path, zipped(members))
+        members = {self.header: text.encode()}
+        for name, array in arrays.items():
+            members[f"{name}.npy"] = encode_npy(array)
+        write_bytes(path, pack_zip(members))
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
-        """Return the header and the arrays by name; WorldError if the file is damaged or of another version."""
-        try:
-            with zipfile.ZipFile(
-                io.BytesIO(read_bytes(path, self.largest_file))
-            ) as archive:
-                if (
-                    sum(member.file_size for member in archive.infolist())
-                    > self.largest
-                ):
-                    raise WorldError(
-                        f"{path}: unpacks to more than the allowed {self.largest} bytes"
-                    )
-                contents = {name: archive.read(name) for name in archive.namelist()}
-        except DAMAGED_ZIP as error:
-            raise WorldError(
-                f"{path}: not {self.what}, or a damaged one: {one_line(error)}"
-            ) from None
+        """Return the header and the arrays by name.
+
+        Raises:
+            WorldError: If the file is damaged or of another version.
+        """
+        contents = self._unpack(path)
         if self.header not in contents:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
         try:
@@ -116,10 +137,12 @@ class NpzFormat:
         except ConfigError as error:
             raise WorldError(str(error)) from None
         version = header.get("schema") if isinstance(header, dict) else None
-        if version not in (self.schema, *self.newer) or isinstance(version, bool):
-            known = " or ".join(map(str, (self.schema, *self.newer)))
+        versions = (self.schema, *self.newer)
+        # In Python True is equal to 1.
+        if version not in versions or isinstance(version, bool):
             raise WorldError(
-                f"{path}: schema version must be {known}, got {shown(version)}"
+                f"{path}: schema version must be {' or '.join(map(str, versions))}, "
+                f"got {format_value(version)}"
             )
         arrays = {
             name.removesuffix(".npy"): parse_npy(data, f"{path}: {name:.60}")
@@ -128,7 +151,33 @@ class NpzFormat:
         return header, arrays
 
     def array(self, arrays: Arrays, name: str, path: Path) -> npt.NDArray[Any]:
-        """Return the array of that name; WorldError if the file at `path` does not have it."""
+        """Return an array of a file.
+
+        Args:
+            arrays: The arrays that `read` returned.
+            name: Name of the array.
+            path: The file, for an error message.
+
+        Raises:
+            WorldError: If the file does not have the array.
+        """
         if name not in arrays:
             raise WorldError(f"{path}: not {self.what}: it has no {name}.npy")
         return arrays[name]
+
+    def _unpack(self, path: Path) -> dict[str, bytes]:
+        """Return the contents of the members of a file, by name."""
+        file = io.BytesIO(read_bytes(path, self.largest_file))
+        try:
+            with zipfile.ZipFile(file) as archive:
+                # zipfile unpacks no more of a member than its size here says.
+                size = sum(member.file_size for member in archive.infolist())
+                if size > self.largest:
+                    raise WorldError(
+                        f"{path}: unpacks to more than the allowed {self.largest} bytes"
+                    )
+                return {name: archive.read(name) for name in archive.namelist()}
+        except ZIP_ERRORS as error:
+            raise WorldError(
+                f"{path}: not {self.what}, or a damaged one: {format_error(error)}"
+            ) from None

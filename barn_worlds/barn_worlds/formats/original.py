@@ -1,4 +1,4 @@
-"""The folder layout of the original data set: grid_files, cspace_files, path_files, world_files and so on."""
+"""The folder layout of the original data set: grid_files, path_files and so on."""
 
 import re
 from collections.abc import Mapping
@@ -8,74 +8,81 @@ import numpy as np
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import new_folder, write_bytes
-from barn_worlds.formats import gazebo, map_server
-from barn_worlds.formats.npz import read_npy, to_npy
-from barn_worlds.formats.single import STANDARD_RESOLUTION_M, world_of
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.base.files import create_folder, write_bytes
+from barn_worlds.formats import map_server
+from barn_worlds.formats.gazebo import GazeboFile
+from barn_worlds.formats.npz import encode_npy, read_npy
+from barn_worlds.formats.single import build_grid_world
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.cspace import configuration_space
-from barn_worlds.worlds.world import World, checked_grid
+from barn_worlds.worlds.world import World, validate_grid
 
 LARGEST_FOOTPRINT_TRIED = 41
-
-_WORLDS = {
+_WORLD_FILES = {
     "grid_files": r"grid_(\d{1,9})\.npy",
     "world_files": r"world_(\d{1,9})\.world(?:\.gz)?",
 }
 
 
 def is_original_folder(folder: Path) -> bool:
-    """Tell whether a folder has the original layout: grid_files, world_files or both."""
-    return any((folder / inside).is_dir() for inside in _WORLDS)
+    """Tell whether a folder has the original layout: grid_files or world_files."""
+    return any((folder / name).is_dir() for name in _WORLD_FILES)
 
 
-def indices(folder: Path) -> list[int]:
-    """Return the numbers of the worlds in a folder of the original layout, ascending."""
-    files = (
-        (pattern, file)
-        for inside, pattern in _WORLDS.items()
-        for file in (folder / inside).glob("*")
-    )
-    return sorted(
-        {
-            int(match[1])
-            for pattern, file in files
-            if (match := re.fullmatch(pattern, file.name))
-        }
-    )
+def find_world_numbers(folder: Path) -> list[int]:
+    """Return the numbers of the worlds in a folder, ascending."""
+    numbers = set()
+    for name, pattern in _WORLD_FILES.items():
+        for file in (folder / name).glob("*"):
+            match = re.fullmatch(pattern, file.name)
+            if match:
+                numbers.add(int(match[1]))
+    return sorted(numbers)
 
 
-def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
-    """Return one world of a folder of the original layout; WorldError names the file that is malformed.
+def read_world(folder: Path, index: int, robot: Robot = STANDARD_ROBOT) -> World:
+    """Read one world of a folder of the original layout.
 
-    The grid comes from grid_files, else from world_files. The path comes from path_files, else it is planned. The
-    footprint is the one that reproduces cspace_files, else that of `robot`. The cell size comes from map_files.
+    The grid comes from grid_files, else from world_files, the path from path_files, the
+    cell size from map_files. The footprint is the one that reproduces cspace_files.
+
+    Args:
+        folder: Folder with these folders.
+        index: Number of the world.
+        robot: Robot whose footprint counts, and which a path is planned for, where the
+            folder has none.
+
+    Raises:
+        WorldError: If a file is malformed.
     """
     path = folder / "grid_files" / f"grid_{index}.npy"
     if path.is_file():
-        about = folder / "map_files" / f"yaml_{index}.yaml"
-        resolution_m = (
-            map_server.read_about(about).resolution
-            if about.is_file()
-            else STANDARD_RESOLUTION_M
-        )
-        grid = checked_grid(read_npy(path), str(path))
+        grid = validate_grid(read_npy(path), str(path))
+        map_file = folder / "map_files" / f"yaml_{index}.yaml"
+        resolution_m = STANDARD_CELL_M
+        if map_file.is_file():
+            resolution_m = map_server.read_map_file(map_file).resolution
     else:
-        packed, plain = (
-            folder / "world_files" / f"world_{index}.world{end}" for end in (".gz", "")
-        )
-        path = packed if packed.is_file() else plain
-        grid, resolution_m = gazebo.read_grid(path)
-    footprint = _footprint(
-        folder / "cspace_files" / f"cspace_{index}.npy",
+        path = folder / "world_files" / f"world_{index}.world.gz"
+        if not path.is_file():
+            path = path.with_suffix("")
+        grid, resolution_m = GazeboFile.read(path).grid()
+
+    cspace_file = folder / "cspace_files" / f"cspace_{index}.npy"
+    footprint_cells = robot.footprint_cells(resolution_m)
+    if cspace_file.is_file():
+        footprint_cells = _find_footprint(cspace_file, grid, footprint_cells)
+    path_file = folder / "path_files" / f"path_{index}.npy"
+    return build_grid_world(
+        f"world_{index}",
         grid,
-        robot.footprint_cells(resolution_m),
-    )
-    given = folder / "path_files" / f"path_{index}.npy"
-    given_path = given if given.is_file() else None
-    return world_of(
-        f"world_{index}", grid, resolution_m, footprint, "original", path, given_path
+        resolution_m,
+        footprint_cells,
+        "original",
+        path,
+        path_file if path_file.is_file() else None,
     )
 
 
@@ -86,41 +93,52 @@ def write_original(
     *,
     historical: bool = False,
 ) -> None:
-    """Write worlds by number into a new folder of the original layout, atomically.
+    """Write a new folder of the original layout, atomically.
 
-    metrics: the five metrics of each world, for metrics_files. historical: place the obstacles in map_files one
-    cell too near, as the original data set does. Raises WorldError if the folder exists and is not empty.
+    Args:
+        folder: Folder to create.
+        worlds: Worlds by number.
+        metrics: The five difficulty metrics (5,) of each world, for metrics_files.
+        historical: Place the obstacles in map_files one cell too near, as the original
+            data set does.
+
+    Raises:
+        WorldError: If the folder exists and is not empty, or cannot be written.
     """
-    from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415 (loads the standard library's clients of the web)
+    # Its library for templates loads the standard library's clients of the web.
+    from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
 
-    with new_folder(folder) as target:
+    with create_folder(folder) as target:
         for index, world in worlds.items():
             for kind in ("grid", "cspace", "path"):
-                content = to_npy(getattr(world, kind).astype(np.int64))
+                content = encode_npy(getattr(world, kind).astype(np.int64))
                 write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
-            occupancy = world.occupancy_map(historical=historical)
             map_server.write_map(
-                occupancy,
+                world.occupancy_map(historical=historical),
                 target / "map_files" / f"yaml_{index}",
                 image=f"map_pgm_{index}.pgm",
             )
         for index, values in (metrics or {}).items():
-            write_bytes(
-                target / "metrics_files" / f"metrics_{index}.npy",
-                to_npy(np.asarray(values, np.float64)),
-            )
+            content = encode_npy(np.asarray(values, np.float64))
+            write_bytes(target / "metrics_files" / f"metrics_{index}.npy", content)
 
 
-def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
-    """Return the footprint in cells that reproduces a stored C-space; the standard one if none is stored."""
-    if not path.is_file():
-        return standard
-    cspace = checked_grid(read_npy(path), str(path))
+def _find_footprint(path: Path, grid: BoolGrid, expected_cells: int) -> int:
+    """Return the footprint in cells that reproduces a stored C-space.
+
+    Args:
+        path: File with the C-space.
+        grid: Grid (rows, cols) of the world.
+        expected_cells: Footprint to try first.
+    """
+    cspace = validate_grid(read_npy(path), str(path))
+    # Footprints are odd, so that base_link is in the middle of a cell.
     side: int
-    for side in (standard, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)):
+    for side in (expected_cells, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)):
         if np.array_equal(configuration_space(grid, side), cspace):
             return side
     raise WorldError(
-        f"{path}: is not the C-space of the grid for any footprint up to {LARGEST_FOOTPRINT_TRIED} cells"
+        f"{path}: is not the C-space of the grid for any footprint "
+        f"up to {LARGEST_FOOTPRINT_TRIED} cells"
     )

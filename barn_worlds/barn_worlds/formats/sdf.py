@@ -1,8 +1,9 @@
 """Writing worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim).
 
-Walls are static models. Moving obstacles are actors with a script: an actor of Gazebo goes where its script says,
-touches nothing and is seen by cameras and GPU lidars. Current Gazebo shows an actor only by a mesh, which is a file
-beside the world; in Gazebo Classic its shape is part of the world.
+Walls are static models. Moving obstacles are actors with a script: an actor of Gazebo
+goes where its script says, touches nothing and is visible to cameras and GPU lidars.
+Current Gazebo shows an actor only by a mesh, a file beside the world. In Gazebo Classic
+its shape is part of the world.
 """
 
 import gzip
@@ -19,44 +20,58 @@ from barn_worlds.moving.motion import MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
-FLAVOURS = ("classic", "gz")
-MOVABLE_MASS_KG = 1.0  # of each obstacle in the paper's trials
-STEP_S = (
-    0.1  # between waypoints where a motion is not one that Gazebo interpolates itself
-)
-_SIDES = 32  # of the mesh of a cylinder
+FLAVORS = ("classic", "gz")
+MOVABLE_MASS_KG = 1.0  # of each obstacle in the trials of the paper
+# Time between waypoints of a motion that Gazebo does not interpolate itself.
+STEP_S = 0.1
+_MESH_SIDES = 32  # of a cylinder
 Waypoints = list[tuple[float, float, float]]
 
 
 def write_sdf(
-    world: World, path: Path, flavour: str = "classic", *, movable: bool = False
+    world: World, path: Path, flavor: str = "classic", *, movable: bool = False
 ) -> None:
-    """Write a world as `sdf_text` gives it; gzipped if the name ends in .gz (equal worlds give equal files).
+    """Write a world as SDF and, for current Gazebo, the meshes of its moving obstacles.
 
-    Beside it, for current Gazebo, the meshes of its moving obstacles.
+    Equal worlds give equal files.
+
+    Args:
+        world: World to write.
+        path: File to write, gzipped if its name ends in .gz.
+        flavor: One of `FLAVORS`.
+        movable: Whether obstacles can be pushed, as `sdf_text` describes.
+
+    Raises:
+        WorldError: If the flavor is unknown or a file cannot be written.
     """
-    content = sdf_text(world, flavour, movable=movable).encode()
-    write_bytes(
-        path, gzip.compress(content, mtime=0) if path.suffix == ".gz" else content
-    )
-    if flavour == "gz":
-        for name, one in {mesh_name(one): one for one in world.moving}.items():
-            write_bytes(path.parent / name, mesh(one).encode())
+    content = sdf_text(world, flavor, movable=movable).encode()
+    if path.suffix == ".gz":
+        # Without a time of modification, equal worlds give equal files.
+        content = gzip.compress(content, mtime=0)
+    write_bytes(path, content)
+    if flavor == "gz":
+        meshes = {mesh_name(obstacle): obstacle for obstacle in world.moving}
+        for name, obstacle in meshes.items():
+            write_bytes(path.parent / name, obj_mesh(obstacle).encode())
 
 
-def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -> str:
-    """Return a world as SDF for Gazebo Classic (`classic`) or current Gazebo (`gz`).
+def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) -> str:
+    """Return a world as SDF, with its cylinders on the ground plane.
 
-    The cylinders stand on the ground plane. movable: the obstacles, 1 kg each as in the paper's trials, can be pushed;
-    the containment cannot. With `gz` the static cylinders are one model, which is faster to simulate; with `classic`
-    each is a model of its own, named as in the original files.
+    Args:
+        world: World to write.
+        flavor: "classic" makes each cylinder a model, named as in the original files.
+            "gz" makes all static cylinders one model, which is faster to simulate.
+        movable: Whether the obstacles, 1 kg each as in the trials of the paper, can be
+            pushed. The containment cannot.
+
+    Raises:
+        WorldError: If the flavor is unknown.
     """
-    if flavour not in FLAVOURS:
-        raise WorldError(
-            f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVOURS)}"
-        )
+    if flavor not in FLAVORS:
+        raise WorldError(f"unknown flavor of SDF {flavor!r}{suggest(flavor, FLAVORS)}")
     return _template().render(
-        world=world, gz=flavour == "gz", movable=movable, mass_kg=MOVABLE_MASS_KG
+        world=world, gz=flavor == "gz", movable=movable, mass_kg=MOVABLE_MASS_KG
     )
 
 
@@ -73,72 +88,66 @@ def _template() -> jinja2.Template:
 
 
 def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
-    """Return the waypoints (s, m, m) of an actor's trajectories, which follow each other; each starts at 0 s.
+    """Return the trajectories of an actor, which follow each other.
 
-    The keys themselves where Gazebo's own spline makes the motion of them. Otherwise waypoints every `STEP_S`, in two
-    trajectories if time 0 is in the midst of the motion, so that its jump stays one.
+    Each is waypoints of time (s) from 0, x and y (m). They are the keys themselves
+    where the spline of Gazebo makes the motion of them, and otherwise `STEP_S` apart.
     """
     motion = obstacle.motion
-    period_s, start_s = motion.period_s, obstacle.phase_s % motion.period_s
-    if (
-        motion.kind == "gazebo"
-        and start_s == 0.0
-        and motion.keys[0][0] == 0.0
-        and motion.keys[-1][0] == period_s
-    ):
-        return [list(motion.keys)]
-    spans = [(start_s, period_s), (0.0, start_s)] if start_s else [(0.0, period_s)]
-    return [_sampled(obstacle, begin_s, end_s) for begin_s, end_s in spans]
+    period_s = motion.period_s
+    start_s = obstacle.phase_s % period_s
+    if motion.kind == "gazebo" and start_s == 0.0:
+        first_s = motion.keys[0][0]
+        last_s = motion.keys[-1][0]
+        if first_s == 0.0 and last_s == period_s:
+            return [list(motion.keys)]
+    if not start_s:
+        return [_sample(obstacle, 0.0, period_s)]
+    # The motion may jump as it repeats. Gazebo would join waypoints of one trajectory.
+    return [_sample(obstacle, start_s, period_s), _sample(obstacle, 0.0, start_s)]
 
 
 def mesh_name(obstacle: MovingObstacle) -> str:
-    """Return the name of the file with an obstacle's mesh, the same for equal shapes."""
-    sizes = (
-        [obstacle.radius_m]
-        if obstacle.shape == "cylinder"
-        else [obstacle.size_x_m, obstacle.size_y_m]
-    )
-    return (
-        "_".join(
-            [obstacle.shape, *(f"{size:g}" for size in (*sizes, obstacle.height_m))]
-        )
-        + ".obj"
-    )
-
-
-def mesh(obstacle: MovingObstacle) -> str:
-    """Return a closed mesh of an obstacle as Wavefront OBJ, its centre at the origin."""
+    """Return the name of the mesh file of an obstacle, the same for equal shapes."""
+    sizes = [obstacle.size_x_m, obstacle.size_y_m, obstacle.height_m]
     if obstacle.shape == "cylinder":
-        turns = [2.0 * math.pi * k / _SIDES for k in range(_SIDES)]
-        rim = [
-            (obstacle.radius_m * math.cos(turn), obstacle.radius_m * math.sin(turn))
-            for turn in turns
-        ]
+        sizes = [obstacle.radius_m, obstacle.height_m]
+    return "_".join([obstacle.shape, *(f"{size:g}" for size in sizes)]) + ".obj"
+
+
+def obj_mesh(obstacle: MovingObstacle) -> str:
+    """Return a closed mesh of an obstacle as Wavefront OBJ, centered at the origin."""
+    if obstacle.shape == "cylinder":
+        radius_m = obstacle.radius_m
+        angles = [2.0 * math.pi * k / _MESH_SIDES for k in range(_MESH_SIDES)]
+        rim = [(radius_m * math.cos(a), radius_m * math.sin(a)) for a in angles]
     else:
-        x, y = obstacle.size_x_m / 2.0, obstacle.size_y_m / 2.0
+        x = obstacle.size_x_m / 2.0
+        y = obstacle.size_y_m / 2.0
         rim = [(x, y), (-x, y), (-x, -y), (x, -y)]
-    half, sides = obstacle.height_m / 2.0, len(rim)
-    around = [(k, k % sides + 1) for k in range(1, sides + 1)]
-    faces: list[tuple[int, ...]] = [
-        (k, after, after + sides, k + sides) for k, after in around
-    ]
-    faces += [tuple(range(sides, 0, -1)), tuple(range(sides + 1, 2 * sides + 1))]
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for z in (-half, half) for x, y in rim]
-    return (
-        "\n".join(lines + [" ".join(("f", *map(str, face))) for face in faces]) + "\n"
-    )
+
+    lines = []
+    for z in (-obstacle.height_m / 2.0, obstacle.height_m / 2.0):
+        lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y in rim]
+
+    # Corners count from 1: those of the bottom, then those of the top. Faces list them
+    # counter-clockwise as seen from outside.
+    sides = len(rim)
+    for k in range(1, sides + 1):
+        following = k % sides + 1
+        lines.append(f"f {k} {following} {following + sides} {k + sides}")
+    for corners in (range(sides, 0, -1), range(sides + 1, 2 * sides + 1)):
+        lines.append(" ".join(["f", *map(str, corners)]))
+    return "\n".join(lines) + "\n"
 
 
-def _sampled(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints:
-    """Return waypoints from one time of the motion to a later one, without its jump at the end."""
-    times_s = np.linspace(
-        begin_s, end_s, max(2, math.ceil((end_s - begin_s) / STEP_S) + 1)
-    )
-    within_s = (
-        np.minimum(times_s, obstacle.motion.period_s * (1.0 - 1e-12)) - obstacle.phase_s
-    )
-    positions, _ = Tracks([obstacle]).over(within_s)
-    return [
-        (time_s - begin_s, *at)
-        for time_s, at in zip(times_s.tolist(), positions[:, 0].tolist(), strict=True)
-    ]
+def _sample(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints:
+    """Return waypoints between two times of a motion, without the jump at its end."""
+    steps = max(1, math.ceil((end_s - begin_s) / STEP_S))
+    times_s = np.linspace(begin_s, end_s, steps + 1)
+    # At the very end of its period a motion is at its beginning again.
+    before_jump_s = obstacle.motion.period_s * (1.0 - 1e-12)
+    motion_s = np.minimum(times_s, before_jump_s) - obstacle.phase_s
+    positions, _ = Tracks([obstacle]).over(motion_s)
+    rows = zip(times_s.tolist(), positions[:, 0].tolist(), strict=True)
+    return [(time_s - begin_s, x, y) for time_s, (x, y) in rows]

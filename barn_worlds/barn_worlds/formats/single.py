@@ -1,4 +1,8 @@
-"""One world from one file: .npy grid, Gazebo world, map of map_server or MovingAI, or the suite's own YAML."""
+"""One world from one file.
+
+The file is a .npy grid, a Gazebo world, a map of map_server or MovingAI, or YAML of the
+suite.
+"""
 
 import re
 from pathlib import Path
@@ -7,37 +11,33 @@ import numpy as np
 
 from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats import gazebo, map_server, moving_ai, world_yaml
+from barn_worlds.formats import map_server, moving_ai, world_yaml
+from barn_worlds.formats.gazebo import GazeboFile
 from barn_worlds.formats.npz import read_npy
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import course_of, open_world, with_course
+from barn_worlds.worlds.cells import STANDARD_CELL_M
+from barn_worlds.worlds.course import build_world, parse_course, plan_course
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import plan_through
-from barn_worlds.worlds.world import Provenance, World, checked_grid
+from barn_worlds.worlds.world import Provenance, World, validate_grid
 
-STANDARD_RESOLUTION_M = 0.15
 GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")
 MAP_ENDINGS = (".yaml", ".yml")
 ENDINGS = (*GAZEBO_ENDINGS, world_yaml.ENDING, *MAP_ENDINGS, moving_ai.ENDING, ".npy")
-
 _FOLDERS = ("grid_files", "world_files", "map_files")
 
 
 def ending(path: Path) -> str:
-    """Return the ending of a file that holds a world, `.gz` included; empty for any other."""
-    return next(
-        (
-            known
-            for known in sorted(ENDINGS, key=len, reverse=True)
-            if path.name.lower().endswith(known)
-        ),
-        "",
-    )
+    """Return the ending of a file with a world, `.gz` included, else an empty text."""
+    name = path.name.lower()
+    # .world.yaml also ends in .yaml.
+    matches = [candidate for candidate in ENDINGS if name.endswith(candidate)]
+    return max(matches, key=len, default="")
 
 
 def check_ending(path: Path) -> None:
-    """Raise WorldError if a file's name does not have the ending of a world."""
+    """Raise WorldError if the name of a file does not have the ending of a world."""
     if not ending(path):
         raise WorldError(
             f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}"
@@ -45,121 +45,171 @@ def check_ending(path: Path) -> None:
 
 
 def number_in(path: Path) -> int | None:
-    """Return the last number in a file's name, which is the number of the world, or None."""
-    found = re.findall(r"\d+", path.name[: -len(ending(path))])
-    return int(found[-1]) if found and len(found[-1]) <= 9 else None
+    """Return the last number in a file name, which numbers its world, or None."""
+    # Longer numbers are no numbers of worlds, but dates and the like.
+    numbers = re.findall(r"\d+", path.name[: -len(ending(path))])
+    return int(numbers[-1]) if numbers and len(numbers[-1]) <= 9 else None
 
 
-def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
-    """Return the world of a file, named after it; WorldError if it holds none.
+def read_world(path: Path, robot: Robot = STANDARD_ROBOT, name: str = "") -> World:
+    """Read the world in a file.
 
-    The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's
-    name). Without such a file it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m. A
-    .world.yaml has a name and a path of its own. A map that does not show a world of BARN with its containment is taken
-    as it is, in its place; start and goal are those of its .yaml file, else chosen for `robot`. Those of a Gazebo world
-    are its frames `start` and `goal`, if it has any.
+    The path comes from path_N.npy in the same folder or in its sibling path_files,
+    where N is the number in the name of the file. Otherwise it is planned for a robot.
+    A .npy grid has cells of 0.15 m.
+
+    A .world.yaml has its own name and path. A map that does not show a world of BARN
+    with its containment is taken as it is, at its position. Start and goal are those of
+    its .yaml file, else chosen for the robot. Those of a Gazebo world are its frames
+    `start` and `goal`, if it has any.
+
+    Args:
+        path: File with one of `ENDINGS`.
+        robot: Robot that paths, starts and goals are for.
+        name: Name of the world. By default it is named after the file.
+
+    Raises:
+        WorldError: If the file does not hold a world.
     """
     check_ending(path)
-    kind, resolution_m = ending(path), STANDARD_RESOLUTION_M
-    called = name or path.name[: -len(kind)]
+    kind = ending(path)
+    name = name or path.name[: -len(kind)]
     if kind == world_yaml.ENDING:
         return world_yaml.read_world_yaml(path)
-    course = gazebo.read_course(path) if kind in GAZEBO_ENDINGS else []
     if kind in GAZEBO_ENDINGS:
-        if course and (found := gazebo.read_open_grid(path, course[:2])):
-            return open_world(
-                called,
-                *found,
-                robot,
-                Provenance("world_file", str(path)),
-                course_of(course, str(path)),
-            )
-        source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
-    elif kind in (*MAP_ENDINGS, moving_ai.ENDING):
-        return _of_map(path, kind, robot, called)
-    else:
-        source, grid = "npy", checked_grid(read_npy(path), str(path))
-    footprint_cells = robot.footprint_cells(resolution_m)
-    world = world_of(
-        called, grid, resolution_m, footprint_cells, source, path, _path_beside(path)
-    )
-    return with_course(world, robot, course_of(course, str(path))) if course else world
+        return _read_gazebo(path, robot, name)
+    if kind in MAP_ENDINGS:
+        return _read_map(path, robot, name)
+    if kind == moving_ai.ENDING:
+        return build_world(
+            name,
+            moving_ai.read_grid(path),
+            moving_ai.CELL_M,
+            (0.0, 0.0),
+            robot,
+            Provenance("map", str(path)),
+        )
+    grid = validate_grid(read_npy(path), str(path))
+    return _build_beside(path, grid, STANDARD_CELL_M, robot, name, "npy")
 
 
-def world_of(
+def build_grid_world(
     name: str,
     grid: BoolGrid,
     resolution_m: float,
     footprint_cells: int,
     source: str,
     path: Path,
-    given: Path | None,
+    path_file: Path | None,
 ) -> World:
-    """Return the world of a grid read from `path`, with the path in the .npy file `given`, else a planned one."""
-    cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
-    about = Provenance(source, str(path), path_source="given" if given else "planned")
-    return World(name, grid, cells, resolution_m, footprint_cells, about)
+    """Return a world of BARN from its grid.
+
+    Args:
+        name: Name of the world.
+        grid: (rows, cols), True where filled.
+        resolution_m: Size of a cell.
+        footprint_cells: Side of the footprint of the robot, odd.
+        source: Kind of source, as in `Provenance`.
+        path: File that the grid is from.
+        path_file: .npy file with the path of the world. Without it, a path is planned.
+
+    Raises:
+        WorldError: If there is no path.
+    """
+    if path_file is None:
+        cells = plan_grid_path(grid, footprint_cells, str(path))
+        path_source = "planned"
+    else:
+        cells = read_npy(path_file)
+        path_source = "given"
+    provenance = Provenance(source, str(path), path_source=path_source)
+    return World(name, grid, cells, resolution_m, footprint_cells, provenance)
 
 
-def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
-    if kind == moving_ai.ENDING:
-        grid = moving_ai.read_grid(path)
-        return open_world(
-            name,
-            grid,
-            moving_ai.CELL_M,
-            (0.0, 0.0),
-            robot,
-            Provenance("map", str(path)),
-        )
-    about = map_server.read_about(path)
-    occupancy = map_server.read_map(path, about)
-    ends = (
-        course_of((*about.start, *about.goal), f"{path}: start and goal")
-        if about.start
-        else None
-    )
-    inside = map_server.grid_of(occupancy)
-    if inside is None:
-        whole = checked_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
-        corner = occupancy.origin_x, occupancy.origin_y
-        return open_world(
-            name,
-            whole,
-            occupancy.resolution,
-            corner,
-            robot,
-            Provenance("map", str(path)),
-            ends,
-        )
-    grid, cell_m = checked_grid(inside, str(path)), occupancy.resolution
-    world = world_of(
-        name,
-        grid,
-        cell_m,
-        robot.footprint_cells(cell_m),
-        "map",
-        path,
-        _path_beside(path),
-    )
-    return with_course(world, robot, ends) if ends else world
+def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
+    """Return a path (n, 2) from the first to the last column of a grid.
 
+    Args:
+        grid: (rows, cols), True where filled.
+        footprint_cells: Side of the footprint of the robot, odd.
+        where: Name or file of the world, to begin an error message with.
 
-def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
-    """Return a planned path (n, 2) through a grid; WorldError if there is none."""
+    Raises:
+        WorldError: If there is no path.
+    """
     path = plan_through(configuration_space(grid, footprint_cells))
     if path is None:
-        robot = f"a robot of {footprint_cells} x {footprint_cells} cells"
         raise WorldError(
-            f"{where}: no path from the first to the last column for {robot}"
+            f"{where}: no path from the first to the last column for "
+            f"a robot of {footprint_cells} x {footprint_cells} cells"
         )
     return path
 
 
-def _path_beside(path: Path) -> Path | None:
-    places = [
-        path.parent,
-        *([path.parent.parent / "path_files"] if path.parent.name in _FOLDERS else []),
-    ]
-    candidates = (place / f"path_{number_in(path)}.npy" for place in places)
-    return next((file for file in candidates if file != path and file.is_file()), None)
+def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
+    file = GazeboFile.read(path)
+    numbers = file.course()
+    if not numbers:
+        grid, resolution_m = file.grid()
+        return _build_beside(path, grid, resolution_m, robot, name, "world_file")
+
+    open_grid = file.open_grid(numbers[:2])
+    course = parse_course(numbers, str(path))
+    if open_grid is None:
+        grid, resolution_m = file.grid()
+        world = _build_beside(path, grid, resolution_m, robot, name, "world_file")
+        return plan_course(world, robot, course)
+    provenance = Provenance("world_file", str(path))
+    return build_world(name, *open_grid, robot, provenance, course)
+
+
+def _read_map(path: Path, robot: Robot, name: str) -> World:
+    map_file = map_server.read_map_file(path)
+    occupancy = map_server.read_map(path, map_file)
+    course = None
+    if map_file.start:
+        numbers = (*map_file.start, *map_file.goal)
+        course = parse_course(numbers, f"{path}: start and goal")
+
+    resolution_m = occupancy.resolution
+    grid = map_server.extract_grid(occupancy)
+    if grid is None:
+        is_filled = np.ascontiguousarray((occupancy.data != 0).T)
+        return build_world(
+            name,
+            validate_grid(is_filled, str(path)),
+            resolution_m,
+            (occupancy.origin_x, occupancy.origin_y),
+            robot,
+            Provenance("map", str(path)),
+            course,
+        )
+    grid = validate_grid(grid, str(path))
+    world = _build_beside(path, grid, resolution_m, robot, name, "map")
+    if course is None:
+        return world
+    return plan_course(world, robot, course)
+
+
+def _build_beside(
+    path: Path,
+    grid: BoolGrid,
+    resolution_m: float,
+    robot: Robot,
+    name: str,
+    source: str,
+) -> World:
+    """Return the world of a grid with the path in a file beside the grid's, if any."""
+    folders = [path.parent]
+    if path.parent.name in _FOLDERS:
+        folders.append(path.parent.parent / "path_files")
+    path_file = None
+    for folder in folders:
+        file = folder / f"path_{number_in(path)}.npy"
+        if file != path and file.is_file():
+            path_file = file
+            break
+    footprint_cells = robot.footprint_cells(resolution_m)
+    return build_grid_world(
+        name, grid, resolution_m, footprint_cells, source, path, path_file
+    )

@@ -1,4 +1,4 @@
-"""Upright cylinders and boxes at poses, for whatever draws them or measures distances to them."""
+"""Upright cylinders and boxes at poses, to be drawn or measured."""
 
 import math
 from collections.abc import Sequence
@@ -10,67 +10,84 @@ from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.moving.motion import Wall
 from barn_worlds.moving.tracks import Tracks
 
-_CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
+_UNIT_SQUARE = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 
 
 class Bodies(NamedTuple):
-    """Upright bodies in the map frame, metres and radians.
+    """Upright bodies in the map frame, in meters and radians."""
 
-    poses (n, 3): x, y, yaw. radius_m (n,): of a cylinder, 0 for a box. size_m (n, 2): of a box along its own x and y, 0
-    for a cylinder. height_m (n,).
-    """
-
+    # (n, 3): x, y, yaw.
     poses: Floats
+    # (n,) of cylinders, 0 for a box.
     radius_m: Floats
+    # (n, 2) of boxes along their own x and y, 0 for a cylinder.
     size_m: Points
+    # (n,)
     height_m: Floats
 
-    def placed(self, places: Points) -> "Bodies":
-        """Return them with their centres at places (n, 2), their headings kept."""
-        return self._replace(poses=np.column_stack([places, self.poses[:, 2]]))
+    def move_to(self, centers_m: Points) -> "Bodies":
+        """Return the bodies with other centers (n, 2) and the same headings."""
+        return self._replace(poses=np.column_stack([centers_m, self.poses[:, 2]]))
 
     def outlines(self, points: int = 40) -> list[Points]:
-        """Return the outline of each from above, (k, 2) m; of a cylinder, so many points of its circle."""
-        turns = np.linspace(0.0, 2.0 * math.pi, points)
-        circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-        found = []
-        for (x, y, yaw), radius, size in zip(
+        """Return the outline (k, 2) of each body from above in m.
+
+        Args:
+            points: Number of points on the circle of a cylinder.
+        """
+        angles = np.linspace(0.0, 2.0 * math.pi, points)
+        circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        outlines = []
+        for pose, radius, size in zip(
             self.poses.tolist(), self.radius_m, self.size_m, strict=True
         ):
-            turned = np.array(
-                [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
-            )
-            found.append(
-                (radius * circle if radius else (_CORNERS * size) @ turned) + (x, y)
-            )
-        return found
+            x, y, yaw = pose
+            cos = math.cos(yaw)
+            sin = math.sin(yaw)
+            turn = np.array([[cos, sin], [-sin, cos]])
+            outline = radius * circle if radius else (_UNIT_SQUARE * size) @ turn
+            outlines.append(outline + (x, y))
+        return outlines
 
     def shapes(self) -> Floats:
-        """Return them as the shapes (n, 7) of `geometry.kernels`."""
+        """Return the bodies as the shapes (n, 7) of `geometry.kernels`."""
         return shape_rows(
             self.poses[:, :2], self.radius_m, self.size_m, self.poses[:, 2]
         )
 
 
 def shape_rows(
-    centres: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats
+    centers_m: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats
 ) -> Floats:
-    """Return shapes (n, 7) of centres (n, 2), radii (n,) of cylinders, sizes (n, 2) of boxes and headings (n,)."""
-    sides = np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad)])
-    return np.column_stack([centres, radius_m, 0.5 * size_m, sides])
+    """Return bodies as the shapes (n, 7) of `geometry.kernels`.
+
+    Args:
+        centers_m: x and y (n, 2) in the map frame.
+        radius_m: (n,) of cylinders, 0 for a box.
+        size_m: (n, 2) of boxes along their own x and y, 0 for a cylinder.
+        yaw_rad: Headings (n,).
+    """
+    headings = np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad)])
+    return np.column_stack([centers_m, radius_m, 0.5 * size_m, headings])
 
 
 def moving_bodies(tracks: Tracks, time_s: float) -> Bodies:
-    """Return moving obstacles where they are at a time."""
-    poses = np.column_stack([tracks.at(time_s)[0], tracks.yaw_rad])
+    """Return moving obstacles as bodies.
+
+    Args:
+        tracks: The motions of the obstacles.
+        time_s: Time for which they are placed.
+    """
+    positions, _ = tracks.at(time_s)
+    poses = np.column_stack([positions, tracks.yaw_rad])
     return Bodies(poses, tracks.radius_m, tracks.size_m, tracks.height_m)
 
 
 def wall_bodies(walls: Sequence[Wall]) -> Bodies:
     """Return walls as bodies."""
     rows = [
-        (one.x_m, one.y_m, one.yaw_rad, one.size_x_m, one.size_y_m, one.height_m)
-        for one in walls
+        (wall.x_m, wall.y_m, wall.yaw_rad, wall.size_x_m, wall.size_y_m, wall.height_m)
+        for wall in walls
     ]
     table = np.array(rows, np.float64).reshape(-1, 6)
     return Bodies(table[:, :3], np.zeros(len(table)), table[:, 3:5], table[:, 5])

@@ -1,8 +1,9 @@
-"""Compiled loops: distances of convex outlines from upright cylinders and boxes, times to contact, points from lines.
+"""Compiled loops: distances of convex outlines from bodies, and times to contact.
 
-A shape is a row x, y (m, map frame), radius, half length and half width (m), cosine and sine of its heading. A cylinder
-has half sizes 0, a box radius 0. An outline moves with a pose x, y, yaw; `extent` is x_min, y_min, x_max, y_max of a
-rectangle about it, corners (k, 2) are those of a convex polygon, counter-clockwise.
+A shape is a row of 7 numbers: x, y in m in the map frame, radius, half length and half
+width in m, cosine and sine of its heading. A cylinder has half sizes 0, a box radius 0.
+An outline moves with a pose x, y, yaw. It is a rectangle given by its extent x_min,
+y_min, x_max, y_max, or a convex polygon given by its counterclockwise corners (k, 2).
 """
 
 import math
@@ -12,10 +13,66 @@ from numba import njit
 
 from barn_worlds.base.arrays import Floats
 
+_X = 0
+_Y = 1
+_RADIUS = 2
+_HALF_LENGTH = 3
+_HALF_WIDTH = 4
+_COS = 5
+_SIN = 6
+# Of the corners of a box, counterclockwise.
+_CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+
+
+@njit(cache=True)
+def _to_frame(x: float, y: float, c: float, s: float) -> tuple[float, float]:
+    """Return a vector in the axes of a heading with cosine c and sine s."""
+    return c * x + s * y, c * y - s * x
+
+
+@njit(cache=True)
+def _disc_radius(shape: Floats) -> float:
+    """Return the radius of a cylinder, or of the disc around a box."""
+    if shape[_RADIUS] > 0.0:
+        return float(shape[_RADIUS])
+    return math.hypot(shape[_HALF_LENGTH], shape[_HALF_WIDTH])
+
+
+@njit(cache=True)
+def _side(corners: Floats, k: int) -> tuple[float, float]:
+    """Return the vector from a corner of a polygon to the next."""
+    end = (k + 1) % len(corners)
+    return corners[end, 0] - corners[k, 0], corners[end, 1] - corners[k, 1]
+
+
+@njit(cache=True)
+def _distance_to_segment(dx: float, dy: float, sx: float, sy: float) -> float:
+    """Return the distance of a point from a segment.
+
+    Args:
+        dx: Position of the point, seen from the start of the segment.
+        dy: Position of the point, seen from the start of the segment.
+        sx: Vector from the start of the segment to its end.
+        sy: Vector from the start of the segment to its end.
+    """
+    square = sx * sx + sy * sy
+    share = 0.0
+    # A segment of length 0 is a point.
+    if square > 0.0:
+        along = (dx * sx + dy * sy) / square
+        share = min(max(along, 0.0), 1.0)
+    return math.hypot(dx - share * sx, dy - share * sy)
+
 
 @njit(cache=True)
 def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
-    """Return the distance in m of a point in the frame of a rectangle from it, 0 inside."""
+    """Return the distance in m of a point from a rectangle, 0 inside.
+
+    Args:
+        ahead: x of the point in the frame of the rectangle.
+        left: y of the point in that frame.
+        extent: The rectangle.
+    """
     outside_x = max(extent[0] - ahead, 0.0, ahead - extent[2])
     outside_y = max(extent[1] - left, 0.0, left - extent[3])
     return math.hypot(outside_x, outside_y)
@@ -25,25 +82,39 @@ def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
 def gaps_to_rectangle(
     shapes: Floats, x: float, y: float, yaw: float, extent: Floats
 ) -> Floats:
-    """Return the distances (n,) in m from a rectangle to shapes (n, 7), 0 where they overlap."""
+    """Return the distances (n,) in m from a rectangle to shapes, 0 where they overlap.
+
+    Args:
+        shapes: (n, 7).
+        x: Position of the rectangle's frame in the map frame.
+        y: Position of the rectangle's frame in the map frame.
+        yaw: Heading of that frame.
+        extent: The rectangle in that frame.
+    """
     gaps = np.empty(len(shapes))
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    half_x = 0.5 * (extent[2] - extent[0])
+    half_y = 0.5 * (extent[3] - extent[1])
     for i in range(len(shapes)):
-        dx, dy = shapes[i, 0] - x, shapes[i, 1] - y
-        ahead, left = c * dx + s * dy, c * dy - s * dx
-        if shapes[i, 2] > 0.0:
-            gaps[i] = max(0.0, rectangle_gap(ahead, left, extent) - shapes[i, 2])
+        shape = shapes[i]
+        ahead, left = _to_frame(shape[_X] - x, shape[_Y] - y, c, s)
+        if shape[_RADIUS] > 0.0:
+            gap = rectangle_gap(ahead, left, extent) - shape[_RADIUS]
+            gaps[i] = max(0.0, gap)
             continue
-        # the box's sides in the frame of the rectangle
-        ux, uy = (
-            c * shapes[i, 5] + s * shapes[i, 6],
-            c * shapes[i, 6] - s * shapes[i, 5],
-        )
-        ahead -= 0.5 * (extent[0] + extent[2])
-        left -= 0.5 * (extent[1] + extent[3])
-        half_x, half_y = 0.5 * (extent[2] - extent[0]), 0.5 * (extent[3] - extent[1])
+
+        # Seen from the center of the rectangle.
+        ux, uy = _to_frame(shape[_COS], shape[_SIN], c, s)
         gaps[i] = box_gap(
-            ahead, left, ux, uy, shapes[i, 3], shapes[i, 4], half_x, half_y
+            ahead - 0.5 * (extent[0] + extent[2]),
+            left - 0.5 * (extent[1] + extent[3]),
+            ux,
+            uy,
+            shape[_HALF_LENGTH],
+            shape[_HALF_WIDTH],
+            half_x,
+            half_y,
         )
     return gaps
 
@@ -54,49 +125,57 @@ def box_gap(
     y: float,
     ux: float,
     uy: float,
-    half_long: float,
-    half_wide: float,
+    half_length: float,
+    half_width: float,
     half_x: float,
     half_y: float,
 ) -> float:
-    """Return the distance from a rectangle around the origin to one at x, y with its length along ux, uy; 0 inside."""
-    # apart along an axis of either: two convex shapes overlap unless one of these separates them
-    wide_x, wide_y = (
-        abs(ux) * half_long + abs(uy) * half_wide,
-        abs(uy) * half_long + abs(ux) * half_wide,
-    )
-    along, across = x * ux + y * uy, y * ux - x * uy
-    long_reach, wide_reach = (
-        abs(ux) * half_x + abs(uy) * half_y,
-        abs(uy) * half_x + abs(ux) * half_y,
-    )
-    overlap = abs(x) <= half_x + wide_x and abs(y) <= half_y + wide_y
-    if (
-        overlap
-        and abs(along) <= half_long + long_reach
-        and abs(across) <= half_wide + wide_reach
-    ):
+    """Return the distance in m of a turned box from a rectangle, 0 where they overlap.
+
+    Args:
+        x: Center of the box, seen from the center of the rectangle.
+        y: Center of the box, seen from the center of the rectangle.
+        ux: Direction of its length: x of the unit vector.
+        uy: Direction of its length: y of the unit vector.
+        half_length: Half the longer side, along ux and uy.
+        half_width: Half the other side.
+        half_x: Half the side of the rectangle along x.
+        half_y: Half the side of the rectangle along y.
+    """
+    along = x * ux + y * uy
+    across = y * ux - x * uy
+    # Two convex shapes overlap unless an axis of one of them separates them.
+    cos = abs(ux)
+    sin = abs(uy)
+    overlap_x = abs(x) <= half_x + (cos * half_length + sin * half_width)
+    overlap_y = abs(y) <= half_y + (sin * half_length + cos * half_width)
+    overlap_along = abs(along) <= half_length + (cos * half_x + sin * half_y)
+    overlap_across = abs(across) <= half_width + (sin * half_x + cos * half_y)
+    if overlap_x and overlap_y and overlap_along and overlap_across:
         return 0.0
+
+    # The nearest pair of points contains a corner of one of them.
     nearest = math.inf
     for k in range(4):
-        i, j = 2.0 * (k % 2) - 1.0, 2.0 * (k // 2) - 1.0
-        # a corner of the other one to the rectangle, and the other way round
-        px, py = (
-            x + i * half_long * ux - j * half_wide * uy,
-            y + i * half_long * uy + j * half_wide * ux,
-        )
+        i, j = _CORNER_SIGNS[k]
+        corner_x = x + i * half_length * ux - j * half_width * uy
+        corner_y = y + i * half_length * uy + j * half_width * ux
+        nearest = min(nearest, _distance_outside(corner_x, corner_y, half_x, half_y))
+
+        corner_x = i * half_x - x
+        corner_y = j * half_y - y
+        along = corner_x * ux + corner_y * uy
+        across = corner_y * ux - corner_x * uy
         nearest = min(
-            nearest, math.hypot(max(abs(px) - half_x, 0.0), max(abs(py) - half_y, 0.0))
-        )
-        qx, qy = i * half_x - x, j * half_y - y
-        own, other = qx * ux + qy * uy, qy * ux - qx * uy
-        nearest = min(
-            nearest,
-            math.hypot(
-                max(abs(own) - half_long, 0.0), max(abs(other) - half_wide, 0.0)
-            ),
+            nearest, _distance_outside(along, across, half_length, half_width)
         )
     return nearest
+
+
+@njit(cache=True)
+def _distance_outside(x: float, y: float, half_x: float, half_y: float) -> float:
+    """Return the distance of a point from a rectangle around the origin, 0 inside."""
+    return math.hypot(max(abs(x) - half_x, 0.0), max(abs(y) - half_y, 0.0))
 
 
 @njit(cache=True)
@@ -109,57 +188,85 @@ def times_to_rectangle(
     speed: float,
     extent: Floats,
 ) -> Floats:
-    """Return when (n,) in s a rectangle meets shapes (n, 7) of velocities (n, 2), as `Footprint.times_to_contact`."""
+    """Return when (n,) in s a moving rectangle meets shapes, inf for never.
+
+    Args:
+        shapes: (n, 7); a box counts as the disc around it.
+        velocities: (n, 2) of the shapes in m/s.
+        x: Position of the rectangle's frame in the map frame.
+        y: Position of the rectangle's frame in the map frame.
+        yaw: Heading of that frame.
+        speed: Speed of the rectangle in m/s, straight ahead.
+        extent: The rectangle in its frame.
+    """
     times = np.empty(len(shapes))
-    c, s = math.cos(yaw), math.sin(yaw)
-    half_x, half_y = 0.5 * (extent[2] - extent[0]), 0.5 * (extent[3] - extent[1])
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    half_x = 0.5 * (extent[2] - extent[0])
+    half_y = 0.5 * (extent[3] - extent[1])
     for i in range(len(shapes)):
-        radius = (
-            shapes[i, 2]
-            if shapes[i, 2] > 0.0
-            else math.hypot(shapes[i, 3], shapes[i, 4])
-        )
-        dx, dy = shapes[i, 0] - x, shapes[i, 1] - y
-        px, py = (
-            c * dx + s * dy - 0.5 * (extent[0] + extent[2]),
-            c * dy - s * dx - 0.5 * (extent[1] + extent[3]),
-        )
-        vx = c * velocities[i, 0] + s * velocities[i, 1] - speed
-        vy = c * velocities[i, 1] - s * velocities[i, 0]
-        # the disc's centre meets the rectangle widened by its radius: two rectangles and a disc at every corner
+        radius = _disc_radius(shapes[i])
+        ahead, left = _to_frame(shapes[i, _X] - x, shapes[i, _Y] - y, c, s)
+        px = ahead - 0.5 * (extent[0] + extent[2])
+        py = left - 0.5 * (extent[1] + extent[3])
+        vx, vy = _to_frame(velocities[i, 0], velocities[i, 1], c, s)
+        vx -= speed
+
+        # The center of the disc meets the rectangle widened by the radius: two
+        # rectangles and a disc at every corner.
         first = min(
-            enters(px, py, vx, vy, half_x + radius, half_y),
-            enters(px, py, vx, vy, half_x, half_y + radius),
+            entry_time(px, py, vx, vy, half_x + radius, half_y),
+            entry_time(px, py, vx, vy, half_x, half_y + radius),
         )
         for k in range(4):
-            qx, qy = (
-                px - (2.0 * (k % 2) - 1.0) * half_x,
-                py - (2.0 * (k // 2) - 1.0) * half_y,
-            )
-            square, along, beyond = (
-                vx * vx + vy * vy,
-                qx * vx + qy * vy,
-                qx * qx + qy * qy - radius * radius,
-            )
-            root = along * along - square * beyond
-            if beyond <= 0.0:
-                first = 0.0
-            elif root >= 0.0 and along < 0.0:
-                first = min(first, (-along - math.sqrt(root)) / square)
+            qx = px - _CORNER_SIGNS[k, 0] * half_x
+            qy = py - _CORNER_SIGNS[k, 1] * half_y
+            inside = qx * qx + qy * qy <= radius * radius
+            entry = 0.0 if inside else _disc_entry_time(qx, qy, vx, vy, radius)
+            first = min(first, entry)
         times[i] = first
     return times
 
 
 @njit(cache=True)
-def enters(
+def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) -> float:
+    """Return when a point outside a disc around the origin enters it, inf for never."""
+    square = vx * vx + vy * vy
+    along = x * vx + y * vy
+    beyond = x * x + y * y - radius * radius
+    # Of the quadratic equation for the time at which the distance is the radius.
+    root = along * along - square * beyond
+    if root >= 0.0 and along < 0.0:
+        return (-along - math.sqrt(root)) / square
+    return math.inf
+
+
+@njit(cache=True)
+def entry_time(
     px: float, py: float, vx: float, vy: float, half_x: float, half_y: float
 ) -> float:
-    """Return when a point of velocity vx, vy enters a rectangle around the origin, 0 within it and inf for never."""
-    enter, leave = 0.0, math.inf
+    """Return when a point enters a rectangle around the origin.
+
+    Args:
+        px: Position of the point.
+        py: Position of the point.
+        vx: Velocity of the point.
+        vy: Velocity of the point.
+        half_x: Half the side of the rectangle along x.
+        half_y: Half the side of the rectangle along y.
+
+    Returns:
+        The time, 0 within the rectangle and inf for never.
+    """
+    enter = 0.0
+    leave = math.inf
     for position, velocity, half in ((px, vx, half_x), (py, vy, half_y)):
         if velocity != 0.0:
-            one, other = (-half - position) / velocity, (half - position) / velocity
-            enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+            # When the point is between both sides along this axis.
+            low = (-half - position) / velocity
+            high = (half - position) / velocity
+            enter = max(enter, min(low, high))
+            leave = min(leave, max(low, high))
         elif abs(position) > half:
             return math.inf
     return enter if enter <= leave else math.inf
@@ -167,86 +274,109 @@ def enters(
 
 @njit(cache=True)
 def polygon_gap(x: float, y: float, corners: Floats) -> float:
-    """Return the distance of a point from a convex polygon, below zero inside; from its only corner if it has one."""
+    """Return the distance of a point from a convex polygon, below zero inside.
+
+    Args:
+        x: Position of the point.
+        y: Position of the point.
+        corners: (k, 2). A single corner is a point.
+    """
     count = len(corners)
     if count == 1:
         return math.hypot(x - corners[0, 0], y - corners[0, 1])
-    nearest, deepest = math.inf, -math.inf
+
+    nearest = math.inf
+    deepest = -math.inf
     for k in range(count):
-        ax, ay = corners[k, 0], corners[k, 1]
-        sx, sy = corners[(k + 1) % count, 0] - ax, corners[(k + 1) % count, 1] - ay
-        square = sx * sx + sy * sy
-        dx, dy = x - ax, y - ay
-        deepest = max(deepest, (dx * sy - dy * sx) / math.sqrt(square))
-        along = min(max((dx * sx + dy * sy) / square, 0.0), 1.0)
-        nearest = min(nearest, math.hypot(dx - along * sx, dy - along * sy))
+        sx, sy = _side(corners, k)
+        dx = x - corners[k, 0]
+        dy = y - corners[k, 1]
+        # Positive outside of this side.
+        depth = (dx * sy - dy * sx) / math.sqrt(sx * sx + sy * sy)
+        deepest = max(deepest, depth)
+        nearest = min(nearest, _distance_to_segment(dx, dy, sx, sy))
     return nearest if deepest > 0.0 else deepest
 
 
 @njit(cache=True)
-def polygon_gaps(x: Floats, y: Floats, corners: Floats, found: Floats) -> None:
-    """Fill in the distances (n,) of points from a convex polygon, below zero inside."""
+def polygon_gaps(x: Floats, y: Floats, corners: Floats, distances: Floats) -> None:
+    """Fill in the distances of points from a convex polygon, below zero inside.
+
+    Args:
+        x: Positions (n,).
+        y: Positions (n,).
+        corners: (k, 2).
+        distances: (n,), which is filled in.
+    """
     for i in range(len(x)):
-        found[i] = polygon_gap(x[i], y[i], corners)
+        distances[i] = polygon_gap(x[i], y[i], corners)
 
 
 @njit(cache=True)
 def gaps_to_polygon(
     shapes: Floats, x: float, y: float, yaw: float, corners: Floats, radius: float
 ) -> Floats:
-    """Return the distances (n,) in m from a polygon or a disc at a pose to shapes (n, 7), 0 where they overlap.
+    """Return the distances (n,) in m from a polygon or disc to shapes, 0 inside.
 
-    corners, radius: those of a polygon and 0, or middle and radius of a disc.
+    Args:
+        shapes: (n, 7).
+        x: Position of the outline's frame in the map frame.
+        y: Position of the outline's frame in the map frame.
+        yaw: Heading of that frame.
+        corners: Of the polygon, or the center of the disc.
+        radius: Of the disc, 0 for a polygon.
     """
-    gaps, box = np.empty(len(shapes)), np.empty((4, 2))
-    c, s = math.cos(yaw), math.sin(yaw)
+    gaps = np.empty(len(shapes))
+    box = np.empty((4, 2))
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     for i in range(len(shapes)):
-        dx, dy = shapes[i, 0] - x, shapes[i, 1] - y
-        ahead, left = c * dx + s * dy, c * dy - s * dx
-        if shapes[i, 2] > 0.0:
-            gaps[i] = max(
-                0.0, polygon_gap(ahead, left, corners) - radius - shapes[i, 2]
-            )
+        shape = shapes[i]
+        ahead, left = _to_frame(shape[_X] - x, shape[_Y] - y, c, s)
+        if shape[_RADIUS] > 0.0:
+            gap = polygon_gap(ahead, left, corners) - radius - shape[_RADIUS]
+            gaps[i] = max(0.0, gap)
             continue
-        ux, uy = (
-            c * shapes[i, 5] + s * shapes[i, 6],
-            c * shapes[i, 6] - s * shapes[i, 5],
-        )
-        for k, (a, b) in enumerate(
-            ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
-        ):
-            long, wide = a * shapes[i, 3], b * shapes[i, 4]
-            box[k, 0], box[k, 1] = (
-                ahead + long * ux - wide * uy,
-                left + long * uy + wide * ux,
-            )
-        gaps[i] = max(0.0, _apart(corners, box) - radius)
+
+        ux, uy = _to_frame(shape[_COS], shape[_SIN], c, s)
+        for k in range(4):
+            along = _CORNER_SIGNS[k, 0] * shape[_HALF_LENGTH]
+            across = _CORNER_SIGNS[k, 1] * shape[_HALF_WIDTH]
+            box[k, 0] = ahead + along * ux - across * uy
+            box[k, 1] = left + along * uy + across * ux
+        gaps[i] = max(0.0, _polygon_distance(corners, box) - radius)
     return gaps
 
 
 @njit(cache=True)
-def _apart(a: Floats, b: Floats) -> float:
-    """Return the distance of two convex polygons, 0 where they overlap; one may be a point."""
-    if not (_separated(a, b) or _separated(b, a)):
+def _polygon_distance(a: Floats, b: Floats) -> float:
+    """Return the distance of two convex polygons, 0 where they overlap.
+
+    One of them may be a single point.
+    """
+    if not (_separates(a, b) or _separates(b, a)):
         return 0.0
     nearest = math.inf
-    for one, other in ((a, b), (b, a)):
-        for k in range(len(one)):
-            nearest = min(nearest, max(polygon_gap(one[k, 0], one[k, 1], other), 0.0))
+    for corners, polygon in ((a, b), (b, a)):
+        for k in range(len(corners)):
+            gap = polygon_gap(corners[k, 0], corners[k, 1], polygon)
+            nearest = min(nearest, max(gap, 0.0))
     return nearest
 
 
 @njit(cache=True)
-def _separated(a: Floats, b: Floats) -> bool:
+def _separates(a: Floats, b: Floats) -> bool:
     """Tell whether all of b lies beyond one side of a."""
     count = len(a)
     if count < 2:
         return False
     for k in range(count):
-        sx, sy = a[(k + 1) % count, 0] - a[k, 0], a[(k + 1) % count, 1] - a[k, 1]
+        sx, sy = _side(a, k)
         least = math.inf
         for j in range(len(b)):
-            least = min(least, (b[j, 0] - a[k, 0]) * sy - (b[j, 1] - a[k, 1]) * sx)
+            dx = b[j, 0] - a[k, 0]
+            dy = b[j, 1] - a[k, 1]
+            least = min(least, dx * sy - dy * sx)
         if least > 0.0:
             return True
     return False
@@ -263,65 +393,71 @@ def times_to_polygon(
     corners: Floats,
     radius: float,
 ) -> Floats:
-    """Do as `times_to_rectangle` for a polygon or a disc; corners, radius as for `gaps_to_polygon`."""
+    """Return when (n,) in s a moving polygon or disc meets shapes, inf for never.
+
+    Args:
+        shapes: (n, 7); a box counts as the disc around it.
+        velocities: (n, 2) of the shapes in m/s.
+        x: Position of the outline's frame in the map frame.
+        y: Position of the outline's frame in the map frame.
+        yaw: Heading of that frame.
+        speed: Speed of the outline in m/s, straight ahead.
+        corners: Of the polygon, or the center of the disc.
+        radius: Of the disc, 0 for a polygon.
+    """
     times = np.empty(len(shapes))
-    c, s = math.cos(yaw), math.sin(yaw)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     count = len(corners)
+    # A disc is one corner, its center, and no sides.
     for i in range(len(shapes)):
-        reach = radius + (
-            shapes[i, 2]
-            if shapes[i, 2] > 0.0
-            else math.hypot(shapes[i, 3], shapes[i, 4])
-        )
-        dx, dy = shapes[i, 0] - x, shapes[i, 1] - y
-        px, py = c * dx + s * dy, c * dy - s * dx
-        vx = c * velocities[i, 0] + s * velocities[i, 1] - speed
-        vy = c * velocities[i, 1] - s * velocities[i, 0]
+        reach = radius + _disc_radius(shapes[i])
+        px, py = _to_frame(shapes[i, _X] - x, shapes[i, _Y] - y, c, s)
+        vx, vy = _to_frame(velocities[i, 0], velocities[i, 1], c, s)
+        vx -= speed
         if polygon_gap(px, py, corners) <= reach:
             times[i] = 0.0
             continue
-        first, square = math.inf, vx * vx + vy * vy
+
+        # The center of the disc meets the outline widened by the reach: a disc at each
+        # corner, and each side moved outward.
+        first = math.inf
         for k in range(count):
-            # the disc's centre meets the outline widened by its radius: a disc at each corner, and each side moved out
-            qx, qy = px - corners[k, 0], py - corners[k, 1]
-            along = qx * vx + qy * vy
-            root = along * along - square * (qx * qx + qy * qy - reach * reach)
-            if root >= 0.0 and along < 0.0:
-                first = min(first, (-along - math.sqrt(root)) / square)
+            qx = px - corners[k, 0]
+            qy = py - corners[k, 1]
+            first = min(first, _disc_entry_time(qx, qy, vx, vy, reach))
             if count == 1:
                 continue
-            sx, sy = (
-                corners[(k + 1) % count, 0] - corners[k, 0],
-                corners[(k + 1) % count, 1] - corners[k, 1],
-            )
+
+            sx, sy = _side(corners, k)
             length = math.hypot(sx, sy)
-            outward, closing = (
-                (qx * sy - qy * sx) / length - reach,
-                (vx * sy - vy * sx) / length,
-            )
-            if closing < 0.0 <= outward:
-                after = -outward / closing
-                where = ((qx + after * vx) * sx + (qy + after * vy) * sy) / length
-                if 0.0 <= where <= length:
-                    first = min(first, after)
+            outside = (qx * sy - qy * sx) / length - reach
+            closing_speed = (vx * sy - vy * sx) / length
+            if closing_speed < 0.0 <= outside:
+                time = -outside / closing_speed
+                meeting_x = qx + time * vx
+                meeting_y = qy + time * vy
+                along = (meeting_x * sx + meeting_y * sy) / length
+                if 0.0 <= along <= length:
+                    first = min(first, time)
         times[i] = first
     return times
 
 
 @njit(cache=True)
-def distance_to(line: Floats, x: float, y: float) -> float:
-    """Return the distance in m of a point from a line through points (n, 2), one at least."""
+def distance_to_line(line: Floats, x: float, y: float) -> float:
+    """Return the distance in m of a point from a line.
+
+    Args:
+        line: Points (n, 2) that it goes through, at least one.
+        x: Position of the point.
+        y: Position of the point.
+    """
     nearest = math.hypot(x - line[0, 0], y - line[0, 1])
     for k in range(len(line) - 1):
-        from_x, from_y = x - line[k, 0], y - line[k, 1]
-        side_x, side_y = line[k + 1, 0] - line[k, 0], line[k + 1, 1] - line[k, 1]
-        square = side_x * side_x + side_y * side_y
-        along = (
-            min(max((from_x * side_x + from_y * side_y) / square, 0.0), 1.0)
-            if square > 0.0
-            else 0.0
-        )
-        nearest = min(
-            nearest, math.hypot(from_x - along * side_x, from_y - along * side_y)
-        )
+        dx = x - line[k, 0]
+        dy = y - line[k, 1]
+        sx = line[k + 1, 0] - line[k, 0]
+        sy = line[k + 1, 1] - line[k, 1]
+        nearest = min(nearest, _distance_to_segment(dx, dy, sx, sy))
     return nearest

@@ -1,78 +1,130 @@
-"""Plain polygons with a few corners, as tuples of (x, y) in metres."""
+"""Plain polygons with a few corners, as tuples of (x, y) in meters."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 Corner = tuple[float, float]
 
 
+class HalfPlane(NamedTuple):
+    """The inside of one side of a convex polygon and of the line through it."""
+
+    # Unit vector that points outward.
+    normal_x: float
+    normal_y: float
+    # Of the line from the origin along the normal, in m.
+    distance: float
+
+    @classmethod
+    def of_side(cls, start: Corner, end: Corner) -> "HalfPlane":
+        """Return the half-plane of a side of a counterclockwise polygon.
+
+        Args:
+            start: First corner of the side.
+            end: Next corner, counterclockwise.
+        """
+        length = math.dist(start, end)
+        normal_x = (end[1] - start[1]) / length
+        normal_y = (start[0] - end[0]) / length
+        return cls(normal_x, normal_y, normal_x * start[0] + normal_y * start[1])
+
+    def grow(self, distance_m: float) -> "HalfPlane":
+        """Return the half-plane with its border moved outward."""
+        return self._replace(distance=self.distance + distance_m)
+
+    def intersect(self, other: "HalfPlane") -> Corner:
+        """Return the point where the borders of two half-planes meet."""
+        # Cramer's rule.
+        p_x, p_y, p = self
+        q_x, q_y, q = other
+        determinant = p_x * q_y - p_y * q_x
+        return (p * q_y - q * p_y) / determinant, (q * p_x - p * q_x) / determinant
+
+
 def area(corners: Sequence[Corner]) -> float:
-    """Return the enclosed area in m2, positive if the corners run counter-clockwise."""
-    sides = zip(corners, [*corners[1:], *corners[:1]], strict=True)
-    return 0.5 * sum(x * v - u * y for (x, y), (u, v) in sides)
-
-
-def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) -> bool:
-    """Tell whether a point is in a convex polygon of counter-clockwise corners, or within `slack_m` of it."""
-    sides = zip(corners, [*corners[1:], *corners[:1]], strict=True)
-    return all(_turn(a, b, point) >= -slack_m * math.dist(a, b) for a, b in sides)
-
-
-def hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
-    """Return the convex hull of points, counter-clockwise and without corners on straight sides."""
-    ordered = sorted(set(points))
-    if len(ordered) < 3:
-        return tuple(ordered)
-    return (*_chain(ordered), *_chain(ordered[::-1]))
-
-
-def regular(radius_m: float, count: int) -> tuple[Corner, ...]:
-    """Return the regular polygon around a circle about the origin, two of its sides across x where count is even."""
-    step = 2.0 * math.pi / count
-    reach = radius_m / math.cos(0.5 * step)
-    return tuple(
-        (reach * math.cos((k + 0.5) * step), reach * math.sin((k + 0.5) * step))
-        for k in range(count)
+    """Return the enclosed area in m2, positive if the corners run counterclockwise."""
+    return 0.5 * sum(
+        start[0] * end[1] - end[0] * start[1] for start, end in _sides(corners)
     )
 
 
-def grown(corners: Sequence[Corner], by_m: float) -> tuple[Corner, ...]:
-    """Return a convex outline with each side moved outwards; a rectangle's half sizes grow by as much."""
-    sides = [_side(a, b) for a, b in pairwise((*corners, *corners[:1]))]
-    moved = []
-    for (px, py, pd), (qx, qy, qd) in zip(
-        (*sides[-1:], *sides[:-1]), sides, strict=True
-    ):
-        across = px * qy - py * qx
-        p, q = pd + by_m, qd + by_m
-        moved.append(((p * qy - q * py) / across, (q * px - p * qx) / across))
-    return tuple(moved)
+def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) -> bool:
+    """Tell whether a point is in a convex polygon.
+
+    Args:
+        corners: Counterclockwise corners of the polygon.
+        point: x and y.
+        slack_m: How far outside the point may be, to allow for rounding.
+    """
+    return all(
+        _turn(start, end, point) >= -slack_m * math.dist(start, end)
+        for start, end in _sides(corners)
+    )
+
+
+def convex_hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
+    """Return the convex hull, counterclockwise, no corners on straight sides."""
+    ordered = sorted(set(points))
+    if len(ordered) < 3:
+        return tuple(ordered)
+    return (*_half_hull(ordered), *_half_hull(ordered[::-1]))
+
+
+def regular_polygon(radius_m: float, count: int) -> tuple[Corner, ...]:
+    """Return the regular polygon around a circle about the origin.
+
+    Args:
+        radius_m: Radius of the circle, which every side touches.
+        count: Number of sides. If it is even, two of them lie across x.
+    """
+    step = 2.0 * math.pi / count
+    reach = radius_m / math.cos(0.5 * step)
+    angles = [(k + 0.5) * step for k in range(count)]
+    return tuple((reach * math.cos(angle), reach * math.sin(angle)) for angle in angles)
+
+
+def offset(corners: Sequence[Corner], distance_m: float) -> tuple[Corner, ...]:
+    """Return a convex polygon with each side moved outward.
+
+    Args:
+        corners: Counterclockwise corners of the polygon.
+        distance_m: How far; half the sides of a rectangle grow by as much.
+    """
+    # A side that is moved outward keeps its normal; the new corner is where neighboring
+    # sides meet.
+    sides = [HalfPlane.of_side(*side).grow(distance_m) for side in _sides(corners)]
+    return tuple(
+        previous.intersect(side)
+        for previous, side in zip((sides[-1], *sides), sides, strict=False)
+    )
 
 
 def nearest_side_m(corners: Sequence[Corner]) -> float:
-    """Return the distance of base_link from the nearest side of a convex outline, below 0 outside it."""
-    points = [(float(x), float(y)) for x, y in corners]
-    return min(_side(a, b)[2] for a, b in pairwise((*points, points[0])))
+    """Return the distance of the origin from the nearest side of a convex polygon.
+
+    It is below 0 outside of the polygon.
+    """
+    return min(HalfPlane.of_side(*side).distance for side in _sides(corners))
 
 
-def _chain(ordered: Sequence[Corner]) -> list[Corner]:
-    """Return one side of the hull without its last corner."""
-    kept: list[Corner] = []
+def _sides(corners: Sequence[Corner]) -> Iterator[tuple[Corner, Corner]]:
+    """Return the sides of a polygon, each by its first and last corner."""
+    return pairwise((*corners, corners[0]))
+
+
+def _half_hull(ordered: Sequence[Corner]) -> list[Corner]:
+    """Return one side of the hull of ordered points, without its last corner."""
+    corners: list[Corner] = []
     for point in ordered:
-        while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= 0.0:
-            kept.pop()
-        kept.append(point)
-    return kept[:-1]
+        # Corners that turn right or go straight on lie inside the hull.
+        while len(corners) > 1 and _turn(corners[-2], corners[-1], point) <= 0.0:
+            corners.pop()
+        corners.append(point)
+    return corners[:-1]
 
 
 def _turn(a: Corner, b: Corner, c: Corner) -> float:
     """Return twice the area of a triangle, positive if it turns left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def _side(a: Corner, b: Corner) -> tuple[float, float, float]:
-    """Return the outward normal of a side and its distance from the origin along it."""
-    length = math.dist(a, b)
-    x, y = (b[1] - a[1]) / length, (a[0] - b[0]) / length
-    return x, y, x * a[0] + y * a[1]

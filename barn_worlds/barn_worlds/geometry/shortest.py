@@ -1,14 +1,17 @@
-"""The shortest way of a disc among equal upright cylinders, bounded from below.
+"""The shortest path of a disc among equal upright cylinders, bounded from below.
 
-A disc that keeps clear of cylinders moves as a point among discs that have both radii. The way found here is never
-longer than the shortest one of such a point:
+A disc that keeps clear of cylinders moves as a point among discs that have both radii.
+The path of this module is never longer than the shortest one of that point:
 
-1. Each disc of radius r contains a regular polygon with corners on its circle. A shortest way among the polygons, which
-   are smaller, is at most as long, goes straight from corner to corner, and touches the polygon at each.
-2. Each polygon contains the disc of radius r cos(pi / corners). Two corners see each other where the segment between
-   them keeps clear of these, which is so for all that see each other among the polygons, and perhaps for more.
+1. Each disc of radius r contains a regular polygon with corners on its circle. The
+   polygons are smaller, so a shortest path among them is at most as long. It goes
+   straight from corner to corner, and touches the polygon at each.
+2. Each polygon contains the disc of radius r cos(pi / corners). Two corners see each
+   other where the segment between them keeps clear of these discs. All pairs that see
+   each other among the polygons do so, and perhaps more.
 
-So the shortest way over what sees each other is at most the shortest among the polygons, and that the true one.
+So the shortest path over pairs that see each other is at most as long as the shortest
+among the polygons, and that one at most as long as the true one.
 """
 
 import math
@@ -18,111 +21,140 @@ from numba import njit
 
 from barn_worlds.base.arrays import Floats
 
-CORNERS = 32  # of a polygon, whose inner radius is then 0.5 % less than the disc's
-MOST_CYLINDERS = 2000  # that are searched among, in a second or two; the straight line is a bound, too
+# Of a polygon, whose inner radius is then 0.5 % less than the disc's.
+CORNERS = 32
+# Searched in a second or two; among more, the straight line is the bound.
+MOST_CYLINDERS = 2000
+_INNER_SHARE = math.cos(math.pi / CORNERS)
 _TOUCHING = math.sin(math.pi / CORNERS)
 _ROUNDING = 1e-9
 
 
-def shortest_way_m(
-    start: Floats, goal: Floats, centres: Floats, radius_m: float
+def shortest_path_bound_m(
+    start: Floats, goal: Floats, centers: Floats, radius_m: float
 ) -> float:
-    """Return a lower bound of the length in m of any way from start to goal (2,) that enters no disc.
+    """Return a lower bound of the length in m of any path that enters no disc.
 
-    centres (n, 2): of the discs. radius_m: of each, the moving disc's and the cylinder's together. The bound is at
-    least the straight line; that line where there is no way at all or there are more than `MOST_CYLINDERS` discs.
+    Args:
+        start: Where the path begins, (2,).
+        goal: Where it ends, (2,).
+        centers: Of the discs, (n, 2).
+        radius_m: Of each disc: the moving disc's and the cylinder's together.
+
+    Returns:
+        The bound, at least the straight line. It is that line where there is no path at
+        all, or more than `MOST_CYLINDERS` discs.
     """
     straight_m = math.hypot(goal[0] - start[0], goal[1] - start[1])
-    if not 0 < len(centres) <= MOST_CYLINDERS:
+    if not 0 < len(centers) <= MOST_CYLINDERS:
         return straight_m
-    corners, outward = _corners(np.ascontiguousarray(centres), radius_m)
+
+    centers = np.ascontiguousarray(centers)
+    corners, outward = _visible_corners(centers, radius_m)
     points = np.concatenate((corners, np.stack((start, goal))))
-    found = _search(
-        points,
-        outward,
-        np.ascontiguousarray(centres),
-        radius_m * math.cos(math.pi / CORNERS),
-    )
-    return max(float(found), straight_m) if math.isfinite(found) else straight_m
+    length_m = float(_search(points, outward, centers, radius_m * _INNER_SHARE))
+    return max(length_m, straight_m) if math.isfinite(length_m) else straight_m
 
 
 @njit(cache=True)
-def _corners(centres: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Return the corners (n, 2) of the polygons that lie in no disc seen, and their directions (n, 2) from centres."""
-    most = len(centres) * CORNERS + 1
-    corners, outward = np.empty((most, 2)), np.empty((most, 2))
-    inner = radius * math.cos(math.pi / CORNERS) - _ROUNDING
+def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
+    """Return the corners (n, 2) outside all inner discs, and directions (n, 2)."""
+    capacity = len(centers) * CORNERS + 1
+    corners = np.empty((capacity, 2))
+    outward = np.empty((capacity, 2))
+    inner_radius = radius * _INNER_SHARE - _ROUNDING
     count = 0
-    for i in range(len(centres)):
-        near = centres[
-            np.hypot(centres[:, 0] - centres[i, 0], centres[:, 1] - centres[i, 1])
-            < 2.0 * radius
-        ]
+    for i in range(len(centers)):
+        dx = centers[:, 0] - centers[i, 0]
+        dy = centers[:, 1] - centers[i, 1]
+        # Only these can cover a corner.
+        neighbors = centers[np.hypot(dx, dy) < 2.0 * radius]
         for k in range(CORNERS):
             angle = 2.0 * math.pi * k / CORNERS
-            outward[count, 0], outward[count, 1] = math.cos(angle), math.sin(angle)
-            corners[count] = centres[i] + radius * outward[count]
-            if _sees(corners[count], corners[count], near, inner):
+            outward[count, 0] = math.cos(angle)
+            outward[count, 1] = math.sin(angle)
+            corners[count] = centers[i] + radius * outward[count]
+            if _sees(corners[count], corners[count], neighbors, inner_radius):
                 count += 1
     return corners[:count], outward[:count]
 
 
 @njit(cache=True)
-def _sees(a: Floats, b: Floats, centres: Floats, radius: float) -> bool:
+def _sees(a: Floats, b: Floats, centers: Floats, radius: float) -> bool:
     """Tell whether the segment from a to b (2,) enters no disc."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
+    dx = b[0] - a[0]
+    dy = b[1] - a[1]
+    # The bound makes a segment of length 0 a point.
     square = max(dx * dx + dy * dy, 1e-300)
-    for i in range(len(centres)):
-        px, py = centres[i, 0] - a[0], centres[i, 1] - a[1]
+    for i in range(len(centers)):
+        px = centers[i, 0] - a[0]
+        py = centers[i, 1] - a[1]
         along = max(0.0, min(1.0, (px * dx + py * dy) / square))
-        off_x, off_y = px - along * dx, py - along * dy
-        if off_x * off_x + off_y * off_y < radius * radius:
+        offset_x = px - along * dx
+        offset_y = py - along * dy
+        if offset_x * offset_x + offset_y * offset_y < radius * radius:
             return False
     return True
 
 
 @njit(cache=True)
-def _search(points: Floats, outward: Floats, centres: Floats, radius: float) -> float:
-    """Return the length of the shortest way over points from the last but one to the last, inf where there is none.
+def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> float:
+    """Return the length of the shortest path over points, inf where there is none.
 
-    A* with the straight line to the goal. outward: directions of the corners, which are the first points.
+    It leads from the last but one point to the last, by A* with the straight line to
+    the goal as the heuristic.
+
+    Args:
+        points: Corners of polygons, then start and goal, (n + 2, 2).
+        outward: Directions (n, 2) of the corners from their centers.
+        centers: Of the discs, (m, 2).
+        radius: Of the inner discs, which block sight.
     """
     goal = len(points) - 1
-    cost, left = np.full(len(points), np.inf), np.empty(len(points))
+    remaining = np.empty(len(points))
     for i in range(len(points)):
-        left[i] = math.hypot(
-            points[goal, 0] - points[i, 0], points[goal, 1] - points[i, 1]
-        )
+        dx = points[goal, 0] - points[i, 0]
+        dy = points[goal, 1] - points[i, 1]
+        remaining[i] = math.hypot(dx, dy)
+
+    cost = np.full(len(points), np.inf)
     done = np.zeros(len(points), np.bool_)
     cost[goal - 1] = 0.0
     while True:
-        here = 0
+        # Nearly all pairs are looked at anyway, so a heap would not help.
+        current = 0
         for i in range(len(points)):
-            if not done[i] and (
-                done[here] or cost[i] + left[i] < cost[here] + left[here]
-            ):
-                here = i
-        if done[here] or not math.isfinite(cost[here]) or here == goal:
+            total = cost[i] + remaining[i]
+            is_better = total < cost[current] + remaining[current]
+            if not done[i] and (done[current] or is_better):
+                current = i
+        if done[current] or not math.isfinite(cost[current]) or current == goal:
             return float(cost[goal])
-        done[here] = True
+        done[current] = True
+
         for i in range(len(points)):
-            dx, dy = points[i, 0] - points[here, 0], points[i, 1] - points[here, 1]
+            dx = points[i, 0] - points[current, 0]
+            dy = points[i, 1] - points[current, 1]
             length = math.hypot(dx, dy)
-            if done[i] or length == 0.0 or cost[here] + length >= cost[i]:
+            if done[i] or length == 0.0 or cost[current] + length >= cost[i]:
                 continue
-            touches = _touches(outward, here, dx, dy, length) and _touches(
+            touches = _touches(outward, current, dx, dy, length) and _touches(
                 outward, i, dx, dy, length
             )
-            if touches and _sees(points[here], points[i], centres, radius - _ROUNDING):
-                cost[i] = cost[here] + length
+            if touches and _sees(
+                points[current], points[i], centers, radius - _ROUNDING
+            ):
+                cost[i] = cost[current] + length
 
 
 @njit(cache=True)
 def _touches(outward: Floats, point: int, dx: float, dy: float, length: float) -> bool:
-    """Tell whether a leg touches the polygon at a corner: it lies within half the corner's angle of the tangent."""
-    if point >= len(outward):  # start or goal
+    """Tell whether a leg touches the polygon at a corner.
+
+    It does if it lies within half the corner's angle of the tangent. Start and goal,
+    which have no direction, are touched by every leg.
+    """
+    if point >= len(outward):
         return True
-    return bool(
-        abs(dx * outward[point, 0] + dy * outward[point, 1])
-        <= (_TOUCHING + _ROUNDING) * length
-    )
+    radial = abs(dx * outward[point, 0] + dy * outward[point, 1])
+    return bool(radial <= (_TOUCHING + _ROUNDING) * length)

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 as bytes, without ROS: the suite's topics, and its types to and from messages.
+"""Messages of ROS 2 as bytes, without ROS: the suite's topics, encoders and decoders.
 
-Nodes publish, and direct trials record, the same bytes because both come from here.
+Nodes publish the same bytes that direct trials record, because both come from here.
 """

@@ -1,7 +1,8 @@
-"""Serialised messages: the message types of Jazzy, and templates whose varying fields are written in place.
+"""Serialized messages: types of ROS 2 Jazzy, and templates that are filled in place.
 
-Serialising a message from objects takes longer than the control cycle that it tells of. The messages of a trial
-differ in a few numbers only, so each kind is serialised once and then only these numbers are written in place.
+Serializing a message from objects takes longer than a control cycle. The messages of a
+trial differ in a few numbers only. So each kind is serialized once, and only these
+numbers are written into its bytes afterwards.
 """
 
 import struct
@@ -14,9 +15,10 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts after them
+# In front of every CDR message. Alignment counts from its end.
+ENCAPSULATION_BYTES = 4
 Message: TypeAlias = Any  # of the class that rosbags makes of its type
-_SMALL = {
+_FORMATS = {
     "bool": "?",
     "byte": "B",
     "char": "B",
@@ -24,9 +26,6 @@ _SMALL = {
     "uint8": "B",
     "int16": "h",
     "uint16": "H",
-}
-_FORMATS = {
-    **_SMALL,
     "int32": "i",
     "uint32": "I",
     "int64": "q",
@@ -42,128 +41,182 @@ def jazzy_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def make(type_name: str, **fields: object) -> Message:
-    """Return a message of a type such as "geometry_msgs/msg/Twist": the fields given, all others zero or empty."""
+def make_message(type_name: str, **fields: object) -> Message:
+    """Return a message as an object.
+
+    Args:
+        type_name: Type, such as "geometry_msgs/msg/Twist".
+        fields: Values by field name. All other fields are zero or empty.
+
+    Raises:
+        KeyError: If the type has no such field.
+    """
     types = jazzy_types()
     values = {name: _default(kind) for name, kind in types.fielddefs[type_name][1]}
-    unknown = sorted(set(fields) - set(values))
-    if unknown:
-        raise KeyError(f"{type_name} has no field {unknown[0]!r}")
+    for name in fields:
+        if name not in values:
+            raise KeyError(f"{type_name} has no field {name!r}")
     return types.types[type_name](**(values | fields))
 
 
-def serialise(message: Message) -> bytes:
-    """Return the bytes of a message made by `make`, little-endian CDR as Fast DDS writes it."""
+def serialize(message: Message) -> bytes:
+    """Return a message as little-endian CDR, byte by byte as Fast DDS writes it."""
     return bytes(jazzy_types().serialize_cdr(message, message.__msgtype__))
 
 
-def deserialise(data: bytes, type_name: str) -> Message:
-    """Return the message that the bytes hold."""
+def deserialize(data: bytes, type_name: str) -> Message:
+    """Return a serialized message as an object.
+
+    Args:
+        data: CDR with its encapsulation header.
+        type_name: Type, such as "geometry_msgs/msg/Twist".
+    """
     return jazzy_types().deserialize_cdr(data, type_name)
 
 
 class Slot(NamedTuple):
-    """The position of a field in a serialised message: offset in bytes, struct format without alignment."""
+    """Where a field lies in a serialized message."""
 
     offset: int
+    """Bytes from the beginning of the message."""
+
     format: str
+    """Format of `struct`, without alignment."""
+
+    @property
+    def end(self) -> int:
+        """Offset of the first byte behind the field."""
+        return self.offset + struct.calcsize("<" + self.format)
 
 
-def layout(message: Message) -> dict[str, Slot]:
-    """Return the slot of every field of a message that holds numbers, by dotted name.
+def find_slots(message: Message) -> dict[str, Slot]:
+    """Return the slot of every field with numbers, by dotted name.
 
-    A field of numbers in an array or sequence is one slot of bytes; elements of other sequences are "name.0", "name.1".
-    Texts have none. Offsets are valid for all messages of the same type with equal texts and sequence lengths.
+    An array or sequence of numbers is one slot of bytes. The items of other sequences
+    are "name.0", "name.1". The slots are valid for all messages of the type whose texts
+    and sequences have the same lengths.
     """
-    slots: dict[str, Slot] = {}
-    at = 0
-
-    def take(size: int, count: int = 1) -> int:
-        """Align to a primitive of that size, step over `count` of them and return where they begin."""
-        nonlocal at
-        begin = at + (-at % size if count else 0)
-        at = begin + size * count
-        return begin + ENCAPSULATION_BYTES
-
-    def walk(value: Any, kind: Any, name: str) -> None:
-        node, about = kind
-        if node == Nodetype.NAME:
-            for inner, its_kind in jazzy_types().fielddefs[about][1]:
-                walk(
-                    getattr(value, inner),
-                    its_kind,
-                    f"{name}.{inner}" if name else inner,
-                )
-        elif node == Nodetype.BASE and about[0] == "string":
-            take(4)
-            take(1, len(value.encode()) + 1)
-        elif node == Nodetype.BASE:
-            form = _FORMATS[about[0]]
-            slots[name] = Slot(take(struct.calcsize(form)), form)
-        else:
-            if node == Nodetype.SEQUENCE:
-                take(4)
-            if (number := _number(about[0])) is not None:
-                size = struct.calcsize(number)
-                slots[name] = Slot(take(size, len(value)), f"{size * len(value)}s")
-                return
-            for index, one in enumerate(value):
-                walk(one, about[0], f"{name}.{index}")
-
-    walk(message, (Nodetype.NAME, message.__msgtype__), "")
-    return slots
-
-
-def _number(kind: Any) -> str | None:
-    """Return the format of a kind of numbers, None for any other kind."""
-    return _FORMATS.get(kind[1][0]) if kind[0] == Nodetype.BASE else None
+    finder = _SlotFinder()
+    finder.visit(message, (Nodetype.NAME, message.__msgtype__), "")
+    return finder.slots
 
 
 class Template:
-    """The bytes of a message in which some fields vary.
+    """The bytes of a message in which some fields vary."""
 
-    fields: dotted names in the order in which `fill` takes their values; arrays are given as bytes.
-    """
+    type_name: str
 
     def __init__(self, message: Message, fields: Sequence[str]) -> None:
-        slots = layout(message)
-        self.type_name: str = message.__msgtype__
-        self._data = bytearray(serialise(message))
+        """Serialize a message.
+
+        Args:
+            message: Message with the values of all fields that stay the same.
+            fields: Dotted names of the other fields, in the order of `fill`.
+        """
+        self.type_name = message.__msgtype__
+        self._data = bytearray(serialize(message))
+
+        # Fields that lie side by side are packed at once.
+        slots = find_slots(message)
+        runs: list[list[Slot]] = []
+        for name in fields:
+            slot = slots[name]
+            if runs and runs[-1][-1].end == slot.offset:
+                runs[-1].append(slot)
+            else:
+                runs.append([slot])
+
         self._parts: list[tuple[Callable[..., None], int, slice]] = []
-        group, first = list[Slot](), 0
-        for index, slot in enumerate([*(slots[name] for name in fields), None]):
-            joined = (
-                group
-                and slot
-                and group[-1].offset + struct.calcsize("<" + group[-1].format)
-                == slot.offset
-            )
-            if group and not joined:
-                packer = struct.Struct("<" + "".join(item.format for item in group))
-                self._parts.append(
-                    (packer.pack_into, group[0].offset, slice(first, index))
-                )
-                group, first = [], index
-            if slot:
-                group.append(slot)
+        first = 0
+        for run in runs:
+            packer = struct.Struct("<" + "".join(slot.format for slot in run))
+            values = slice(first, first + len(run))
+            self._parts.append((packer.pack_into, run[0].offset, values))
+            first += len(run)
 
     def fill(self, *values: object) -> bytes:
-        """Return the message with these values of the varying fields."""
+        """Return the message with values of the varying fields; arrays are bytes."""
         data = self._data
         for pack_into, offset, part in self._parts:
             pack_into(data, offset, *values[part])
         return bytes(data)
 
 
+class _SlotFinder:
+    """Walks over a message in the order of its bytes."""
+
+    def __init__(self) -> None:
+        self.slots: dict[str, Slot] = {}
+        self._position = 0
+
+    def visit(self, value: Any, kind: Any, name: str) -> None:
+        """Add the slots of a value.
+
+        Args:
+            value: Message, text, number or sequence.
+            kind: Its type as rosbags describes it: a node type and its details.
+            name: Dotted name of the field, empty for the whole message.
+        """
+        node, detail = kind
+        number = _number_format(kind)
+        if number is not None:
+            self.slots[name] = Slot(self._reserve(struct.calcsize(number)), number)
+        elif node == Nodetype.NAME:
+            for field, field_kind in jazzy_types().fielddefs[detail][1]:
+                field_name = f"{name}.{field}" if name else field
+                self.visit(getattr(value, field), field_kind, field_name)
+        elif node == Nodetype.BASE:
+            # A text is its length, its bytes and a zero.
+            self._reserve(4)
+            self._reserve(1, len(value.encode()) + 1)
+        else:
+            # Only a sequence has its length in front of its items.
+            if node == Nodetype.SEQUENCE:
+                self._reserve(4)
+            item_kind = detail[0]
+            number = _number_format(item_kind)
+            if number is None:
+                for index, item in enumerate(value):
+                    self.visit(item, item_kind, f"{name}.{index}")
+                return
+            size = struct.calcsize(number)
+            offset = self._reserve(size, len(value))
+            self.slots[name] = Slot(offset, f"{size * len(value)}s")
+
+    def _reserve(self, size: int, count: int = 1) -> int:
+        """Step over numbers of one size, aligned to it, and return where they begin."""
+        # An empty sequence has no padding.
+        begin = self._position
+        if count:
+            begin += -begin % size
+        self._position = begin + size * count
+        return begin + ENCAPSULATION_BYTES
+
+
+def _number_format(kind: Any) -> str | None:
+    """Return the `struct` format of a kind of numbers, None for any other kind."""
+    node, detail = kind
+    return _FORMATS.get(detail[0]) if node == Nodetype.BASE else None
+
+
 def _default(kind: Any) -> Any:
-    node, about = kind
+    """Return the zero or empty value of a kind of field."""
+    node, detail = kind
     if node == Nodetype.NAME:
-        return make(about)
+        return make_message(detail)
     if node == Nodetype.BASE:
-        return {"string": "", "bool": False}.get(
-            about[0], 0.0 if about[0].startswith("float") else 0
-        )
-    element, length = about
-    if (form := _number(element)) is not None:
-        return np.zeros(length if node == Nodetype.ARRAY else 0, np.dtype("<" + form))
-    return [_default(element) for _ in range(length)] if node == Nodetype.ARRAY else []
+        type_name = detail[0]
+        if type_name == "string":
+            return ""
+        if type_name == "bool":
+            return False
+        return 0.0 if type_name.startswith("float") else 0
+
+    # An array has its length in its type, a sequence begins empty.
+    item_kind, length = detail
+    if node == Nodetype.SEQUENCE:
+        length = 0
+    number = _number_format(item_kind)
+    if number is not None:
+        return np.zeros(length, np.dtype("<" + number))
+    return [_default(item_kind) for _ in range(length)]

@@ -1,4 +1,7 @@
-"""The suite's types as serialised messages. An encoder keeps the bytes of its last message and writes what changes."""
+"""The types of the suite as serialized messages.
+
+An encoder keeps the bytes of its last message and writes only what changes.
+"""
 
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -9,7 +12,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     OccupancyMap,
     Odometry,
     Pose2D,
@@ -17,180 +20,233 @@ from barn_worlds.base.types import (
     Velocity2D,
     quaternion_from_yaw,
 )
-from barn_worlds.messages.cdr import Message, Template, layout, make, serialise
+from barn_worlds.messages.cdr import (
+    Message,
+    Template,
+    find_slots,
+    make_message,
+    serialize,
+)
 
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
-FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
-# Constants of visualization_msgs/Marker: types and actions.
-CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT_VIEW_FACING = 1, 2, 3, 4, 5, 9
-ADD, DELETE_ALL = 0, 3
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # in front of every message; those without texts and lengths are packed at once
+FINE, WARNING, ERROR = range(3)  # levels of diagnostic_msgs/DiagnosticStatus
+# Types and actions of visualization_msgs/Marker.
+CUBE = 1
+SPHERE = 2
+CYLINDER = 3
+LINE_STRIP = 4
+LINE_LIST = 5
+TEXT_VIEW_FACING = 9
+ADD = 0
+DELETE_ALL = 3
+# Encapsulation of every message. Those without texts and lengths are packed at once.
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
 T = TypeVar("T")
 
 
 class Encoder(Generic[T]):
-    """Messages of one type with a header; their frames, other texts and lengths are always the same.
-
-    message: one of them. fields: dotted names of what varies beside the stamp. values: gives these of a content.
-    """
+    """Encodes messages of one type with a header; texts and lengths never vary."""
 
     def __init__(
         self,
-        message: Message,
+        type_name: str,
+        frame: str,
         fields: Iterable[str],
         values: Callable[[T], Iterable[Any]],
+        **constants: object,
     ) -> None:
-        self.type_name: str = message.__msgtype__
+        """Serialize a message.
+
+        Args:
+            type_name: Type, such as "nav_msgs/msg/Odometry".
+            frame: Frame of the header.
+            fields: Dotted names of what varies beside the stamp.
+            values: Returns the values of these fields for a content.
+            constants: Values of further fields, which never vary.
+        """
+        message = make_message(type_name, header=make_header(frame), **constants)
+        self.type_name = type_name
         self._fill = Template(message, [*STAMP_FIELDS, *fields]).fill
         self._values = values
 
     def encode(self, content: T, stamp_ns: int) -> bytes:
-        """Return the message."""
-        return self._fill(*divmod(stamp_ns, NANOSECONDS), *self._values(content))
+        """Return the message.
+
+        Args:
+            content: What the message is about. A stamp in it is not used.
+            stamp_ns: Stamp of the header.
+        """
+        stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+        return self._fill(*stamp, *self._values(content))
 
 
 class OdometryEncoder(Encoder[Odometry]):
-    """nav_msgs/Odometry; the stamp is the one given with it."""
+    """Encodes nav_msgs/Odometry."""
 
     def __init__(self, frame: str, child_frame: str) -> None:
-        message = make(
-            "nav_msgs/msg/Odometry", header=header(frame), child_frame_id=child_frame
-        )
-        fields = (
-            *_pose_fields("pose.pose"),
-            "twist.twist.linear.x",
-            "twist.twist.angular.z",
-        )
+        fields = _pose_fields("pose.pose")
+        fields += ["twist.twist.linear.x", "twist.twist.angular.z"]
         super().__init__(
-            message,
+            "nav_msgs/msg/Odometry",
+            frame,
             fields,
-            lambda it: (
-                *_pose_values(it.pose),
-                it.velocity.linear,
-                it.velocity.angular,
+            lambda content: (
+                *_pose_values(content.pose),
+                content.velocity.linear,
+                content.velocity.angular,
             ),
+            child_frame_id=child_frame,
         )
 
 
 class PoseWithCovarianceEncoder(Encoder[Pose2D]):
-    """geometry_msgs/PoseWithCovarianceStamped with fixed variances of x, y (m2) and yaw (rad2)."""
+    """Encodes geometry_msgs/PoseWithCovarianceStamped.
+
+    Its variances of x, y (m2) and yaw (rad2) are fixed.
+    """
 
     def __init__(
         self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
-        message = make(
-            "geometry_msgs/msg/PoseWithCovarianceStamped", header=header(frame)
+        pose = make_message("geometry_msgs/msg/PoseWithCovariance")
+        # The diagonal of the 6 x 6 matrix of x, y, z, roll, pitch, yaw.
+        pose.covariance[[0, 7, 35]] = variances
+        super().__init__(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            frame,
+            _pose_fields("pose.pose"),
+            _pose_values,
+            pose=pose,
         )
-        message.pose.covariance[[0, 7, 35]] = variances
-        super().__init__(message, _pose_fields("pose.pose"), _pose_values)
 
 
 class PoseStampedEncoder(Encoder[Pose2D]):
-    """geometry_msgs/PoseStamped."""
+    """Encodes geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make("geometry_msgs/msg/PoseStamped", header=header(frame))
-        super().__init__(message, _pose_fields("pose"), _pose_values)
+        fields = _pose_fields("pose")
+        super().__init__("geometry_msgs/msg/PoseStamped", frame, fields, _pose_values)
 
 
 class ScanEncoder(Encoder[Scan]):
-    """sensor_msgs/LaserScan of a fixed number of beams; the stamp is the one given with it."""
+    """Encodes sensor_msgs/LaserScan with the beams and limits of a first scan."""
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
-        names = ("angle_min", "angle_increment", "range_min", "range_max")
-        message = make(
+        beams = len(first.ranges)
+        super().__init__(
             "sensor_msgs/msg/LaserScan",
-            header=header(frame),
-            **{one: getattr(first, one) for one in names},
+            frame,
+            ["ranges"],
+            lambda scan: (scan.ranges.tobytes(),),
+            angle_min=first.angle_min,
+            angle_max=first.angle_min + first.angle_increment * (beams - 1),
+            angle_increment=first.angle_increment,
+            scan_time=period_s,
+            range_min=first.range_min,
+            range_max=first.range_max,
+            ranges=np.zeros(beams, np.float32),
         )
-        message.angle_max = first.angle_min + first.angle_increment * (
-            len(first.ranges) - 1
-        )
-        message.scan_time, message.ranges = (
-            period_s,
-            np.zeros(len(first.ranges), np.float32),
-        )
-        super().__init__(message, ["ranges"], lambda scan: (scan.ranges.tobytes(),))
 
 
 class TwistStampedEncoder(Encoder[Velocity2D]):
-    """geometry_msgs/TwistStamped."""
+    """Encodes geometry_msgs/TwistStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make("geometry_msgs/msg/TwistStamped", header=header(frame))
-        fields = ("twist.linear.x", "twist.angular.z")
         super().__init__(
-            message, fields, lambda velocity: (velocity.linear, velocity.angular)
+            "geometry_msgs/msg/TwistStamped",
+            frame,
+            ["twist.linear.x", "twist.angular.z"],
+            lambda twist: (twist.linear, twist.angular),
         )
 
 
 class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
-    """sensor_msgs/JointState of positions (rad) and velocities (rad/s) in the order of a fixed list of joints."""
+    """Encodes sensor_msgs/JointState of a fixed list of joints.
+
+    The content is positions (rad) and velocities (rad/s) in the order of the list.
+    """
 
     def __init__(self, names: Sequence[str]) -> None:
-        fields, rest = ("position", "velocity"), np.zeros(len(names))
-        message = make(
-            "sensor_msgs/msg/JointState",
-            header=header(""),
-            name=list(names),
-            position=rest,
-            velocity=rest,
-        )
+        zeros = np.zeros(len(names))
         super().__init__(
-            message,
-            fields,
-            lambda both: [np.asarray(one, np.float64).tobytes() for one in both],
+            "sensor_msgs/msg/JointState",
+            "",
+            ["position", "velocity"],
+            lambda columns: [np.asarray(x, np.float64).tobytes() for x in columns],
+            name=list(names),
+            position=zeros,
+            velocity=zeros,
         )
 
 
 class TransformEncoder:
-    """tf2_msgs/TFMessage with one planar transform for each (frame, child frame)."""
+    """Encodes tf2_msgs/TFMessage with a planar transform for each pair of frames."""
 
     type_name = "tf2_msgs/msg/TFMessage"
 
     def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
-        parts = ("translation.x", "translation.y", "rotation.z", "rotation.w")
-        varying = (*STAMP_FIELDS, *(f"transform.{name}" for name in parts))
-        fields = [
-            f"transforms.{index}.{name}"
-            for index in range(len(frames))
-            for name in varying
-        ]
-        self._template = Template(
-            make(self.type_name, transforms=[_transform(*pair) for pair in frames]),
-            fields,
+        """Serialize a message.
+
+        Args:
+            frames: Pairs of a frame and its child frame.
+        """
+        transforms = [_make_transform(frame, child) for frame, child in frames]
+        varying = (
+            *STAMP_FIELDS,
+            "transform.translation.x",
+            "transform.translation.y",
+            "transform.rotation.z",
+            "transform.rotation.w",
         )
+        fields = []
+        for index in range(len(frames)):
+            fields += [f"transforms.{index}.{name}" for name in varying]
+        message = make_message(self.type_name, transforms=transforms)
+        self._template = Template(message, fields)
 
     def encode(self, poses: Sequence[Pose2D], stamp_ns: int) -> bytes:
-        """Return the message, given the pose of each child frame in its frame."""
-        stamp = divmod(stamp_ns, NANOSECONDS)
-        return self._template.fill(
-            *(value for pose in poses for value in (*stamp, *_pose_values(pose)))
-        )
+        """Return the message.
+
+        Args:
+            poses: Pose of each child frame in its frame, in the order of the pairs.
+            stamp_ns: Stamp of all transforms.
+        """
+        stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+        values: list[float] = []
+        for pose in poses:
+            values += stamp
+            values += _pose_values(pose)
+        return self._template.fill(*values)
 
 
 class PathEncoder:
-    """nav_msgs/Path of any number of poses.
+    """Encodes nav_msgs/Path of any number of poses.
 
-    Between the numbers of one pose and those of the next, all poses of a message have the same bytes. So one row of
-    bytes is repeated, and the numbers are written into it.
+    From the numbers of one pose to those of the next, all poses of a message have the
+    same bytes. So the encoder repeats one row of bytes and writes the numbers into it.
     """
 
     type_name = "nav_msgs/msg/Path"
 
     def __init__(self, frame: str) -> None:
-        pose = make("geometry_msgs/msg/PoseStamped", header=header(frame))
+        pose = make_message("geometry_msgs/msg/PoseStamped", header=make_header(frame))
         pose.pose.orientation.w = 1.0
-        empty, two = (
-            make(self.type_name, header=header(frame), poses=[pose] * count)
-            for count in (0, 2)
+        empty = make_message(self.type_name, header=make_header(frame))
+        sample = make_message(
+            self.type_name, header=make_header(frame), poses=[pose, pose]
         )
-        self._empty, slots, data = len(serialise(empty)), layout(two), serialise(two)
-        first, second = (
-            slots[f"poses.{index}.pose.position.x"].offset for index in (0, 1)
-        )
-        self._head, self._row = bytearray(data[:first]), bytearray(data[first:second])
+        slots = find_slots(sample)
+        data = serialize(sample)
+        first = slots["poses.0.pose.position.x"].offset
+        second = slots["poses.1.pose.position.x"].offset
+
+        # An empty message ends with the number of poses.
+        self._empty_bytes = len(serialize(empty))
+        # The head ends before the numbers of the first pose. A row is these numbers
+        # and the header of the next pose.
+        self._head = bytearray(data[:first])
+        self._row = bytearray(data[first:second])
         self._head_stamps = (
             slots["header.stamp.sec"].offset,
             slots["poses.0.header.stamp.sec"].offset,
@@ -198,40 +254,53 @@ class PathEncoder:
         self._row_stamp = slots["poses.1.header.stamp.sec"].offset - first
 
     def encode(self, points: Floats, stamp_ns: int) -> bytes:
-        """Return the message; points (n, 2) in metres, or (n, 3) with yaw in radians."""
-        stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
+        """Return the message.
+
+        Args:
+            points: Positions (n, 2) in meters, or (n, 3) with yaw in radians.
+            stamp_ns: Stamp of the path and of all poses.
+        """
+        count = len(points)
+        stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS_PER_SECOND))
         for offset in self._head_stamps:
             self._head[offset : offset + 8] = stamp
-        struct.pack_into("<I", self._head, self._empty - 4, len(points))
-        if not len(points):
-            return bytes(self._head[: self._empty])
+        struct.pack_into("<I", self._head, self._empty_bytes - 4, count)
+        if not count:
+            return bytes(self._head[: self._empty_bytes])
+
         self._row[self._row_stamp : self._row_stamp + 8] = stamp
-        rows = np.tile(np.frombuffer(self._row, np.uint8), (len(points), 1))
+        rows = np.tile(np.frombuffer(self._row, np.uint8), (count, 1))
         rows[:, :16] = np.ascontiguousarray(points[:, :2], np.float64).view(np.uint8)
         if points.shape[1] > 2:
-            turns = np.array(
-                [quaternion_from_yaw(yaw) for yaw in points[:, 2].tolist()]
-            )
+            # z and w are the last two of the seven numbers of a pose.
+            turns = np.array(list(map(quaternion_from_yaw, points[:, 2].tolist())))
             rows[:, 40:_POSE_BYTES] = turns.view(np.uint8)
-        return (
-            bytes(self._head)
-            + rows.tobytes()[: rows.size - len(self._row) + _POSE_BYTES]
-        )
+        # No header follows the last pose.
+        body = rows.tobytes()[: rows.size - len(self._row) + _POSE_BYTES]
+        return bytes(self._head) + body
 
 
 def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
-    """Return nav_msgs/OccupancyGrid: a map or a costmap."""
-    message = make("nav_msgs/msg/OccupancyGrid", header=header(frame, stamp_ns))
-    message.info.map_load_time = message.header.stamp
-    message.info.resolution = grid.resolution
-    message.info.height, message.info.width = grid.data.shape
-    message.info.origin.position.x, message.info.origin.position.y = (
-        grid.origin_x,
-        grid.origin_y,
+    """Return nav_msgs/OccupancyGrid.
+
+    Args:
+        grid: A map or a costmap.
+        stamp_ns: Stamp of the header and of the map.
+        frame: Frame of the origin of the grid.
+    """
+    message = make_message(
+        "nav_msgs/msg/OccupancyGrid",
+        header=make_header(frame, stamp_ns),
+        data=np.ascontiguousarray(grid.data, np.int8).ravel(),
     )
-    message.info.origin.orientation.w = 1.0
-    message.data = np.ascontiguousarray(grid.data, np.int8).ravel()
-    return serialise(message)
+    info = message.info
+    info.map_load_time = message.header.stamp
+    info.resolution = grid.resolution
+    info.height, info.width = grid.data.shape
+    info.origin.position.x = grid.origin_x
+    info.origin.position.y = grid.origin_y
+    info.origin.orientation.w = 1.0
+    return serialize(message)
 
 
 def encode_fixed_transforms(
@@ -239,20 +308,22 @@ def encode_fixed_transforms(
     children: Mapping[str, tuple[float, float, float]],
     yaws: Mapping[str, float] = MappingProxyType({}),
 ) -> bytes:
-    """Return tf2_msgs/TFMessage with fixed frames at (x, y, z) metres in another one.
+    """Return tf2_msgs/TFMessage with fixed frames.
 
-    yaws: those of frames that are turned about z, rad.
+    Args:
+        parent: Frame that the others are fixed in.
+        children: Positions x, y, z in meters by name of the fixed frame.
+        yaws: Rotations about z in radians of the frames that are turned, by name.
     """
     transforms = []
-    for child, xyz in children.items():
-        made = _transform(parent, child)
-        where = made.transform.translation
-        where.x, where.y, where.z = xyz
-        made.transform.rotation.z, made.transform.rotation.w = quaternion_from_yaw(
-            yaws.get(child, 0.0)
-        )
-        transforms.append(made)
-    return serialise(make(TransformEncoder.type_name, transforms=transforms))
+    for child, (x, y, z) in children.items():
+        message = _make_transform(parent, child)
+        message.transform.translation.x = x
+        message.transform.translation.y = y
+        message.transform.translation.z = z
+        _turn(message.transform.rotation, yaws.get(child, 0.0))
+        transforms.append(message)
+    return serialize(make_message(TransformEncoder.type_name, transforms=transforms))
 
 
 def encode_diagnostics(
@@ -263,31 +334,39 @@ def encode_diagnostics(
     values: Mapping[str, str],
     hardware_id: str = "",
 ) -> bytes:
-    """Return diagnostic_msgs/DiagnosticArray with one status; level: FINE, WARNING or ERROR."""
-    pairs = [
-        make("diagnostic_msgs/msg/KeyValue", key=key, value=value)
-        for key, value in values.items()
-    ]
-    about = {
-        "level": level,
-        "name": name,
-        "message": message,
-        "hardware_id": hardware_id,
-        "values": pairs,
-    }
-    status = make("diagnostic_msgs/msg/DiagnosticStatus", **about)
-    return serialise(
-        make(
-            "diagnostic_msgs/msg/DiagnosticArray",
-            header=header("", stamp_ns),
-            status=[status],
-        )
+    """Return diagnostic_msgs/DiagnosticArray with one status.
+
+    Args:
+        stamp_ns: Stamp of the header.
+        level: `FINE`, `WARNING` or `ERROR`.
+        name: Component that the status is about.
+        message: State of the component in words.
+        values: Further facts, by key.
+        hardware_id: Identifier of a device, for hardware.
+    """
+    status = make_message(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level,
+        name=name,
+        message=message,
+        hardware_id=hardware_id,
+        values=[
+            make_message("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+            for key, value in values.items()
+        ],
     )
+    diagnostics = make_message(
+        "diagnostic_msgs/msg/DiagnosticArray",
+        header=make_header("", stamp_ns),
+        status=[status],
+    )
+    return serialize(diagnostics)
 
 
 def encode_clock(stamp_ns: int) -> bytes:
     """Return rosgraph_msgs/Clock."""
-    return _LITTLE_ENDIAN + struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
+    stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS_PER_SECOND))
+    return _LITTLE_ENDIAN + stamp
 
 
 def encode_twist(velocity: Velocity2D) -> bytes:
@@ -302,57 +381,93 @@ def encode_bool(value: bool) -> bytes:
 
 def encode_text(text: str) -> bytes:
     """Return std_msgs/String."""
-    return serialise(make("std_msgs/msg/String", data=text))
+    return serialize(make_message("std_msgs/msg/String", data=text))
 
 
 def encode_number(value: float) -> bytes:
     """Return std_msgs/Float64."""
-    return serialise(make("std_msgs/msg/Float64", data=value))
+    return serialize(make_message("std_msgs/msg/Float64", data=value))
 
 
-def header(frame: str, stamp_ns: int = 0) -> Message:
-    """Return std_msgs/Header as an object, for a message made by `make`."""
-    made = make("std_msgs/msg/Header", frame_id=frame)
-    made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
-    return made
+def make_header(frame: str, stamp_ns: int = 0) -> Message:
+    """Return std_msgs/Header as an object.
+
+    Args:
+        frame: Frame that the message refers to.
+        stamp_ns: Time that it refers to.
+    """
+    message = make_message("std_msgs/msg/Header", frame_id=frame)
+    sec, nanosec = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+    message.stamp.sec = sec
+    message.stamp.nanosec = nanosec
+    return message
 
 
-def marker(
+def make_marker(
     frame: str,
     namespace: str,
     kind: int = 0,
     *,
     index: int = 0,
     action: int = ADD,
-    colour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    color: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
-    """Return visualization_msgs/Marker as an object; colour: red, green, blue, opacity."""
-    about = {"ns": namespace, "id": index, "type": kind, "action": action}
-    paint = make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", colour, strict=True)))
-    made = make(
+    """Return visualization_msgs/Marker as an object.
+
+    Args:
+        frame: Frame of its pose and points.
+        namespace: Group of markers that it belongs to.
+        kind: Shape, such as `CYLINDER`.
+        index: Number in its namespace. A later marker with it takes its place.
+        action: `ADD` or `DELETE_ALL`.
+        color: Red, green, blue and opacity, from 0 to 1.
+        stamp_ns: Stamp of the header.
+    """
+    red, green, blue, opacity = color
+    message = make_message(
         "visualization_msgs/msg/Marker",
-        header=header(frame, stamp_ns),
-        color=paint,
-        **about,
+        header=make_header(frame, stamp_ns),
+        ns=namespace,
+        id=index,
+        type=kind,
+        action=action,
+        color=make_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=opacity),
     )
-    made.pose.orientation.w = 1.0
-    return made
+    message.pose.orientation.w = 1.0
+    return message
 
 
-def _transform(frame: str, child_frame: str) -> Message:
-    return make(
+def place(pose: Message, x: float, y: float, yaw: float) -> None:
+    """Set the planar part of geometry_msgs/Pose.
+
+    Args:
+        pose: Message that is changed.
+        x: Position in meters.
+        y: Position in meters.
+        yaw: Rotation about z in radians.
+    """
+    pose.position.x = x
+    pose.position.y = y
+    _turn(pose.orientation, yaw)
+
+
+def _turn(quaternion: Message, yaw: float) -> None:
+    quaternion.z, quaternion.w = quaternion_from_yaw(yaw)
+
+
+def _make_transform(frame: str, child_frame: str) -> Message:
+    return make_message(
         "geometry_msgs/msg/TransformStamped",
-        header=header(frame),
+        header=make_header(frame),
         child_frame_id=child_frame,
     )
 
 
 def _pose_fields(pose: str) -> list[str]:
-    return [
-        f"{pose}.{name}"
-        for name in ("position.x", "position.y", "orientation.z", "orientation.w")
-    ]
+    """Return what varies in a planar pose, by its dotted name in the message."""
+    parts = ("position.x", "position.y", "orientation.z", "orientation.w")
+    return [f"{pose}.{part}" for part in parts]
 
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:

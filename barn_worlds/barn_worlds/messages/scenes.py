@@ -1,4 +1,7 @@
-"""What truly stands and moves in a trial, as markers and poses for those who look at its bag, never for a planner."""
+"""What truly stands and moves in a trial, as markers and poses in its bag.
+
+They are for people and pages that look at the bag. A planner never gets them.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -7,18 +10,19 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import MessageError
-from barn_worlds.base.types import Pose2D, quaternion_from_yaw, yaw_from_quaternion
+from barn_worlds.base.types import Pose2D, quaternion_from_yaw
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import Message, make, serialise
+from barn_worlds.messages.cdr import Message, make_message, serialize
 from barn_worlds.messages.encode import (
     CUBE,
     CYLINDER,
     LINE_LIST,
     LINE_STRIP,
     SPHERE,
-    header,
-    marker,
+    make_header,
+    make_marker,
+    place,
 )
 from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES, WORLD
 from barn_worlds.moving.motion import MOST_MOVING, MOST_WALLS
@@ -26,27 +30,33 @@ from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
 
 MOST_CYLINDERS = 1_000_000
-Colours = Mapping[str, tuple[float, float, float, float]]
 TRAIL_S = 1.0
 _TRAIL_STEP_S = 0.1
-_LINE_M, _START_M, _DISC_M, _TRAIL_M = 0.02, 0.2, 0.01, 0.05
-_OBSTACLES, _WALLS, _PATH, _START, _GOAL, _TRAILS = (
-    "obstacles",
-    "walls",
-    "path",
-    "start",
-    "goal",
-    "trails",
-)
-# Red, green, blue, opacity by namespace, of what stands and of what moves.
-_STANDING = {
+
+# Sizes of markers in meters.
+_PATH_WIDTH_M = 0.02
+_TRAIL_WIDTH_M = 0.05
+_START_SIZE_M = 0.2
+_DISC_HEIGHT_M = 0.01
+
+# Namespaces of markers.
+_OBSTACLES = "obstacles"
+_WALLS = "walls"
+_PATH = "path"
+_START = "start"
+_GOAL = "goal"
+_TRAILS = "trails"
+
+# Red, green, blue and opacity by namespace.
+Colors = Mapping[str, tuple[float, float, float, float]]
+_STATIC_COLORS = {
     _OBSTACLES: (0.2, 0.22, 0.24, 1.0),
     _WALLS: (0.55, 0.57, 0.6, 1.0),
     _PATH: (0.55, 0.57, 0.6, 0.8),
     _START: (0.0, 0.45, 0.7, 1.0),
     _GOAL: (0.0, 0.62, 0.45, 0.5),
 }
-_MOVING = {
+_MOVING_COLORS = {
     _OBSTACLES: (0.84, 0.37, 0.0, 1.0),
     _TRAILS: (0.84, 0.37, 0.0, 0.6),
     _WALLS: (0.55, 0.57, 0.6, 1.0),
@@ -54,235 +64,270 @@ _MOVING = {
 
 
 def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
-    """Return visualization_msgs/MarkerArray: a cylinder per obstacle, the path, start and goal.
+    """Return visualization_msgs/MarkerArray of what stands still in a trial.
 
-    Every marker keeps its namespace and number, so that a later scene takes the place of an earlier one.
+    Markers keep namespace and number, so a later scene replaces an earlier one.
+
+    Args:
+        scene: Cylinders of the world, path, start and goal.
+        stamp_ns: Stamp of all markers.
     """
-    found = []
-    for name, centres_m in ((_OBSTACLES, scene.obstacles_m), (_WALLS, scene.walls_m)):
-        zeros, boxes = np.zeros(len(centres_m)), np.zeros((len(centres_m), 2))
-        pillars = (
-            np.column_stack([centres_m, zeros]),
+    markers = []
+    for name, centers_m in ((_OBSTACLES, scene.obstacles_m), (_WALLS, scene.walls_m)):
+        zeros = np.zeros(len(centers_m))
+        cylinders = Bodies(
+            np.column_stack([centers_m, zeros]),
             zeros + scene.radius_m,
-            boxes,
+            np.zeros((len(centers_m), 2)),
             zeros + scene.height_m,
         )
-        found += _solid(_STANDING, name, Bodies(*pillars), stamp_ns)
+        markers += _body_markers(_STATIC_COLORS, name, cylinders, stamp_ns)
+
     if len(scene.path_m):
-        found.append(
-            _line(_STANDING, _PATH, LINE_STRIP, _LINE_M, scene.path_m, stamp_ns)
-        )
-    ends = (
-        (_START, SPHERE, scene.start, _START_M),
-        (_GOAL, CYLINDER, scene.goal, 2.0 * scene.goal_distance_m),
-    )
-    for name, kind, pose, size_m in ends:
+        path = _make_marker(_STATIC_COLORS, _PATH, LINE_STRIP, stamp_ns)
+        _add_points(path, _PATH_WIDTH_M, scene.path_m)
+        markers.append(path)
+
+    goal_size_m = 2.0 * scene.goal_distance_m
+    for name, kind, pose, size_m in (
+        (_START, SPHERE, scene.start, _START_SIZE_M),
+        (_GOAL, CYLINDER, scene.goal, goal_size_m),
+    ):
         if pose is not None:
-            disc = _marker(_STANDING, name, kind, stamp_ns)
-            disc.scale.x, disc.scale.y, disc.scale.z = size_m, size_m, _DISC_M
-            disc.pose.position.x, disc.pose.position.y = pose.x, pose.y
-            disc.pose.orientation.z, disc.pose.orientation.w = quaternion_from_yaw(
-                pose.yaw
-            )
-            found.append(disc)
-    return serialise(make(WORLD.type_name, markers=found))
+            disc = _make_marker(_STATIC_COLORS, name, kind, stamp_ns)
+            disc.scale.x = size_m
+            disc.scale.y = size_m
+            disc.scale.z = _DISC_HEIGHT_M
+            place(disc.pose, pose.x, pose.y, pose.yaw)
+            markers.append(disc)
+    return serialize(make_message(WORLD.type_name, markers=markers))
 
 
 def decode_scene(data: bytes) -> TrialScene:
-    """Return what `encode_scene` has written; MessageError for anything else."""
-    kinds = _by_namespace(data, _STANDING)
-    obstacles, walls = (
-        _bodies(name, kinds[name], MOST_CYLINDERS) for name in (_OBSTACLES, _WALLS)
-    )
-    sizes = set(
-        zip(
-            *(
-                np.concatenate([one[k] for one in (obstacles, walls)]).tolist()
-                for k in (1, 3)
-            ),
-            strict=True,
-        )
-    )
+    """Return what `encode_scene` wrote; raise MessageError for anything else."""
+    markers = _read_namespaces(data, _STATIC_COLORS)
+    obstacles = _read_bodies(_OBSTACLES, markers[_OBSTACLES], MOST_CYLINDERS)
+    walls = _read_bodies(_WALLS, markers[_WALLS], MOST_CYLINDERS)
+
+    # All cylinders of a scene have one radius and height.
+    sizes: set[tuple[float, float]] = set()
+    for bodies in (obstacles, walls):
+        radii = bodies.radius_m.tolist()
+        sizes.update(zip(radii, bodies.height_m.tolist(), strict=True))
     if len(sizes) > 1:
         raise MessageError("cylinders of different sizes")
-    start, goal = (_poses(kinds[name]) for name in (_START, _GOAL))
-    path = np.array(
-        [(point.x, point.y) for line in kinds[_PATH] for point in line.points],
-        np.float64,
-    ).reshape(-1, 2)
-    reached_m = 0.5 * kinds[_GOAL][0].scale.x if len(goal) else 0.0
-    if not all(np.isfinite(part).all() for part in (path, start, goal, reached_m)):
-        raise MessageError("a scene with values that are not finite")
-    ends = [
-        Pose2D(*poses[0].tolist()) if len(poses) else None for poses in (start, goal)
-    ]
     radius_m, height_m = next(iter(sizes), (0.0, 0.0))
+
+    path_points = [point for line in markers[_PATH] for point in line.points]
+    path = decode.planar_points(path_points)
+    start = _read_poses(markers[_START])
+    goal = _read_poses(markers[_GOAL])
+    goal_distance_m = 0.5 * markers[_GOAL][0].scale.x if len(goal) else 0.0
+    if not all(
+        np.isfinite(part).all() for part in (path, start, goal, goal_distance_m)
+    ):
+        raise MessageError("a scene with values that are not finite")
     return TrialScene(
         obstacles.poses[:, :2],
         walls.poses[:, :2],
         radius_m,
         height_m,
         path,
-        ends[0],
-        ends[1],
-        reached_m,
+        _first_pose(start),
+        _first_pose(goal),
+        goal_distance_m,
     )
 
 
 def encode_moving(world: World, time_s: float, stamp_ns: int) -> bytes:
-    """Return visualization_msgs/MarkerArray of a world's moving obstacles and their trails, and of its walls.
+    """Return visualization_msgs/MarkerArray of moving obstacles, trails and walls.
 
-    time_s: into their motions. A marker keeps its namespace and number from message to message.
+    Markers keep namespace and number from message to message.
+
+    Args:
+        world: World with moving obstacles.
+        time_s: Time in the motions of the obstacles.
+        stamp_ns: Stamp of all markers.
     """
-    found = _solid(_MOVING, _OBSTACLES, moving_bodies(world.tracks, time_s), stamp_ns)
-    found += _solid(_MOVING, _WALLS, wall_bodies(world.walls), stamp_ns)
-    trails = _line(
-        _MOVING, _TRAILS, LINE_LIST, _TRAIL_M, trail_segments(world, time_s), stamp_ns
-    )
-    return serialise(make(MOVING.type_name, markers=[*found, trails]))
+    obstacles = moving_bodies(world.tracks, time_s)
+    walls = wall_bodies(world.walls)
+    markers = _body_markers(_MOVING_COLORS, _OBSTACLES, obstacles, stamp_ns)
+    markers += _body_markers(_MOVING_COLORS, _WALLS, walls, stamp_ns)
+    trails = _make_marker(_MOVING_COLORS, _TRAILS, LINE_LIST, stamp_ns)
+    _add_points(trails, _TRAIL_WIDTH_M, trail_segments(world, time_s))
+    markers.append(trails)
+    return serialize(make_message(MOVING.type_name, markers=markers))
 
 
 def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
-    """Return the obstacles, in their order, and the walls that `encode_moving` has written; MessageError if not."""
-    kinds = _by_namespace(data, _MOVING)
-    return _bodies(_OBSTACLES, kinds[_OBSTACLES], MOST_MOVING), _bodies(
-        _WALLS, kinds[_WALLS], MOST_WALLS
-    )
+    """Return the obstacles, in their order, and the walls that `encode_moving` wrote.
+
+    Raises:
+        MessageError: If the message holds anything else.
+    """
+    markers = _read_namespaces(data, _MOVING_COLORS)
+    obstacles = _read_bodies(_OBSTACLES, markers[_OBSTACLES], MOST_MOVING)
+    walls = _read_bodies(_WALLS, markers[_WALLS], MOST_WALLS)
+    return obstacles, walls
 
 
 def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
-    """Return geometry_msgs/PoseArray of a world's moving obstacles in their order there; time_s: into their motions."""
-    places = world.tracks.at(time_s)[0].tolist()
-    message = make(
-        MOVING_POSES.type_name, header=header(FRAMES.of(MOVING_POSES), stamp_ns)
+    """Return geometry_msgs/PoseArray of moving obstacles, in their order in the world.
+
+    Args:
+        world: World with moving obstacles.
+        time_s: Time in the motions of the obstacles.
+        stamp_ns: Stamp of the header.
+    """
+    positions, _ = world.tracks.at(time_s)
+    message = make_message(
+        MOVING_POSES.type_name,
+        header=make_header(FRAMES.of(MOVING_POSES), stamp_ns),
     )
-    for (x, y), yaw in zip(places, world.tracks.yaw_rad.tolist(), strict=True):
-        pose = make("geometry_msgs/msg/Pose")
-        pose.position.x, pose.position.y = x, y
-        pose.orientation.z, pose.orientation.w = quaternion_from_yaw(yaw)
+    yaws = world.tracks.yaw_rad.tolist()
+    for (x, y), yaw in zip(positions.tolist(), yaws, strict=True):
+        pose = make_message("geometry_msgs/msg/Pose")
+        place(pose, x, y, yaw)
         message.poses.append(pose)
-    return serialise(message)
+    return serialize(message)
 
 
-def decode_moving_poses(data: bytes) -> Floats:
-    """Return the places (n, 2) in m that `encode_moving_poses` has written; MessageError for anything else."""
-    places = decode.poses(data)[:, :2]
+def decode_moving_poses(data: bytes) -> Points:
+    """Return the positions (n, 2) in m that `encode_moving_poses` wrote.
+
+    Raises:
+        MessageError: If the message holds anything else.
+    """
+    positions = decode.poses(data)[:, :2]
     if (
-        len(places) > MOST_MOVING
-        or not np.isfinite(places).all()
+        len(positions) > MOST_MOVING
+        or not np.isfinite(positions).all()
         or decode.header(data).frame != FRAMES.map
     ):
         raise MessageError(
-            f"more than {MOST_MOVING} poses, poses that are not finite, or not in the map frame"
+            f"more than {MOST_MOVING} poses, poses that are not finite, "
+            "or not in the map frame"
         )
-    return places
+    return positions
 
 
 def trail_segments(world: World, time_s: float) -> Points:
-    """Return the ends (2 n, 2) of the pieces of the ways of the last `TRAIL_S`, jumps left out."""
+    """Return the paths of moving obstacles in the last `TRAIL_S`, as segments.
+
+    Args:
+        world: World with moving obstacles.
+        time_s: Time in the motions of the obstacles.
+
+    Returns:
+        Start and end (2 n, 2) of each segment, in m. Jumps are left out.
+    """
     steps = round(TRAIL_S / _TRAIL_STEP_S)
-    positions = world.tracks.over(time_s - _TRAIL_STEP_S * np.arange(steps + 1.0))[0]
-    lengths = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0))
-    moved = lengths <= world.tracks.fastest_mps * _TRAIL_STEP_S * 1.001
-    segments: Points = np.stack([positions[:-1], positions[1:]], axis=2)[moved].reshape(
-        -1, 2
-    )
-    return segments
+    times_s = time_s - _TRAIL_STEP_S * np.arange(steps + 1.0)
+    positions, _ = world.tracks.over(times_s)
+    lengths_m = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0))
+    # Longer than the fastest obstacle drives in a step is a jump.
+    is_driven = lengths_m <= world.tracks.fastest_mps * _TRAIL_STEP_S * 1.001
+    segments = np.stack([positions[:-1], positions[1:]], axis=2)
+    trails: Points = segments[is_driven].reshape(-1, 2)
+    return trails
 
 
-def _marker(colours: Colours, name: str, kind: int, stamp_ns: int) -> Message:
-    return marker(FRAMES.map, name, kind, colour=colours[name], stamp_ns=stamp_ns)
+def _make_marker(colors: Colors, name: str, kind: int, stamp_ns: int) -> Message:
+    return make_marker(FRAMES.map, name, kind, color=colors[name], stamp_ns=stamp_ns)
 
 
-def _line(
-    colours: Colours,
-    name: str,
-    kind: int,
-    width_m: float,
-    points_m: Points,
-    stamp_ns: int,
-) -> Message:
-    line = _marker(colours, name, kind, stamp_ns)
+def _add_points(line: Message, width_m: float, points_m: Points) -> None:
     line.scale.x = width_m
     line.points = [
-        make("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()
+        make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()
     ]
-    return line
 
 
-def _solid(colours: Colours, name: str, bodies: Bodies, stamp_ns: int) -> list[Message]:
-    """Return the markers of bodies, numbered in their order: copies of one."""
-    found, first = [], _marker(colours, name, CYLINDER, stamp_ns)
-    where, turn = first.pose.position, first.pose.orientation
-    for index, ((x, y, yaw), radius, size, height) in enumerate(
-        zip(*(part.tolist() for part in bodies), strict=True)
-    ):
+def _body_markers(
+    colors: Colors, name: str, bodies: Bodies, stamp_ns: int
+) -> list[Message]:
+    """Return the markers of bodies, with their indices as numbers."""
+    # Copies of one marker: making each field by field would take far longer.
+    sample = _make_marker(colors, name, CYLINDER, stamp_ns)
+    sample_pose = sample.pose
+    columns = [column.tolist() for column in bodies]
+    rows = zip(*columns, strict=True)
+    markers = []
+    for index, ((x, y, yaw), radius, size, height) in enumerate(rows):
         z, w = quaternion_from_yaw(yaw)
-        place, heading = (
-            replace(where, x=x, y=y, z=0.5 * height),
-            replace(turn, z=z, w=w),
+        length, width = (2.0 * radius, 2.0 * radius) if radius else size
+        pose = replace(
+            sample_pose,
+            position=replace(sample_pose.position, x=x, y=y, z=0.5 * height),
+            orientation=replace(sample_pose.orientation, z=z, w=w),
         )
-        pose = replace(first.pose, position=place, orientation=heading)
-        long, wide = (2.0 * radius, 2.0 * radius) if radius else size
-        scale = replace(first.scale, x=long, y=wide, z=height)
-        found.append(
-            replace(
-                first,
-                id=index,
-                type=CYLINDER if radius else CUBE,
-                pose=pose,
-                scale=scale,
-            )
+        marker = replace(
+            sample,
+            id=index,
+            type=CYLINDER if radius else CUBE,
+            pose=pose,
+            scale=replace(sample.scale, x=length, y=width, z=height),
         )
-    return found
+        markers.append(marker)
+    return markers
 
 
-def _by_namespace(data: bytes, names: Iterable[str]) -> dict[str, list[Message]]:
-    """Return the markers of a message in the map frame by these namespaces; MessageError for any other."""
-    kinds: dict[str, list[Message]] = {name: [] for name in names}
-    for one in decode.whole(data, WORLD.type_name).markers:
-        if one.ns not in kinds or one.header.frame_id != FRAMES.map:
+def _read_namespaces(data: bytes, names: Iterable[str]) -> dict[str, list[Message]]:
+    """Return the markers of a message in the map frame by namespace."""
+    markers: dict[str, list[Message]] = {name: [] for name in names}
+    for marker in decode.decode_message(data, WORLD.type_name).markers:
+        frame = marker.header.frame_id
+        if marker.ns not in markers or frame != FRAMES.map:
             raise MessageError(
-                f"a marker of the namespace {one.ns[:40]!r} in the frame {one.header.frame_id[:40]!r}"
+                f"a marker of the namespace {marker.ns[:40]!r} "
+                f"in the frame {frame[:40]!r}"
             )
-        kinds[one.ns].append(one)
-    return kinds
+        markers[marker.ns].append(marker)
+    return markers
 
 
-def _poses(markers: Iterable[Message]) -> Floats:
+def _read_poses(markers: Iterable[Message]) -> Floats:
     """Return x, y and yaw (n, 3) of markers."""
-    found = [(one.pose.position, one.pose.orientation) for one in markers]
-    rows = [
-        (at.x, at.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w))
-        for at, turn in found
-    ]
+    poses = [decode.planar_pose(marker.pose) for marker in markers]
+    rows = [(pose.x, pose.y, pose.yaw) for pose in poses]
     return np.array(rows, np.float64).reshape(-1, 3)
 
 
-def _bodies(name: str, markers: list[Message], most: int) -> Bodies:
-    """Return the bodies of markers of one namespace, which must be numbered in their order."""
-    if len(markers) > most or [one.id for one in markers] != list(range(len(markers))):
+def _first_pose(poses: Floats) -> Pose2D | None:
+    return Pose2D(*poses[0].tolist()) if len(poses) else None
+
+
+def _read_bodies(name: str, markers: list[Message], most: int) -> Bodies:
+    """Return the bodies of the markers in one namespace.
+
+    Args:
+        name: The namespace, for error messages.
+        markers: Its markers, whose numbers must be their indices.
+        most: How many there may be.
+    """
+    indices = [marker.id for marker in markers]
+    if len(markers) > most or indices != list(range(len(markers))):
         raise MessageError(
-            f"markers of {name} are more than {most}, or their numbers are not 0, 1, 2, ..."
+            f"markers of {name} are more than {most}, "
+            "or their numbers are not 0, 1, 2, ..."
         )
-    rows = []
-    for one in markers:
-        scale = one.scale
-        if one.type not in (CYLINDER, CUBE) or (
-            one.type == CYLINDER and scale.x != scale.y
-        ):
+    rows = []  # radius of a cylinder, sides of a box, height
+    for marker in markers:
+        scale = marker.scale
+        if marker.type == CYLINDER and scale.x == scale.y:
+            rows.append((0.5 * scale.x, 0.0, 0.0, scale.z))
+        elif marker.type == CUBE:
+            rows.append((0.0, scale.x, scale.y, scale.z))
+        else:
             raise MessageError(
-                f"marker {one.id} of {name} is neither an upright cylinder nor a box"
+                f"marker {marker.id} of {name} is neither an upright cylinder nor a box"
             )
-        rows.append(
-            (0.5 * scale.x, 0.0, 0.0, scale.z)
-            if one.type == CYLINDER
-            else (0.0, scale.x, scale.y, scale.z)
-        )
-    table, poses = np.array(rows, np.float64).reshape(-1, 4), _poses(markers)
-    finite = np.isfinite(table).all() and np.isfinite(poses).all()
-    if not (finite and (table >= 0.0).all() and table[:, :3].any(axis=1).all()):
+    sizes = np.array(rows, np.float64).reshape(-1, 4)
+    poses = _read_poses(markers)
+    is_finite = np.isfinite(sizes).all() and np.isfinite(poses).all()
+    has_size = (sizes >= 0.0).all() and sizes[:, :3].any(axis=1).all()
+    if not (is_finite and has_size):
         raise MessageError(
             f"markers of {name} have values that are not finite, or no size"
         )
-    return Bodies(poses, table[:, 0], table[:, 1:3], table[:, 3])
+    return Bodies(poses, sizes[:, 0], sizes[:, 1:3], sizes[:, 3])

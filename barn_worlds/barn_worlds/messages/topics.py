@@ -1,4 +1,4 @@
-"""The topics of the suite: name, type, quality of service, frame and period of each, declared once."""
+"""The topics of the suite: name, type, quality of service, frame and period of each."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """What a publisher offers; `depth` is the length of its queue, in messages. The history is always keep_last."""
+    """The quality of service that a publisher offers; its history is keep_last."""
 
     reliability: str = "reliable"
     durability: str = "volatile"
     depth: int = 10
+    """Length of the queue, in messages."""
 
 
 RELIABLE = Qos()
@@ -21,17 +22,19 @@ _DISPLAY = Qos(depth=1)
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic as a node names it: a relative name moves with the node's namespace.
-
-    frame: the field of `Frames` that its messages refer to, empty if none. period_s: simulated time between two
-    messages, 0 without a fixed period.
-    """
+    """A topic as a node declares it."""
 
     name: str
+    """A relative name moves with the namespace of the node."""
+
     type_name: str
     qos: Qos = RELIABLE
+
     frame: str = ""
+    """Field of `Frames` that the messages refer to, empty if none."""
+
     period_s: float = 0.0
+    """Simulated time between two messages, 0 without a fixed period."""
 
     @property
     def path(self) -> str:
@@ -41,35 +44,36 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The names of the frames; `planning` is that of goals and global plans: map if there is a map, else odom."""
+    """The names of the frames of a node, by default those of REP-105 and the URDF."""
 
     map: str = "map"
     odom: str = "odom"
     base: str = "base_link"
     lidar: str = "lidar_link"
     planning: str = "odom"
+    """Frame of goals and global plans: map if there is a map, else odom."""
 
     def of(self, topic: Topic) -> str:
-        """Return the frame of a topic's messages."""
+        """Return the frame of the messages of a topic."""
         return str(getattr(self, topic.frame)) if topic.frame else ""
 
 
-FRAMES = Frames()  # as in REP-105 and the robot's URDF
+FRAMES = Frames()
 
 
-class Outgoing(NamedTuple):
-    """A serialised message and its topic."""
+class OutgoingMessage(NamedTuple):
+    """A serialized message and its topic."""
 
     topic: Topic
     data: bytes
 
 
-_ODOMETRY, _POSE = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-)
-_GRID, _PATH = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
-_TRANSFORMS, _MARKERS = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+_GRID = "nav_msgs/msg/OccupancyGrid"
+_PATH = "nav_msgs/msg/Path"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+_MARKERS = "visualization_msgs/msg/MarkerArray"
 _STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 
 # From the simulator: fused odometry, the truth, and the estimated pose.
@@ -85,8 +89,8 @@ SCAN = Topic("scan", "sensor_msgs/msg/LaserScan", frame="lidar")
 ROBOT_DESCRIPTION = Topic("robot_description", "std_msgs/msg/String", LATCHED)
 SIMULATOR_DIAGNOSTICS = Topic("/diagnostics", _STATUS, period_s=1.0)
 
-# From a planner; of the commands a robot takes either type. What it shows around the robot is in the planning frame if
-# its local costmap is.
+# From a planner. A robot takes commands of either type. What a planner shows around the
+# robot is in the planning frame if its local costmap is.
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist")
 CMD_VEL_STAMPED = replace(
     CMD_VEL, type_name="geometry_msgs/msg/TwistStamped", frame="base"
@@ -106,7 +110,8 @@ SCORE = Topic("/score", "std_msgs/msg/Float64", period_s=0.5)
 OUTCOME = Topic("/outcome", "std_msgs/msg/String", period_s=0.5)
 SCORE_TEXT = Topic("/score_text", _MARKERS, frame="map", period_s=0.5)
 
-# In bags only: what truly stands where. Nothing publishes it, for a planner is not to know.
+# In bags only: what truly stands where. Nothing publishes it, because planners must not
+# know.
 WORLD = Topic("/world", _MARKERS, LATCHED, "map")
 MOVING = Topic("/moving_obstacles", _MARKERS, frame="map", period_s=0.1)
 MOVING_POSES = Topic(

@@ -1,7 +1,7 @@
 """Obstacles that move, as data: their shapes, their motions and the walls around them.
 
-Nothing of the robot changes a motion, and obstacles pass through each other and through walls: where one is depends on
-the time alone.
+Where an obstacle is depends on the time alone. The robot does not change its motion,
+and obstacles pass through each other and through walls.
 """
 
 import json
@@ -13,36 +13,42 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, quantity
-from barn_worlds.base.errors import ConfigError, WorldError, shown
+from barn_worlds.base.errors import ConfigError, WorldError, format_value
 
-MOST_MOVING = 1000  # obstacles of a world
+# Of a world.
+MOST_MOVING = 1000
 MOST_WALLS = 1000
-MOST_KEYS = 10_000  # of a motion
+# Of a motion.
+MOST_KEYS = 10_000
 MOST_COEFFICIENTS = 16
 KINDS = ("gazebo", "linear", "polynomial")
 SHAPES = ("cylinder", "box")
-CLOSED_M = 1e-6  # how far apart begin and end of a closed polynomial may be
+# How far apart the ends of a closed polynomial may be.
+CLOSED_M = 1e-6
 
 _FARTHEST_M = 10_000.0
 _LARGEST_M = 1000.0
 _SMALLEST_M = 0.01
-_LARGEST_NAME = 200
+_LONGEST_NAME = 200
 _LONGEST_PERIOD_S = 100_000.0
-_SAME_POINT_M = 1e-3  # ignition::math::Vector3 takes coordinates this near for equal
+# ignition::math::Vector3 takes coordinates this close for equal.
+_SAME_POINT_M = 1e-3
 
 
 @dataclass(frozen=True)
 class Motion(Checked):
     """A path over time that repeats.
 
-    gazebo: keys (time in s, x, y in m), and between them what Gazebo Classic's PoseAnimation does: a cubic Hermite
-    curve over the share of the time between two keys, uniform Catmull-Rom tangents of tension 0. The tangent at an end
-    is half the step to its neighbour; if the first and the last key are one place it is that of a closed curve. (Below
-    a millionth of a segment Gazebo rounds down to the key; this does not.) linear: straight between keys. Both rest at
-    the last key until the period ends, then jump to the first; they rest at the first key before its time.
+    gazebo: Between keys, what Gazebo Classic's PoseAnimation does: a cubic Hermite
+    curve over the share of the time between two keys, with uniform Catmull-Rom tangents
+    of tension 0. The tangent at an end is half the step to its neighbor; if the first
+    and the last key are at the same place, it is that of a closed curve. (Below a
+    millionth of a segment Gazebo rounds down to the key; this does not.)
 
-    polynomial: coefficients (x, y in m) of the powers 0, 1, 2, ... of the share of the period that has passed; they
-    must end where they begin, so there is no jump.
+    linear: Straight between keys. Both kinds rest at the last key until the period
+    ends, then jump to the first; before the time of the first key they rest there.
+
+    polynomial: A polynomial of the share of the period that has passed.
     """
 
     kind: str = quantity(
@@ -51,110 +57,128 @@ class Motion(Checked):
     period_s: float = quantity(
         10.0, "time after which it repeats", "s", 0.001, _LONGEST_PERIOD_S
     )
+    # Time in s, x and y in m; not of a polynomial.
     keys: tuple[tuple[float, float, float], ...] = ()
+    # x and y of the powers 0, 1, 2, ...; of a polynomial alone. It must end where it
+    # begins, so that there is no jump.
     coefficients_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        polynomial = self.kind == "polynomial"
-        given, other = (
-            ("coefficients_m", "keys") if polynomial else ("keys", "coefficients_m")
-        )
-        most = MOST_COEFFICIENTS if polynomial else MOST_KEYS
-        number = len(getattr(self, given))
-        if not 2 <= number <= most:
-            raise ConfigError(
-                f"{given} of a {self.kind} motion must be 2 to {most}, got {number}"
-            )
-        if getattr(self, other):
-            raise ConfigError(f"{other} must be left out for a {self.kind} motion")
-        if not polynomial:
+        if self.kind == "polynomial":
+            self._check_count("coefficients_m", len(self.coefficients_m))
+            if self.keys:
+                raise ConfigError("keys must be left out for a polynomial motion")
+            self._check_coefficients()
+        else:
+            self._check_count("keys", len(self.keys))
+            if self.coefficients_m:
+                raise ConfigError(
+                    f"coefficients_m must be left out for a {self.kind} motion"
+                )
             self._check_keys()
-            return
-        table = self._table("coefficients_m", self.coefficients_m, 2, "x and y")
+
+    def pieces(self) -> tuple[Floats, Floats, Floats]:
+        """Return the motion as n polynomials, one after the other.
+
+        Returns: Begin (n,) and duration (n,) in s of each piece, and coefficients (n,
+            2, k) in
+            m: of x and y, of the powers 0, 1, ... of the share of the piece that has
+            passed.
+        """
+        if self.kind == "polynomial":
+            # One piece, (1, 2, k).
+            coefficients = np.array(self.coefficients_m).T[None]
+            return np.zeros(1), np.array([self.period_s]), coefficients
+
+        table = np.array(self.keys)
+        begin_s = table[:, 0]
+        points = table[:, 1:]
+        steps = np.diff(points, axis=0)
+        powers = [points[:-1], steps]
+        if self.kind == "gazebo":
+            tangents = _spline_tangents(points)
+            first = tangents[:-1]
+            last = tangents[1:]
+            powers = [
+                points[:-1],
+                first,
+                3.0 * steps - 2.0 * first - last,
+                first + last - 2.0 * steps,
+            ]
+        return begin_s[:-1], np.diff(begin_s), np.stack(powers, axis=2)
+
+    def _check_count(self, name: str, count: int) -> None:
+        limit = MOST_COEFFICIENTS if self.kind == "polynomial" else MOST_KEYS
+        if not 2 <= count <= limit:
+            raise ConfigError(
+                f"{name} of a {self.kind} motion must be 2 to {limit}, got {count}"
+            )
+
+    def _check_coefficients(self) -> None:
+        table = _number_table("coefficients_m", self.coefficients_m, 2, "x and y")
+        # At the end of the period all powers of the share are 1.
         gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
         if gap_m > CLOSED_M:
             raise ConfigError(
-                f"coefficients_m must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off"
+                f"coefficients_m must end where they begin, to {CLOSED_M:g} m, "
+                f"but end {gap_m:g} m off"
             )
-
-    def pieces(self) -> tuple[Floats, Floats, Floats]:
-        """Return begin (n,) and duration (n,) in s of n pieces, and their coefficients (n, 2, k) in m.
-
-        coefficients: of x and y, of the powers 0, 1, ... of the share of the piece that has passed.
-        """
-        if self.kind == "polynomial":
-            return (
-                np.zeros(1),
-                np.array([self.period_s]),
-                np.array(self.coefficients_m).T[None],
-            )
-        table = np.array(self.keys)
-        begin, points = table[:, 0], table[:, 1:]
-        steps = np.diff(points, axis=0)
-        parts = [points[:-1], steps]
-        if self.kind == "gazebo":
-            tangents = _tangents(points)
-            out, into = tangents[:-1], tangents[1:]
-            parts = [
-                points[:-1],
-                out,
-                3.0 * steps - 2.0 * out - into,
-                out + into - 2.0 * steps,
-            ]
-        return begin[:-1], np.diff(begin), np.stack(parts, axis=2)
 
     def _check_keys(self) -> None:
-        table = self._table("keys", self.keys, 3, "time, x and y")
-        times_s = table[:, 0]
+        times_s = _number_table("keys", self.keys, 3, "time, x and y")[:, 0]
         for place in np.flatnonzero(times_s < 0.0):
             raise ConfigError(
                 f"keys[{place}] must not be before 0 s, got {times_s.min():g} s"
             )
         for place in np.flatnonzero(np.diff(times_s) <= 0.0):
-            before, after = times_s[place : place + 2]
-            rule = (
-                f"must be later than the key before, at {before:g} s, got {after:g} s"
-            )
-            raise ConfigError(f"keys[{place + 1}] {rule}")
-        rule = f"must not be shorter than the time of the last key, {times_s[-1]:g} s"
-        self.require(self.period_s >= times_s[-1], "period_s", rule)
-
-    def _table(
-        self, name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str
-    ) -> Floats:
-        """Return rows of numbers as an array (n, width)."""
-        for number, row in enumerate(rows):
-            if len(row) != width:
-                raise ConfigError(
-                    f"{name}[{number}] must be {meaning}, got {len(row)} numbers"
-                )
-        table: Floats = np.array(rows, np.float64)
-        limits = [_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M][-width:]
-        for place in np.flatnonzero(~(np.abs(table) <= limits).all(axis=1)):
             raise ConfigError(
-                f"{name}[{place}] must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}"
+                f"keys[{place + 1}] must be later than the key before, "
+                f"at {times_s[place]:g} s, got {times_s[place + 1]:g} s"
             )
-        return table
+        self.require(
+            self.period_s >= times_s[-1],
+            "period_s",
+            f"must not be shorter than the time of the last key, {times_s[-1]:g} s",
+        )
 
 
-def _tangents(points: Floats) -> Floats:
+def _number_table(
+    name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str
+) -> Floats:
+    """Return rows of numbers as an array (n, width); ConfigError for a bad one."""
+    for number, row in enumerate(rows):
+        if len(row) != width:
+            raise ConfigError(
+                f"{name}[{number}] must be {meaning}, got {len(row)} numbers"
+            )
+
+    table: Floats = np.array(rows, np.float64)
+    limits = [_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M][-width:]
+    # Written so that NaN is refused as well.
+    for place in np.flatnonzero(~(np.abs(table) <= limits).all(axis=1)):
+        raise ConfigError(
+            f"{name}[{place}] must be finite, up to {_FARTHEST_M:g} m, "
+            f"got {list(rows[place])}"
+        )
+    return table
+
+
+def _spline_tangents(points: Floats) -> Floats:
     """Return the tangents (n, 2) of Gazebo Classic's spline through points (n, 2)."""
     tangents = np.empty_like(points)
     tangents[1:-1] = (points[2:] - points[:-2]) * 0.5
     if np.all(np.abs(points[0] - points[-1]) <= _SAME_POINT_M):
         tangents[[0, -1]] = (points[1] - points[-2]) * 0.5
     else:
-        tangents[0], tangents[-1] = (
-            (points[1] - points[0]) * 0.5,
-            (points[-1] - points[-2]) * 0.5,
-        )
+        tangents[0] = (points[1] - points[0]) * 0.5
+        tangents[-1] = (points[-1] - points[-2]) * 0.5
     return tangents
 
 
 @dataclass(frozen=True)
 class Wall(Checked):
-    """A box that stands upright on the ground, its centre at x, y in the map frame."""
+    """A box that stands upright on the ground, its center at x, y in the map frame."""
 
     x_m: float = quantity(0.0, "x of its centre", "m", -_FARTHEST_M, _FARTHEST_M)
     y_m: float = quantity(0.0, "y of its centre", "m", -_FARTHEST_M, _FARTHEST_M)
@@ -166,7 +190,10 @@ class Wall(Checked):
 
 @dataclass(frozen=True)
 class MovingObstacle(Checked):
-    """An upright cylinder or box that follows a motion and does not turn. Sizes of the other shape are 0."""
+    """An upright cylinder or box that follows a motion and does not turn.
+
+    Sizes of the other shape are 0.
+    """
 
     name: str = quantity("obstacle", "its name, unique in the world")
     shape: str = quantity("cylinder", "its shape", choices=SHAPES)
@@ -188,46 +215,62 @@ class MovingObstacle(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < len(self.name) <= _LARGEST_NAME or not self.name.isprintable():
+        if not 0 < len(self.name) <= _LONGEST_NAME or not self.name.isprintable():
             raise ConfigError(
-                f"name must have 1 to {_LARGEST_NAME} printable characters, got {shown(self.name)}"
+                f"name must have 1 to {_LONGEST_NAME} printable characters, "
+                f"got {format_value(self.name)}"
             )
-        sizes = {"cylinder": ("radius_m",), "box": ("size_x_m", "size_y_m")}
-        for shape, name in (
-            (shape, name) for shape, names in sizes.items() for name in names
-        ):
-            size_m, least = (
-                getattr(self, name),
-                f"of a {shape} must be at least {_SMALLEST_M:g} m",
-            )
-            self.require(shape != self.shape or size_m >= _SMALLEST_M, name, least)
-            other = f"is of a {shape}; leave it out for a {self.shape}"
-            self.require(shape == self.shape or size_m == 0.0, name, other)
+        self._check_size("cylinder", "radius_m")
+        self._check_size("box", "size_x_m")
+        self._check_size("box", "size_y_m")
+
+    def _check_size(self, shape: str, name: str) -> None:
+        """Raise ConfigError unless a size suits the obstacle's shape."""
+        size_m = getattr(self, name)
+        if shape == self.shape:
+            limit = f"of a {shape} must be at least {_SMALLEST_M:g} m"
+            self.require(size_m >= _SMALLEST_M, name, limit)
+        else:
+            advice = f"is of a {shape}; leave it out for a {self.shape}"
+            self.require(size_m == 0.0, name, advice)
 
 
 def check_scene(
     walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str
 ) -> None:
-    """Raise WorldError, beginning with `where`, if these walls and moving obstacles cannot be those of a world."""
-    for what, most, some in (
-        ("walls", MOST_WALLS, walls),
-        ("moving obstacles", MOST_MOVING, moving),
-    ):
-        if len(some) > most:
+    """Check that walls and moving obstacles can be those of one world.
+
+    Args:
+        walls: All straight walls of the world.
+        moving: All moving obstacles of the world.
+        where: Beginning of error messages, such as the name of a file.
+
+    Raises:
+        WorldError: If there are too many, or two obstacles have the same name.
+    """
+    _check_limit("walls", len(walls), MOST_WALLS, where)
+    _check_limit("moving obstacles", len(moving), MOST_MOVING, where)
+    for name, count in Counter(obstacle.name for obstacle in moving).items():
+        if count > 1:
             raise WorldError(
-                f"{where}: must have at most {most} {what}, got {len(some)}"
+                f"{where}: two moving obstacles have the name {format_value(name)}"
             )
-    for name, times in Counter(one.name for one in moving).items():
-        if times > 1:
-            raise WorldError(
-                f"{where}: two moving obstacles have the name {shown(name)}"
-            )
+
+
+def _check_limit(things: str, count: int, limit: int, where: str) -> None:
+    if count > limit:
+        raise WorldError(f"{where}: must have at most {limit} {things}, got {count}")
 
 
 def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -> bytes:
-    """Return all that walls and moving obstacles are, apart from their names, as bytes to make a checksum of."""
-    plain = (
+    """Return everything that decides where walls and obstacles are, for a checksum.
+
+    Args:
+        walls: All their numbers count.
+        moving: All their numbers count, too; their names do not count.
+    """
+    content = (
         [as_dict(wall) for wall in walls],
-        [{**as_dict(one), "name": ""} for one in moving],
+        [{**as_dict(obstacle), "name": ""} for obstacle in moving],
     )
-    return json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()
+    return json.dumps(content, sort_keys=True, separators=(",", ":")).encode()

@@ -1,7 +1,7 @@
-"""Configuration of a robot's drive, lidar and odometry.
+"""Configuration of the drive, lidar and odometry of a robot.
 
-Unless another source is named, values are those of a Clearpath Jackal J100 with a Hokuyo UST-10LX, from the
-configuration of its drivers and models.
+Defaults without another source are those of a Clearpath Jackal J100 with a Hokuyo
+UST-10LX, from the configuration of its drivers and models.
 """
 
 import math
@@ -12,7 +12,7 @@ from barn_worlds.base.config import Checked, optional, quantity
 
 @dataclass(frozen=True)
 class DriveConfig(Checked):
-    """The controller (diff_drive_controller on a Jackal) between commands and wheels."""
+    """The controller between commands and wheels, on a Jackal diff_drive_controller."""
 
     max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", 0.0, 10.0)
     max_acceleration_m_s2: float = quantity(
@@ -41,7 +41,10 @@ class DriveConfig(Checked):
 
 @dataclass(frozen=True)
 class LidarConfig(Checked):
-    """A planar laser scanner; all beams of a scan are taken at one instant, unless it sweeps."""
+    """A planar laser scanner.
+
+    It takes all beams of a scan at one instant, unless it sweeps.
+    """
 
     beams: int = quantity(720, "number of beams", "", 1, 20000)
     angle_min_rad: float = quantity(
@@ -81,15 +84,24 @@ class LidarConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
-        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
-        above = f"must be above range_min_m = {self.range_min_m:g}"
-        self.require(self.range_max_m > self.range_min_m, "range_max_m", above)
+        self.require(
+            self.angle_max_rad > self.angle_min_rad,
+            "angle_max_rad",
+            f"must be above angle_min_rad = {self.angle_min_rad:g}",
+        )
+        self.require(
+            self.range_max_m > self.range_min_m,
+            "range_max_m",
+            f"must be above range_min_m = {self.range_min_m:g}",
+        )
 
 
 @dataclass(frozen=True)
 class OdometryConfig(Checked):
-    """Odometry as an EKF fuses it: speed from the wheels, absolute yaw and yaw rate from the IMU."""
+    """Odometry as an EKF fuses it.
+
+    The speed comes from the wheels, absolute yaw and yaw rate from the IMU.
+    """
 
     rate_hz: float = quantity(50.0, "updates per second", "Hz", 1.0, 1000.0)
     yaw_noise_rad: float = quantity(

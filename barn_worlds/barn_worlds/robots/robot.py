@@ -1,44 +1,48 @@
-"""Robots as data: their body, drive, lidar and odometry. `barn_worlds.robots.files` reads them from files.
+"""Robots as data: their body, drive, lidar and odometry.
 
-Everything is in base_link: x forward, y left, z up, metres. Its origin is where commands and odometry refer to.
+`barn_worlds.robots.files` reads them from files. Positions are in base_link: x forward,
+y left, z up, in meters. Commands and odometry refer to its origin.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 
 from barn_worlds.base.config import Checked, optional, quantity, required
 from barn_worlds.geometry.polygon import (
     Corner,
     area,
     contains,
-    hull,
+    convex_hull,
     nearest_side_m,
-    regular,
+    regular_polygon,
 )
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
 KINDS = ("skid_steer", "differential")
-DESCRIPTIONS = ("", "jackal.urdf")  # in the package
+DESCRIPTIONS = ("", "jackal.urdf")  # files in the package
 MOST_CORNERS = 64
-_ROUND_CORNERS = 16  # of the polygon around a round footprint
 MOST_CASTERS = 4
+_ROUND_CORNERS = 16  # of the polygon around a round footprint
 _LARGEST_M = 20.0
-_OFF_GROUND_M = _OUT_M = (
-    0.001  # that wheels may be off the ground, and out of the footprint, in a file
-)
+# Numbers in files are rounded, so wheels may be this far off the ground or stick out of
+# the footprint by as much.
+_TOLERANCE_M = 0.001
 
-Triple = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
+Extent = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 
 
 @dataclass(frozen=True)
 class Chassis(Checked):
-    """The rigid body of a robot, its wheels included, and where it stands on the ground.
+    """The rigid body of a robot, its wheels included, and how it stands on the ground.
 
-    Planners and physics take the convex hull of the footprint: a box if it is a rectangle along x and y, else a prism;
-    a round robot is an upright cylinder about base_link to the physics, and a regular polygon of 16 corners around its
-    circle to planners. Wheels stand symmetrically to x.
+    Planners and physics take the convex hull of the footprint. To the physics, a
+    rectangle along x and y is a box, a round robot an upright cylinder about base_link,
+    and anything else a prism. To planners, a round robot is a regular polygon around
+    its circle. Wheels stand symmetrically to x.
     """
 
     name: str = required("name of the robot")
@@ -94,73 +98,69 @@ class Chassis(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_footprint()
-        both = (
-            "must be length and width, or neither, of a robot whose hull is a rectangle"
-        )
         self.require(
-            not any(self.body_m) or (all(self.body_m) and self.rectangular),
+            not any(self.body_m) or (all(self.body_m) and self.is_rectangular),
             "body_m",
-            both,
+            "must be length and width, or neither, "
+            "of a robot whose hull is a rectangle",
         )
         self._check_wheels()
         self._check_mass()
 
     @property
-    def round(self) -> bool:
+    def is_round(self) -> bool:
         """Whether the footprint is a circle."""
         return self.footprint_radius_m > 0.0
 
     @property
-    def rectangular(self) -> bool:
-        """Whether the hull is a rectangle along x and y, which the physics has as a box."""
+    def is_rectangular(self) -> bool:
+        """Whether the hull is a rectangle along x and y: a box to the physics."""
         x_min, y_min, x_max, y_max = self.extent_m
-        return not self.round and set(self.hull_m) == {
-            (x, y) for x in (x_min, x_max) for y in (y_min, y_max)
-        }
+        rectangle = set(product((x_min, x_max), (y_min, y_max)))
+        return not self.is_round and set(self.hull_m) == rectangle
 
     @cached_property
     def hull_m(self) -> tuple[Corner, ...]:
         """Corners of the convex hull of the footprint, counter-clockwise."""
-        return (
-            regular(self.footprint_radius_m, _ROUND_CORNERS)
-            if self.round
-            else hull(self.footprint_m)
-        )
+        if self.is_round:
+            return regular_polygon(self.footprint_radius_m, _ROUND_CORNERS)
+        return convex_hull(self.footprint_m)
 
     @property
-    def extent_m(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of the footprint."""
-        if self.round:
+    def extent_m(self) -> Extent:
+        """Smallest rectangle along x and y around the footprint."""
+        if self.is_round:
             radius = self.footprint_radius_m
             return -radius, -radius, radius, radius
-        (left, right), (low, high) = (
-            (min(side), max(side)) for side in zip(*self.hull_m, strict=True)
-        )
-        return left, low, right, high
+        x, y = zip(*self.hull_m, strict=True)
+        return min(x), min(y), max(x), max(y)
 
     @property
-    def body_extent_m(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of the body in the physics, without the wheels."""
-        half_x, half_y = 0.5 * self.body_m[0], 0.5 * self.body_m[1]
-        return (-half_x, -half_y, half_x, half_y) if half_x else self.extent_m
-
-    @property
-    def contact_extent_m(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of what can touch: body and wheels where the body is given, else the hull."""
+    def body_extent_m(self) -> Extent:
+        """Box of the body in the physics, seen from above, without the wheels."""
         if not any(self.body_m):
             return self.extent_m
-        left, low, right, high = self.body_extent_m
-        half_x, half_y = self.wheel_radius_m, 0.5 * self.wheel_width_m
-        x, y, _ = zip(*self.wheels_m, strict=True)
-        lowest = min(left, min(x) - half_x), min(low, min(y) - half_y)
-        return *lowest, max(right, max(x) + half_x), max(high, max(y) + half_y)
+        length, width = self.body_m
+        return -0.5 * length, -0.5 * width, 0.5 * length, 0.5 * width
+
+    @property
+    def contact_extent_m(self) -> Extent:
+        """Rectangle around everything that can touch an obstacle.
+
+        These are body and wheels where the file gives the body, else the footprint.
+        """
+        if not any(self.body_m):
+            return self.extent_m
+        x_min, y_min, x_max, y_max = self.body_extent_m
+        x, y = zip(*self._wheel_corners(), strict=True)
+        return min(x_min, *x), min(y_min, *y), max(x_max, *x), max(y_max, *y)
 
     @property
     def circumscribed_m(self) -> float:
         """Distance from base_link to the furthest point of the footprint."""
-        return self.footprint_radius_m or float(
-            max((x * x + y * y) ** 0.5 for x, y in self.hull_m)
-        )
+        if self.is_round:
+            return self.footprint_radius_m
+        return float(max((x * x + y * y) ** 0.5 for x, y in self.hull_m))
 
     @property
     def inscribed_m(self) -> float:
@@ -168,23 +168,38 @@ class Chassis(Checked):
         return self.footprint_radius_m or nearest_side_m(self.hull_m)
 
     @property
-    def wheels_m(self) -> tuple[Triple, ...]:
-        """Centres of the wheels: left and right of the front axle, if there are two, then of the rear or only one."""
-        half, ahead = 0.5 * self.track_m, 0.5 * self.wheelbase_m
-        axles = (
-            (self.axle_x_m + ahead, self.axle_x_m - ahead)
-            if self.wheelbase_m
-            else (self.axle_x_m,)
+    def wheels_m(self) -> tuple[Vector3, ...]:
+        """Centers of the wheels, left before right, the front axle before the rear."""
+        half_track = 0.5 * self.track_m
+        half_base = 0.5 * self.wheelbase_m
+        axles = [self.axle_x_m]
+        if self.wheelbase_m:
+            axles = [self.axle_x_m + half_base, self.axle_x_m - half_base]
+        return tuple(
+            (x, y, self.wheel_z_m) for x, y in product(axles, (half_track, -half_track))
         )
-        return tuple((x, side, self.wheel_z_m) for x in axles for side in (half, -half))
+
+    def _wheel_corners(self) -> list[Corner]:
+        """Return the corners of all wheels, seen from above."""
+        half_x = self.wheel_radius_m
+        half_y = 0.5 * self.wheel_width_m
+        return [
+            (x + side_x, y + side_y)
+            for x, y, _ in self.wheels_m
+            for side_x, side_y in product((half_x, -half_x), (half_y, -half_y))
+        ]
 
     def _check_footprint(self) -> None:
-        one = "is the outline of a robot that is not round; one of footprint_m and footprint_radius_m must be given"
-        self.require(self.round != bool(self.footprint_m), "footprint_m", one)
-        if self.round:
-            return
         corners = self.footprint_m
-        self._require_points("footprint_m")
+        self.require(
+            self.is_round != bool(corners),
+            "footprint_m",
+            "is the outline of a robot that is not round; "
+            "one of footprint_m and footprint_radius_m must be given",
+        )
+        if self.is_round:
+            return
+        self._require_near("footprint_m")
         self.require(
             3 <= len(corners) <= MOST_CORNERS,
             "footprint_m",
@@ -202,37 +217,50 @@ class Chassis(Checked):
         )
 
     def _check_mass(self) -> None:
-        x, y, z = self.inertia_kg_m2
-        possible = 2.0 * max(x, y, z) <= (x + y + z) * (1.0 + 1e-9)
+        # Each moment is a sum over two of three axes, so no moment of a real body is
+        # larger than the other two together.
+        total = sum(self.inertia_kg_m2)
         self.require(
-            possible,
+            2.0 * max(self.inertia_kg_m2) <= total * (1.0 + 1e-9),
             "inertia_kg_m2",
             "must be moments of a body: none larger than the other two together",
         )
-        above = f"must be above ground_clearance_m = {self.ground_clearance_m:g}"
         self.require(
-            self.body_height_m > self.ground_clearance_m, "body_height_m", above
+            self.body_height_m > self.ground_clearance_m,
+            "body_height_m",
+            f"must be above ground_clearance_m = {self.ground_clearance_m:g}",
         )
-        over = "must be above the ground that wheels and casters stand on, or the robot falls over"
-        stands = hull([(x, y) for x, y, _ in self.wheels_m] + list(self.casters_m))
+
+        contacts = [(x, y) for x, y, _ in self.wheels_m]
+        contacts += self.casters_m
+        x, y, z = self.centre_of_mass_m
         self.require(
-            contains(stands, self.centre_of_mass_m[:2]), "centre_of_mass_m", over
-        )
-        ground = f"must be above the ground, {-self.base_height_m:g} m in base_link"
-        self.require(
-            self.centre_of_mass_m[2] + self.base_height_m > 0.0,
+            contains(convex_hull(contacts), (x, y)),
             "centre_of_mass_m",
-            ground,
+            "must be above the ground that wheels and casters stand on, "
+            "or the robot falls over",
+        )
+        self.require(
+            z + self.base_height_m > 0.0,
+            "centre_of_mass_m",
+            f"must be above the ground, {-self.base_height_m:g} m in base_link",
         )
 
     def _check_wheels(self) -> None:
-        low = self.wheel_z_m + self.base_height_m - self.wheel_radius_m
-        wanted = f"wheel_radius_m - base_height_m is {self.wheel_radius_m - self.base_height_m:.4g}"
-        down = f"must let the wheels touch the ground, {low:+.3f} m away: {wanted}"
-        self.require(abs(low) <= _OFF_GROUND_M, "wheel_z_m", down)
+        gap_m = self.wheel_z_m + self.base_height_m - self.wheel_radius_m
+        resting_z_m = self.wheel_radius_m - self.base_height_m
+        self.require(
+            abs(gap_m) <= _TOLERANCE_M,
+            "wheel_z_m",
+            f"must let the wheels touch the ground, {gap_m:+.3f} m away: "
+            f"wheel_radius_m - base_height_m is {resting_z_m:.4g}",
+        )
         if self.kind == "differential":
-            one = "must be 0 for a differential drive, which has one axle"
-            self.require(self.wheelbase_m == 0.0, "wheelbase_m", one)
+            self.require(
+                self.wheelbase_m == 0.0,
+                "wheelbase_m",
+                "must be 0 for a differential drive, which has one axle",
+            )
             self.require(
                 bool(self.casters_m),
                 "casters_m",
@@ -254,36 +282,29 @@ class Chassis(Checked):
             "casters_m",
             f"must be at most {MOST_CASTERS}",
         )
-        self._require_points("casters_m")
-        half_long, half_wide = self.wheel_radius_m, 0.5 * self.wheel_width_m
-        sides = [
-            (ahead * half_long, aside * half_wide)
-            for ahead in (1, -1)
-            for aside in (1, -1)
-        ]
-        corners = [
-            (x + ahead, y + aside)
-            for x, y, _ in self.wheels_m
-            for ahead, aside in sides
-        ]
-        name = "footprint_radius_m" if self.round else "footprint_m"
+        self._require_near("casters_m")
         self.require(
-            all(contains(self.hull_m, one, _OUT_M) for one in corners),
-            name,
+            all(
+                contains(self.hull_m, corner, _TOLERANCE_M)
+                for corner in self._wheel_corners()
+            ),
+            "footprint_radius_m" if self.is_round else "footprint_m",
             "must enclose the wheels",
         )
 
-    def _require_points(self, name: str) -> None:
-        points = getattr(self, name)
-        within = all(
-            math.isfinite(x) and abs(x) <= _LARGEST_M for point in points for x in point
+    def _require_near(self, name: str) -> None:
+        """Raise ConfigError if a field has points that are far away or no numbers."""
+        # NaN fails the comparison.
+        self.require(
+            all(abs(x) <= _LARGEST_M for point in getattr(self, name) for x in point),
+            name,
+            f"must be within {_LARGEST_M:g} m of base_link",
         )
-        self.require(within, name, f"must be within {_LARGEST_M:g} m of base_link")
 
 
 @dataclass(frozen=True)
 class Robot(Checked):
-    """A robot; sources says by section where its numbers are from."""
+    """A robot: its body, drive and sensors."""
 
     chassis: Chassis
     drive: DriveConfig
@@ -293,17 +314,16 @@ class Robot(Checked):
         0.5, "friction coefficient of the wheels on the ground", "", 0.0, 3.0
     )
     summary: str = quantity("", "what the robot is, in one line")
+    # Where the numbers are from, by section of the file.
     sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        under = (
-            f"must be above the ground, {-self.chassis.base_height_m:g} m in base_link"
-        )
+        base_height_m = self.chassis.base_height_m
         self.require(
-            self.lidar.mount_z_m + self.chassis.base_height_m > 0.0,
+            self.lidar.mount_z_m + base_height_m > 0.0,
             "lidar.mount_z_m",
-            under,
+            f"must be above the ground, {-base_height_m:g} m in base_link",
         )
 
     @property
@@ -314,25 +334,26 @@ class Robot(Checked):
     @property
     def length_m(self) -> float:
         """Outer length along x."""
-        left, _, right, _ = self.chassis.extent_m
-        return right - left
+        x_min, _, x_max, _ = self.chassis.extent_m
+        return x_max - x_min
 
     @property
     def width_m(self) -> float:
         """Outer width along y."""
-        _, low, _, high = self.chassis.extent_m
-        return high - low
+        _, y_min, _, y_max = self.chassis.extent_m
+        return y_max - y_min
 
     @property
     def reach_m(self) -> float:
-        """How far the footprint reaches from base_link along x or y: half the side of the square around it."""
+        """Half the side of the square about base_link that the robot fits into."""
         return max(map(abs, self.chassis.extent_m))
 
     def footprint_cells(self, resolution_m: float) -> int:
-        """Return the side, in cells and odd, of the square that the robot occupies on a grid.
+        """Return the side in cells, odd, of the square that the robot takes on a grid.
 
-        The square around base_link that the robot fits into, rounded up to whole cells with base_link in the middle of
-        one: the Jackal (0.508 x 0.430 m) takes 5 x 5 cells of 0.15 m, as in the original data set.
+        base_link is in the middle of a cell. The Jackal (0.508 x 0.430 m) takes 5 x 5
+        cells of 0.15 m, as in the original data set.
         """
-        beyond_own_cell_m = self.reach_m - resolution_m / 2.0
-        return 2 * max(0, math.ceil(beyond_own_cell_m / resolution_m - 1e-9)) + 1
+        beyond_cell_m = self.reach_m - resolution_m / 2.0
+        # A robot that exactly fills its cells must not take more for a rounding error.
+        return 2 * max(0, math.ceil(beyond_cell_m / resolution_m - 1e-9)) + 1

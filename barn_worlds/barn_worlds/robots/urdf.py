@@ -1,6 +1,6 @@
-"""What a robot's URDF gives: mass, centre of mass, inertia and wheels, of all links together.
+"""Mass, center of mass, inertia and wheels of a robot from its URDF.
 
-The body is taken to be rigid. Plain URDF only: xacro must have been run.
+All links together are one rigid body. xacro must have been run before.
 """
 
 import math
@@ -14,7 +14,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, one_line
+from barn_worlds.base.errors import ConfigError, format_error
 from barn_worlds.base.files import read_at_most
 
 LARGEST_URDF_BYTES = 1024 * 1024
@@ -22,177 +22,201 @@ _MOST_LINKS = 1000
 
 
 @dataclass(frozen=True, eq=False)
+class Transform:
+    """A position (3,) in meters and a rotation matrix (3, 3) in a parent frame."""
+
+    offset: Floats
+    rotation: Floats
+
+    def __matmul__(self, inner: "Transform") -> "Transform":
+        """Return a transform relative to this one in the parent frame of this one."""
+        return Transform(
+            self.offset + self.rotation @ inner.offset, self.rotation @ inner.rotation
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Link:
-    """A link at `offset` (3,) m, turned by `turn` (3, 3), in base_link; moves: its joint is continuous."""
+    """A link of a URDF."""
 
     element: Element
-    offset: Floats
-    turn: Floats
-    moves: bool
+
+    pose: Transform
+    """Pose in base_link."""
+
+    is_turning: bool
+    """Whether its joint is continuous, as that of a wheel."""
 
 
-def chassis_of(path: Path) -> dict[str, Any]:
-    """Return the fields of `Chassis` that a URDF file gives; ConfigError in one line if it is none.
+def read_chassis(path: Path) -> dict[str, Any]:
+    """Return the fields of `Chassis` that a URDF file gives.
 
-    Wheels are the links with "wheel" in their names, but not "caster", that a continuous joint turns: their size is
-    that of their collision cylinders. base_link's height is over the link base_footprint, if there is one.
+    Wheels are the links with "wheel" but not "caster" in their names that a continuous
+    joint turns. Their sizes are those of their collision cylinders. The height of
+    base_link is that over the link base_footprint, if there is one.
+
+    Raises:
+        ConfigError: If the file cannot be read or is no URDF of a robot.
     """
     try:
-        root = fromstring(read_at_most(path, LARGEST_URDF_BYTES))
-        links = links_of(root)
-        ground = links.get("base_footprint")
-        height = {"base_height_m": -float(ground.offset[2])} if ground else {}
-        return _inertial(links) | _wheels(links) | height
-    except (
-        ParseError,
-        DefusedXmlException,
-        KeyError,
-        ValueError,
-        LookupError,
-    ) as error:
+        links = _read_links(fromstring(read_at_most(path, LARGEST_URDF_BYTES)))
+        fields = _read_inertia(links) | _read_wheels(links)
+        if "base_footprint" in links:
+            fields["base_height_m"] = -float(links["base_footprint"].pose.offset[2])
+        return fields
+    except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise ConfigError(
-            f"{path}: not a URDF that can be used: {one_line(error)}"
+            f"{path}: not a URDF that can be used: {format_error(error)}"
         ) from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
-def links_of(root: Element) -> dict[str, Link]:
-    """Return the links of a URDF by name, placed in base_link; ValueError if they are no tree with that link."""
-    links = {element.attrib["name"]: element for element in root.findall("link")}
-    joints = {
-        _child(joint, "child").attrib["link"]: (
-            _child(joint, "parent").attrib["link"],
-            joint,
-        )
-        for joint in root.findall("joint")
-    }
-    if "base_link" not in links or len(links) > _MOST_LINKS:
+def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
+    """Return the matrix (3, 3) of rotations about fixed axes.
+
+    Args:
+        roll: First rotation, about x, in radians.
+        pitch: Second rotation, about y, in radians.
+        yaw: Third rotation, about z, in radians.
+    """
+    matrix = np.eye(3)
+    for axis, angle in enumerate((roll, pitch, yaw)):
+        i = (axis + 1) % 3
+        j = (axis + 2) % 3
+        rotation = np.eye(3)
+        rotation[i, i] = rotation[j, j] = math.cos(angle)
+        rotation[j, i] = math.sin(angle)
+        rotation[i, j] = -math.sin(angle)
+        matrix = rotation @ matrix
+    return matrix
+
+
+def _read_links(root: Element) -> dict[str, Link]:
+    """Return the links by name; raise ValueError if they are no tree with base_link."""
+    elements = {element.attrib["name"]: element for element in root.findall("link")}
+    if "base_link" not in elements or len(elements) > _MOST_LINKS:
         raise ValueError(
             f"must have a link base_link, and no more than {_MOST_LINKS} links"
         )
-    placed = {name: _in_root(name, joints) for name in links}
-    base_offset, base_turn = placed["base_link"]
-    moving = {
-        name for name, (_, joint) in joints.items() if joint.get("type") == "continuous"
+    joints = {
+        _child(joint, "child").attrib["link"]: joint for joint in root.findall("joint")
     }
-    return {
-        name: Link(
-            links[name],
-            base_turn.T @ (offset - base_offset),
-            base_turn.T @ turn,
-            name in moving,
+    base = _pose_in_root("base_link", joints)
+    links = {}
+    for name, element in elements.items():
+        pose = _pose_in_root(name, joints)
+        # base_link need not be the root of the tree.
+        in_base = Transform(
+            base.rotation.T @ (pose.offset - base.offset),
+            base.rotation.T @ pose.rotation,
         )
-        for name, (offset, turn) in placed.items()
-    }
+        is_turning = name in joints and joints[name].get("type") == "continuous"
+        links[name] = Link(element, in_base, is_turning)
+    return links
 
 
-def pose_of(parent: Element) -> tuple[Floats, Floats]:
-    """Return position (3,) and rotation (3, 3) of an element's <origin>."""
-    origin = parent.find("origin")
-    attributes = {} if origin is None else origin.attrib
-    return _numbers(attributes.get("xyz", "0 0 0")), rotation(
-        *_numbers(attributes.get("rpy", "0 0 0")).tolist()
-    )
+def _pose_in_root(name: str, joints: dict[str, Element]) -> Transform:
+    """Return the pose of a link in the root of the tree.
 
-
-def rotation(roll: float, pitch: float, yaw: float) -> Floats:
-    """Return the matrix (3, 3) of roll, pitch and yaw about fixed axes."""
-    made = np.eye(3)
-    for axis, angle in enumerate((roll, pitch, yaw)):
-        turn, i, j = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
-        turn[[i, j, j, i], [i, j, i, j]] = (
-            math.cos(angle),
-            math.cos(angle),
-            math.sin(angle),
-            -math.sin(angle),
-        )
-        made = turn @ made
-    return made
-
-
-def _in_root(
-    name: str, joints: dict[str, tuple[str, Element]]
-) -> tuple[Floats, Floats]:
-    offset, turn = np.zeros(3), np.eye(3)
+    Args:
+        name: Name of the link.
+        joints: Elements of the joints by the name of their child link.
+    """
+    # Up the tree from joint to joint. In a ring there is no end.
+    pose = Transform(np.zeros(3), np.eye(3))
     for _ in range(_MOST_LINKS):
         if name not in joints:
-            return offset, turn
-        name, joint = joints[name]
-        at, turned = pose_of(joint)
-        offset, turn = at + turned @ offset, turned @ turn
+            return pose
+        joint = joints[name]
+        name = _child(joint, "parent").attrib["link"]
+        pose = _read_origin(joint) @ pose
     raise ValueError(f"joints make a ring at link {name!r}")
 
 
-def _inertial(links: dict[str, Link]) -> dict[str, Any]:
-    masses, centres, tensors = [], [], []
+def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
+    """Return mass, center of mass and moments of all links together."""
+    masses = []
+    centers = []
+    tensors = []
     for link in links.values():
         inertial = link.element.find("inertial")
-        if inertial is not None:
-            at, turn = pose_of(inertial)
-            turn = link.turn @ turn
-            masses.append(float(_child(inertial, "mass").attrib["value"]))
-            centres.append(link.offset + link.turn @ at)
-            tensors.append(turn @ _tensor(_child(inertial, "inertia")) @ turn.T)
-    if not 0.0 < sum(masses) < math.inf:
+        if inertial is None:
+            continue
+        pose = link.pose @ _read_origin(inertial)
+        masses.append(float(_child(inertial, "mass").attrib["value"]))
+        centers.append(pose.offset)
+        tensor = _read_tensor(_child(inertial, "inertia"))
+        tensors.append(pose.rotation @ tensor @ pose.rotation.T)
+    mass = sum(masses)
+    if not 0.0 < mass < math.inf:
         raise ValueError("no link has a mass, or one has none that is a number")
-    centre = sum(
-        (m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)
-    ) / sum(masses)
+    weighted = np.array(masses)[:, None] * np.array(centers)
+    center = weighted.sum(axis=0) / mass
+
+    # Parallel axis theorem: moments about the common center of mass.
     total = np.zeros((3, 3))
-    for mass, at, tensor in zip(masses, centres, tensors, strict=True):
-        away = at - centre
-        total += tensor + mass * (np.dot(away, away) * np.eye(3) - np.outer(away, away))
-    found = {
-        "centre_of_mass_m": tuple(centre.tolist()),
+    for link_mass, link_center, tensor in zip(masses, centers, tensors, strict=True):
+        arm = link_center - center
+        total += tensor + link_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return {
+        "mass_kg": mass,
+        "centre_of_mass_m": tuple(center.tolist()),
         "inertia_kg_m2": tuple(np.diag(total).tolist()),
     }
-    return {"mass_kg": sum(masses), **found}
 
 
-def _wheels(links: dict[str, Link]) -> dict[str, Any]:
+def _read_wheels(links: dict[str, Link]) -> dict[str, Any]:
+    """Return positions and sizes of the wheels, nothing if there are none."""
     wheels = [
         link
         for name, link in links.items()
-        if link.moves and "wheel" in name and "caster" not in name
+        if link.is_turning and "wheel" in name and "caster" not in name
     ]
     if not wheels:
         return {}
-    x, y, z = np.array([link.offset for link in wheels]).T
-    front, rear = float(x.max()), float(x.min())
-    found = {
+    x, y, z = np.array([wheel.pose.offset for wheel in wheels]).T
+    front = float(x.max())
+    rear = float(x.min())
+    fields = {
         "track_m": float(np.ptp(y)),
         "wheel_z_m": float(z.mean()),
         "wheelbase_m": front - rear,
+        "axle_x_m": 0.5 * (front + rear),
     }
-    found["axle_x_m"] = 0.5 * (front + rear)
-    cylinders = [
-        one
-        for link in wheels
-        for one in link.element.findall("collision/geometry/cylinder")
-    ]
-    if cylinders:
-        found["wheel_radius_m"] = float(cylinders[0].attrib["radius"])
-        found["wheel_width_m"] = float(cylinders[0].attrib["length"])
-    return found
+    for wheel in wheels:
+        cylinder = wheel.element.find("collision/geometry/cylinder")
+        if cylinder is not None:
+            fields["wheel_radius_m"] = float(cylinder.attrib["radius"])
+            fields["wheel_width_m"] = float(cylinder.attrib["length"])
+            break
+    return fields
 
 
-def _tensor(inertia: Element) -> Floats:
-    xx, yy, zz, xy, xz, yz = (
-        float(inertia.attrib[f"i{key}"]) for key in ("xx", "yy", "zz", "xy", "xz", "yz")
+def _read_origin(parent: Element) -> Transform:
+    """Return the pose in an element's <origin>, the identity if it has none."""
+    origin = parent.find("origin")
+    attributes = {} if origin is None else origin.attrib
+    roll, pitch, yaw = _read_triple(attributes.get("rpy", "0 0 0")).tolist()
+    return Transform(
+        _read_triple(attributes.get("xyz", "0 0 0")), rotation_matrix(roll, pitch, yaw)
     )
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _child(parent: Element, tag: str) -> Element:
-    found = parent.find(tag)
-    if found is None:
-        raise ValueError(f"<{parent.tag} name={parent.get('name')!r}> without <{tag}>")
-    return found
+def _read_tensor(inertia: Element) -> Floats:
+    keys = [["ixx", "ixy", "ixz"], ["ixy", "iyy", "iyz"], ["ixz", "iyz", "izz"]]
+    return np.array([[float(inertia.attrib[key]) for key in row] for row in keys])
 
 
-def _numbers(text: str) -> Floats:
+def _read_triple(text: str) -> Floats:
     numbers = np.array([float(word) for word in text.split()])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError(f"must be three numbers: {text!r}")
     return numbers
+
+
+def _child(parent: Element, tag: str) -> Element:
+    child = parent.find(tag)
+    if child is None:
+        raise ValueError(f"<{parent.tag} name={parent.get('name')!r}> without <{tag}>")
+    return child

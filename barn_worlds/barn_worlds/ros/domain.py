@@ -1,4 +1,4 @@
-"""Reserving a ROS domain, so that trials that run side by side on this host do not hear each other."""
+"""Reserving a ROS domain, so that trials side by side on one host do not interfere."""
 
 import errno
 import os
@@ -9,58 +9,80 @@ from pathlib import Path
 
 from barn_worlds.base.errors import ConfigError
 
-# Domains whose ports lie below the ephemeral ports of Linux; 0 is left for whatever else the user runs.
+# Domains whose ports lie below the ephemeral ports of Linux. Domain 0 is left for
+# whatever else the user runs.
 DOMAINS = range(1, 102)
-_FIRST_PORT = 7400  # DDS: domain d has the ports from 7400 + 250 d
+_LARGEST_DOMAIN = 232
+# DDS: domain d has the ports from 7400 + 250 d.
+_FIRST_PORT = 7400
 _PORTS_PER_DOMAIN = 250
 
 
 @contextmanager
-def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
-    """Reserve a free domain while the context lasts. If ROS_DOMAIN_ID is set in the environment, it is that one.
+def reserve_domain(environment: Mapping[str, str]) -> Iterator[int]:
+    """Reserve the domain in ROS_DOMAIN_ID, or a free one, while the block runs.
 
-    A domain is reserved by an abstract socket of its name; the system releases it even if this process is killed.
-    Raises ConfigError if ROS_DOMAIN_ID is not a number, if another run has it, or if no domain is free.
+    Args:
+        environment: Environment variables.
+
+    Yields:
+        The domain.
+
+    Raises:
+        ConfigError: If ROS_DOMAIN_ID is no domain, if another run uses it, or if no
+            domain is free.
     """
-    given = environment.get("ROS_DOMAIN_ID", "")
-    if given and (not given.isdecimal() or int(given) > 232):
-        raise ConfigError(f"ROS_DOMAIN_ID must be from 0 to 232, got {given!r}")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as name:
-        # from one on that differs from process to process
-        first, busy = os.getpid() % len(DOMAINS), _busy_domains()
-        free = [
-            number
-            for number in (*DOMAINS[first:], *DOMAINS[:first])
-            if number not in busy
-        ]
-        for number in [int(given)] if given else free:
+    requested = environment.get("ROS_DOMAIN_ID", "")
+    if requested and (not requested.isdecimal() or int(requested) > _LARGEST_DOMAIN):
+        raise ConfigError(
+            f"ROS_DOMAIN_ID must be from 0 to {_LARGEST_DOMAIN}, got {requested!r}"
+        )
+    candidates = [int(requested)] if requested else _free_domains()
+
+    # The system releases an abstract socket even if this process is killed.
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as reservation:
+        for domain in candidates:
             try:
-                name.bind(f"\0barn_ros_domain_{number}")
+                reservation.bind(f"\0barn_ros_domain_{domain}")
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
                     raise
                 continue
-            yield number
+            yield domain
             return
-    if given:
+    if requested:
         raise ConfigError(
-            f"ROS_DOMAIN_ID {given}: another run uses this domain; choose another, or leave it unset"
+            f"ROS_DOMAIN_ID {requested}: another run uses this domain; "
+            "choose another, or leave it unset"
         )
     raise ConfigError(
-        f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID"
+        f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: "
+        "set ROS_DOMAIN_ID"
     )
 
 
-def in_use(domain: int) -> bool:
-    """Tell whether anybody on this host, of whatever program, takes part in a domain."""
+def is_domain_in_use(domain: int) -> bool:
+    """Tell whether any program on this host takes part in a domain."""
     return domain in _busy_domains()
 
 
+def _free_domains() -> list[int]:
+    """Return the domains that nobody uses, in an order that differs by process."""
+    # Runs that start at once would otherwise all try the same domains.
+    first = os.getpid() % len(DOMAINS)
+    busy = _busy_domains()
+    rotation = (*DOMAINS[first:], *DOMAINS[:first])
+    return [domain for domain in rotation if domain not in busy]
+
+
 def _busy_domains() -> set[int]:
-    busy = set()
+    """Return the domains whose ports are open on this host."""
+    # Programs of other users count as well, so the tables of the kernel are the source.
+    domains = set()
     for table in ("/proc/net/udp", "/proc/net/udp6"):
         with suppress(OSError):
             for line in Path(table).read_text("ascii").splitlines()[1:]:
-                port = int(line.split()[1].rsplit(":", 1)[1], 16)
-                busy.add((port - _FIRST_PORT) // _PORTS_PER_DOMAIN)
-    return busy
+                # The second column is the local address: hexadecimal host:port.
+                port = int(line.split()[1].rpartition(":")[2], 16)
+                domains.add((port - _FIRST_PORT) // _PORTS_PER_DOMAIN)
+    return domains

@@ -1,7 +1,9 @@
-"""Serves map (nav_msgs/OccupancyGrid) and plan (nav_msgs/Path) of one world, latched, in the map frame.
+"""Node that serves the map and the path of one world, latched, in the map frame.
 
-~/reload (std_srvs/Trigger) publishes the world that the parameters, the fields of `MapServerConfig`, name now; on
-failure the old one stays and the answer gives the reason.
+Map (nav_msgs/OccupancyGrid) and plan (nav_msgs/Path) are those of the world that the
+parameters name, the fields of `MapServerConfig`. ~/reload (std_srvs/Trigger) publishes
+the world that they name now. If that fails, the old world stays, and the answer gives
+the reason.
 """
 
 import sys
@@ -15,17 +17,21 @@ from std_srvs.srv import Trigger
 
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BarnError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.encode import PathEncoder, encode_map
 from barn_worlds.messages.topics import FRAMES, MAP, WORLD_PATH
-from barn_worlds.ros.parameters import check_with, current, declare
-from barn_worlds.ros.topics import publisher
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+)
+from barn_worlds.ros.topics import create_publisher
 from barn_worlds.worlds.world import World
 
 
 @dataclass(frozen=True)
 class MapServerConfig(Checked):
-    """What is served."""
+    """The world that is served, and how."""
 
     dataset: str = quantity(
         "barn300", "name of a shipped data set, or path of a folder or file with worlds"
@@ -45,26 +51,27 @@ class MapServer(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("map_server", **options)
-        self._map, self._path = publisher(self, MAP), publisher(self, WORLD_PATH)
-        self._config = declare(self, MapServerConfig())
-        check_with(self, self._config)
+        self._map_publisher = create_publisher(self, MAP)
+        self._path_publisher = create_publisher(self, WORLD_PATH)
+        self._config = declare_parameters(self, MapServerConfig())
+        refuse_invalid_changes(self, self._config)
         self.publish()
         self.create_service(Trigger, "~/reload", self._reload)
 
     def publish(self) -> World:
         """Publish the world that the parameters name now, and return it."""
-        config = current(self, self._config)
+        config = read_parameters(self, self._config)
         world = open_dataset(config.dataset).load(config.world)
         occupancy = world.occupancy_map(
             config.resolution_m or None, historical=config.historical_map
         )
         stamp_ns = self.get_clock().now().nanoseconds
-        self._map.publish(encode_map(occupancy, stamp_ns, config.frame_id))
-        self._path.publish(
-            PathEncoder(config.frame_id).encode(world.path_m(), stamp_ns)
-        )
+        self._map_publisher.publish(encode_map(occupancy, stamp_ns, config.frame_id))
+        path = PathEncoder(config.frame_id).encode(world.path_m(), stamp_ns)
+        self._path_publisher.publish(path)
         self.get_logger().info(
-            f"serving world {config.world} of {config.dataset}: {world.rows} x {world.cols} cells"
+            f"serving world {config.world} of {config.dataset}: "
+            f"{world.rows} x {world.cols} cells"
         )
         return world
 
@@ -72,15 +79,17 @@ class MapServer(Node):
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         try:
-            response.success, response.message = True, f"serving {self.publish().name}"
+            response.message = f"serving {self.publish().name}"
+            response.success = True
         except BarnError as error:
-            response.success, response.message = False, str(error)
+            response.message = str(error)
+            response.success = False
             self.get_logger().error(response.message)
         return response
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop; return 1, with one line of reason, if it cannot start."""
+    """Run the node until it is stopped; return 1 and print why if it cannot start."""
     rclpy.init(args=args)
     try:
         rclpy.spin(MapServer())

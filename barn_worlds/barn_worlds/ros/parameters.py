@@ -1,4 +1,4 @@
-"""ROS parameters declared from a configuration dataclass, so that each is defined once."""
+"""ROS parameters from a configuration dataclass, so that each is declared only once."""
 
 from collections.abc import Iterable
 from typing import Any, TypeVar, cast
@@ -19,93 +19,128 @@ from barn_worlds.base.errors import BarnError, ConfigError, suggest
 T = TypeVar("T")
 
 
-def declare(node: Node, config: T, *, read_only: bool = False) -> T:
-    """Declare every field of `config` as a parameter and return the configuration with what the user set.
+def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
+    """Declare every field of a configuration as a parameter of a node.
 
-    Nested fields get dotted names. Raises ConfigError in one line for a value that is not allowed.
+    Args:
+        node: Node that gets the parameters. Nested fields get dotted names.
+        config: Configuration with the defaults.
+        read_only: Whether the parameters are fixed from now on.
+
+    Returns:
+        The configuration with what the user set.
+
+    Raises:
+        ConfigError: If the user set a value that is not allowed.
     """
+    where = f"parameters of {node.get_name()}"
     changes = {}
-    for name, about, default in fields_of(config):
+    for name, declaration, default in fields_of(config):
         value = list(default) if isinstance(default, tuple) else default
         if not node.has_parameter(name):
+            descriptor = _descriptor(declaration, value, read_only=read_only)
             try:
-                node.declare_parameter(
-                    name, value, _descriptor(about, value, read_only=read_only)
-                )
+                node.declare_parameter(name, value, descriptor)
             except ParameterException as error:
-                raise ConfigError(f"parameters of {node.get_name()}: {error}") from None
-        changes[name] = _typed(node.get_parameter(name).value, default)
-    return replace_dotted(config, changes, f"parameters of {node.get_name()}")
+                raise ConfigError(f"{where}: {error}") from None
+        changes[name] = _plain(node.get_parameter(name).value, default)
+    return replace_dotted(config, changes, where)
 
 
-def warn_of_unknown(node: Node) -> None:
-    """Log a warning for every parameter that the user set and that is not declared; call after the last `declare`."""
-    # rclpy says of the type that these are values
-    everything = cast("dict[str, Parameter]", node.get_parameters_by_prefix(""))
-    declared = {item.name for item in everything.values()}
+def warn_about_unknown_parameters(node: Node) -> None:
+    """Log a warning for every parameter that the user set but the node does not have.
+
+    Call this after the last `declare_parameters`.
+    """
+    # rclpy declares values, but the method returns parameters.
+    parameters = cast("dict[str, Parameter]", node.get_parameters_by_prefix(""))
+    names = {parameter.name for parameter in parameters.values()}
     for name in node._parameter_overrides:
-        if name not in declared and not name.startswith("qos_overrides."):
-            node.get_logger().warning(
-                f"unknown parameter {name!r}{suggest(name, declared)}"
-            )
+        if name not in names and not name.startswith("qos_overrides."):
+            hint = suggest(name, names)
+            node.get_logger().warning(f"unknown parameter {name!r}{hint}")
 
 
-def _updated(config: T, parameters: Iterable[Parameter]) -> T:
-    """Return `config` with the values in `parameters` that belong to it; ConfigError if one is not allowed."""
-    own = {name: value for name, _, value in fields_of(config)}
-    changes = {
-        item.name: _typed(item.value, own[item.name])
-        for item in parameters
-        if item.name in own
-    }
-    return replace_dotted(config, changes, "parameter")
+def refuse_invalid_changes(node: Node, config: object) -> None:
+    """Let a node refuse later parameter changes that a configuration does not allow.
 
+    Args:
+        node: Node with the parameters.
+        config: Configuration that they were declared from.
+    """
 
-def check_with(node: Node, config: object) -> None:
-    """Reject later parameter changes that the configuration does not allow, with the reason."""
-
-    def judge(parameters: list[Parameter]) -> SetParametersResult:
+    def check(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            _updated(config, parameters)
+            _update(config, parameters)
         except BarnError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    node.add_on_set_parameters_callback(judge)
+    node.add_on_set_parameters_callback(check)
 
 
-def current(node: Node, config: T) -> T:
-    """Return `config` with the present values of the node's parameters."""
-    return _updated(
-        config, (node.get_parameter(name) for name, _, _ in fields_of(config))
-    )
+def read_parameters(node: Node, config: T) -> T:
+    """Return a configuration with the present values of the parameters.
+
+    Args:
+        node: Node with the parameters.
+        config: Configuration that they were declared from.
+    """
+    names = [name for name, _, _ in fields_of(config)]
+    return _update(config, map(node.get_parameter, names))
+
+
+def _update(config: T, parameters: Iterable[Parameter]) -> T:
+    """Return a configuration with the values of the parameters that belong to it."""
+    defaults = {name: value for name, _, value in fields_of(config)}
+    changes = {
+        parameter.name: _plain(parameter.value, defaults[parameter.name])
+        for parameter in parameters
+        if parameter.name in defaults
+    }
+    return replace_dotted(config, changes, "parameter")
 
 
 def _descriptor(
-    about: Quantity, value: object, *, read_only: bool
+    declaration: Quantity, value: object, *, read_only: bool
 ) -> ParameterDescriptor:
-    meaning = about.description + (f" [{about.unit}]" if about.unit else "")
-    described = ParameterDescriptor(
-        description=meaning, additional_constraints=about.allowed(), read_only=read_only
+    description = declaration.description
+    if declaration.unit:
+        description += f" [{declaration.unit}]"
+    descriptor = ParameterDescriptor(
+        description=description,
+        additional_constraints=declaration.describe_limits(),
+        read_only=read_only,
+        # So that `-p factor:=2` works for 2.0, and since an empty list of ROS has no
+        # type.
+        dynamic_typing=isinstance(value, (float, list)),
     )
-    # so that `-p factor:=2` works for 2.0, and because in ROS an empty list has no type
-    described.dynamic_typing = isinstance(value, (float, list))
-    if about.minimum is None and about.maximum is None:
-        return described
-    kind, largest = (float, 1.7e308) if isinstance(value, float) else (int, 2**63 - 1)
-    low = kind(-largest if about.minimum is None else about.minimum)
-    high = kind(largest if about.maximum is None else about.maximum)
+    minimum = declaration.minimum
+    maximum = declaration.maximum
+    if minimum is None and maximum is None:
+        return descriptor
+    largest: float = 1.7e308 if isinstance(value, float) else 2**63 - 1
+    if minimum is None:
+        minimum = -largest
+    if maximum is None:
+        maximum = largest
     if isinstance(value, float):
-        described.floating_point_range = [
-            FloatingPointRange(from_value=low, to_value=high)
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(minimum), to_value=float(maximum))
         ]
     elif isinstance(value, int) and not isinstance(value, bool):
-        described.integer_range = [IntegerRange(from_value=low, to_value=high)]
-    return described
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(minimum), to_value=int(maximum))
+        ]
+    return descriptor
 
 
-def _typed(value: Any, like: Any) -> Any:
-    if isinstance(like, tuple):
-        one = isinstance(value, (str, bool, int, float))
-        return [value] if one else list(value or ())
+def _plain(value: Any, default: Any) -> Any:
+    """Return the value of a parameter as plain data of the type of its default."""
+    if isinstance(default, tuple):
+        # A list of one text may be set without brackets.
+        if isinstance(value, (str, bool, int, float)):
+            return [value]
+        return list(value or ())
+    # rclpy gives arrays for lists of numbers.
     return list(value) if hasattr(value, "tolist") else value

@@ -1,8 +1,12 @@
-"""The private line between a simulator and its evaluator: readings, requests and answers that nobody else can send.
+"""The private line between a simulator and its evaluator.
 
-It is a pair of connected sockets whose ends the supervisor hands down to the two processes. Unlike a topic or a ROS
-domain it has no name on the host or on the network, so that nobody can join it. A packet is either a reading (a
-serialised message with its topic and the time at which it was sent) or an object of JSON.
+It carries readings, requests and answers as packets. A packet is a reading (a
+serialized message with its topic and the time at which it was sent) or an object of
+JSON.
+
+The line is a pair of connected sockets. The supervisor hands their ends to the two
+processes. Unlike a topic or a ROS domain, it has no name on the host or the network,
+so nobody else can send on it.
 """
 
 import json
@@ -13,42 +17,58 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-_READING = b"R"  # first byte of a packet; JSON begins with a brace
-_HEAD = struct.Struct("<cqB")  # that, time of sending in ns, length of the topic's name
-_LARGEST = 1 << 20
+_READING = b"R"  # first byte of a reading; JSON begins with a brace
+_HEAD = struct.Struct("<cqB")  # first byte, time of sending in ns, length of the topic
+_LARGEST_PACKET = 1 << 20
 _WAIT_S = 0.05
-# Of packets that nobody has read yet, the sender's own accounting included: some 20 instants. A simulator that is not
-# listened to waits, so that nothing is lost while its evaluator is suspended.
-_BUFFER = 64 * 1024
+# Of packets that nobody has read yet, some 20 instants. A simulator waits while its
+# evaluator does not read, so nothing is lost while the evaluator is suspended.
+_BUFFER_BYTES = 64 * 1024
 
 
 class Reading(NamedTuple):
-    """A serialised message, the name of its topic without a namespace, and the wall-clock time when it was sent."""
+    """A serialized message."""
 
     topic: str
+    """Name without a namespace."""
+
     data: bytes
+
     sent_ns: int
+    """Wall-clock time when it was sent."""
 
 
-def pair() -> tuple[socket.socket, socket.socket]:
-    """Return the two ends of a new line, that of the simulator first."""
+def create_ends() -> tuple[socket.socket, socket.socket]:
+    """Return the two ends of a new line, the simulator's first."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
     return ends
 
 
 class PrivateLine:
-    """One end of the line. Sending waits for the other end to read as long as `waits` holds, and then drops."""
+    """One end of the line."""
 
     def __init__(
         self, descriptor: int, waits: Callable[[], bool] = lambda: True
     ) -> None:
+        """Take over an end.
+
+        Args:
+            descriptor: File descriptor of the socket.
+            waits: Tells whether to wait for a reader at the other end. A packet that
+                cannot be sent is dropped once it returns False.
+        """
         self._socket = socket.socket(fileno=descriptor)
         self._waits = waits
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a reading."""
+        """Send a reading.
+
+        Args:
+            topic: Name without a namespace.
+            data: Serialized message.
+        """
         name = topic.encode()
         self._send(_HEAD.pack(_READING, time.time_ns(), len(name)) + name + data)
 
@@ -57,9 +77,14 @@ class PrivateLine:
         self._send(json.dumps(content).encode())
 
     def receive(self, *, wait: bool = False) -> Reading | dict[str, Any] | None:
-        """Return the next packet; None if there is none now, or, with `wait`, once the other end is gone."""
+        """Return the next packet, None if there is none.
+
+        Args:
+            wait: Wait for a packet; then None means that the other end is gone.
+        """
         try:
-            packet = self._socket.recv(_LARGEST, 0 if wait else socket.MSG_DONTWAIT)
+            flags = 0 if wait else socket.MSG_DONTWAIT
+            packet = self._socket.recv(_LARGEST_PACKET, flags)
         except BlockingIOError:
             return None
         if packet[:1] == _READING:
@@ -73,9 +98,10 @@ class PrivateLine:
         while self._waits():
             try:
                 self._socket.send(packet, socket.MSG_DONTWAIT)
+                return
             except BlockingIOError:
                 select.select([], [self._socket], [], _WAIT_S)
-                continue
             except (BrokenPipeError, ConnectionResetError):
-                pass  # the supervisor, which keeps both ends open, is gone, and this process is about to be ended
-            return
+                # The supervisor keeps both ends open. If it is gone, this process is
+                # about to be ended.
+                return

@@ -1,4 +1,4 @@
-"""The suite's topics in rclpy: classes, quality of service, publishers and subscriptions of serialised messages."""
+"""Publishers and subscriptions of rclpy for serialized messages."""
 
 import importlib
 import secrets
@@ -18,23 +18,22 @@ from barn_worlds.messages.topics import Qos, Topic
 T = TypeVar("T")
 
 
-def profile(qos: Qos) -> QoSProfile:
+def qos_profile(qos: Qos) -> QoSProfile:
     """Return a quality of service for rclpy."""
-    reliability, durability = (
-        ReliabilityPolicy[qos.reliability.upper()],
-        DurabilityPolicy[qos.durability.upper()],
-    )
     return QoSProfile(
         depth=qos.depth,
         history=HistoryPolicy.KEEP_LAST,
-        reliability=reliability,
-        durability=durability,
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
     )
 
 
-def own_identity(node: Node) -> bytes:
-    """Return the identity (GID) of an endpoint of this process, which begins as those of its other endpoints do."""
-    # of a publisher on a topic that nobody else can know of; names of nodes can be taken by anybody
+def read_endpoint_identity(node: Node) -> bytes:
+    """Return the identity (GID) of an endpoint of this process.
+
+    The identities of its other endpoints begin with the same bytes.
+    """
+    # Anybody can take the name of a node, but nobody else can know this topic.
     probe = node.create_publisher(Empty, f"_barn_{secrets.token_hex(16)}", 1)
     try:
         (info,) = node.get_publishers_info_by_topic(probe.topic_name)
@@ -43,8 +42,11 @@ def own_identity(node: Node) -> bytes:
         node.destroy_publisher(probe)
 
 
-def message_class(type_name: str) -> Any | None:
-    """Return the class of a type such as "nav_msgs/msg/Odometry", None if its package is not installed."""
+def find_message_class(type_name: str) -> Any | None:
+    """Return the class of a type such as "nav_msgs/msg/Odometry", or None.
+
+    None means that the package of the type is not installed.
+    """
     package, kind, name = type_name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
@@ -52,25 +54,48 @@ def message_class(type_name: str) -> Any | None:
         return None
 
 
-def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
-    """Return a publisher of a topic, which takes serialised messages."""
-    return node.create_publisher(
-        message_class(topic.type_name), topic.name, profile(qos or topic.qos)
-    )
+def create_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
+    """Return a publisher of serialized messages.
+
+    Args:
+        node: Node that publishes.
+        topic: Topic of the suite.
+        qos: Quality of service. By default it is that of the topic.
+    """
+    kind = find_message_class(topic.type_name)
+    return node.create_publisher(kind, topic.name, qos_profile(qos or topic.qos))
 
 
-def optional_publisher(node: Node, topic: Topic) -> Publisher | None:
-    """Return a publisher of a topic, None if its type is not installed."""
-    return (
-        publisher(node, topic) if message_class(topic.type_name) is not None else None
-    )
+def create_optional_publisher(node: Node, topic: Topic) -> Publisher | None:
+    """Return a publisher of serialized messages, None if their type is not installed.
+
+    Args:
+        node: Node that publishes.
+        topic: Topic of the suite.
+    """
+    if find_message_class(topic.type_name) is None:
+        return None
+    return create_publisher(node, topic)
 
 
 def subscribe(
-    node: Node, topic: Topic, decode: Callable[[bytes], T], take: Callable[[T], None], qos: Qos | None = None,
+    node: Node,
+    topic: Topic,
+    decode: Callable[[bytes], T],
+    take: Callable[[T], None],
+    qos: Qos | None = None,
     event_callbacks: SubscriptionEventCallbacks | None = None,
-) -> Subscription:  # fmt: skip
-    """Subscribe to a topic and pass on its decoded messages; malformed ones are logged and skipped."""
+) -> Subscription:
+    """Subscribe to a topic; malformed messages are logged and skipped.
+
+    Args:
+        node: Node that subscribes.
+        topic: Topic of the suite.
+        decode: Reads a serialized message. Raises MessageError if it is malformed.
+        take: Receives what `decode` returns.
+        qos: Quality of service. By default it is that of the topic.
+        event_callbacks: Callbacks of rclpy for events of the subscription.
+    """
 
     def on_data(data: bytes) -> None:
         try:
@@ -80,7 +105,12 @@ def subscribe(
         else:
             take(content)
 
-    kind, quality = message_class(topic.type_name), profile(qos or topic.qos)
+    # raw: rclpy hands over the bytes instead of making an object of them.
     return node.create_subscription(
-        kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks
+        find_message_class(topic.type_name),
+        topic.name,
+        on_data,
+        qos_profile(qos or topic.qos),
+        raw=True,
+        event_callbacks=event_callbacks,
     )

@@ -1,4 +1,7 @@
-"""Start and goal of a world: given ones checked for a robot, or far-apart ones chosen, and the way between them."""
+"""Start and goal of a world, and the path between them.
+
+They are given and checked for a robot, or chosen far apart where the world has none.
+"""
 
 import math
 from collections.abc import Sequence
@@ -10,205 +13,282 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Cells, Integers
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import Pose2D
-from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.geometry.polygon import Corner
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, label_regions
 from barn_worlds.worlds.path_planner import plan_path
 from barn_worlds.worlds.world import Provenance, World
 
-Ends = tuple[Pose2D, Pose2D]  # start and goal
-LONGEST_CHOSEN_M = (
-    25.0  # of a way that is chosen: 50 s at 0.5 m/s, half the challenge's limit
-)
-_SEEN_M = 15.0  # how near an obstacle should be to ends that are chosen: half a usual lidar's range
-_AHEAD_M = 1.0  # along the way, where a start that is chosen looks
-CHOSEN = "chosen"  # a world's path_source, where its start and goal are
+# Start and goal.
+Course = tuple[Pose2D, Pose2D]
+
+# A world's `path_source` where start and goal were chosen.
+AUTOMATIC_COURSE = "chosen"
+# Of a path between chosen ends: 50 s at 0.5 m/s, half the limit of protocol challenge.
+LONGEST_AUTOMATIC_M = 25.0
+# Chosen ends keep this distance from obstacles, and lie within the other one of an
+# obstacle: half the range of a usual lidar.
+_SPACE_M = 0.25
+_VISIBLE_M = 15.0
+# A robot at a chosen start faces the point of the path this far ahead.
+_AHEAD_M = 1.0
 
 
-def course_of(numbers: Sequence[float], where: str) -> Ends:
-    """Return start and goal of the numbers x, y, yaw of the start and x, y (, yaw) of the goal; WorldError if not."""
-    if len(numbers) not in (5, 6) or not all(
-        math.isfinite(number) for number in numbers
-    ):
+def parse_course(numbers: Sequence[float], where: str) -> Course:
+    """Return the start and goal of some numbers.
+
+    Args:
+        numbers: x, y and yaw of the start, x, y and perhaps yaw of the goal. Without a
+            yaw the goal faces away from the start.
+        where: Beginning of the error message, such as the name of a file.
+
+    Raises:
+        WorldError: If these are not five or six finite numbers.
+    """
+    if len(numbers) not in (5, 6) or not all(map(math.isfinite, numbers)):
         raise WorldError(
-            f"{where} must be x, y, yaw of the start and x, y (, yaw) of the goal, got {list(numbers)}"
+            f"{where} must be x, y, yaw of the start and x, y (, yaw) of the goal, "
+            f"got {list(numbers)}"
         )
-    x, y, yaw, u, v = map(float, numbers[:5])
-    heading = float(numbers[5]) if len(numbers) == 6 else math.atan2(v - y, u - x)
-    return Pose2D(x, y, yaw), Pose2D(u, v, heading)
+
+    x, y, yaw, goal_x, goal_y, *goal_yaw = map(float, numbers)
+    heading = goal_yaw[0] if goal_yaw else math.atan2(goal_y - y, goal_x - x)
+    return Pose2D(x, y, yaw), Pose2D(goal_x, goal_y, heading)
 
 
-def open_world(
+def build_world(
     name: str,
     grid: BoolGrid,
     cell_m: float,
     corner_m: Corner,
     robot: Robot,
-    about: Provenance,
-    ends: Ends | None = None,
+    provenance: Provenance,
+    course: Course | None = None,
 ) -> World:
-    """Return a world of any shape, its grid's outer corner at a place of the map frame; WorldError without a way.
+    """Return a world of any shape, without containment, with a path between two poses.
 
-    ends: its start and goal; None: they are chosen for the robot.
+    Args:
+        name: Name of the world.
+        grid: (rows, cols), True where filled.
+        cell_m: Size of a cell.
+        corner_m: Outer corner of cell (0, 0) in the map frame.
+        robot: Robot that the path is for.
+        provenance: Where the grid comes from.
+        course: Start and goal. By default they are chosen for the robot.
+
+    Raises:
+        WorldError: If start or goal is blocked, or no path connects them.
     """
-    anywhere = np.argwhere(~grid)[:1]
-    if not len(anywhere):
+    # A world needs a path: any free cell will do until the course is planned.
+    free_cell = np.argwhere(~grid)[:1]
+    if not len(free_cell):
         raise WorldError(f"{name}: no cell of it is free")
-    about = replace(about, path_source="planned" if ends else CHOSEN)
+
     world = World(
         name,
         grid,
-        anywhere,
+        free_cell,
         cell_m,
         robot.footprint_cells(cell_m),
-        about,
+        provenance,
         corner_m=corner_m,
     )
-    return with_course(world, robot, ends)
+    return plan_course(world, robot, course)
 
 
-def for_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
-    """Return a world as a robot drives it: from start to goal of a course, its own, or those chosen for this robot.
+def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
+    """Return a world as a robot drives it.
 
-    A world without a course of its own stays as it is; its protocol says where to start. course: numbers for
-    `course_of`. WorldError where start or goal is blocked or no way leads from one to the other.
+    A world without start and goal stays as it is: its protocol says where to start.
+    Given ends are kept, and chosen ones chosen anew for a robot of another size.
+
+    Args:
+        world: With start and goal of its own or without.
+        robot: Its footprint decides which paths fit.
+        course: Other start and goal, as numbers for `parse_course`.
+
+    Raises:
+        WorldError: If start or goal is blocked, or no path connects them.
     """
     if course:
-        return with_course(world, robot, course_of(course, "course"))
+        return plan_course(world, robot, parse_course(course, "course"))
     if world.start is None or world.goal is None:
         return world
-    same = robot.footprint_cells(world.resolution_m) == world.footprint_cells
-    if world.provenance.path_source == CHOSEN:
-        return world if same else with_course(world, robot)
+
+    # Robots of as many cells share paths.
+    fits = robot.footprint_cells(world.resolution_m) == world.footprint_cells
+    if world.provenance.path_source == AUTOMATIC_COURSE:
+        return world if fits else plan_course(world, robot)
+    if not fits:
+        return plan_course(world, robot, (world.start, world.goal))
     _require_free(world, robot, world.start, world.goal)
-    return world if same else with_course(world, robot, (world.start, world.goal))
+    return world
 
 
-def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
-    """Return a world with start, goal and the way between them as its path; ends: None to choose them."""
-    cells = robot.footprint_cells(world.resolution_m)
-    occupied = world.occupied
-    cspace = configuration_space(occupied, cells)
-    if ends is None:
-        path = _chosen(
-            cspace,
-            world.resolution_m,
-            f"{world.name}: robot {robot.name}, {cells} x {cells} cells,",
-        )
-        points = world.cell_centres_m(
-            path[[0, min(len(path) - 1, round(_AHEAD_M / world.resolution_m)), -2, -1]]
-        )
-        (x, y), (u, v), before, (p, q) = points.tolist()
-        start = Pose2D(x, y, math.atan2(v - y, u - x))
-        goal = Pose2D(p, q, math.atan2(q - before[1], p - before[0]))
+def plan_course(world: World, robot: Robot, course: Course | None = None) -> World:
+    """Return a world with start, goal and the path between them.
+
+    Args:
+        world: The world; its own path is replaced.
+        robot: Robot that the path is for.
+        course: Start and goal. By default they are chosen.
+
+    Raises:
+        WorldError: If start or goal is blocked, or no path connects them.
+    """
+    footprint_cells = robot.footprint_cells(world.resolution_m)
+    cspace = configuration_space(world.occupied, footprint_cells)
+    if course is None:
+        path = _choose_path(cspace, world, robot, footprint_cells)
+        start, goal = _end_poses(path, world)
+        source = AUTOMATIC_COURSE
     else:
-        _require_free(world, robot, *ends)
-        path, (start, goal) = _between(world, occupied, cspace, robot, ends), ends
-    about = replace(world.provenance, path_source="planned" if ends else CHOSEN)
+        start, goal = course
+        _require_free(world, robot, start, goal)
+        path = _plan_between(world, cspace, robot, start, goal)
+        source = "planned"
+
     return replace(
         world,
         path=path,
-        footprint_cells=cells,
-        provenance=about,
+        footprint_cells=footprint_cells,
+        provenance=replace(world.provenance, path_source=source),
         start=start,
         goal=goal,
     )
 
 
+def _end_poses(path: Cells, world: World) -> Course:
+    """Return poses at the ends of a path that face along it."""
+    ahead = min(len(path) - 1, round(_AHEAD_M / world.resolution_m))
+    points = world.cell_centers_m(path[[0, ahead, -2, -1]])
+    first, later, last_but_one, last = points.tolist()
+    start_yaw = math.atan2(later[1] - first[1], later[0] - first[0])
+    goal_yaw = math.atan2(last[1] - last_but_one[1], last[0] - last_but_one[0])
+    start = Pose2D(first[0], first[1], start_yaw)
+    return start, Pose2D(last[0], last[1], goal_yaw)
+
+
 def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> None:
-    """Raise WorldError where an end is off the map, or the robot touches something there; of a goal, at any heading."""
+    """Raise WorldError if an end is off the map or something blocks it."""
     left, below, right, above = world.bounds_m
-    for what, pose in (("start", start), ("goal", goal)):
-        at = f"{world.name}: {what} ({pose.x:g}, {pose.y:g})"
+    for end, pose in (("start", start), ("goal", goal)):
+        where = f"{world.name}: {end} ({pose.x:g}, {pose.y:g})"
         if not (left <= pose.x < right and below <= pose.y < above):
-            reach = f"({left:g}, {below:g}) to ({right:g}, {above:g}) m"
-            raise WorldError(f"{at} is off the map, which reaches from {reach}")
-        x, y = pose.inverse().transform(world.cylinders_m).T
-        body, radius_m = contact_of(robot.chassis), world.cylinder_radius_m
-        gaps = (
-            body.distances(x, y)
-            if pose is start
-            else np.hypot(x, y) - robot.chassis.inscribed_m
-        )
-        row, column = world.containing_cells(np.array([[pose.x, pose.y]]))[0]
-        if (column >= 0 and world.occupied[row, column]) or gaps.min(
-            initial=np.inf
-        ) <= radius_m:
             raise WorldError(
-                f"{at} is blocked: robot {robot.name} would touch an obstacle there"
+                f"{where} is off the map, which reaches from "
+                f"({left:g}, {below:g}) to ({right:g}, {above:g}) m"
+            )
+
+        x, y = pose.inverse().transform(world.cylinders_m).T
+        if pose is start:
+            distances_m = contact_footprint(robot.chassis).distances(x, y)
+        else:
+            # A robot may arrive at the goal at any heading.
+            distances_m = np.hypot(x, y) - robot.chassis.inscribed_m
+        touches = distances_m.min(initial=np.inf) <= world.cylinder_radius_m
+        position = np.array([[pose.x, pose.y]])
+        ((row, column),) = world.containing_cells(position)
+        if touches or (column >= 0 and world.occupied[row, column]):
+            raise WorldError(
+                f"{where} is blocked: robot {robot.name} would touch an obstacle there"
             )
 
 
-def _between(
-    world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: Ends
+def _plan_between(
+    world: World, cspace: BoolGrid, robot: Robot, start: Pose2D, goal: Pose2D
 ) -> Cells:
-    """Return the cells of a way (n, 2); the robot may stand nearer to obstacles at its ends than on the way."""
-    points = np.array([(pose.x, pose.y) for pose in ends])
-    inside = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
-    reach, open_cspace = (world.footprint_cells + 1) // 2, cspace.copy()
-    for row, column in inside:
-        near = (
+    """Return the cells (n, 2) of a path; WorldError if there is none."""
+    points = np.array([(start.x, start.y), (goal.x, goal.y)])
+    ends = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
+
+    # The robot may stand closer to obstacles at the ends than along the path, so around
+    # them only filled cells block it.
+    reach = (world.footprint_cells + 1) // 2
+    open_cspace = cspace.copy()
+    for row, column in ends:
+        around = (
             slice(max(0, row - reach), row + reach + 1),
             slice(max(0, column - reach), column + reach + 1),
         )
-        open_cspace[near] = occupied[near]
-    first, last = inside.tolist()
+        open_cspace[around] = world.occupied[around]
+
+    first, last = ends.tolist()
     path = plan_path(open_cspace, (first[0], first[1]), (last[0], last[1]))
     if path is None:
-        (x, y), (u, v) = points.tolist()
-        side = robot.footprint_cells(world.resolution_m) * world.resolution_m
-        by = f"by robot {robot.name}, which takes {side:g} x {side:g} m"
+        side_m = robot.footprint_cells(world.resolution_m) * world.resolution_m
         raise WorldError(
-            f"{world.name}: goal ({u:g}, {v:g}) cannot be reached from start ({x:g}, {y:g}) {by}"
+            f"{world.name}: goal ({goal.x:g}, {goal.y:g}) cannot be reached from start "
+            f"({start.x:g}, {start.y:g}) by robot {robot.name}, "
+            f"which takes {side_m:g} x {side_m:g} m"
         )
     return path
 
 
-def _chosen(cspace: BoolGrid, cell_m: float, where: str) -> Cells:
-    """Return a way (n, 2) between two cells far apart in the largest free region, at most 25 m along the way.
+def _choose_path(
+    cspace: BoolGrid, world: World, robot: Robot, footprint_cells: int
+) -> Cells:
+    """Return a path (n, 2) between two cells far apart in the largest free region.
 
-    Ends are where there is room to all sides and the lidar sees something, if there is such a place; the same map gives
-    the same ends.
+    The ends have space to all sides and an obstacle in sight of the lidar, if there are
+    such places. The same map gives the same ends.
     """
-    roomy, seen = (
+    cell_m = world.resolution_m
+    near, visible = (
         configuration_space(cspace, 2 * round(reach_m / cell_m) + 1)
-        for reach_m in (0.25, _SEEN_M)
+        for reach_m in (_SPACE_M, _VISIBLE_M)
     )
-    for blocked in (roomy | ~seen, roomy, cspace):
+    for blocked in (near | ~visible, near, cspace):
         labels, sizes = label_regions(~blocked)
         if len(sizes) < 2:
             continue
-        region = labels == 1 + int(np.argmax(sizes[1:]))
-        seed = np.argwhere(region)[0]
-        first = _farthest(region, seed, np.inf)
-        last = _farthest(region, first, LONGEST_CHOSEN_M / cell_m)
+        # Label 0 is what is blocked.
+        region = labels == 1 + np.argmax(sizes[1:])
+
+        # The cell farthest from any cell is one end, the one farthest from it the
+        # other.
+        first = _farthest(region, np.argwhere(region)[0], np.inf)
+        last = _farthest(region, first, LONGEST_AUTOMATIC_M / cell_m)
         path = plan_path(
             cspace, (int(first[0]), int(first[1])), (int(last[0]), int(last[1]))
         )
         if path is not None and len(path) > 1:
             return path
-    raise WorldError(f"{where} finds no way in it")
+
+    raise WorldError(
+        f"{world.name}: robot {robot.name}, {footprint_cells} x {footprint_cells} "
+        "cells, finds no path in it"
+    )
 
 
 @njit(cache=True)
-def _farthest(free: BoolGrid, start: Integers, most: float) -> Cells:
-    """Return the free cell (2,) that is farthest along 4-connected ways, of those at most so many cells away."""
+def _farthest(free: BoolGrid, start: Integers, limit: float) -> Cells:
+    """Return the free cell (2,) farthest from another along 4-connected paths.
+
+    Cells more than `limit` steps away do not count.
+    """
     rows, cols = free.shape
     distance = np.full((rows, cols), -1, np.int64)
     queue = np.empty((rows * cols, 2), np.int64)
-    queue[0], distance[start[0], start[1]] = start, 0
-    head, tail, found = 0, 1, np.array([start[0], start[1]])
+    queue[0] = start
+    distance[start[0], start[1]] = 0
+    head = 0
+    tail = 1
+    farthest = np.array([start[0], start[1]])
     while head < tail:
         row, column = queue[head]
         head += 1
-        if distance[row, column] > most:
+        if distance[row, column] > limit:
             break
-        found[0], found[1] = row, column
-        for down, right in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-            r, c = row + down, column + right
+        farthest[0] = row
+        farthest[1] = column
+        for row_step, column_step in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+            r = row + row_step
+            c = column + column_step
             if 0 <= r < rows and 0 <= c < cols and free[r, c] and distance[r, c] < 0:
                 distance[r, c] = distance[row, column] + 1
-                queue[tail, 0], queue[tail, 1] = r, c
+                queue[tail, 0] = r
+                queue[tail, 1] = c
                 tail += 1
-    return found
+    return farthest

@@ -1,4 +1,4 @@
-"""The configuration space on a grid (where a robot's centre may be), and the free regions of a grid."""
+"""The configuration space on a grid, where a robot's center may be, and its regions."""
 
 import numpy as np
 from numba import njit
@@ -6,98 +6,130 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Integers
 from barn_worlds.base.errors import WorldError
 
-_DOWN = np.array([-1, 0, 0, 1, -1, -1, 1, 1])  # sides, then corners
-_RIGHT = np.array([0, -1, 1, 0, -1, 1, -1, 1])
+# Steps to the neighbors: first the four at the sides, then the four at the corners.
+_ROW_STEPS = np.array([-1, 0, 0, 1, -1, -1, 1, 1])
+_COLUMN_STEPS = np.array([0, -1, 1, 0, -1, 1, -1, 1])
 
 
 def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
-    """Return the cells (rows, cols) in which the centre of a square footprint would cover a filled cell.
+    """Return the cells in which the center of a square footprint covers a filled cell.
 
-    grid: (rows, cols), True where filled. footprint_cells: odd side of the square (`Robot.footprint_cells`); the
-    Jackal of the paper takes 5. Cells outside the grid count as free (unlike for the automaton), as in the
-    original data set. Raises WorldError for an even or non-positive side.
+    Args:
+        grid: (rows, cols), True where filled. Outside it everything is free, as in the
+            original data set (and unlike in the cellular automaton).
+        footprint_cells: Odd side of the square (`Robot.footprint_cells`); 5 for the
+            paper's Jackal.
+
+    Returns:
+        (rows, cols), True where the center may not be.
+
+    Raises:
+        WorldError: If the side is even or not positive.
     """
     if footprint_cells < 1 or footprint_cells % 2 == 0:
         raise WorldError(
             f"footprint must be an odd number of cells from 1, got {footprint_cells}"
         )
-    down = _filled_within(np.ascontiguousarray(grid), footprint_cells // 2)
-    across = _filled_within(np.ascontiguousarray(down.T), footprint_cells // 2)
-    return np.ascontiguousarray(across.T)
+
+    # A square is a span of rows followed by a span of columns.
+    reach = footprint_cells // 2
+    spread_rows = _fill_along_rows(np.ascontiguousarray(grid), reach)
+    spread_both = _fill_along_rows(np.ascontiguousarray(spread_rows.T), reach)
+    return np.ascontiguousarray(spread_both.T)
 
 
 @njit(cache=True)
-def _filled_within(grid: BoolGrid, reach: int) -> BoolGrid:
-    """Return the cells with a filled one at most `reach` rows away, in a time that does not depend on the reach."""
+def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
+    """Return the cells with a filled one at most `reach` rows away.
+
+    The time does not depend on the reach.
+    """
     rows, cols = grid.shape
-    within = np.empty((rows, cols), np.bool_)
+    near = np.empty((rows, cols), np.bool_)
     for column in range(cols):
-        since = 2 * reach + 1  # rows since the last filled one
+        rows_since_filled = 2 * reach + 1
         for row in range(rows + reach):
-            since = 0 if row < rows and grid[row, column] else since + 1
+            if row < rows and grid[row, column]:
+                rows_since_filled = 0
+            else:
+                rows_since_filled += 1
+            # Known now: no later row is within reach.
             if row >= reach:
-                within[row - reach, column] = since <= 2 * reach
-    return within
+                near[row - reach, column] = rows_since_filled <= 2 * reach
+    return near
 
 
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
-    """Return the free region (rows, cols) that leads from the first to the last column of a C-space, or None.
+    """Return the free region that leads from the first to the last column, or None.
 
-    As in the paper's generator: the largest 4-connected free region that touches the first column, if it is also the
-    largest that touches the last one.
+    As in the paper's generator, it is the largest 4-connected free region that touches
+    the first column, provided that it is also the largest that touches the last one.
     """
     labels, sizes = _label(np.ascontiguousarray(~cspace), 4)
-    first, last = _largest(labels[:, 0], sizes), _largest(labels[:, -1], sizes)
+    first = _largest(labels[:, 0], sizes)
+    last = _largest(labels[:, -1], sizes)
+    if first == 0 or first != last:
+        return None
+
     region: BoolGrid = labels == first
-    return region if first != 0 and first == last else None
+    return region
 
 
-def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[Integers, Integers]:
-    """Return the label (rows, cols) of each free cell's region of 4 or 8 `neighbours`, and how many cells each has.
+def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integers]:
+    """Label the connected regions of free cells.
 
-    Labels start at 1 and rise in reading order. Cells that are not free have label 0, whose count is 0.
+    Args:
+        free: (rows, cols), True where free.
+        neighbors: 4 to connect cells at their sides, 8 also at their corners.
+
+    Returns: The label (rows, cols) of each cell's region, and the number of cells by
+        label. Labels start at 1 and rise in reading order. Label 0 means not free; its
+        number is 0.
     """
-    labels, sizes = _label(np.ascontiguousarray(free), neighbours)
+    labels, sizes = _label(np.ascontiguousarray(free), neighbors)
     return labels, sizes[: labels.max(initial=0) + 1]
 
 
 @njit(cache=True)
-def _largest(touching: Integers, sizes: Integers) -> int:
-    """Return the label with the most cells among those `touching`, the lowest of equals; 0 if there are none."""
+def _largest(labels: Integers, sizes: Integers) -> int:
+    """Return the label of the largest region, the lowest of equals; 0 for none."""
     largest = 0
-    for label in touching:
-        if sizes[label] > sizes[largest] or (
-            sizes[label] == sizes[largest] and 0 < label < largest
-        ):
+    for label in labels:
+        is_first_of_equals = sizes[label] == sizes[largest] and 0 < label < largest
+        if sizes[label] > sizes[largest] or is_first_of_equals:
             largest = label
     return largest
 
 
 @njit(cache=True)
-def _label(free: BoolGrid, neighbours: int) -> tuple[Integers, Integers]:
+def _label(free: BoolGrid, neighbors: int) -> tuple[Integers, Integers]:
+    """Return labels (rows, cols) and sizes with an entry for every possible label."""
     rows, cols = free.shape
     labels = np.zeros((rows, cols), np.int64)
     sizes = np.zeros(rows * cols + 1, np.int64)
     stack = np.empty(rows * cols, np.int64)
     count = 0
     for seed in range(rows * cols):
-        if (
-            not free[seed // cols, seed % cols]
-            or labels[seed // cols, seed % cols] != 0
-        ):
+        row = seed // cols
+        column = seed % cols
+        if not free[row, column] or labels[row, column] != 0:
             continue
+
+        # Flood the region of this cell.
         count += 1
-        labels[seed // cols, seed % cols] = count
+        labels[row, column] = count
         stack[0] = seed
-        size = 1
-        while size > 0:
-            size -= 1
+        waiting = 1
+        while waiting > 0:
+            waiting -= 1
             sizes[count] += 1
-            row, column = stack[size] // cols, stack[size] % cols
-            for k in range(neighbours):
-                r, c = row + _DOWN[k], column + _RIGHT[k]
+            row = stack[waiting] // cols
+            column = stack[waiting] % cols
+            for k in range(neighbors):
+                r = row + _ROW_STEPS[k]
+                c = column + _COLUMN_STEPS[k]
                 if 0 <= r < rows and 0 <= c < cols and free[r, c] and labels[r, c] == 0:
                     labels[r, c] = count
-                    stack[size] = r * cols + c
-                    size += 1
+                    stack[waiting] = r * cols + c
+                    waiting += 1
     return labels, sizes

@@ -42,7 +42,8 @@ def test_the_batch_gives_what_the_environments_give():
         simulator={"lidar.beams": 90},
         observation=PolicyObservation(beams=40),
     )
-    batch, others = StableBatch(5, config), DummyVecEnv([lambda: JackalEnv(config)] * 5)
+    batch = StableBatch(5, config)
+    others = DummyVecEnv([lambda: JackalEnv(config)] * 5)
     for envs in (batch, others):
         envs.seed(3)
     np.testing.assert_array_equal(batch.reset(), others.reset())
@@ -165,9 +166,7 @@ def test_the_training_script_trains_draws_and_compares(tmp_path):
         (row,) = csv.DictReader(file)
     assert int(row["steps"]) == 8192 and int(row["episodes"]) > 0
     assert (tmp_path / "curve.png").stat().st_size > 1000
-    untrained, trained = (
-        read_policy(tmp_path / "untrained.npz"),
-        read_policy(tmp_path / "policy.npz"),
-    )
+    untrained = read_policy(tmp_path / "untrained.npz")
+    trained = read_policy(tmp_path / "policy.npz")
     assert trained.about["steps"] == 8192
     assert not np.array_equal(untrained.weights[0], trained.weights[0])

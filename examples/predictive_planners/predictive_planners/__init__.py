@@ -1,1 +1,1 @@
-"""Planners that predict what moves: `tracker` says what does, `planners` are the planners."""
+"""Planners that predict moving obstacles, and the tracker that finds them."""

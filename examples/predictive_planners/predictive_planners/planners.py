@@ -1,25 +1,32 @@
-"""Follow-the-gap and MPPI that predict what moves; the entries at the end are announced in setup.py.
+"""Follow-the-gap and MPPI that predict moving obstacles.
 
-Everything else is as in `gap` and `mppi`, so that a comparison tells what prediction is worth.
+Everything else is as in `gap` and `mppi`, so a comparison shows what prediction is
+worth. setup.py announces the entries at the end of this file.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from barn_planners.costmap.costmap import Costmap
 from barn_planners.gap.planner import GapConfig, GapPlanner
 from barn_planners.interface import FloatArray, Observation, Task
+from barn_planners.kernel import kernel
 from barn_planners.mppi.config import MppiPlannerConfig
 from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
+from barn_worlds.base.arrays import Singles
 from barn_worlds.base.config import quantity
-from predictive_planners.tracker import Tracker, TrackerConfig, meeting_distances, moved
+from predictive_planners.tracker import (
+    Tracker,
+    TrackerConfig,
+    meeting_distances,
+    transform_discs,
+)
 
-_NOTHING = np.empty((0, 5))
+_NO_DISCS = np.empty((0, 5))
 
 
 @dataclass(frozen=True)
@@ -46,95 +53,147 @@ class PredictiveMppiConfig(MppiPlannerConfig):
 
 
 class PredictiveGapPlanner(GapPlanner):
-    """Also counts a direction as free only as far as no predicted disc is met on the way at the highest speed."""
+    """Takes a direction to be free only until a predicted disc is met at top speed."""
 
     def __init__(self, config: PredictiveGapConfig) -> None:
         super().__init__(config)
-        self._predictive = config
+        self._horizon_s = config.horizon_s
         self._tracker = Tracker(config.tracker, config.lidar)
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial; a map is ignored."""
+        """Begin a new trial.
+
+        Args:
+            task: Goal in the planning frame; its map is ignored.
+            seed: Ignored.
+        """
         super().start(task, seed)
         self._tracker.reset()
 
-    def _free_distances(
+    def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
-        free = super()._free_distances(observation, points)
-        config = self._predictive
-        discs = moved(
-            self._tracker.update(observation), observation.odometry.pose.inverse()
-        )
+        """Return how far each direction is free of points and of predicted discs.
+
+        Args:
+            observation: Readings of this cycle.
+            points: Returns of its scan, (n, 2) in m in base_link.
+
+        Returns:
+            Distances (directions,) in m, up to the look-ahead distance.
+        """
+        free_m = super().free_distances(observation, points)
+        config = self.config
+        discs = self._tracker.update(observation)
         if not len(discs) or config.max_speed_mps <= 0.0:
-            return free
-        longest_m = min(config.look_ahead_m, config.horizon_s * config.max_speed_mps)
-        met = meeting_distances(
-            discs, self._directions, config.robot_radius_m, config.max_speed_mps
+            return free_m
+
+        base_discs = transform_discs(discs, observation.odometry.pose.inverse())
+        meeting_m = meeting_distances(
+            base_discs, self._directions, config.robot_radius_m, config.max_speed_mps
         )
-        return np.minimum(free, np.where(met <= longest_m, met, config.look_ahead_m))
+        # Beyond the horizon a prediction is worth nothing.
+        horizon_m = min(config.look_ahead_m, self._horizon_s * config.max_speed_mps)
+        meeting_m[meeting_m > horizon_m] = config.look_ahead_m
+        return np.minimum(free_m, meeting_m)
 
 
 class PredictiveMppiController(MppiController):
-    """Also makes trajectories dear that meet a predicted disc, the more the sooner."""
+    """Adds costs to trajectories that meet a predicted disc, the more the sooner."""
 
     def __init__(self, config: PredictiveMppiConfig) -> None:
         super().__init__(config.mppi)
-        self._weight, self._margin_m = config.moving_weight, config.moving_margin_m
-        self.discs = _NOTHING
+        self._moving_weight = config.moving_weight
+        self._margin_m = config.moving_margin_m
+        # Discs that move, (k, 5) as of `Tracker`, in the frame of the local costmap.
+        self.discs: FloatArray = _NO_DISCS
 
     def reset(self, seed: int) -> None:
         """Begin a new trial and forget the last one."""
         super().reset(seed)
-        self.discs = _NOTHING
+        self.discs = _NO_DISCS
 
-    def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
-        collisions = super()._add_obstacle_costs(costmap, to_goal)
+    def add_obstacle_costs(self, costmap: Costmap, goal_distance_m: float) -> int:
+        """Add the costs on the costmap and of meeting discs.
+
+        Args:
+            costmap: Costs around the robot.
+            goal_distance_m: Distance of the robot from the goal.
+
+        Returns:
+            Number of trajectories that collide on the costmap.
+        """
+        collisions = super().add_obstacle_costs(costmap, goal_distance_m)
         if len(self.discs):
-            reach_m = costmap.config.inscribed_m + self._margin_m
-            sampled = self._xs, self._ys, self.config.step_s
-            add_moving_costs(self._costs, *sampled, self.discs, reach_m, self._weight)
+            add_moving_costs(
+                self._costs,
+                self._poses,
+                self.config.step_s,
+                self.discs,
+                costmap.config.inscribed_m + self._margin_m,
+                self._moving_weight,
+            )
         return collisions
 
 
 class PredictiveNavigationPlanner(NavigationPlanner):
-    """The navigation loop, which tells its controller what moves; tracks and controller are in the odom frame."""
+    """The navigation loop, which tells its controller about moving discs."""
 
     def __init__(self, config: PredictiveMppiConfig) -> None:
-        self._predicting = PredictiveMppiController(config)
-        super().__init__(config, self._predicting)
+        self._predictive_controller = PredictiveMppiController(config)
+        super().__init__(config, self._predictive_controller)
         self._tracker = Tracker(config.tracker, config.lidar)
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial: forget costmaps, plan, recovery and tracks."""
+        """Begin a new trial: forget costmaps, plan, recovery and tracks.
+
+        Args:
+            task: Goal in the planning frame, and the map if there is one.
+            seed: Seed of the controller's noise.
+        """
         super().start(task, seed)
         self._tracker.reset()
 
-    def _prepare(self, observation: Observation) -> None:
+    def prepare_control(self, observation: Observation) -> None:
+        """Track discs and hand them to the controller in its frame."""
         discs = self._tracker.update(observation)
-        robot = self._robot(observation)
-        in_odom = robot is observation.odometry.pose
-        self._predicting.discs = (
-            discs
-            if in_odom
-            else moved(discs, robot @ observation.odometry.pose.inverse())
-        )
+        odometry_pose = observation.odometry.pose
+        control_pose = self.control_pose(observation)
+        if control_pose is not odometry_pose:
+            discs = transform_discs(discs, control_pose @ odometry_pose.inverse())
+        self._predictive_controller.discs = discs
 
 
-@njit(cache=True)
-def add_moving_costs(costs, xs, ys, step_s, discs, reach, weight):  # type: ignore[no-untyped-def]
-    """Add the costs of meeting discs (k, 5) in constant motion: the weight now, half of it at the last step."""
-    steps, samples = xs.shape
+@kernel
+def add_moving_costs(
+    costs: FloatArray,
+    poses: Singles,
+    step_s: float,
+    discs: FloatArray,
+    reach: float,
+    weight: float,
+) -> None:
+    """Add the costs of meeting discs that move at constant velocity.
+
+    Args:
+        costs: Costs (samples,), changed in place.
+        poses: Poses (steps, 3, samples): x and y in m, yaw in rad.
+        step_s: Time between two poses in s.
+        discs: Discs (k, 5): x and y in m, velocity in m/s, radius in m.
+        reach: Distance from a disc in m that counts as meeting it.
+        weight: Cost of meeting a disc now; at the last step it is half of that.
+    """
+    steps, _, samples = poses.shape
     for k in range(samples):
         for t in range(steps):
             time_s = step_s * (t + 1)
-            met = False
+            meets = False
             for i in range(len(discs)):
-                dx = discs[i, 0] + time_s * discs[i, 2] - xs[t, k]
-                dy = discs[i, 1] + time_s * discs[i, 3] - ys[t, k]
-                near = discs[i, 4] + reach
-                met = met or dx * dx + dy * dy < near * near
-            if met:
+                dx = discs[i, 0] + time_s * discs[i, 2] - poses[t, 0, k]
+                dy = discs[i, 1] + time_s * discs[i, 3] - poses[t, 1, k]
+                distance = discs[i, 4] + reach
+                meets = meets or dx * dx + dy * dy < distance * distance
+            if meets:
                 costs[k] += weight * (1.0 - 0.5 * t / steps)
                 break
 
@@ -143,11 +202,11 @@ GAP_ENTRY = PlannerEntry(
     PredictiveGapPlanner,
     {ANY_PROTOCOL: PredictiveGapConfig()},
     "follow-the-gap that predicts what moves at constant velocity",
-    fitted,
+    fit_to_robot,
 )
 MPPI_ENTRY = PlannerEntry(
     PredictiveNavigationPlanner,
     {ANY_PROTOCOL: PredictiveMppiConfig()},
     "mppi that predicts what moves at constant velocity",
-    fitted,
+    fit_to_robot,
 )

@@ -11,14 +11,14 @@ from predictive_planners.planners import add_moving_costs
 from predictive_planners.tracker import (
     Tracker,
     TrackerConfig,
-    fitted_circle,
+    fit_circle,
     meeting_distances,
-    moved,
+    transform_discs,
 )
 
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.registry import make_planner
-from barn_planners.robots import parameters_for
+from barn_planners.robots import fit_parameters
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan
 from barn_worlds.robots.files import load_robot
 
@@ -70,17 +70,18 @@ def tracks(
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_circle_is_found_from_an_arc_of_it(seed):
     rng = np.random.default_rng(seed)
-    centre, radius = rng.uniform(-5.0, 5.0, 2), rng.uniform(0.1, 2.0)
+    centre = rng.uniform(-5.0, 5.0, 2)
+    radius = rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
     points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    found, found_radius, roundness = fitted_circle(points)
+    found, found_radius, roundness = fit_circle(points)
     assert found == pytest.approx(centre, abs=1e-6)
     assert (found_radius, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
 
 
 def test_a_line_is_no_circle():
     assert math.isinf(
-        fitted_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
+        fit_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
     )
 
 
@@ -122,9 +123,9 @@ def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
     again = tracker.update(
         seen(19, Pose2D(0.0, 0.0, 0.0), [])
     )  # the same instant again changes nothing
-    assert len(again) == len(tracker.moving()) == 1
+    assert len(again) == len(tracker.moving_discs()) == 1
     tracker.reset()
-    assert len(tracker.moving()) == 0
+    assert len(tracker.moving_discs()) == 0
 
 
 @settings(max_examples=50, deadline=None)
@@ -138,7 +139,9 @@ def test_meeting_distances_equal_small_steps(seed):
             rng.uniform(0.1, 0.5, 4),
         ]
     )
-    directions, speed, radius = np.linspace(-2.0, 2.0, 9), 0.5, 0.28
+    directions = np.linspace(-2.0, 2.0, 9)
+    speed = 0.5
+    radius = 0.28
     found = meeting_distances(discs, directions, radius, speed)
     if (np.hypot(*discs[:, :2].T) <= discs[:, 4] + radius).any():
         return  # touched already: only those count that come nearer
@@ -157,19 +160,23 @@ def test_meeting_distances_equal_small_steps(seed):
 
 def test_discs_of_one_frame_in_another():
     disc = np.array([[2.0, 0.0, 0.0, 1.0, 0.3]])
-    there = moved(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
+    there = transform_discs(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
     assert there == pytest.approx(np.array([[0.0, -1.0, 1.0, 0.0, 0.3]]))
-    assert moved(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
+    assert transform_discs(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
 
 
 def crossing(name: str, **overrides) -> tuple[float, float]:
     """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses; return smallest gap and final x."""
     planner = make_planner(name, "challenge", overrides)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
-    pose, velocity, nearest = Pose2D(0.0, 0.0, 0.0), STOP, math.inf
+    pose = Pose2D(0.0, 0.0, 0.0)
+    velocity = STOP
+    nearest = math.inf
     for step in range(240):
-        time_s, stamp_ns = 0.05 * step, step * PERIOD_NS
-        x, y = 2.0, -2.9 + 0.8 * time_s
+        time_s = 0.05 * step
+        stamp_ns = step * PERIOD_NS
+        x = 2.0
+        y = -2.9 + 0.8 * time_s
         nearest = min(nearest, math.hypot(pose.x - x, pose.y - y) - 0.5)
         scan = scan_of(pose, [(x, y, 0.5)], stamp_ns)
         scan = replace(
@@ -190,16 +197,15 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
 
 
 def test_a_planner_that_predicts_keeps_farther_from_a_disc_that_crosses_its_way():
-    plain, predictive = crossing("gap"), crossing("gap_predictive")
+    plain = crossing("gap")
+    predictive = crossing("gap_predictive")
     assert predictive[0] > plain[0] and predictive[0] > 0.28
     assert predictive[1] > 2.5
 
 
 def test_trajectories_of_mppi_keep_clear_of_where_a_disc_will_be():
-    plain, predictive = (
-        crossing("mppi", **{"mppi.samples": 300}),
-        crossing("mppi_predictive", **{"mppi.samples": 300}),
-    )
+    plain = crossing("mppi", **{"mppi.samples": 300})
+    predictive = crossing("mppi_predictive", **{"mppi.samples": 300})
     assert predictive[0] > plain[0] and predictive[0] > 0.28
     assert predictive[1] > 0.5
 
@@ -226,7 +232,7 @@ def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_marg
 ):
     husky = load_robot("husky")
     changes, plain = (
-        parameters_for(one, "default", {}, husky)
+        fit_parameters(one, "default", {}, husky)
         for one in (f"{name}_predictive", name)
     )
     assert changes.keys() == {*plain, *own}
@@ -237,6 +243,7 @@ def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_marg
 def test_costs_of_meeting_discs_equal_a_plain_reference():
     rng = np.random.default_rng(4)
     xs, ys = rng.uniform(-1.0, 1.0, (2, 20, 30))
+    poses = np.stack([xs, ys, np.zeros_like(xs)], axis=1)
     discs = np.column_stack(
         [
             rng.uniform(-2.0, 2.0, (3, 2)),
@@ -245,7 +252,7 @@ def test_costs_of_meeting_discs_equal_a_plain_reference():
         ]
     )
     costs = np.ones(30)
-    add_moving_costs(costs, xs, ys, 0.05, discs, 0.2, 10.0)
+    add_moving_costs(costs, poses, 0.05, discs, 0.2, 10.0)
     times = 0.05 * np.arange(1, 21)[:, None, None]
     away = np.hypot(
         discs[:, 0] + times * discs[:, 2] - xs[..., None],

@@ -1,1 +1,4 @@
-"""A planner to copy: `core` is the algorithm, `node` runs it in plain rclpy, `registered` in the suite."""
+"""A planner to copy: `core` is the algorithm; `node` and `registered` run it.
+
+`node` needs only rclpy. `registered` makes the algorithm a planner of the suite.
+"""

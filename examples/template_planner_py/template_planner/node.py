@@ -1,7 +1,8 @@
-"""The algorithm as a node in plain rclpy: it runs wherever ROS does, and imports nothing of the suite.
+"""The algorithm as a node in plain rclpy. It runs wherever ROS does, without the suite.
 
-Subscribes: goal_pose, scan, and the robot's pose in the goal's frame: odom, or amcl_pose with `use_map`.
-Publishes: cmd_vel, one command for every scan, which is what a simulator in lockstep waits for.
+Subscribes: goal_pose, scan, and the robot's pose in the goal's frame: odom, or
+amcl_pose with the parameter `use_map`.
+Publishes: cmd_vel, one command per scan, which a simulator in lockstep waits for.
 """
 
 import math
@@ -26,7 +27,8 @@ class TemplatePlanner(Node):
         self.max_speed_mps = self.declare_parameter("max_speed_mps", 0.5).value
         self.max_turn_radps = self.declare_parameter("max_turn_radps", 1.5).value
         use_map = self.declare_parameter("use_map", False).value
-        self.goal = self.pose = None
+        self.goal = None
+        self.pose = None
         self.commands = self.create_publisher(Twist, "cmd_vel", 10)
         self.create_subscription(PoseStamped, "goal_pose", self.on_goal, 10)
         if use_map:
@@ -40,37 +42,39 @@ class TemplatePlanner(Node):
         )
 
     def on_goal(self, message):
-        """Keep the goal."""
+        """Store the goal."""
         self.goal = message.pose.position
 
     def on_pose(self, message):
-        """Keep the robot's pose."""
+        """Store the robot's pose."""
         self.pose = message.pose.pose
 
-    def on_scan(self, message):
-        """Send a command; a standstill while goal or pose are missing."""
+    def on_scan(self, scan):
+        """Send a command; a stop while goal or pose are missing."""
         command = Twist()
         if self.goal is not None and self.pose is not None:
-            yaw = 2.0 * math.atan2(self.pose.orientation.z, self.pose.orientation.w)
-            dx, dy = (
-                self.goal.x - self.pose.position.x,
-                self.goal.y - self.pose.position.y,
-            )
-            goal = (
-                math.cos(yaw) * dx + math.sin(yaw) * dy,
-                math.cos(yaw) * dy - math.sin(yaw) * dx,
-            )
-            bearings = message.angle_min + message.angle_increment * np.arange(
-                len(message.ranges)
-            )
+            beams = np.arange(len(scan.ranges))
             command.linear.x, command.angular.z = decide(
-                goal, message.ranges, bearings, self.max_speed_mps, self.max_turn_radps
+                self.goal_in_base(),
+                scan.ranges,
+                scan.angle_min + scan.angle_increment * beams,
+                self.max_speed_mps,
+                self.max_turn_radps,
             )
         self.commands.publish(command)
 
+    def goal_in_base(self):
+        """Return the goal (x, y) in m as the robot sees it."""
+        yaw = 2.0 * math.atan2(self.pose.orientation.z, self.pose.orientation.w)
+        dx = self.goal.x - self.pose.position.x
+        dy = self.goal.y - self.pose.position.y
+        ahead = math.cos(yaw) * dx + math.sin(yaw) * dy
+        left = math.cos(yaw) * dy - math.sin(yaw) * dx
+        return ahead, left
+
 
 def main():
-    """Run the node until it is told to end."""
+    """Run the node until SIGINT or SIGTERM."""
     rclpy.init()
     node = TemplatePlanner()
     try:

@@ -1,6 +1,8 @@
-"""The algorithm as a planner of the suite: `barn run --planner template`, in one process or in the suite's node.
+"""The algorithm as a planner of the suite: `barn run --planner template`.
 
-setup.py announces ENTRY in the entry point group `barn_planners.planners`; installing the package is all it takes.
+It runs in the process of a direct trial, or in the suite's node. setup.py announces
+ENTRY in the entry point group `barn_planners.planners`, so installing the package is
+enough.
 """
 
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from template_planner.core import decide
 
 @dataclass(frozen=True)
 class TemplateConfig(Checked):
-    """Settings: `--set max_speed_mps=0.8`, and ROS parameters of the same names and limits."""
+    """Settings: `--set max_speed_mps=0.8`, and ROS parameters of the same names."""
 
     max_speed_mps: float = quantity(
         0.5, "highest forward speed", "m/s", minimum=0.0, maximum=2.0
@@ -25,25 +27,31 @@ class TemplateConfig(Checked):
 
 
 class TemplatePlanner(Planner):
-    """Goal and pose are both in the planning frame: map where the task has a map, else odom."""
+    """Drives to the goal without a map."""
 
     def __init__(self, config: TemplateConfig) -> None:
         self.config = config
 
-    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002
-        """Begin a trial; whatever is random has to come from the seed."""
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a trial.
+
+        Args:
+            task: Goal in the planning frame; its map is not used.
+            seed: Source of anything random; nothing is random here.
+        """
+        del seed
         self._goal = task.goal
 
     def step(self, observation: Observation) -> Decision:
         """Decide on one command."""
+        # Pose and goal are in the same frame: map if the task has a map, else odom.
         goal = observation.pose.inverse() @ self._goal
-        scan, config = observation.scan, self.config
         speed, turn = decide(
             (goal.x, goal.y),
-            scan.ranges,
-            scan.angles(),
-            config.max_speed_mps,
-            config.max_turn_radps,
+            observation.scan.ranges,
+            observation.scan.angles(),
+            self.config.max_speed_mps,
+            self.config.max_turn_radps,
         )
         return Decision(Velocity2D(float(speed), float(turn)))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from template_planner.core import SIGHT_M, decide, free
+from template_planner.core import SIGHT_M, decide, free_length
 
 BEARINGS = np.linspace(-2.35, 2.35, 720)
 NOTHING = np.full(720, np.inf)
@@ -44,5 +44,5 @@ def test_readings_that_are_no_numbers_are_left_out():
 
 
 def test_free_is_bounded_by_sight():
-    assert free(np.zeros((0, 2)), 0.3) == SIGHT_M
-    assert free(np.array([[2.0, 0.1], [1.0, 0.7]]), 0.0) == 2.0
+    assert free_length(np.zeros((0, 2)), 0.3) == SIGHT_M
+    assert free_length(np.array([[2.0, 0.1], [1.0, 0.7]]), 0.0) == 2.0

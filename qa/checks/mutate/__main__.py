@@ -28,7 +28,8 @@ TESTS = {
     "barn_eval.trials.protocol": ["test_protocol"],
     "barn_eval.trials.outcome": ["test_scores"],
     "barn_eval.trials.seeds": ["test_scores"],
-    "barn_eval.trials.trajectory": ["test_trajectory", "test_encounters"],
+    "barn_eval.trials.trajectory": ["test_trajectory"],
+    "barn_eval.trials.encounters": ["test_encounters"],
     "barn_eval.ros.adapter": ["test_adapter"],
     "barn_eval.ros.sequencer": ["test_sequencer"],
     "barn_eval.analysis.statistics": ["test_statistics"],
@@ -138,7 +139,8 @@ def main() -> int:
         found = check(module, mutants, options.tests or tests_of(module), options.jobs)
         print(f"{module}: {summary(found)}", file=sys.stderr)
         tried += found
-    left, known = {one.change for one in tried if not one.killed}, known_reasons()
+    left = {one.change for one in tried if not one.killed}
+    known = known_reasons()
     gone = known.keys() & {one.change for one in tried} - left
     if options.page:
         write_page(options.page, tried)

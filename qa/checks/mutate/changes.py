@@ -87,12 +87,12 @@ def mutants_of(source: str) -> list[Mutant]:
     found: dict[str, Mutant] = {}
     for node, where in _nodes(ast.parse(source), ""):
         for place, change in (*changes(node), *_removal(node)):
-            top, bottom = place.lineno - 1, place.end_lineno or place.lineno
-            begin, end = (
-                starts[top] + place.col_offset,
-                starts[bottom - 1] + (place.end_col_offset or 0),
-            )
-            before, after = whole[:begin], change.encode() + whole[end:]
+            top = place.lineno - 1
+            bottom = place.end_lineno or place.lineno
+            begin = starts[top] + place.col_offset
+            end = starts[bottom - 1] + (place.end_col_offset or 0)
+            before = whole[:begin]
+            after = change.encode() + whole[end:]
             was = whole[starts[top] : starts[bottom]]
             now = (before[starts[top] :] + after)[
                 : len(was) + len(change.encode()) - (end - begin)

@@ -24,7 +24,7 @@ SHARED = (
     "pytest",
     "scipy.stats",
     "barn_sim.config",
-    "barn_worlds.worlds.dataset",
+    "barn_worlds.datasets.dataset",
 )
 
 fork = multiprocessing.get_context("fork")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from barn_eval.results.rows import sealed, unsealed
+from barn_eval.results.rows import seal_line, unseal_line
 from fault_cases.campaigns import undisturbed
 from fault_cases.inputs import FAMILY, LONGEST
 from fault_cases.kit import Lab, add, hold
@@ -18,7 +18,7 @@ def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()
     path.write_text(
-        "\n".join([sealed(change(json.loads(unsealed(first, "")))), *rest]) + "\n"
+        "\n".join([seal_line(change(json.loads(unseal_line(first, "")))), *rest]) + "\n"
     )
     said = ""
     for words in (("report", lab.out), ("compare", lab.out, lab.out)):

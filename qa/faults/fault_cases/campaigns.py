@@ -223,7 +223,8 @@ add(
 
 def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
     """Return a file with by how much the clock is off, and the environment in which it is."""
-    library, note = lab.folder / "clock.so", lab.folder / "shift"
+    library = lab.folder / "clock.so"
+    note = lab.folder / "shift"
     words = [
         "cc",
         "-shared",

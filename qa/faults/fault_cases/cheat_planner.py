@@ -29,7 +29,9 @@ from std_srvs.srv import Trigger
 
 CYCLE = 10  # at which the deed is done
 LARGE = 4_000_000  # bytes of a text
-KIND, FOLDER, OUT = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+KIND = sys.argv[1]
+FOLDER = Path(sys.argv[2])
+OUT = Path(sys.argv[3])
 KEPT: list[object] = []
 
 
@@ -50,7 +52,7 @@ def others() -> list[str]:
                 else ""
             )
             if (
-                any(one in words for one in ("barn_sim", "barn_eval", "guard.py"))
+                any(one in words for one in ("barn_sim", "barn_eval", "launcher.py"))
                 and __file__ not in words
             ):
                 seen.append(entry.name)

@@ -176,7 +176,8 @@ def huge_answer(lab: Lab) -> str:
 def _parameters(lab: Lab, kind: str, most: float) -> str:
     lab.barn(*cheating(lab, kind))
     (path,) = lab.out.rglob("*.parameters.json")
-    size, row = path.stat().st_size, lab.row()
+    size = path.stat().st_size
+    row = lab.row()
     hold(row["outcome"] == "timeout" and size < most, f"{ending(row)}, {size} bytes")
     return f"{ending(row)}; {size} bytes are kept, trial {row['wall_clock']['duration_s']:.0f} s"
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from barn_eval.results.rows import ResultRows, sealed, unsealed, write_tables
+from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables
 from fault_cases.campaigns import campaign, resumed, undisturbed
 from fault_cases.files import FAMILY
 from fault_cases.kit import Lab, add, case, hold
@@ -287,10 +287,10 @@ def rerun_of_a_row(lab: Lab) -> str:
     """
     _with_bag(lab, "none")
     path = lab.out / "results.jsonl"
-    row = json.loads(unsealed(path.read_text().rstrip("\n"), ""))
+    row = json.loads(unseal_line(path.read_text().rstrip("\n"), ""))
     row["scores"]["challenge"] += 0.1
-    path.write_text(sealed(json.dumps(row, separators=(",", ":"))) + "\n")
-    write_tables(lab.out, ResultRows(lab.out).read())
+    path.write_text(seal_line(json.dumps(row, separators=(",", ":"))) + "\n")
+    write_tables(lab.out, RowFile(lab.out).read())
     said = lab.barn("check", lab.out, "--rerun", 1, code=1).err
     hold("scores.challenge" in said, said)
     return said.replace(str(lab.folder), "").strip()

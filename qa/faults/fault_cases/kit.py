@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from processes import MARK, marked
 
 from barn_eval.commands.run import NOT_SCORED
-from barn_eval.trials.outcome import NOT_DRIVEN
+from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
 from fault_cases.system import command_line, kill
 
 T = TypeVar("T")
@@ -191,7 +191,7 @@ class Lab:
         failed = (
             code == 0
             and ended.code
-            and all(row["outcome"] in NOT_DRIVEN for row in self.rows())
+            and all(row["outcome"] in UNDRIVEN_OUTCOMES for row in self.rows())
         )
         due = NOT_SCORED if failed else code
         hold(
@@ -232,14 +232,18 @@ class Lab:
         return [one.pid for one in marked(self.mark) if text in command_line(one.pid)]
 
     def nodes(self, text: str) -> list[int]:
-        """Return the processes of a node, not their guards."""
+        """Return the processes of a node, not their launchers."""
         return [
-            pid for pid in self.processes(text) if "guard.py" not in command_line(pid)
+            pid
+            for pid in self.processes(text)
+            if "launcher.py" not in command_line(pid)
         ]
 
-    def guards(self, text: str) -> list[int]:
-        """Return the guards of a node."""
-        return [pid for pid in self.processes(text) if "guard.py" in command_line(pid)]
+    def launchers(self, text: str) -> list[int]:
+        """Return the launchers of a node."""
+        return [
+            pid for pid in self.processes(text) if "launcher.py" in command_line(pid)
+        ]
 
     def nothing_left(self) -> None:
         """Wrong if a process outlives the commands; it is ended."""

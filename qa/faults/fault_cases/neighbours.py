@@ -31,7 +31,8 @@ def two_runs_in_two_folders(lab: Lab) -> str:
 
     They do not hear each other: both rows are the undisturbed one.
     """
-    one, other = words(lab), words(lab)
+    one = words(lab)
+    other = words(lab)
     other[other.index("--out") + 1] = lab.folder / "other"
     both = [lab.start(*one), lab.start(*other)]
     for run in both:

@@ -200,7 +200,8 @@ for _kind, _done in (
 def _limited(lab: Lab, kind: str) -> str:
     lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
     row = lab.row()
-    driven_m, duration_s = row["measures"]["driven_m"], row["scores"]["duration_s"]
+    driven_m = row["measures"]["driven_m"]
+    duration_s = row["scores"]["duration_s"]
     hold(row["outcome"] in ("timeout", "collision"), ending(row))
     hold(0.5 < driven_m < 2.1 * duration_s, f"{driven_m} m in {duration_s} s")
     return f"{ending(row)}, {driven_m:.2f} m in {duration_s:.2f} s"

@@ -23,7 +23,8 @@ from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
 from fault_cases.system import alive, kill
 
 FAMILY = "processes"
-SIMULATOR, EVALUATOR = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
+SIMULATOR = "barn_sim.ros.simulator"
+EVALUATOR = "barn_eval.ros.evaluator"
 _LIMIT_S = 6.0
 _HELD = threading.Lock()
 
@@ -113,25 +114,25 @@ for _name, _done, _deed, _words in (
     (
         "guard-killed",
         "The guards of the planner get SIGKILL.",
-        lambda lab: kill(lab.guards(str(FOREIGN))),
-        "lost with its guard",
+        lambda lab: kill(lab.launchers(str(FOREIGN))),
+        "lost with its launcher",
     ),
     (
         "guard-terminated",
         "The guards of the planner get SIGTERM.",
-        lambda lab: kill(lab.guards(str(FOREIGN)), 15),
-        "lost with its guard",
+        lambda lab: kill(lab.launchers(str(FOREIGN)), 15),
+        "lost with its launcher",
     ),
     (
         "simulators-guard-killed",
         "The guards of the simulator get SIGKILL.",
-        lambda lab: kill(lab.guards(SIMULATOR)),
+        lambda lab: kill(lab.launchers(SIMULATOR)),
         "",
     ),
     (
         "worker-killed",
         "The worker that supervises the nodes gets SIGKILL.",
-        lambda lab: kill(lab.nodes("experiments.worker")),
+        lambda lab: kill(lab.nodes("running.worker")),
         "",
     ),
 ):
@@ -220,9 +221,9 @@ def _killed_together(lab: Lab, guards: int) -> str:
         lambda: note.exists() and note.read_text().endswith("\n"),
         "the planner's daemon",
     )
-    guarding = lab.guards(str(SCRIPT))
+    guarding = lab.launchers(str(SCRIPT))
     hold(len(guarding) >= guards, f"guards {guarding}")
-    kill([run.pid, *lab.nodes("experiments.worker"), *sorted(guarding)[:guards]])
+    kill([run.pid, *lab.nodes("running.worker"), *sorted(guarding)[:guards]])
     run.wait()
     pids = [int(pid) for pid in note.read_text().split()]
     lab.until(lambda: not any(map(alive, pids)), "the end of the daemon")

@@ -41,7 +41,7 @@ def _catch() -> None:
     while True:
         try:
             time.sleep(600.0)
-        except BaseException:  # noqa: PERF203
+        except BaseException:
             continue
 
 

@@ -1,6 +1,7 @@
-"""The live view of trials: a server for Foxglove, which reads the bag that is being written.
+"""The Foxglove stream of trials: a server that reads the bag that is being written.
 
-The trial itself has no part in it: whoever runs it is not slowed down, and nothing is read while nobody watches.
+The trial itself does not know about it, so viewers do not slow it down. Nothing is read
+while nobody watches.
 """
 
 import threading
@@ -20,9 +21,9 @@ MISSING = (
     "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
 )
 _PERIOD_S = 0.1
-_TOPICS = {one.path: one for one in vars(topics).values() if isinstance(one, Topic)}
-_LATCHED = {
-    path for path, one in _TOPICS.items() if one.qos.durability == LATCHED.durability
+_TOPICS = [topic for topic in vars(topics).values() if isinstance(topic, Topic)]
+_LATCHED_PATHS = {
+    topic.path for topic in _TOPICS if topic.qos.durability == LATCHED.durability
 }
 
 
@@ -32,13 +33,20 @@ def require_sdk() -> None:
         raise ConfigError(MISSING)
 
 
-class LiveView(AbstractContextManager["LiveView"]):
-    """A server that Foxglove connects to, following the trials of a folder until it is closed; a context manager.
-
-    ConfigError where the SDK is not installed, or the address cannot be had.
-    """
+class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
+    """Follows the trials of a results folder and serves them until it is closed."""
 
     def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT) -> None:
+        """Start to serve.
+
+        Args:
+            folder: Folder of the bags.
+            host: An address of this machine.
+            port: A port of it.
+
+        Raises:
+            ConfigError: The SDK is not installed, or the address is not available.
+        """
         require_sdk()
         import foxglove  # noqa: PLC0415 (an optional extra)
 
@@ -48,71 +56,80 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._types = jazzy_types()
         self._channels: dict[tuple[str, str], Any] = {}
         self._latched: dict[tuple[str, str], RawMessage] = {}
-        self._asked: set[int] = set()
-        self._over = threading.Event()
+        self._new_channel_ids: set[int] = set()
+        self._stop = threading.Event()
         try:
             self._server = foxglove.start_server(
                 name="barn",
                 host=host,
                 port=port,
                 context=self._context,
-                server_listener=_Listener(self._asked),
+                server_listener=_Listener(self._new_channel_ids),
             )
-        except (
-            Exception
-        ) as error:  # the SDK says in classes of its own that an address is taken
+        # The SDK has classes of its own for an address that is in use.
+        except Exception as error:
             raise ConfigError(
                 f"host {host!r}, live port {port}: cannot be served: {error}"
             ) from None
-        for topic in _TOPICS.values():
+        for topic in _TOPICS:
             self._channel(topic.path, topic.type_name)
         self.url = f"ws://{host}:{self._server.port}"
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
+        """Stop to serve."""
         self.close()
 
     def close(self) -> None:
         """Stop to serve."""
-        self._over.set()
+        self._stop.set()
         self._thread.join()
         self._server.stop()
 
     def _follow(self) -> None:
         follower = TrialFollower(self._folder)
-        while not self._over.wait(_PERIOD_S):
+        while not self._stop.wait(_PERIOD_S):
             if not any(channel.has_sinks() for channel in self._channels.values()):
                 follower.close()
                 follower = TrialFollower(self._folder)
                 continue
             try:
-                self._send(*follower.read())
-            except (
-                BarnError,
-                OSError,
-            ):  # a damaged or vanished bag: the next trial has another
+                is_new_trial, messages = follower.read()
+            except (BarnError, OSError):
+                # The bag is damaged or gone; the next trial has another one.
                 follower.close()
+                continue
+            if is_new_trial:
+                self._start_session()
+            self._send(messages)
         follower.close()
 
-    def _send(self, another: bool, heard: list[RawMessage]) -> None:
-        if another:
-            self._latched.clear()
-            self._asked.clear()
-            self._server.clear_session()
-        asked = {self._asked.pop() for _ in range(len(self._asked))}
+    def _start_session(self) -> None:
+        """Forget the trial before; viewers clear their displays."""
+        self._latched.clear()
+        self._new_channel_ids.clear()
+        self._server.clear_session()
+
+    def _send(self, messages: list[RawMessage]) -> None:
+        """Send messages, and latched ones to viewers that have just subscribed."""
+        new_ids = set()
+        # The server's thread adds to the set meanwhile, so it cannot be iterated.
+        for _ in range(len(self._new_channel_ids)):
+            new_ids.add(self._new_channel_ids.pop())
         for key, message in self._latched.items():
-            if self._channels[key].id() in asked:
+            if self._channels[key].id() in new_ids:
                 self._channels[key].log(message.data, log_time=message.stamp_ns)
-        for message in heard:
-            key = message.topic, message.type_name
+
+        for message in messages:
+            key = (message.topic, message.type_name)
             self._channel(*key).log(message.data, log_time=message.stamp_ns)
-            if message.topic in _LATCHED:
+            if message.topic in _LATCHED_PATHS:
                 self._latched[key] = message
 
     def _channel(self, topic: str, type_name: str) -> Any:
-        key = topic, type_name
+        """Return the channel of a topic, made when it is first used."""
+        key = (topic, type_name)
         if key not in self._channels:
             definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
             schema = self._sdk.Schema(
@@ -125,15 +142,20 @@ class LiveView(AbstractContextManager["LiveView"]):
 
 
 class _Listener:
-    """Notes which topics somebody has begun to listen to, so that they get what was said once."""
+    """Collects the channels that viewers subscribe to, for their latched messages."""
 
-    def __init__(self, asked: set[int]) -> None:
-        self._asked = asked
+    def __init__(self, new_channel_ids: set[int]) -> None:
+        self._new_channel_ids = new_channel_ids
 
     def __getattr__(self, name: str) -> Any:
-        """Return what takes in that a client has subscribed to a channel, or ignores any other event."""
+        """Return the handler of an event; only subscriptions have one that acts."""
         if not name.startswith("on_"):
             raise AttributeError(name)
-        return lambda *about: (
-            self._asked.add(about[1].id) if name == "on_subscribe" else None
-        )
+        return self._add_channel if name == "on_subscribe" else _ignore_event
+
+    def _add_channel(self, _: Any, channel: Any) -> None:
+        self._new_channel_ids.add(channel.id)
+
+
+def _ignore_event(*_: Any) -> None:
+    """Do nothing."""

@@ -1,4 +1,4 @@
-"""The page of a run or campaign, which updates itself: its state, from its files alone, and the server of the two."""
+"""The page of a run that updates itself, and its server; it reads the files alone."""
 
 import json
 import threading
@@ -12,180 +12,198 @@ from ipaddress import ip_address
 from pathlib import Path
 from socket import gethostname
 from socketserver import TCPServer
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
-from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, entries_of, read_source
-from barn_eval.analysis.summary import bars
-from barn_eval.analysis.text_table import counted
-from barn_eval.analysis.verdict import Conclusion, cautions, results_verdict
+from barn_eval.analysis.summary import make_bars
+from barn_eval.analysis.text_table import count_noun
+from barn_eval.analysis.verdict import Conclusion, conclude_results, list_cautions
 from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
 from barn_eval.results.bags import BAGS
-from barn_eval.results.bags.recorded import read_recorded
-from barn_eval.results.rows import FILE_NAME, ResultRows
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.rows import ROWS_FILE, RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import make_json_safe
 
-MOST_LISTED = 50  # trials and failures
-_RECENT = 60  # trials, from whose times the rate is taken
-_IDLE_S = 10.0  # after which a connection that says nothing is closed
-_KEPT_REPLAYS = 4
-_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'"
-_HEADERS = {"Content-Security-Policy": _POLICY, "X-Content-Type-Options": "nosniff"}
-_HEADERS |= {"Referrer-Policy": "no-referrer", "Cache-Control": "no-store"}
-_HTML, _TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
+MAX_LISTED = 50  # trials, and failures
+_RATE_TRIALS = 60  # the last trials, from which the rate is computed
+_IDLE_S = 10.0  # a connection that says nothing for so long is closed
+_CACHED_REPLAYS = 4
+_HTML = "text/html; charset=utf-8"
+_TEXT = "text/plain; charset=utf-8"
+# A page shows text of planners, so it may load and run nothing but its own.
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+        "img-src data:; connect-src 'self'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
 
 
-class CampaignState:
-    """The state of a folder as plain data, computed anew only when its results have changed."""
+class RunState:
+    """The state of a results folder, computed anew only when its rows have changed."""
 
     def __init__(self, folder: Path) -> None:
+        """Watch a folder; ConfigError if it holds no run."""
         RunFile.read(folder)
         self.folder = folder
-        self._seen: tuple[int, int] | None = None
+        self._rows_version: tuple[int, int] | None = None
         self._state: dict[str, Any] = {}
 
     def read(self) -> dict[str, Any]:
-        """Return the state: progress, verdict, bars, failures and last trials; "problem" where files cannot be read."""
-        path = self.folder / FILE_NAME
-        found = path.stat() if path.exists() else None
-        seen = (found.st_size, found.st_mtime_ns) if found else (0, 0)
-        if seen != self._seen or not self._state:
+        """Return the state as plain data; "problem" says if files cannot be read."""
+        path = self.folder / ROWS_FILE
+        version = (0, 0)
+        if path.exists():
+            status = path.stat()
+            version = (status.st_size, status.st_mtime_ns)
+        if version != self._rows_version or not self._state:
             try:
-                self._state = state_of(self.folder)
+                self._state = read_state(self.folder)
             except (BarnError, OSError) as error:
-                self._state = {
-                    "title": self.folder.resolve().name,
-                    "problem": str(error),
-                }
-            self._seen = seen
+                title = self.folder.resolve().name
+                self._state = {"title": title, "problem": str(error)}
+            self._rows_version = version
         return self._state
 
     def bag(self, trial_id: str) -> Path:
-        """Return the bag of a trial of this folder; ConfigError if it has none, or if that lies elsewhere."""
+        """Return the bag of a trial; ConfigError if it has none inside this folder."""
+        trial_ids = {result.trial_id for result in RowFile(self.folder).read()}
         bag = self.folder / BAGS / trial_id
-        known = trial_id in {
-            result.trial_id for result in ResultRows(self.folder).read()
-        }
-        if (
-            not known
-            or not bag.is_dir()
-            or self.folder.resolve() not in bag.resolve().parents
-        ):
+        # A link could lead to a bag outside the folder.
+        is_inside = self.folder.resolve() in bag.resolve().parents
+        if trial_id not in trial_ids or not bag.is_dir() or not is_inside:
             raise ConfigError(
                 f"{trial_id[:100]!r}: there is no bag of a trial of this name"
             )
         return bag
 
 
-def state_of(folder: Path) -> dict[str, Any]:
-    """Return how an experiment stands; BarnError if its files do not belong together."""
-    rows = ResultRows(folder).read()
+def read_state(folder: Path) -> dict[str, Any]:
+    """Return how a run stands; BarnError if its files do not belong together."""
+    rows = RowFile(folder).read()
     source = read_source(folder, rows)
     results = source.results
+    newest = rows[::-1]
+    failures = [row for row in newest if not row.scores.success]
+    counts = Counter(result.outcome for result in results).most_common()
     state: dict[str, Any] = {
         "title": folder.resolve().name,
         "problem": "",
         "done": len(results),
         "planned": source.planned,
-        "again": sum(not row.counts for row in rows),
-        "outcomes": [
-            (_words(name), count)
-            for name, count in Counter(one.outcome for one in results).most_common()
-        ],
+        "again": sum(not row.is_scored for row in rows),
+        "outcomes": [(_outcome_words(outcome), count) for outcome, count in counts],
         **_pace(rows, source.planned),
-        "failures": [
-            _trial(folder, row) for row in rows[::-1] if not row.scores.success
-        ][:MOST_LISTED],
-        "latest": [_trial(folder, row) for row in rows[::-1][:MOST_LISTED]],
+        "failures": [_trial_state(folder, row) for row in failures[:MAX_LISTED]],
+        "latest": [_trial_state(folder, row) for row in newest[:MAX_LISTED]],
     }
-    nothing = {
+    if results:
+        return state | _conclusion_state(source)
+    return state | {
         "verdict": "No trial has ended yet.",
         "details": "",
         "bars": [],
         "notes": [],
     }
-    return state | (_leader(source) if results else nothing)
 
 
-def _leader(source: Source) -> dict[str, Any]:
+def _conclusion_state(source: Source) -> dict[str, Any]:
+    """Return what the results show so far."""
     entries = entries_of([source])
-    metric = metric_of(source.results)
-    first, shown = source.results[0], bars(entries)
+    measure = ranking_measure(source.results)
+    bars = make_bars(entries)
     try:
-        told = results_verdict({entry.label: entry.results for entry in entries})
+        conclusion = conclude_results({e.label: e.results for e in entries})
     except BarnError as error:
-        told = Conclusion(str(error))
+        conclusion = Conclusion(str(error))
+    protocol = source.results[0].protocol
+    worlds = count_noun(bars.worlds, "world")
     return {
-        "task": f"Protocol {first.protocol}, robot {source.robot or 'Jackal'}",
-        "metric": f"{metric.heading}, from 0 to {shown.limit}: means over {counted(shown.worlds, 'world')}",
-        "verdict": told.short,
-        "details": told.details,
-        "notes": cautions(shown.worlds),
-        "bars": [bar | {"colour": themed(bar["colour"])} for bar in shown.rows],
+        "task": f"Protocol {protocol}, robot {source.robot or 'Jackal'}",
+        "metric": f"{measure.heading}, from 0 to {bars.limit}: means over {worlds}",
+        "verdict": conclusion.short,
+        "details": conclusion.details,
+        "notes": list_cautions(bars.worlds),
+        "bars": [bar | {"colour": themed(bar["colour"])} for bar in bars.rows],
     }
 
 
 def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
-    """Return when the last trial ended (ISO 8601), trials per minute of the last ones, and seconds left at that."""
-    ends = sorted(end for end in map(_end, rows[-_RECENT:]) if end is not None)
+    """Return when the last trial ended, trials per minute, and seconds that are left.
+
+    The rate is that of the last trials; there is none before two of them have ended.
+    """
+    ends = sorted(filter(None, map(_end_of, rows[-_RATE_TRIALS:])))
+    last = ends[-1].isoformat() if ends else ""
     span_s = (ends[-1] - ends[0]).total_seconds() if ends else 0.0
     if span_s <= 0.0:
-        return {
-            "last": ends[-1].isoformat() if ends else "",
-            "per_minute": None,
-            "left_s": None,
-        }
+        return {"last": last, "per_minute": None, "left_s": None}
     rate = (len(ends) - 1) / span_s
-    left = max(0, planned - sum(row.counts for row in rows)) / rate if planned else None
-    return {"last": ends[-1].isoformat(), "per_minute": 60.0 * rate, "left_s": left}
+    left_s = None
+    if planned:
+        done = sum(row.is_scored for row in rows)
+        left_s = max(0, planned - done) / rate
+    return {"last": last, "per_minute": 60.0 * rate, "left_s": left_s}
 
 
-def _end(row: TrialResult) -> datetime | None:
+def _end_of(row: TrialResult) -> datetime | None:
+    """Return when a trial ended; None for rows of the evaluator, which do not say."""
     try:
-        began = datetime.fromisoformat(row.wall_clock.started_at)
-    except ValueError:  # rows of the evaluator do not say
+        start = datetime.fromisoformat(row.wall_clock.started_at)
+    except ValueError:
         return None
-    return (
-        began + timedelta(seconds=row.wall_clock.duration_s) if began.tzinfo else None
-    )
+    if start.tzinfo is None:
+        return None
+    return start + timedelta(seconds=row.wall_clock.duration_s)
 
 
-def _trial(folder: Path, row: TrialResult) -> dict[str, Any]:
+def _trial_state(folder: Path, row: TrialResult) -> dict[str, Any]:
+    """Return a trial as the page lists it."""
     return {
         "id": row.trial_id,
         "planner": spelling(row.planner),
         "world": row.world,
-        "outcome": _words(row.outcome),
+        "outcome": _outcome_words(row.outcome),
         "detail": row.detail,
-        "counts": row.counts,
+        "counts": row.is_scored,
         "time_s": row.scores.traversal_time_s if row.scores.success else None,
         "bag": (folder / BAGS / row.trial_id).is_dir(),
     }
 
 
-def _words(outcome: Outcome) -> str:
+def _outcome_words(outcome: Outcome) -> str:
     return outcome.value.replace("_", " ")
 
 
-class Watch(AbstractContextManager["Watch"]):
-    """The page of a folder, served from a thread until it is closed; a context manager.
-
-    host: an address of this machine. port: 0 takes any that is free. Raises ConfigError in one line for a folder
-    without an experiment, and for an address that cannot be had.
-    """
+class PageServer(AbstractContextManager["PageServer"]):
+    """Serves the page of a results folder from a thread until it is closed."""
 
     def __init__(
         self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT
     ) -> None:
-        state = CampaignState(Path(folder))
+        """Start to serve.
+
+        Args:
+            folder: A results folder.
+            host: An address of this machine.
+            port: A port; 0 takes any that is free.
+
+        Raises:
+            ConfigError: The folder holds no run, or the address is not available.
+        """
+        state = RunState(Path(folder))
         try:
             self._server = _Server((host, port), state)
         except (OSError, OverflowError) as error:
@@ -193,14 +211,15 @@ class Watch(AbstractContextManager["Watch"]):
             raise ConfigError(
                 f"host {host!r}, port {port}: cannot be served: {reason}"
             ) from None
-        address, bound = self._server.server_address[:2]
-        shown = LOOPBACK if ip_address(str(address)).is_unspecified else host
-        self.url = f"http://{shown}:{bound}/"
+        address, bound_port = self._server.server_address[:2]
+        if ip_address(str(address)).is_unspecified:
+            host = LOOPBACK
+        self.url = f"http://{host}:{bound_port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
+        """Stop to serve."""
         self.close()
 
     def close(self) -> None:
@@ -210,49 +229,53 @@ class Watch(AbstractContextManager["Watch"]):
         self._thread.join()
 
 
+class _Response(NamedTuple):
+    """What a request gets."""
+
+    status: HTTPStatus
+    content: str
+    media_type: str
+
+
 class _Server(ThreadingHTTPServer):
-    """What is served, computed for one request at a time."""
+    """Answers requests; content is computed for one request at a time."""
 
     daemon_threads = True
 
-    def __init__(self, address: tuple[str, int], state: CampaignState) -> None:
+    def __init__(self, address: tuple[str, int], state: RunState) -> None:
         self.state = state
         self.lock = threading.Lock()
-        self.replay = lru_cache(_KEPT_REPLAYS)(
-            lambda bag: replay_page(read_recorded(bag))
+        self.replay = lru_cache(_CACHED_REPLAYS)(
+            lambda bag: replay_page(read_recorded_trial(bag))
         )
         super().__init__(address, _Handler)
 
-    def page(self, path: str) -> tuple[HTTPStatus, str, str]:
-        """Return status, content and type of a path; BarnError for a bag that cannot be read."""
+    def respond(self, path: str) -> _Response:
+        """Return the response to a path; BarnError for a bag that cannot be read."""
         with self.lock:
             if path == "/":
-                return (
-                    HTTPStatus.OK,
-                    render("campaign.html", data=self.state.read()),
-                    _HTML,
-                )
+                page = render("campaign.html", data=self.state.read())
+                return _Response(HTTPStatus.OK, page, _HTML)
             if path == "/state":
-                return (
-                    HTTPStatus.OK,
-                    json.dumps(finite(self.state.read()), allow_nan=False),
-                    "application/json",
-                )
+                state = make_json_safe(self.state.read())
+                content = json.dumps(state, allow_nan=False)
+                return _Response(HTTPStatus.OK, content, "application/json")
             if path.startswith("/replay/"):
-                return (
-                    HTTPStatus.OK,
-                    self.replay(self.state.bag(unquote(path.removeprefix("/replay/")))),
-                    _HTML,
-                )
-        return HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT
+                bag = self.state.bag(unquote(path.removeprefix("/replay/")))
+                return _Response(HTTPStatus.OK, self.replay(bag), _HTML)
+        return _Response(HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT)
 
     def server_bind(self) -> None:
-        """Bind without asking a name server what the address is called."""
+        """Bind without asking a name server for the name of the address."""
         TCPServer.server_bind(self)
-        self.server_name, self.server_port = gethostname(), self.server_address[1]
+        self.server_name = gethostname()
+        self.server_port = self.server_address[1]
 
-    def allowed(self, host: str) -> bool:
-        """Tell whether a request names an address: a name other than localhost may be another site's trick."""
+    def accepts(self, host: str) -> bool:
+        """Tell whether a request is for an address or for this machine by name.
+
+        Any other name may belong to a site that rebinds it to this address.
+        """
         name = urlsplit(f"//{host}").hostname or ""
         try:
             ip_address(name)
@@ -269,29 +292,25 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page, or with a line that says why not."""
-        status, content, kind = (
-            HTTPStatus.FORBIDDEN,
-            "not the name of this machine",
-            _TEXT,
-        )
-        if self.server.allowed(self.headers.get("Host", "")):
+        if self.server.accepts(self.headers.get("Host", "")):
             try:
-                status, content, kind = self.server.page(urlsplit(self.path).path)
+                response = self.server.respond(urlsplit(self.path).path)
             except (BarnError, OSError, ValueError) as error:
-                status, content = HTTPStatus.NOT_FOUND, str(error)
-        data = content.encode()
-        self.send_response(status)
-        for name, value in {
-            "Content-Type": kind,
-            "Content-Length": str(len(data)),
-            **_HEADERS,
-        }.items():
+                response = _Response(HTTPStatus.NOT_FOUND, str(error), _TEXT)
+        else:
+            reason = "not the name of this machine"
+            response = _Response(HTTPStatus.FORBIDDEN, reason, _TEXT)
+
+        content = response.content.encode()
+        self.send_response(response.status)
+        self.send_header("Content-Type", response.media_type)
+        self.send_header("Content-Length", str(len(content)))
+        for name, value in _HEADERS.items():
             self.send_header(name, value)
-        with suppress(
-            ConnectionError
-        ):  # of a client that leaves before the answer's end
+        # A client may leave before the answer ends.
+        with suppress(ConnectionError):
             self.end_headers()
-            self.wfile.write(data)
+            self.wfile.write(content)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing: a line per request would drown what matters."""
+        """Log nothing: a line per request would drown what matters."""

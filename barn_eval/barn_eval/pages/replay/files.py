@@ -1,4 +1,4 @@
-"""The replay of a trial, or of several on one clock, in files: a page, a picture, an animation, a film."""
+"""Replays of trials in files: a page, a picture, an animation, a film."""
 
 import io
 import shutil
@@ -15,23 +15,27 @@ from scipy.ndimage import uniform_filter1d
 
 from barn_eval.analysis.planners import spelling
 from barn_eval.pages import Progress
-from barn_eval.pages.replay.page import outcome_by, planner_of, replay_page
+from barn_eval.pages.replay.page import outcome_at, planner_of, replay_page
 from barn_eval.pages.template import write_page
-from barn_eval.results.bags.decode import specified
-from barn_eval.results.bags.recorded import Recorded, read_recorded
+from barn_eval.results.bags.decode import read_specification
+from barn_eval.results.bags.recorded import RecordedTrial, read_recorded_trial
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, one_line
-from barn_worlds.base.files import replacing
+from barn_worlds.base.errors import ConfigError, format_error
+from barn_worlds.base.files import replace_file
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.files import gif_bytes
 from barn_worlds.drawing.palette import PAGE, WHITE
 
 ENDINGS = (".html", ".png", ".gif", ".mp4")
-MOST_BAGS = 6
-MOST_FRAMES = 3000
-_KEEPS_RARE = Image.Quantize.MAXCOVERAGE  # the goal's colour has few pixels
+_MAX_BAGS = 6
+_MAX_FRAMES = 3000
+_GIF_COLORS = 64
+# Maximum coverage keeps the color of the goal, which has few pixels.
+_GIF_METHOD = Image.Quantize.MAXCOVERAGE
+# The camera follows the mean of the robot's poses over this time, so it does not shake.
+_CAMERA_WINDOW_S = 1.2
 
 
 def write_replay(
@@ -44,134 +48,132 @@ def write_replay(
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
-    """Write the trials of bags to files and return these; without any, to a page named after the first bag.
+    """Write the trials of bags to files.
 
-    outs: one of each kind of `ENDINGS`. frames_per_s, speed, camera: of picture, animation and film, as `barn.replay`
-    has them. note: gets a line for each thing that is amiss with a bag. progress: gets the share of the frames that is
-    drawn. BagError for a bag that cannot be read, ConfigError for too many bags or frames, and for what cannot be drawn
-    or written.
+    Args:
+        bags: Bags of 1 to 6 trials, which are shown beside each other.
+        outs: Files, at most one for each of `ENDINGS`. By default a page named after
+            the bags.
+        frames_per_s: Frames per second of an animation or film.
+        speed: Speed of an animation or film; 1 is real time.
+        camera: Camera of picture, animation and film: "chase", "top" or "side".
+        note: Receives a line for each thing that is wrong with a bag.
+        progress: Receives the share of the frames that is drawn, from 0 to 1.
+
+    Returns:
+        The files.
+
+    Raises:
+        BagError: A bag cannot be read.
+        ConfigError: There are too many bags or frames, or something cannot be drawn or
+            written.
     """
-    by_ending(outs)  # before anything is read
-    if not 1 <= len(bags) <= MOST_BAGS:
-        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(bags)}")
-    found = [read_recorded(path) for path in bags]
-    for line in (
-        f"{one.name}: " * (len(found) > 1) + line for one in found for line in one.notes
-    ):
-        note(f"note: {line}")
-    named = "_and_".join(one.name.removesuffix(".mcap") for one in found[:2])
-    files = by_ending(outs or [f"{named}.html"])
-    end_s = max(float(recorded.times_s[-1]) for recorded in found)
+    # Refuse bad names before anything is read.
+    sort_by_ending(outs)
+    if not 1 <= len(bags) <= _MAX_BAGS:
+        raise ConfigError(f"a replay shows 1 to {_MAX_BAGS} bags, got {len(bags)}")
+    trials = [read_recorded_trial(path) for path in bags]
+    for trial in trials:
+        prefix = f"{trial.name}: " if len(trials) > 1 else ""
+        for text in trial.notes:
+            note(f"note: {prefix}{text}")
+    name = "_and_".join(trial.name.removesuffix(".mcap") for trial in trials[:2])
+    files = sort_by_ending(outs or [f"{name}.html"])
+    end_s = max(float(trial.times_s[-1]) for trial in trials)
 
-    def frames(times_s: Sequence[float], finer: int = 1) -> Iterator[Pixels]:
-        views = (camera_frames(recorded, camera, times_s, finer) for recorded in found)
-        for number, beside in enumerate(zip(*views, strict=True), 1):
+    def draw_frames(
+        times_s: Sequence[float], oversampling: int = 1
+    ) -> Iterator[Pixels]:
+        views = [draw_views(trial, camera, times_s, oversampling) for trial in trials]
+        for number, pictures in enumerate(zip(*views, strict=True), 1):
             progress(number / len(times_s))
-            yield np.hstack(beside)
+            yield np.hstack(pictures)
 
     for ending, path in files.items():
-        times_s = (
-            _frame_times(end_s, frames_per_s, speed, found[0].name)
-            if ending in (".gif", ".mp4")
-            else []
-        )
         if ending == ".html":
-            write_page(path, replay_page(*found))
+            write_page(path, replay_page(*trials))
         elif ending == ".png":
             content = io.BytesIO()
-            Image.fromarray(next(frames([end_s], 2))).save(content, "PNG")
+            frame = next(draw_frames([end_s], oversampling=2))
+            Image.fromarray(frame).save(content, "PNG")
             write_page(path, content.getvalue())
-        elif ending == ".gif":
-            drawn = map(Image.fromarray, frames(times_s))
-            images = (
-                image.quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE)
-                for image in drawn
-            )
-            write_page(path, gif_bytes(images, frames_per_s))
         else:
-            _save_mp4(frames(times_s), path, frames_per_s)
+            times_s = _frame_times(end_s, frames_per_s, speed, trials[0].name)
+            frames = draw_frames(times_s)
+            if ending == ".gif":
+                images = (_to_gif_colors(frame) for frame in frames)
+                write_page(path, gif_bytes(images, frames_per_s))
+            else:
+                _write_film(frames, path, frames_per_s)
     return list(files.values())
 
 
-def by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
-    """Return files of replays by their endings; ConfigError for an unknown one, or for two of a kind."""
-    found: dict[str, Path] = {}
+def _to_gif_colors(frame: Pixels) -> Image.Image:
+    """Return a frame with few colors."""
+    image = Image.fromarray(frame)
+    return image.quantize(_GIF_COLORS, _GIF_METHOD, dither=Image.Dither.NONE)
+
+
+def sort_by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
+    """Return files by their endings; ConfigError for an unknown or a double one."""
+    files: dict[str, Path] = {}
     for path in map(Path, outs):
         if path.suffix not in ENDINGS:
             raise ConfigError(f"out {str(path)!r}: must end in {', '.join(ENDINGS)}")
-        if found.setdefault(path.suffix, path) != path:
+        if files.setdefault(path.suffix, path) != path:
             raise ConfigError(f"out {str(path)!r}: one file of each kind is written")
-    return {ending: found[ending] for ending in ENDINGS if ending in found}
+    return {ending: files[ending] for ending in ENDINGS if ending in files}
 
 
 def _frame_times(
     end_s: float, frames_per_s: float, speed: float, name: str
 ) -> list[float]:
-    """Return the times of frames from the first to the last instant; ConfigError if they would be too many."""
+    """Return the times of all frames; ConfigError if there are too many."""
     count = int(np.ceil(end_s / speed * frames_per_s)) + 1
-    if count > MOST_FRAMES:
+    if count > _MAX_FRAMES:
         raise ConfigError(
-            f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed"
+            f"{name}: {count} frames are too many, at most {_MAX_FRAMES}; raise --speed"
         )
-    return [min(end_s, index * speed / frames_per_s) for index in range(count)]
+    return [min(end_s, number * speed / frames_per_s) for number in range(count)]
 
 
-def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
-    """Write frames as a film; ConfigError where ffmpeg is missing or fails."""
+def _write_film(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
+    """Write frames as a film; ConfigError if ffmpeg is missing or fails."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigError(
-            "a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html do not"
+            "a film needs ffmpeg, which is not installed (apt install ffmpeg); "
+            ".gif and .html do not"
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as partial:
-            complaint = _encode(ffmpeg, frames, frames_per_s, partial)
+        with replace_file(path) as partial:
+            complaint = _encode_film(ffmpeg, frames, frames_per_s, partial)
             if complaint is not None:
-                raise ConfigError(f"{path}: ffmpeg failed: {one_line(complaint)}")
+                raise ConfigError(f"{path}: ffmpeg failed: {format_error(complaint)}")
     except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be written: {error.strerror or error}"
-        ) from None
+        reason = error.strerror or error
+        raise ConfigError(f"{path}: cannot be written: {reason}") from None
 
 
-def _encode(
+def _encode_film(
     ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Path
 ) -> str | None:
-    """Write frames as a film and return what ffmpeg complains of if it fails."""
+    """Write frames as a film; return ffmpeg's complaint if it fails, else None."""
     first = next(frames)
     height, width, _ = first.shape
-    source = [
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "rgb24",
-        "-s",
-        f"{width}x{height}",
-        "-r",
-        f"{frames_per_s:g}",
-        "-i",
-        "-",
-    ]
-    target = [
-        "-c:v",
-        "libx264",
-        "-pix_fmt",
-        "yuv420p",
-        "-movflags",
-        "+faststart",
-        "-f",
-        "mp4",
-        "-y",
-        str(path),
-    ]
-    with subprocess.Popen(  # noqa: S603 (no shell; the only text from outside is the path)
-        [ffmpeg, "-loglevel", "error", *source, *target],
-        stdin=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+    # The path is the last word, so it can be no option.
+    command = (
+        f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height} "
+        f"-r {frames_per_s:g} -i - "
+        "-c:v libx264 -pix_fmt yuv420p -movflags +faststart -f mp4 -y"
+    ).split()
+    with subprocess.Popen(  # noqa: S603 (no shell; only the path is from outside)
+        [ffmpeg, *command, str(path)], stdin=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         assert process.stdin is not None
-        with suppress(BrokenPipeError):  # its complaint follows
+        # A complaint follows if ffmpeg ends early.
+        with suppress(BrokenPipeError):
             process.stdin.write(first.tobytes())
             for frame in frames:
                 process.stdin.write(frame.tobytes())
@@ -179,65 +181,73 @@ def _encode(
     return complaint.decode(errors="replace") if process.returncode else None
 
 
-_STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
-
-
-def camera_frames(
-    recorded: Recorded, camera: str, times_s: Sequence[float], finer: int
+def draw_views(
+    recorded: RecordedTrial, camera: str, times_s: Sequence[float], oversampling: int
 ) -> Iterator[Pixels]:
-    """Yield a trial as a camera sees it at times.
+    """Yield a trial as a camera sees it at some times.
 
-    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges. ConfigError
-    where the world is not known.
+    With oversampling, frames are drawn that many times as large, for smooth edges.
+    ConfigError if the world is unknown.
     """
     scene = recorded.scene
     if scene is None:
         raise ConfigError(
-            f"{recorded.name}: its world is not known, so a camera has nothing to see; .html shows it"
+            f"{recorded.name}: its world is not known, so a camera has nothing to see; "
+            ".html shows it"
         )
-    steady = _steadied(recorded)
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
-    if height := specified(recorded.trial, "lidar", "mount_z_m"):
+    height = read_specification(recorded.trial, "lidar", "mount_z_m")
+    if height:
         lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
     moving = recorded.moving
-    trail_m, bodies = recorded.poses[:, :2], None
+    bodies = None
     if moving is not None:
-        scene, bodies = scene._replace(boxes=moving.walls), moving.bodies
+        scene = scene._replace(boxes=moving.walls)
+        bodies = moving.bodies
+
+    camera_poses = _smooth_poses(recorded)
     with Studio(
-        scene, lidar, trail_m=trail_m, moving=bodies, chassis=recorded.chassis
+        scene,
+        lidar,
+        trail_m=recorded.poses[:, :2],
+        moving=bodies,
+        chassis=recorded.chassis,
     ) as studio:
         for time_s in times_s:
             index = recorded.index_at(time_s)
-            view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
+            center = Pose2D(*camera_poses[index].tolist())
+            view = camera_at(camera, center, studio.bounds_m)
             pose = Pose2D(*recorded.poses[index].tolist())
-            shown: dict[str, Any] = {"driven": index, "finer": finer}
+            options: dict[str, Any] = {"driven": index, "finer": oversampling}
             if moving is not None:
                 now_s = float(recorded.times_s[index])
-                shown |= {
-                    "places": moving.placed(now_s).poses[:, :2],
-                    "passed": np.vstack([np.empty((0, 2)), *moving.trails(now_s)]),
-                }
-            pixels = studio.picture(pose, view, SIZES[camera], **shown)
-            yield _captioned(pixels, recorded, time_s)
+                options["places"] = moving.placed(now_s).poses[:, :2]
+                trails = [np.empty((0, 2)), *moving.trails(now_s)]
+                options["passed"] = np.vstack(trails)
+            pixels = studio.picture(pose, view, SIZES[camera], **options)
+            yield _add_caption(pixels, recorded, time_s)
 
 
-def _steadied(recorded: Recorded) -> Floats:
-    """Return poses (n, 3) that are means of the robot's over a while, yaw without jumps."""
+def _smooth_poses(recorded: RecordedTrial) -> Floats:
+    """Return running means of the robot's poses (n, 3), yaw without jumps."""
     poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
-    period_s = (
-        float(np.median(np.diff(recorded.times_s))) if len(poses) > 1 else _STEADY_S
-    )
-    size = 2 * round(0.5 * _STEADY_S / max(period_s, 1e-3)) + 1
-    return np.asarray(uniform_filter1d(poses, size, axis=0, mode="nearest"))
+    period_s = _CAMERA_WINDOW_S
+    if len(poses) > 1:
+        period_s = float(np.median(np.diff(recorded.times_s)))
+    window = 2 * round(0.5 * _CAMERA_WINDOW_S / max(period_s, 1e-3)) + 1
+    return np.asarray(uniform_filter1d(poses, window, axis=0, mode="nearest"))
 
 
-def _captioned(pixels: Pixels, recorded: Recorded, time_s: float) -> Pixels:
-    """Write below on the left whose trial it is, and the time."""
-    picture, font = Image.fromarray(pixels), ImageFont.load_default(16)
-    named = spelling(planner_of(recorded)) or recorded.name
-    text = f"{named[:40]}   {time_s:5.1f} s   {outcome_by(recorded, time_s)}".rstrip()
-    draw, place = ImageDraw.Draw(picture), (12, picture.height - 26)
-    left, above, right, below = draw.textbbox(place, text, font=font)
-    draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill=WHITE)
-    draw.text(place, text, fill=PAGE["ink"][0], font=font)
+def _add_caption(pixels: Pixels, recorded: RecordedTrial, time_s: float) -> Pixels:
+    """Write planner, time and outcome into the lower left corner."""
+    name = spelling(planner_of(recorded)) or recorded.name
+    outcome = outcome_at(recorded, time_s)
+    text = f"{name[:40]}   {time_s:5.1f} s   {outcome}".rstrip()
+    picture = Image.fromarray(pixels)
+    font = ImageFont.load_default(16)
+    draw = ImageDraw.Draw(picture)
+    position = (12, picture.height - 26)
+    left, top, right, bottom = draw.textbbox(position, text, font=font)
+    draw.rounded_rectangle((left - 6, top - 5, right + 6, bottom + 5), 4, fill=WHITE)
+    draw.text(position, text, fill=PAGE["ink"][0], font=font)
     return np.asarray(picture)

@@ -1,14 +1,14 @@
-"""The page of a trial, or of several on one clock, and what is said of a trial in words and figures."""
+"""The replay page of a trial, or of several on one clock."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, MOVING
-from barn_eval.analysis.planners import colours, spelling
-from barn_eval.pages.replay.payload import payload
+from barn_eval.analysis.planners import assign_colors, spelling
+from barn_eval.pages.replay.payload import make_payload
 from barn_eval.pages.template import render
-from barn_eval.results.bags.recorded import MAP, Recorded
+from barn_eval.results.bags.recorded import MAP, RecordedTrial
 from barn_metrics.bootstrap import number
 
 _SCORES = (
@@ -22,150 +22,152 @@ _MEASURES = ("driven_m", "min_clearance_m", "contact_s")
 _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
 
 
-def replay_page(*found: Recorded) -> str:
-    """Return the page of one trial or several, whatever their bags hold as text being text in it."""
-    named = labels(found)
-    shades = colours([planner_of(recorded) for recorded in found])
-    known = len(found) > 1 or planner_of(found[0])
-    trials, drawn = [], []
-    for label, shade, one in zip(named, shades, found, strict=True):
+def replay_page(*recorded_trials: RecordedTrial) -> str:
+    """Return the page of one trial or several; text from bags is no markup in it."""
+    labels = label_trials(recorded_trials)
+    planners = [planner_of(recorded) for recorded in recorded_trials]
+    colors = assign_colors(planners)
+    has_colors = len(recorded_trials) > 1 or planners[0] != ""
+    trials = []
+    payloads = []
+    for label, color, recorded in zip(labels, colors, recorded_trials, strict=True):
         trials.append(
             {
                 "label": label,
-                "colour": shade if known else "",
-                "subtitle": subtitle(one),
-                "notes": one.notes,
+                "colour": color if has_colors else "",
+                "subtitle": describe(recorded),
+                "notes": recorded.notes,
             }
         )
-        drawn.append(payload(one) | {"label": label, "colour": shade})
-    rows = [dict(facts(recorded)) for recorded in found]
-    frames = {
-        (recorded.frame, "true pose" if recorded.frame == MAP else "odometry"): None
-        for recorded in found
-    }
+        payloads.append(make_payload(recorded) | {"label": label, "colour": color})
+
+    facts = [list_facts(recorded) for recorded in recorded_trials]
+    fact_names = dict.fromkeys(name for trial_facts in facts for name in trial_facts)
+    frames: dict[tuple[str, str], None] = {}
+    for recorded in recorded_trials:
+        source = "true pose" if recorded.frame == MAP else "odometry"
+        frames[recorded.frame, source] = None
+    first = recorded_trials[0]
+    world_keys = {world_key(recorded) for recorded in recorded_trials}
+    names = dict.fromkeys(recorded.name for recorded in recorded_trials)
     return render(
         "replay.html",
-        title=" and ".join(dict.fromkeys(recorded.name for recorded in found)),
+        title=" and ".join(names),
         trials=trials,
         facts=[
-            (name, [row.get(name, "") for row in rows])
-            for name in {key: None for row in rows for key in row}
+            (name, [trial_facts.get(name, "") for trial_facts in facts])
+            for name in fact_names
         ],
         frames=list(frames),
-        along_path=all(one["along_path"] for one in drawn),
-        moving=any(recorded.moving is not None for recorded in found),
-        same_world=len({world_key(recorded) for recorded in found}) == 1
-        and found[0].scene is not None,
-        data={"trials": drawn},
+        along_path=all(payload["along_path"] for payload in payloads),
+        moving=any(recorded.moving is not None for recorded in recorded_trials),
+        same_world=len(world_keys) == 1 and first.scene is not None,
+        data={"trials": payloads},
     )
 
 
-def labels(found: Sequence[Recorded]) -> list[str]:
-    """Return by what trials are told apart: their planners and, for one that is there twice, bag or folder as well."""
-    names = [spelling(planner_of(recorded)) or recorded.name for recorded in found]
-    often = Counter(names)
-    for more in (
-        lambda one: one.name,
-        lambda one: one.folder,
-        lambda one: f"{one.folder}/{one.name}",
-    ):
-        told = [
-            f"{name} ({more(one)})" if often[name] > 1 else name
-            for name, one in zip(names, found, strict=True)
-        ]
-        if len(set(told)) == len(told):
-            return told
+def label_trials(recorded_trials: Sequence[RecordedTrial]) -> list[str]:
+    """Return distinct labels: the planner and, if it appears twice, bag or folder."""
+    names = [spelling(planner_of(trial)) or trial.name for trial in recorded_trials]
+    counts = Counter(names)
+    for template in ("{trial.name}", "{trial.folder}", "{trial.folder}/{trial.name}"):
+        labels = []
+        for name, trial in zip(names, recorded_trials, strict=True):
+            origin = template.format(trial=trial)
+            labels.append(f"{name} ({origin})" if counts[name] > 1 else name)
+        if len(set(labels)) == len(labels):
+            return labels
     return [f"{name} ({number})" for number, name in enumerate(names, 1)]
 
 
-def world_key(recorded: Recorded) -> bytes:
-    """Return what is equal for equal scenes."""
+def world_key(recorded: RecordedTrial) -> bytes:
+    """Return a value that is equal for equal scenes, empty without a scene."""
     if recorded.scene is None:
         return b""
-    moving = (
-        b""
-        if recorded.moving is None
-        else str(_mapping(recorded.trial, "world").get("checksum")).encode()
-    )
-    return recorded.scene.cylinders_m.tobytes() + moving
+    cylinders = recorded.scene.cylinders_m.tobytes()
+    if recorded.moving is None:
+        return cylinders
+    checksum = _mapping(recorded.trial, "world").get("checksum")
+    return cylinders + str(checksum).encode()
 
 
-def subtitle(recorded: Recorded) -> str:
-    """Return which planner drove in which world, as far as the bag says."""
-    result, trial = recorded.result, recorded.trial
+def describe(recorded: RecordedTrial) -> str:
+    """Say which planner drove in which world, as far as the bag says."""
+    parts = []
     planner = planner_of(recorded)
-    name = _mapping(trial, "world").get("name") or result.get("world_name")
-    parts = [
-        f"planner {spelling(planner)}" if planner else "",
-        f"world {name.removeprefix('world_')}" if name else "",
-    ]
-    protocol = _mapping(trial, "protocol").get("name") or result.get("protocol")
-    parts += [
-        f"{protocol} protocol" if protocol else "",
-        f"{recorded.times_s[-1]:.2f} s of simulated time",
-    ]
-    return ", ".join(part for part in parts if part)
+    if planner:
+        parts.append(f"planner {spelling(planner)}")
+    world = _mapping(recorded.trial, "world").get("name")
+    world = world or recorded.result.get("world_name")
+    if world:
+        parts.append(f"world {world.removeprefix('world_')}")
+    protocol = _mapping(recorded.trial, "protocol").get("name")
+    protocol = protocol or recorded.result.get("protocol")
+    if protocol:
+        parts.append(f"{protocol} protocol")
+    parts.append(f"{recorded.times_s[-1]:.2f} s of simulated time")
+    return ", ".join(parts)
 
 
-def planner_of(recorded: Recorded) -> str:
-    """Return the name of the planner, empty where the bag does not say."""
-    return str(
-        _mapping(recorded.trial, "planner").get("name")
-        or recorded.result.get("planner")
-        or ""
-    )
+def planner_of(recorded: RecordedTrial) -> str:
+    """Return the name of the planner, empty if the bag does not say."""
+    name = _mapping(recorded.trial, "planner").get("name")
+    return str(name or recorded.result.get("planner") or "")
 
 
-def outcome_by(recorded: Recorded, time_s: float) -> str:
-    """Return the outcome once the trial has come to its end, an empty text before."""
-    over = time_s >= recorded.times_s[-1] - 1e-6
-    return (
-        _text(recorded.result.get("outcome", "no result in the bag")).replace("_", " ")
-        if over
-        else ""
-    )
+def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
+    """Return the outcome once a trial has ended, an empty text before.
+
+    Args:
+        recorded: The trial.
+        time_s: Time since its start.
+    """
+    if time_s < recorded.times_s[-1] - 1e-6:
+        return ""
+    outcome = recorded.result.get("outcome", "no result in the bag")
+    return _value_text(outcome).replace("_", " ")
 
 
-def facts(recorded: Recorded) -> list[tuple[str, str]]:
-    """Return names and values of outcome, score and measures; the seeds that make the trial again."""
+def list_facts(recorded: RecordedTrial) -> dict[str, str]:
+    """Return outcome, scores, measures and seeds of a trial by name."""
     result = recorded.result
     if not result:
-        return [("outcome", "not in the bag")]
-    rows = [("outcome", _text(result.get("outcome")))]
+        return {"outcome": "not in the bag"}
+    facts = {"outcome": _value_text(result.get("outcome"))}
     if result.get("detail"):
-        rows.append(("how it ended", _text(result["detail"])))
-    for part, keys in (
-        ("scores", _SCORES),
-        ("measures", _MEASURES),
-        ("motion", MOVING),
-    ):
+        facts["how it ended"] = _value_text(result["detail"])
+
+    parts = {"scores": _SCORES, "measures": _MEASURES, "motion": MOVING}
+    for part, keys in parts.items():
         values = _mapping(result, part)
         if values.get("touched"):
-            rows.append(("first contact with", _text(values["touched"])))
-        for measure in (MEASURES[key] for key in keys if key in values):
-            value = values[measure.key]
-            text = measure.number(value) if isinstance(value, (int, float)) else "none"
-            rows.append((measure.trial_heading, text))
+            facts["first contact with"] = _value_text(values["touched"])
+        for key in keys:
+            if key not in values:
+                continue
+            measure = MEASURES[key]
+            value = values[key]
+            is_number = isinstance(value, int | float)
+            text = measure.number(value) if is_number else "none"
+            facts[measure.trial_heading] = text
+
     phase_s = _mapping(result, "motion").get("phase_s")
-    if isinstance(phase_s, (int, float)):
-        rows.append(("phase of what moves [s]", number(phase_s, 2)))
-    rows.append(
-        (
-            "seeds",
-            ", ".join(
-                f"{name.removesuffix('_seed')} {_text(result.get(name))}"
-                for name in _SEEDS
-            ),
-        )
-    )
-    rows.append(("world checksum", _text(result.get("world_checksum"))))
-    return rows
+    if isinstance(phase_s, int | float):
+        facts["phase of what moves [s]"] = number(phase_s, 2)
+    seeds = []
+    for name in _SEEDS:
+        seeds.append(f"{name.removesuffix('_seed')} {_value_text(result.get(name))}")
+    facts["seeds"] = ", ".join(seeds)
+    facts["world checksum"] = _value_text(result.get("world_checksum"))
+    return facts
 
 
 def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return a mapping inside another, empty where there is none."""
     value = content.get(key)
     return value if isinstance(value, Mapping) else {}
 
 
-def _text(value: object) -> str:
+def _value_text(value: object) -> str:
+    """Return a value of a bag as text."""
     return "not known" if value is None else str(value)

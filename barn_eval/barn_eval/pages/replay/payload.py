@@ -1,4 +1,4 @@
-"""What the replay page draws from: a recorded trial as small arrays in one frame."""
+"""The data of the replay page: a recorded trial as small arrays in one frame."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,27 +6,35 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.results.bags.movers import LONGEST_BEYOND_S, TRAIL_S
-from barn_eval.results.bags.recorded import Recorded, Shown
-from barn_eval.results.tracks import pack
+from barn_eval.results.bags.movers import MAX_EXTRAPOLATION_S, TRAIL_S
+from barn_eval.results.bags.recorded import RecordedTrial, TimedItem
+from barn_eval.results.tracks import pack_arrays
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.worlds.world import World
 
 Packable = npt.NDArray[Any]
-_CLOSED_M = 0.01
-_FARTHEST_M = 32.0  # that whole millimetres of two bytes reach
-MOST_BEAMS = 240
-MOST_POINTS = 120
-MOST_COSTMAPS = 120
-_NO_RANGE = 65535
+Arrays = dict[str, Packable]
+
+_MAX_BEAMS = 240
+_MAX_POINTS = 120
+_MAX_COSTMAPS = 120
 _COST_LEVELS = 12
+# Ranges are whole centimeters of two bytes; the largest number stands for no range.
+_NO_RANGE = 65535
+# Whole millimeters of two bytes reach this far.
+_MAX_MILLIMETERS_M = 32.0
+# A motion that ends so close to its start is closed.
+_CLOSED_M = 0.01
+_OCCUPIED = 50
 
 
-def payload(recorded: Recorded) -> dict[str, Any]:
-    """Return the data of a replay page: `pack`ed arrays and what describes them."""
-    arrays: dict[str, Packable] = {
+def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
+    """Return the data of a replay page: packed arrays and what describes them."""
+    scene = recorded.scene
+    progress = progress_m(recorded)
+    arrays: Arrays = {
         "times": recorded.times_s.astype("f4"),
         "poses": recorded.poses.astype("f4"),
         "speeds": recorded.speeds.astype("f4"),
@@ -35,122 +43,115 @@ def payload(recorded: Recorded) -> dict[str, Any]:
     }
     content: dict[str, Any] = {
         "outline": recorded.outline.plain(),
-        "lidar": _plain(recorded.lidar),
+        "lidar": _pose_list(recorded.lidar),
         "bounds": bounds(recorded),
-        "goal": _plain(recorded.goal_pose()),
+        "goal": _pose_list(recorded.goal_pose()),
         "frame": recorded.frame,
-        "start": _plain(recorded.scene.start if recorded.scene else None),
-        "goal_distance": recorded.scene.goal_distance_m if recorded.scene else 0.0,
-        "scene": _scene(recorded, arrays),
-        "moving": _moving(recorded, arrays),
+        "start": _pose_list(scene.start if scene else None),
+        "goal_distance": scene.goal_distance_m if scene else 0.0,
+        "scene": _add_scene(recorded, arrays),
+        "moving": _add_moving(recorded, arrays),
         "recoveries": list(recorded.recoveries_s),
+        "along_path": progress is not None,
+        "outcomes": [[item.time_s, item.content] for item in recorded.outcomes],
     }
-    along_m = progress_m(recorded)
-    content["along_path"] = along_m is not None
-    arrays["progress"] = (np.empty(0) if along_m is None else along_m).astype("f4")
+    arrays["progress"] = np.empty(0, "f4")
+    if progress is not None:
+        arrays["progress"] = progress.astype("f4")
     arrays["clearance"] = recorded.clearance_m.astype("f4")
-    arrays["score_times"] = np.array([shown.time_s for shown in recorded.scores], "f4")
-    arrays["scores"] = np.array([shown.content for shown in recorded.scores], "f4")
-    content["outcomes"] = [[shown.time_s, shown.content] for shown in recorded.outcomes]
+    arrays["score_times"] = np.array([item.time_s for item in recorded.scores], "f4")
+    arrays["scores"] = np.array([item.content for item in recorded.scores], "f4")
     if recorded.map is not None:
-        content["map"] = _grid(recorded.map, Pose2D(0.0, 0.0, 0.0))
+        content["map"] = _grid_list(recorded.map, Pose2D(0.0, 0.0, 0.0))
         cells = recorded.map.data.ravel()
-        arrays["map"] = (cells >= 50).astype("u1") + 2 * (cells < 0).astype("u1")
-    content["scan"] = _scans(recorded, arrays)
-    layers: dict[str, Sequence[Shown]] = {
-        "plan": recorded.plans,
-        "local_plan": recorded.local_plans,
-    }
-    for name, layer in (
-        layers | {"candidates": recorded.candidates, "band": recorded.bands}
-    ).items():
-        _lines(recorded, name, layer, arrays)
-    discs = [  # at the times of the bands' lines
-        np.column_stack(
-            [
-                recorded.to_frame(one).transform(one.content.discs[:, :2]),
-                one.content.discs[:, 2],
-            ]
-        )
-        for one in recorded.bands
-    ]
-    arrays["bubble_ends"] = np.cumsum([0, *map(len, discs)]).astype("i4")
-    arrays["bubbles"] = np.concatenate([np.empty((0, 3)), *discs]).astype("f4")
-    content["costmaps"] = _costmaps(recorded, arrays)
-    return content | {"packed": pack(arrays)}
+        occupied = (cells >= _OCCUPIED).astype("u1")
+        unknown = (cells < 0).astype("u1")
+        arrays["map"] = occupied + 2 * unknown
+
+    content["scan"] = _add_scans(recorded, arrays)
+    _add_lines(recorded, "plan", recorded.plans, arrays)
+    _add_lines(recorded, "local_plan", recorded.local_plans, arrays)
+    _add_lines(recorded, "candidates", recorded.candidates, arrays)
+    _add_lines(recorded, "band", recorded.bands, arrays)
+    _add_bubbles(recorded, arrays)
+    content["costmaps"] = _add_costmaps(recorded, arrays)
+    content["packed"] = pack_arrays(arrays)
+    return content
 
 
-def bounds(recorded: Recorded) -> list[float]:
-    """Return x_min, y_min, x_max, y_max of what is to be seen, metres: world, map, start, goal and trail."""
-    known, scene = recorded.map, recorded.scene
-    margin_m = 1.0 if known is None and scene is None else 0.5
-    low, high = (
-        recorded.poses[:, :2].min(axis=0) - margin_m,
-        recorded.poses[:, :2].max(axis=0) + margin_m,
-    )
-    reach_m = scene.goal_distance_m + 0.1 if scene is not None else 0.5
-    ends = [recorded.goal_pose(), scene.start if scene is not None else None]
-    seen = [
-        (np.array([[pose.x, pose.y]]), max(0.5, reach_m))
-        for pose in ends
-        if pose is not None
-    ]
+def bounds(recorded: RecordedTrial) -> list[float]:
+    """Return x_min, y_min, x_max, y_max of what the page shows, in meters."""
+    grid = recorded.map
+    scene = recorded.scene
+    trail = recorded.poses[:, :2]
+    # Without a world there is little else to see around the trail.
+    margin_m = 1.0 if grid is None and scene is None else 0.5
+    low = trail.min(axis=0) - margin_m
+    high = trail.max(axis=0) + margin_m
+
+    # Points, and the room around them.
+    areas = []
+    reach_m = 0.5 if scene is None else scene.goal_distance_m + 0.1
+    for pose in (recorded.goal_pose(), scene.start if scene else None):
+        if pose is not None:
+            areas.append((np.array([[pose.x, pose.y]]), max(0.5, reach_m)))
     if scene is not None and len(scene.cylinders_m):
-        seen.append((scene.cylinders_m, 2.0 * scene.radius_m))
+        areas.append((scene.cylinders_m, 2.0 * scene.radius_m))
     if recorded.moving is not None and len(recorded.moving.walls.poses):
-        seen.append((np.concatenate(recorded.moving.walls.outlines()), 0.25))
-    for points, room_m in seen:
-        low, high = (
-            np.minimum(low, points.min(axis=0) - room_m),
-            np.maximum(high, points.max(axis=0) + room_m),
-        )
-    if known is not None:
-        size = np.array(known.data.shape[::-1]) * known.resolution
-        corner = np.array([known.origin_x, known.origin_y])
-        low, high = np.minimum(low, corner), np.maximum(high, corner + size)
-    low, high = (
-        scene.view_m(low, high, recorded.poses[:, :2])
-        if scene is not None
-        else (low, high)
-    )
+        areas.append((np.concatenate(recorded.moving.walls.outlines()), 0.25))
+    for points, room_m in areas:
+        low = np.minimum(low, points.min(axis=0) - room_m)
+        high = np.maximum(high, points.max(axis=0) + room_m)
+
+    if grid is not None:
+        corner = np.array([grid.origin_x, grid.origin_y])
+        size = np.array(grid.data.shape[::-1]) * grid.resolution
+        low = np.minimum(low, corner)
+        high = np.maximum(high, corner + size)
+    if scene is not None:
+        low, high = scene.view_m(low, high, trail)
     return [*low.tolist(), *high.tolist()]
 
 
-def progress_m(recorded: Recorded) -> Floats | None:
-    """Return how far along the path from start over world to goal the robot has come by each time, (n,) metres.
+def progress_m(recorded: RecordedTrial) -> Floats | None:
+    """Return how far along the path the robot has come by each time (n,), in meters.
 
-    That is the arc length of the path's nearest point, the largest so far. None where the path is not known.
+    The path leads from the start through the world to the goal. Progress is the arc
+    length of its nearest point, the largest so far. None if the path is unknown.
     """
     scene = recorded.scene
     if scene is None or not len(scene.path_m):
         return None
-    first, last = (
-        [[pose.x, pose.y]] if pose else np.empty((0, 2))
-        for pose in (scene.start, scene.goal)
-    )
-    path = np.vstack([first, scene.path_m, last])
+    ends = []
+    for pose in (scene.start, scene.goal):
+        ends.append([[pose.x, pose.y]] if pose else np.empty((0, 2)))
+    path = np.vstack([ends[0], scene.path_m, ends[1]])
     steps = np.diff(path, axis=0)
-    whole = np.hypot(*steps.T) > 0.0
-    origins, steps = path[:-1][whole], steps[whole]
+    is_step = np.hypot(*steps.T) > 0.0
+    origins = path[:-1][is_step]
+    steps = steps[is_step]
     if not len(steps):
         return None
+
+    # The nearest point of every step to every pose, then the nearest of these.
     lengths = np.hypot(*steps.T)
     offsets = recorded.poses[:, None, :2] - origins
     shares = np.clip((offsets * steps).sum(axis=2) / lengths**2, 0.0, 1.0)
-    nearest = np.linalg.norm(offsets - shares[..., None] * steps, axis=2).argmin(axis=1)
+    distances = np.linalg.norm(offsets - shares[..., None] * steps, axis=2)
+    nearest = distances.argmin(axis=1)
     share = shares[np.arange(len(nearest)), nearest]
-    furthest: Floats = np.maximum.accumulate(
-        np.cumsum(lengths)[nearest] - lengths[nearest] * (1.0 - share)
-    )
-    return furthest
+    arc = np.cumsum(lengths)[nearest] - lengths[nearest] * (1.0 - share)
+    progress: Floats = np.maximum.accumulate(arc)
+    return progress
 
 
-def _plain(pose: Pose2D | None) -> list[float] | None:
+def _pose_list(pose: Pose2D | None) -> list[float] | None:
+    """Return x, y and yaw of a pose."""
     return None if pose is None else [pose.x, pose.y, pose.yaw]
 
 
-def _scene(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
-    """Add the centres of obstacles, walls and of what has been pushed by the end, and the path; return their radius."""
+def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
+    """Add obstacles, walls, the path and where obstacles were pushed to."""
     scene = recorded.scene
     if scene is None:
         return None
@@ -161,137 +162,151 @@ def _scene(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] 
     return {"radius": scene.radius_m}
 
 
-def _moving(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, Any] | None:
-    """Add shapes and places of moving obstacles, and of walls between them; return what describes them."""
+def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | None:
+    """Add shapes and places of moving obstacles and of the walls between them."""
     moving = recorded.moving
     if moving is None:
         return None
-    there = len(moving.bodies.poses) > 0
-    arrays["mover_shapes"], arrays["box_walls"] = (
-        shape_array(moving.bodies),
-        shape_array(moving.walls),
-    )
+    arrays["mover_shapes"] = shape_array(moving.bodies)
+    arrays["box_walls"] = shape_array(moving.walls)
     arrays["mover_times"] = moving.times_s.astype("f4")
-    arrays["mover_places"], step_m = in_millimetres(moving.places)
+    arrays["mover_places"], step_m = to_millimeters(moving.places)
     arrays["mover_jumps"] = moving.jumps.astype("u1")
     return {
-        "there": there,
+        "there": len(moving.bodies.poses) > 0,
         "step": step_m,
         "trail": TRAIL_S,
-        "beyond": LONGEST_BEYOND_S,
+        "beyond": MAX_EXTRAPOLATION_S,
     }
 
 
-def _grid(grid: OccupancyMap, where: Pose2D) -> list[float]:
-    """Return width, height, resolution, corner and the pose of the frame it is in."""
+def _grid_list(grid: OccupancyMap, frame: Pose2D) -> list[float]:
+    """Return size, resolution and corner of a grid, and the pose of its frame."""
     rows, columns = grid.data.shape
-    return [
-        columns,
-        rows,
-        grid.resolution,
-        grid.origin_x,
-        grid.origin_y,
-        where.x,
-        where.y,
-        where.yaw,
-    ]
+    corner = [grid.origin_x, grid.origin_y]
+    return [columns, rows, grid.resolution, *corner, frame.x, frame.y, frame.yaw]
 
 
-def _scans(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
-    """Add the ranges of evenly chosen beams in centimetres; scans of another shape than the first are left out."""
+def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
+    """Add the ranges of evenly spaced beams.
+
+    Scans with another number of beams than the first are left out.
+    """
     if not recorded.scans:
         return None
     first = recorded.scans[0].content
-    stride = -(-len(first.ranges) // MOST_BEAMS)
-    alike = [
-        shown
-        for shown in recorded.scans
-        if len(shown.content.ranges) == len(first.ranges)
+    stride = -(-len(first.ranges) // _MAX_BEAMS)
+    scans = [
+        item for item in recorded.scans if len(item.content.ranges) == len(first.ranges)
     ]
-    ranges = np.array([shown.content.ranges[::stride] for shown in alike], np.float64)
-    seen = (
-        np.isfinite(ranges) & (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
-    )
-    arrays["scan_times"] = np.array([shown.time_s for shown in alike], "f4")
-    arrays["scan_ranges"] = np.where(
-        seen, np.round(np.where(seen, ranges, 0.0) * 100.0), _NO_RANGE
-    ).astype("u2")
-    angles = {
+    ranges = np.array([item.content.ranges[::stride] for item in scans], np.float64)
+    is_near = (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
+    is_hit = np.isfinite(ranges) & is_near
+    centimeters = np.round(np.where(is_hit, ranges, 0.0) * 100.0)
+    arrays["scan_times"] = np.array([item.time_s for item in scans], "f4")
+    arrays["scan_ranges"] = np.where(is_hit, centimeters, _NO_RANGE).astype("u2")
+    return {
+        "beams": ranges.shape[1],
         "angle_min": first.angle_min,
         "angle_step": first.angle_increment * stride,
+        "no_range": _NO_RANGE,
     }
-    return {"beams": ranges.shape[1], **angles, "no_range": _NO_RANGE}
 
 
-def _lines(
-    recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, Packable]
+def _add_lines(
+    recorded: RecordedTrial, name: str, items: Sequence[TimedItem], arrays: Arrays
 ) -> None:
-    """Add polylines: points, where each line begins among them, and which lines are shown from which time on."""
-    lines = []
-    for one in shown:  # a plan is a line itself
-        where, found = (
-            recorded.to_frame(one),
-            getattr(one.content, "lines", [one.content]),
-        )
-        lines.append([_thinned(where.transform(line)) for line in found if len(line)])
-    points = [line for some in lines for line in some]
-    arrays[f"{name}_times"] = np.array([one.time_s for one in shown], "f4")
-    arrays[f"{name}_lines"] = np.cumsum([0, *map(len, lines)]).astype("i4")
-    arrays[f"{name}_ends"] = np.cumsum([0, *map(len, points)]).astype("i4")
-    arrays[f"{name}_points"] = np.concatenate([*points, np.empty((0, 2))]).astype("f4")
+    """Add polylines: points, where each line begins, and which lines show when."""
+    points = [np.empty((0, 2))]
+    lengths = [0]
+    line_counts = [0]
+    for item in items:
+        frame = recorded.to_frame(item)
+        # A plan is a line itself; other messages have several.
+        lines = getattr(item.content, "lines", [item.content])
+        lines = [_thin_out(frame.transform(line)) for line in lines if len(line)]
+        points += lines
+        lengths += [len(line) for line in lines]
+        line_counts.append(len(lines))
+    arrays[f"{name}_times"] = np.array([item.time_s for item in items], "f4")
+    arrays[f"{name}_lines"] = np.cumsum(line_counts).astype("i4")
+    arrays[f"{name}_ends"] = np.cumsum(lengths).astype("i4")
+    arrays[f"{name}_points"] = np.concatenate(points).astype("f4")
 
 
-def _costmaps(recorded: Recorded, arrays: dict[str, Packable]) -> list[list[float]]:
-    """Add costs in a few levels, 0 free and unknown, and return what describes each grid."""
-    stride = max(1, -(-len(recorded.costmaps) // MOST_COSTMAPS))
-    chosen = recorded.costmaps[::stride]
-    levels = [
-        np.ceil(np.clip(one.content.data, 0, 100) * (_COST_LEVELS / 100.0)).astype("u1")
-        for one in chosen
-    ]
-    arrays["costmap_cells"] = np.concatenate(
-        [np.empty(0, "u1"), *(level.ravel() for level in levels)]
-    )
-    arrays["costmap_times"] = np.array([one.time_s for one in chosen], "f4")
-    return [_grid(one.content, recorded.to_frame(one)) for one in chosen]
+def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
+    """Add the bubbles of elastic bands, at the times of the bands' lines."""
+    discs = [np.empty((0, 3))]
+    counts = [0]
+    for item in recorded.bands:
+        centers = recorded.to_frame(item).transform(item.content.discs[:, :2])
+        discs.append(np.column_stack([centers, item.content.discs[:, 2]]))
+        counts.append(len(centers))
+    arrays["bubble_ends"] = np.cumsum(counts).astype("i4")
+    arrays["bubbles"] = np.concatenate(discs).astype("f4")
 
 
-def _thinned(line: Floats) -> Floats:
-    """Return at most `MOST_POINTS` points of a line, both ends among them."""
-    chosen = (
-        np.linspace(0, len(line) - 1, min(len(line), MOST_POINTS)).round().astype(int)
-    )
-    thinned: Floats = line[chosen]
-    return thinned
+def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
+    """Add costs in a few levels; 0 is free or unknown. Return the grids."""
+    stride = max(1, -(-len(recorded.costmaps) // _MAX_COSTMAPS))
+    costmaps = recorded.costmaps[::stride]
+    cells = [np.empty(0, "u1")]
+    grids = []
+    for item in costmaps:
+        costs = np.clip(item.content.data, 0, 100)
+        levels = np.ceil(costs * (_COST_LEVELS / 100.0)).astype("u1")
+        cells.append(levels.ravel())
+        grids.append(_grid_list(item.content, recorded.to_frame(item)))
+    arrays["costmap_cells"] = np.concatenate(cells)
+    arrays["costmap_times"] = np.array([item.time_s for item in costmaps], "f4")
+    return grids
+
+
+def _thin_out(line: Floats) -> Floats:
+    """Return evenly spaced points of a line, few enough, both ends among them."""
+    count = min(len(line), _MAX_POINTS)
+    positions = np.linspace(0, len(line) - 1, count).round().astype(int)
+    points: Floats = line[positions]
+    return points
 
 
 def shape_array(bodies: Bodies) -> Packable:
-    """Return x, y, yaw, radius and both sizes of bodies, one after the other, as `Shapes` in motion.js reads them."""
-    return np.column_stack([bodies.poses, bodies.radius_m, bodies.size_m]).astype("f4")
+    """Return x, y, yaw, radius and both sizes of bodies, as motion.js reads them."""
+    columns = [bodies.poses, bodies.radius_m, bodies.size_m]
+    return np.column_stack(columns).astype("f4")
 
 
-def in_millimetres(values_m: Floats) -> tuple[Packable, float]:
-    """Return metres as whole millimetres of two bytes and the step 0.001, or as they are and 1 where they are large."""
-    if np.abs(values_m).max(initial=0.0) < _FARTHEST_M:
+def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
+    """Return meters as whole millimeters and the step, or unchanged if too large.
+
+    Returns:
+        The values, and what one of them is in meters: 0.001 or 1.
+    """
+    if np.abs(values_m).max(initial=0.0) < _MAX_MILLIMETERS_M:
         return np.round(1000.0 * values_m).astype("i2"), 0.001
     return values_m.astype("f4"), 1.0
 
 
-def motion_arrays(world: World, arrays: dict[str, Packable]) -> dict[str, float]:
-    """Add the motions of a world's obstacles as polynomials, their shapes and the walls; return what describes them."""
+def motion_arrays(world: World, arrays: Arrays) -> dict[str, float]:
+    """Add walls, and the motions of a world's obstacles as polynomials.
+
+    Args:
+        world: The world.
+        arrays: Arrays of the page, which get new ones.
+
+    Returns:
+        What describes the arrays.
+    """
     arrays["box_walls"] = shape_array(wall_bodies(world.walls))
     arrays["mover_shapes"] = shape_array(moving_bodies(world.tracks, 0.0))
     first, begin, duration, coefficients, period, phase = world.tracks.table
     arrays["mover_first"] = first.astype("i4")
-    arrays["mover_begin"], arrays["mover_duration"] = (
-        begin.astype("f4"),
-        duration.astype("f4"),
-    )
-    arrays["mover_coefficients"], step_m = in_millimetres(coefficients)
-    arrays["mover_periods"], arrays["mover_phases"] = (
-        period.astype("f4"),
-        phase.astype("f4"),
-    )
+    arrays["mover_begin"] = begin.astype("f4")
+    arrays["mover_duration"] = duration.astype("f4")
+    arrays["mover_coefficients"], step_m = to_millimeters(coefficients)
+    arrays["mover_periods"] = period.astype("f4")
+    arrays["mover_phases"] = phase.astype("f4")
+    # Where the last piece of each motion ends, minus where its first begins.
     ends = coefficients[first[1:] - 1].sum(axis=2) - coefficients[first[:-1], :, 0]
     arrays["mover_closed"] = (np.hypot(*ends.T) < _CLOSED_M).astype("u1")
     return {"powers": coefficients.shape[2], "step": step_m, "trail": TRAIL_S}

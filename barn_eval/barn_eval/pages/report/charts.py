@@ -1,6 +1,6 @@
-"""The charts of a report, each drawn onto axes that it is given."""
+"""The charts of a report, each drawn onto given axes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
 from textwrap import fill
@@ -13,87 +13,111 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from barn_eval.analysis.compare import PairedMeasure
-from barn_eval.analysis.difficulty import Difficulty, by_world
-from barn_eval.analysis.leaderboard import parameters_of
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
+from barn_eval.analysis.difficulty import WorldOrder, results_by_world
+from barn_eval.analysis.leaderboard import sweep_parameters
+from barn_eval.analysis.measures import (
+    MEASURES,
+    Measure,
+    clearance_measure,
+    ranking_measure,
+)
 from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
 from barn_eval.pages.figures import (
-    OUTCOME_COLOURS,
+    OUTCOME_COLORS,
     WIDTH_IN,
+    draw_estimates,
     figure_of,
     label_axes,
     marker_of,
-    plain,
-    points,
-    small,
+    plain_text,
+    small_type_pt,
 )
 from barn_eval.pages.report.trials import DrivenTrial
-from barn_eval.running.sweep import LATENCY, value_text, values_of
-from barn_eval.trials.outcome import Outcome
+from barn_eval.running.setting_folders import (
+    LATENCY,
+    format_setting_value,
+    parse_folder_name,
+)
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK, WHITE
 from barn_worlds.worlds.world import World
 
-_OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
-_RANK = "world, from easy to difficult [rank]"
-_NAMED_PER_IN = 2.4  # worlds, up to which each has its number below it
-_DISTRIBUTED = (
+_RANK_LABEL = "world, from easy to difficult [rank]"
+_DASHES = ("-", "--", "-.", ":")
+# Above so many worlds per inch their numbers do not fit below the axis.
+_MAX_NUMBERS_PER_IN = 2.4
+# A line of running means has about so many windows.
+_WINDOWS = 15
+_DISTRIBUTION_MEASURES = (
     "normalised_time_s_per_m",
     "min_clearance_m",
     "mean_speed_mps",
     "rms_jerk_mps3",
 )
-_COMPUTE = {
+_COMPUTE_MEASURES = {
     "median": "compute_p50_ms",
     "95th percentile": "compute_p95_ms",
     "largest": "compute_max_ms",
 }
-_NARROW_IN, _NARROWEST_IN = 2.2, 1.6  # panels of a paper
-_IN_PAPERS, _STRIPS = 0.55, 0.9  # their height to that on a page
-_WINDOWS = 15  # of a line of running means
-_DASHES = ("-", "--", "-.", ":")
+# Smallest width of a panel in a paper, with and without an axis of its own.
+_PANEL_IN = 2.2
+_SHARED_PANEL_IN = 1.6
+# Height of panels in a paper as a share of their height on a page.
+_PAPER_HEIGHT = 0.55
+_PAPER_STRIP_HEIGHT = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class ChartData:
-    """What charts are drawn of.
-
-    overview: the intervals and comparisons, which take time and some charts do without. hardest: worlds with the trials
-    in each, by number, hardest first.
-    """
+    """What charts are drawn from."""
 
     entries: Sequence[Entry]
-    order: Difficulty
+    order: WorldOrder
+
     overview: Callable[[], Overview]
+    """Returns intervals and comparisons, which take time and not all charts need."""
+
     hardest: Mapping[int, tuple[World, Sequence[DrivenTrial]]] = field(
         default_factory=dict
     )
+    """The hardest worlds with their trials, by number, hardest first."""
 
     @property
     def labels(self) -> list[str]:
-        """Names of the entries."""
+        """Labels of the entries."""
         return [entry.label for entry in self.entries]
 
     @property
-    def metric(self) -> Measure:
-        """What the protocol ranks planners by."""
-        return metric_of(self.entries[0].results)
+    def ranking_measure(self) -> Measure:
+        """The measure by which the protocol ranks planners."""
+        return ranking_measure(self.entries[0].results)
+
+    @property
+    def difference_measures(self) -> list[Measure]:
+        """The measures by which bands, pairs and settings are compared."""
+        keys = (self.ranking_measure.key, "success", _TIME.key)
+        return [MEASURES[key] for key in dict.fromkeys(keys)]
+
+    @property
+    def clearance_measure(self) -> Measure:
+        """The clearance that says how safe the trials were."""
+        return clearance_measure([row for e in self.entries for row in e.results])
 
 
 class Legend(NamedTuple):
-    """What a chart's legend shows, and the names."""
+    """What a chart's legend shows."""
 
     handles: Sequence[Any] = ()
     labels: Sequence[str] = ()
 
 
 class Panels(NamedTuple):
-    """The panels of a figure that makes its own: height in inches, columns and rows, what they share."""
+    """The panels of a chart."""
 
     height_in: float
     columns: int = 1
@@ -102,20 +126,17 @@ class Panels(NamedTuple):
     sharey: bool = False
     width_in: float = WIDTH_IN
 
-    def fitted(self, width_in: float) -> "Panels":
-        """Return the same panels in a figure of a paper, in as many columns as there is room for."""
-        maps = min(self.rows, self.columns) > 1  # as high as they are wide
-        columns = max(
-            1,
-            min(
-                self.columns,
-                int(width_in / (_NARROWEST_IN if self.sharey or maps else _NARROW_IN)),
-            ),
-        )
+    def fit_to(self, width_in: float) -> "Panels":
+        """Return the panels for a paper, in as many columns as there is room for."""
+        # Maps keep the ratio of their sides; other panels become flatter.
+        are_maps = min(self.rows, self.columns) > 1
+        panel_in = _SHARED_PANEL_IN if self.sharey or are_maps else _PANEL_IN
+        columns = max(1, min(self.columns, int(width_in / panel_in)))
         rows = -(-self.rows * self.columns // columns)
-        flatter = _IN_PAPERS if self.rows == 1 else _STRIPS
-        kept = width_in * self.columns / (columns * self.width_in) if maps else flatter
-        height_in = kept * self.height_in * rows / self.rows
+        scale = _PAPER_HEIGHT if self.rows == 1 else _PAPER_STRIP_HEIGHT
+        if are_maps:
+            scale = width_in * self.columns / (columns * self.width_in)
+        height_in = scale * self.height_in * rows / self.rows
         return self._replace(
             height_in=height_in, columns=columns, rows=rows, width_in=width_in
         )
@@ -126,11 +147,11 @@ Layout = Callable[[ChartData], Panels | None]
 
 
 class Chart(NamedTuple):
-    """A figure by its name. layout: None where there is nothing to show in it."""
+    """A chart of the catalog."""
 
     name: str
     about: str
-    layout: Layout
+    layout: Layout  # None where there is nothing to show
     draw: Drawing
 
 
@@ -138,251 +159,275 @@ CHARTS: dict[str, Chart] = {}
 
 
 def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
-    """Return what enters a function into the catalogue as the figure of its name."""
+    """Decorate a function that draws a chart; the catalog has the chart by its name.
 
-    def entered(draw: Drawing) -> Drawing:
+    Args:
+        about: What the chart shows.
+        layout: Returns the panels of the chart.
+    """
+
+    def register(draw: Drawing) -> Drawing:
         name = draw.__name__.removeprefix("_")
         CHARTS[name] = Chart(name, about, layout, draw)
         return draw
 
-    return entered
+    return register
+
+
+def _lines(data: ChartData) -> Iterator[tuple[Entry, str]]:
+    """Yield entries, each with the dashes of its line."""
+    return zip(data.entries, cycle(_DASHES), strict=False)
 
 
 @chart(
-    "Time per metre as counted in each world, from easy to difficult; from 30 worlds on lines are running means",
+    "Time per metre as counted in each world, from easy to difficult; from 30 worlds on"
+    " lines are running means",
     lambda _: Panels(4.4),
 )
 def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
-    (axes,), order = panels, data.order
-    rank = np.arange(1.0, len(order.worlds) + 1)
-    handles: list[Any] = []
+    (axes,) = panels
+    worlds = data.order.worlds
+    rank = np.arange(1.0, len(worlds) + 1)
     window = max(1, len(rank) // _WINDOWS)
-    look: dict[str, Any] = (
-        {"alpha": 0.3, "markersize": 3} if window > 1 else {"markersize": 5}
-    )
-    for index, (entry, dashes) in enumerate(
-        zip(data.entries, cycle(_DASHES), strict=False)
-    ):
-        groups = by_world(entry.results)
-        times = [_TIME.values(groups.get(world, [])) for world in order.worlds]
-        values = np.array([part.mean() if len(part) else np.nan for part in times])
-        own: dict[str, Any] = {"color": entry.colour, "marker": marker_of(index)}
-        axes.plot(rank, values, linestyle="", markeredgewidth=0, **own, **look)
-        middle = _running(values, window)
-        line: dict[str, Any] = {
-            "linestyle": dashes,
-            "linewidth": 1.6,
-            "markevery": max(1, len(middle) // 12),
-        }
+    points: dict[str, Any] = {"markersize": 5}
+    if window > 1:
+        points = {"alpha": 0.3, "markersize": 3}
+
+    handles: list[Any] = []
+    for position, (entry, dashes) in enumerate(_lines(data)):
+        results = results_by_world(entry.results)
+        means: Floats = np.full(len(worlds), np.nan)
+        for place, world in enumerate(worlds):
+            if world in results:
+                means[place] = _TIME.values(results[world]).mean()
+        look: dict[str, Any] = {"color": entry.color, "marker": marker_of(position)}
+        axes.plot(rank, means, linestyle="", markeredgewidth=0, **look, **points)
+        running_means = _running_means(means, window)
         handles += axes.plot(
-            _running(rank, window), middle, markersize=5, **own, **line
+            _running_means(rank, window),
+            running_means,
+            markersize=5,
+            linestyle=dashes,
+            linewidth=1.6,
+            markevery=max(1, len(running_means) // 12),
+            **look,
         )
-    label_axes(axes, _RANK, _TIME.heading)
-    _world_ticks(axes, order)
+    label_axes(axes, _RANK_LABEL, _TIME.heading)
+    _label_worlds(axes, data.order)
     axes.set_ylim(bottom=0)
     return Legend(handles, data.labels)
 
 
-def _running(values: Floats, window: int) -> Floats:
-    """Return the means of so many neighbours (n - window + 1,)."""
-    found: Floats = np.lib.stride_tricks.sliding_window_view(values, window).mean(
-        axis=1
-    )
-    return found
+def _running_means(values: Floats, window: int) -> Floats:
+    """Return the means of so many neighbors (n - window + 1,)."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, window)
+    means: Floats = windows.mean(axis=1)
+    return means
 
 
-def _differing(data: ChartData) -> list[Measure]:
-    """Return what is drawn by band of difficulty, and of pairs of planners."""
-    return [
-        MEASURES[key] for key in dict.fromkeys((data.metric.key, "success", _TIME.key))
-    ]
+def _bands_layout(data: ChartData) -> Panels | None:
+    if not data.overview().bands:
+        return None
+    return Panels(3.9, len(data.difference_measures))
 
 
 @chart(
     "Metric, success and time per metre by band of difficulty, with 95 % intervals",
-    lambda data: Panels(3.9, len(_differing(data))) if data.overview().bands else None,
+    _bands_layout,
 )
 def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
-    found, count = data.overview().bands, len(data.entries)
-    places = np.arange(len(found), dtype=np.float64)
+    bands = data.overview().bands
+    count = len(data.entries)
+    places = np.arange(len(bands), dtype=np.float64)
+    ticks = [f"{band.name}\n({len(band.worlds)})" for band in bands]
     handles = []
-    for axes, measure in zip(panels, _differing(data), strict=True):
-        for index, entry in enumerate(data.entries):
-            shift = (index - (count - 1) / 2) * min(0.16, 0.6 / count)
+    for axes, measure in zip(panels, data.difference_measures, strict=True):
+        for position, entry in enumerate(data.entries):
+            shift = (position - (count - 1) / 2) * min(0.16, 0.6 / count)
             means = [
-                measure.shown(band.summaries[index][measure.key]) for band in found
+                measure.in_heading_unit(band.summaries[position][measure.key])
+                for band in bands
             ]
             handles.append(
-                points(axes, places + shift, means, entry.colour, marker_of(index))
+                draw_estimates(
+                    axes, places + shift, means, entry.color, marker_of(position)
+                )
             )
-        label_axes(
-            axes,
-            "worlds by difficulty [band]",
-            measure.heading,
-            measure.title.capitalize(),
-        )
-        axes.set_xticks(
-            places, [f"{band.name}\n({len(band.worlds)})" for band in found]
-        )
+        title = measure.title.capitalize()
+        label_axes(axes, "worlds by difficulty [band]", measure.heading, title)
+        axes.set_xticks(places, ticks)
         axes.set_ylim(0, 104 if measure.percent else None)
     return Legend(handles[:count], data.labels)
 
 
-def _strip_heights(data: ChartData) -> list[int]:
-    """Return the number of lines of each entry's strip."""
-    return [max(one.repetition for one in entry.results) + 1 for entry in data.entries]
+def _repetition_counts(data: ChartData) -> list[int]:
+    """Return the number of repetitions of each entry."""
+    return [max(row.repetition for row in e.results) + 1 for e in data.entries]
 
 
-@chart(
-    "Outcome of every trial in every world",
-    lambda data: Panels(
-        1.4 + sum(0.28 + min(0.15 * high, 1.2) for high in _strip_heights(data)),
-        rows=len(data.entries),
-        sharex=True,
-    ),
-)
-def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
-    order, colours = data.order, [WHITE, *OUTCOME_COLOURS.values()]
-    column = {world: index for index, world in enumerate(order.worlds)}
-    there: set[int] = set()
-    for axes, entry, height in zip(
-        panels, data.entries, _strip_heights(data), strict=True
-    ):
-        cells = np.zeros((height, len(order.worlds)), np.int64)
-        for one in entry.results:
-            if one.world in column:
-                cells[one.repetition, column[one.world]] = 1 + _OUTCOMES.index(
-                    one.outcome
-                )
-        there |= set(np.unique(cells).tolist())
-        look: dict[str, Any] = {
-            "cmap": ListedColormap(colours),
-            "vmin": -0.5,
-            "vmax": len(colours) - 0.5,
-        }
-        extent = (0.5, len(order.worlds) + 0.5, height, 0)
-        axes.imshow(cells, aspect="auto", interpolation="none", extent=extent, **look)
-        axes.set_title(plain(entry.label))
-        axes.set_yticks(
-            [0.5, height - 0.5] if height > 1 else [0.5],
-            ["1", str(height)] if height > 1 else ["1"],
-        )
-        axes.set_ylabel("trial")
-    panels[-1].set_xlabel(_RANK)
-    _world_ticks(panels[-1], order)
-    names = [
-        one.value.replace("_", " ") if hue != BROKEN else "other failure"
-        for one, hue in OUTCOME_COLOURS.items()
+def _outcomes_layout(data: ChartData) -> Panels:
+    heights_in = [
+        0.28 + min(0.15 * repetitions, 1.2) for repetitions in _repetition_counts(data)
     ]
-    shown = {["no trial", *names][one]: colours[one] for one in sorted(there)}
-    return Legend(
-        [Patch(facecolor=one, edgecolor=INK, linewidth=0.5) for one in shown.values()],
-        list(shown),
-    )
+    return Panels(1.4 + sum(heights_in), rows=len(heights_in), sharex=True)
+
+
+@chart("Outcome of every trial in every world", _outcomes_layout)
+def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
+    worlds = data.order.worlds
+    column = {world: position for position, world in enumerate(worlds)}
+    # 0 stands for no trial.
+    codes = {outcome: code for code, outcome in enumerate(OUTCOME_COLORS, 1)}
+    colors = [WHITE, *OUTCOME_COLORS.values()]
+    present_codes: set[int] = set()
+    heights = _repetition_counts(data)
+    for axes, entry, height in zip(panels, data.entries, heights, strict=True):
+        cells = np.zeros((height, len(worlds)), np.int64)
+        for result in entry.results:
+            if result.world in column:
+                cells[result.repetition, column[result.world]] = codes[result.outcome]
+        present_codes.update(np.unique(cells).tolist())
+        axes.imshow(
+            cells,
+            aspect="auto",
+            interpolation="none",
+            extent=(0.5, len(worlds) + 0.5, height, 0),
+            cmap=ListedColormap(colors),
+            vmin=-0.5,
+            vmax=len(colors) - 0.5,
+        )
+        axes.set_title(plain_text(entry.label))
+        axes.set_yticks([0.5], ["1"])
+        if height > 1:
+            axes.set_yticks([0.5, height - 0.5], ["1", str(height)])
+        axes.set_ylabel("trial")
+    panels[-1].set_xlabel(_RANK_LABEL)
+    _label_worlds(panels[-1], data.order)
+
+    names = {0: "no trial"}
+    for outcome, code in codes.items():
+        names[code] = outcome.value.replace("_", " ")
+        if OUTCOME_COLORS[outcome] == BROKEN:
+            names[code] = "other failure"
+    color_by_name = {names[code]: colors[code] for code in sorted(present_codes)}
+    handles = [
+        Patch(facecolor=color, edgecolor=INK, linewidth=0.5)
+        for color in color_by_name.values()
+    ]
+    return Legend(handles, list(color_by_name))
+
+
+def _paired_layout(data: ChartData) -> Panels | None:
+    pairs = len(data.overview().comparisons)
+    if not pairs:
+        return None
+    columns = len(data.difference_measures) + 1
+    return Panels(1.3 + 0.3 * pairs, columns, sharey=True)
 
 
 @chart(
-    "Differences between planners in the same worlds with 95 % intervals, filled where clear. To the left of the dashed"
-    " line the planner named on the left is better, to the right the one on the right",
-    lambda data: (
-        Panels(1.3 + 0.3 * pairs, len(_differing(data)) + 1, sharey=True)
-        if (pairs := len(data.overview().comparisons))
-        else None
-    ),
+    "Differences between planners in the same worlds with 95 % intervals, filled where"
+    " clear. To the left of the dashed line the planner named on the left is better, to"
+    " the right the one on the right",
+    _paired_layout,
 )
 def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     comparisons = data.overview().comparisons
-    for axes, measure in zip(panels, _differing(data), strict=False):
-        rows = [one.row(measure.key) for one in comparisons]
-        _draw_differences(
-            axes, rows, [measure.shown(row.paired.difference) for row in rows], 0.0
-        )
+    for axes, measure in zip(panels, data.difference_measures, strict=False):
+        rows = [comparison.row(measure.key) for comparison in comparisons]
+        sizes = [measure.in_heading_unit(row.paired.difference) for row in rows]
+        _draw_differences(axes, rows, sizes, 0.0)
         unit = "% points" if measure.percent else measure.unit
-        label_axes(
-            axes,
-            f"difference [{unit}]" if unit else "difference",
-            "",
-            fill(measure.title, 16),
-        )
+        label = f"difference [{unit}]" if unit else "difference"
+        label_axes(axes, label, "", fill(measure.title, 16))
         if measure.better == "smaller":
-            axes.invert_xaxis()  # right is always in favour of the same planner
-    rows = [one.row(data.metric.key) for one in comparisons]
-    _draw_differences(panels[-1], rows, [row.paired.improvement for row in rows], 0.5)
+            # Right is always in favor of the same planner.
+            axes.invert_xaxis()
+
+    key = data.ranking_measure.key
+    rows = [comparison.row(key) for comparison in comparisons]
+    chances = [row.paired.improvement for row in rows]
+    _draw_differences(panels[-1], rows, chances, 0.5)
     label_axes(panels[-1], "probability", "", "better in a trial")
-    names = [f"{plain(one.b)} \u25c2 \u25b8 {plain(one.a)}" for one in comparisons]
-    panels[0].set_yticks(range(len(comparisons)), names)
-    panels[0].set_ylim(len(comparisons) - 0.4, -0.6)
+    names = [
+        f"{plain_text(comparison.b)} \u25c2 \u25b8 {plain_text(comparison.a)}"
+        for comparison in comparisons
+    ]
+    panels[0].set_yticks(range(len(names)), names)
+    panels[0].set_ylim(len(names) - 0.4, -0.6)
     return Legend()
 
 
+def _draw_differences(
+    axes: Axes,
+    rows: Sequence[PairedMeasure],
+    intervals: Sequence[Interval],
+    neutral: float,
+) -> None:
+    """Draw the interval of each pair, filled where the difference is significant."""
+    for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
+        if interval.low is not None and interval.high is not None:
+            limits = [interval.low, interval.high]
+            axes.plot(limits, [place, place], color=INK, linewidth=1.6)
+        fill_color = INK if row.p_holm <= ALPHA else "none"
+        axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=fill_color)
+    axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
+
+
+def _sweep_layout(data: ChartData) -> Panels | None:
+    if len(sweep_parameters(data.entries)) not in (1, 2):
+        return None
+    return Panels(3.8, len(data.difference_measures))
+
+
 @chart(
-    "Metric, success and time per metre over a parameter of a sweep or the delay of commands, with 95 % intervals",
-    lambda data: (
-        Panels(3.8, len(_differing(data)))
-        if len(parameters_of(data.entries)) in (1, 2)
-        else None
-    ),
+    "Metric, success and time per metre over a parameter of a sweep or the delay of"
+    " commands, with 95 % intervals",
+    _sweep_layout,
 )
 def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
-    names, lines, handles = (
-        parameters_of(data.entries),
-        dict[str, list[int]](),
-        dict[str, Any](),
-    )
-    places = [tuple(values_of(entry.source.path).values()) for entry in data.entries]
-    for index, (entry, place) in enumerate(zip(data.entries, places, strict=True)):
-        line = (
-            f"{names[1]} = {value_text(place[1])}"
-            if len(names) > 1
-            else spelling(entry.planner)
-        )
-        lines.setdefault(line, []).append(index)
+    parameters = sweep_parameters(data.entries)
+    settings = [
+        tuple(parse_folder_name(entry.source.path).values()) for entry in data.entries
+    ]
+    # The first parameter is along the axis; lines are of the second, or of planners.
+    lines: dict[str, list[int]] = {}
+    for position, setting in enumerate(settings):
+        name = spelling(data.entries[position].planner)
+        if len(parameters) > 1:
+            name = f"{parameters[1]} = {format_setting_value(setting[1])}"
+        lines.setdefault(name, []).append(position)
+
     values = sorted(
-        {place[0] for place in places}, key=lambda value: (str(type(value)), value)
+        {setting[0] for setting in settings},
+        key=lambda value: (str(type(value)), value),
     )
-    numeric = all(isinstance(value, float) for value in values)
-    at = np.array(values if numeric else range(len(values)), np.float64)
-    for axes, measure in zip(panels, _differing(data), strict=True):
-        for index, (line, entries) in enumerate(lines.items()):
-            own = sorted((values.index(places[one][0]), one) for one in entries)
+    is_numeric = all(isinstance(value, float) for value in values)
+    ticks = np.array(values if is_numeric else range(len(values)), np.float64)
+    label = "delay of commands [s]" if parameters == [LATENCY] else parameters[0]
+    summaries = data.overview().summaries
+    handles = {}
+    for axes, measure in zip(panels, data.difference_measures, strict=True):
+        for number, (name, positions) in enumerate(lines.items()):
+            ordered = sorted((values.index(settings[k][0]), k) for k in positions)
             means = [
-                measure.shown(data.overview().summaries[one][measure.key])
-                for _, one in own
+                measure.in_heading_unit(summaries[position][measure.key])
+                for _, position in ordered
             ]
-            along = at[[place for place, _ in own]] + 0.01 * index * np.ptp(
-                at
-            )  # beside those of other lines
-            colour = data.entries[entries[0]].colour
-            axes.plot(
-                along, [one.estimate for one in means], color=colour, linewidth=1.2
-            )
-            handles[line] = points(axes, along, means, colour, marker_of(index))
-        if not numeric or len(at) <= 12:
-            axes.set_xticks(at, [value_text(value) for value in values])
-        name = "delay of commands [s]" if names == [LATENCY] else names[0]
-        label_axes(axes, name, measure.heading, measure.title.capitalize())
+            # A small shift keeps the limits of several lines apart.
+            shift = 0.01 * number * np.ptp(ticks)
+            x = ticks[[tick for tick, _ in ordered]] + shift
+            color = data.entries[positions[0]].color
+            axes.plot(x, [mean.estimate for mean in means], color=color, linewidth=1.2)
+            marker = marker_of(number)
+            handles[name] = draw_estimates(axes, x, means, color, marker)
+        if not is_numeric or len(ticks) <= 12:
+            axes.set_xticks(ticks, [format_setting_value(value) for value in values])
+        label_axes(axes, label, measure.heading, measure.title.capitalize())
         axes.set_ylim(0, 104 if measure.percent else None)
-    return (
-        Legend(list(handles.values()), list(handles)) if len(handles) > 1 else Legend()
-    )
-
-
-def _draw_differences(
-    axes: Axes, rows: Sequence[PairedMeasure], found: Sequence[Interval], neutral: float
-) -> None:
-    for place, (row, interval) in enumerate(zip(rows, found, strict=True)):
-        if interval.low is not None and interval.high is not None:
-            axes.plot(
-                [interval.low, interval.high], [place, place], color=INK, linewidth=1.6
-            )
-        axes.plot(
-            interval.estimate,
-            place,
-            "o",
-            color=INK,
-            markerfacecolor=INK if row.p_holm <= ALPHA else "none",
-        )
-    axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
+    if len(handles) < 2:
+        return Legend()
+    return Legend(list(handles.values()), list(handles))
 
 
 @chart(
@@ -391,16 +436,15 @@ def _draw_differences(
 )
 def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = {}
-    safety = safety_of([one for entry in data.entries for one in entry.results])
-    measures = (
-        MEASURES[key] if key != "min_clearance_m" else safety for key in _DISTRIBUTED
-    )
-    for axes, measure in zip(panels, measures, strict=True):
-        for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
-            known = _known(measure, entry)
-            if len(known):
+    for axes, key in zip(panels, _DISTRIBUTION_MEASURES, strict=True):
+        measure = MEASURES[key]
+        if key == "min_clearance_m":
+            measure = data.clearance_measure
+        for entry, dashes in _lines(data):
+            values = _finite_values(measure, entry)
+            if len(values):
                 handles[entry.label] = axes.ecdf(
-                    known, color=entry.colour, linewidth=1.8, linestyle=dashes
+                    values, color=entry.color, linewidth=1.8, linestyle=dashes
                 )
         label_axes(axes, measure.heading, "")
         axes.set_ylim(0, 1.02)
@@ -408,110 +452,112 @@ def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(list(handles.values()), list(handles))
 
 
-def _safety(data: ChartData) -> list[Measure]:
-    """Return what speed is drawn against: clearance, and contact where there was any."""
-    measures = [safety_of([one for entry in data.entries for one in entry.results])]
-    touched = any(
-        summary["contact_s"].estimate > 0.0 for summary in data.overview().summaries
-    )
-    return [*measures, MEASURES["contact_s"]] if touched else measures
+def _safety_measures(data: ChartData) -> list[Measure]:
+    """Return clearance, and time in contact if there was any."""
+    measures = [data.clearance_measure]
+    summaries = data.overview().summaries
+    if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
+        measures.append(MEASURES["contact_s"])
+    return measures
 
 
 @chart(
-    "Speed against safety: mean time per metre as counted over smallest clearance, and over time in contact"
-    " where there was any, with 95 % intervals of both",
-    lambda data: Panels(4.2, len(_safety(data)), sharey=True),
+    "Speed against safety: mean time per metre as counted over smallest clearance, and"
+    " over time in contact where there was any, with 95 % intervals of both",
+    lambda data: Panels(4.2, len(_safety_measures(data)), sharey=True),
 )
 def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles: list[Any] = []
-    for axes, measure in zip(panels, _safety(data), strict=True):
-        handles = [
-            points(
-                axes,
-                [summary[measure.key]],
-                [summary[_TIME.key]],
-                entry.colour,
-                marker_of(index),
-                8,
-            )
-            for index, (entry, summary) in enumerate(
-                zip(data.entries, data.overview().summaries, strict=True)
-            )
-        ]
-        larger = measure.better == "larger"
-        label_axes(
-            axes, measure.heading, "" if axes is not panels[0] else _TIME.heading
-        )
-        corner = "faster and safer ↘" if larger else "↙ faster and safer"
-        x, side = (0.99, "right") if larger else (0.01, "left")
+    summaries = data.overview().summaries
+    ticks = max(3, int(figure_of(panels).get_figwidth() / len(panels)))
+    for axes, measure in zip(panels, _safety_measures(data), strict=True):
+        handles = []
+        for position, entry in enumerate(data.entries):
+            summary = summaries[position]
+            safety = [summary[measure.key]]
+            time = [summary[_TIME.key]]
+            marker = marker_of(position)
+            handles.append(draw_estimates(axes, safety, time, entry.color, marker, 8))
+        y_label = _TIME.heading if axes is panels[0] else ""
+        label_axes(axes, measure.heading, y_label)
+        x = 0.01
+        side = "left"
+        text = "↙ faster and safer"
+        if measure.better == "larger":
+            x = 0.99
+            side = "right"
+            text = "faster and safer ↘"
         axes.text(
             x,
             0.02,
-            corner,
+            text,
             transform=axes.transAxes,
             ha=side,
             va="bottom",
-            fontsize=small(),
+            fontsize=small_type_pt(),
         )
         axes.margins(0.15)
-        axes.locator_params(
-            "x", nbins=max(3, int(figure_of(panels).get_figwidth() / len(panels)))
-        )
+        axes.locator_params("x", nbins=ticks)
     return Legend(handles, data.labels)
 
 
+def _compute_layout(data: ChartData) -> Panels | None:
+    measures = [MEASURES[key] for key in _COMPUTE_MEASURES.values()]
+    if not any(len(_finite_values(m, e)) for m in measures for e in data.entries):
+        return None
+    return Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True)
+
+
 @chart(
-    "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
-    lambda data: (
-        Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True)
-        if any(
-            len(_known(MEASURES[key], entry))
-            for key in _COMPUTE.values()
-            for entry in data.entries
-        )
-        else None
-    ),
+    "Planner's computing time per cycle over trials: box from quartile to quartile,"
+    " whiskers 5 to 95 %",
+    _compute_layout,
 )
 def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
     entries = data.entries
-    for axes, (title, key) in zip(panels, _COMPUTE.items(), strict=True):
-        groups = [_known(MEASURES[key], entry) for entry in entries]
+    for axes, (title, key) in zip(panels, _COMPUTE_MEASURES.items(), strict=True):
         boxes = axes.boxplot(
-            groups, orientation="horizontal", widths=0.6, whis=(5, 95), showfliers=False
+            [_finite_values(MEASURES[key], entry) for entry in entries],
+            orientation="horizontal",
+            widths=0.6,
+            whis=(5, 95),
+            showfliers=False,
         )
-        for parts in ("boxes", "whiskers", "caps", "medians"):
-            for index, line in enumerate(boxes[parts]):
-                entry = entries[index // (len(boxes[parts]) // len(entries))]
-                line.set(
-                    color=entry.colour, linewidth=1.8 if parts != "medians" else 2.6
-                )
+        for part in ("boxes", "whiskers", "caps", "medians"):
+            width = 2.6 if part == "medians" else 1.8
+            lines_per_entry = len(boxes[part]) // len(entries)
+            for position, line in enumerate(boxes[part]):
+                entry = entries[position // lines_per_entry]
+                line.set(color=entry.color, linewidth=width)
+
         axes.set_xscale("log")
         low, high = axes.get_xlim()
-        axes.xaxis.set_major_locator(
-            LogLocator(subs=(1.0, 3.0) if high < 300.0 * low else (1.0,), numticks=6)
-        )
+        # Over few decades there is room for ticks at 3, 30, 300.
+        factors = (1.0, 3.0) if high < 300.0 * low else (1.0,)
+        axes.xaxis.set_major_locator(LogLocator(subs=factors, numticks=6))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         label_axes(axes, "time per cycle [ms]", "", title)
-    panels[0].set_yticks(
-        range(1, len(entries) + 1), [plain(name) for name in data.labels]
-    )
+    names = [plain_text(label) for label in data.labels]
+    panels[0].set_yticks(range(1, len(entries) + 1), names)
     panels[0].set_ylim(len(entries) + 0.6, 0.4)
     return Legend()
 
 
-def _world_ticks(axes: Axes, order: Difficulty) -> None:
-    """Write the number of each world below its rank, where there is room for all of them."""
-    if len(order.worlds) > _NAMED_PER_IN * figure_of([axes]).get_figwidth():
+def _label_worlds(axes: Axes, order: WorldOrder) -> None:
+    """Write the number of each world below its rank if there is room for all."""
+    width_in = figure_of([axes]).get_figwidth()
+    if len(order.worlds) > _MAX_NUMBERS_PER_IN * width_in:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         return
-    axes.set_xticks(
-        range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=small()
-    )
+    ranks = range(1, len(order.worlds) + 1)
+    numbers = [str(world) for world in order.worlds]
+    axes.set_xticks(ranks, numbers, fontsize=small_type_pt())
     axes.set_xlabel("world, from easy to difficult [number]")
 
 
-def _known(measure: Measure, entry: Entry) -> Floats:
+def _finite_values(measure: Measure, entry: Entry) -> Floats:
+    """Return the values of a measure that trials of an entry have, sorted."""
     values = measure.values(entry.results)
-    known: Floats = np.sort(values[np.isfinite(values)])
-    return known
+    finite: Floats = np.sort(values[np.isfinite(values)])
+    return finite

@@ -13,15 +13,16 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barn_eval.analysis.difficulty import Difficulty
+from barn_eval.analysis.difficulty import WorldOrder
 from barn_eval.analysis.sources import Entry, read_entries
-from barn_eval.pages.figures import marker_of, new_figure, plain
+from barn_eval.analysis.text_table import count_noun
+from barn_eval.pages.figures import marker_of, new_figure, plain_text
 from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
 from barn_eval.pages.report.trials import (
     DrivenTrial,
-    driven_trials,
-    known_scene,
-    scene_under,
+    make_scene,
+    make_scene_if_known,
+    read_trials,
 )
 from barn_eval.results.tracks import CHANNELS
 from barn_eval.trials.outcome import Outcome
@@ -32,391 +33,432 @@ from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
 
-_PER_ROW = 4
-_WIDTH_IN, _MAP_IN, _AROUND_IN = (
-    16.0,
-    3.3,
-    1.0,
-)  # the figure's width and a map's; its title and labels
-_WAY_STEP_S, _LONGEST_WAY_S = 0.1, 200.0
-_SHORTEST_ARROW_M = 0.3
+Bounds = tuple[float, float, float, float]  # left, bottom, right, top, in meters
+
+OVERLAY_COLORS = ("planner", "speed")
+_SPEED = CHANNELS.index("speed")
+_MOVER_FILL = MOVER + "55"
+
+# The figure of the hardest worlds, the width of a map in it, and room for its labels.
+_MAPS_WIDTH_IN = 16.0
+_MAPS_PER_ROW = 4
+_MAP_IN = 3.3
+_MAP_LABELS_IN = 1.0
+# The figure of an overlay, and room beside it for labels and legend.
+_OVERLAY_HEIGHT_IN = 8.0
+_OVERLAY_SIDE_IN = 3.4
+# Arenas are as wide as they are high and need this much more.
+_ARENA_SIDE_IN = 1.2
+
+_MOTION_STEP_S = 0.1
+_MAX_MOTION_S = 200.0
+_MIN_ARROW_M = 0.3
 
 
-def hardest_maps(
-    order: Difficulty,
-    drives: Sequence[DrivenTrial],
+def select_hardest(
+    order: WorldOrder,
+    trials: Sequence[DrivenTrial],
     worlds: Mapping[int, World],
-    most: int,
+    count: int,
 ) -> dict[int, tuple[World, list[DrivenTrial]]]:
-    """Return the hardest worlds that are at hand, by number, with the trials in each."""
-    numbers = [number for number in reversed(order.worlds) if number in worlds][:most]
-    return {
-        number: (worlds[number], [one for one in drives if one.result.world == number])
-        for number in numbers
-    }
+    """Return the hardest available worlds with the trials in each, hardest first.
+
+    Args:
+        order: Worlds from easy to difficult.
+        trials: Trials in any worlds.
+        worlds: Available worlds by number.
+        count: Number of worlds at most.
+    """
+    numbers = [number for number in reversed(order.worlds) if number in worlds]
+    hardest = {}
+    for number in numbers[:count]:
+        inside = [trial for trial in trials if trial.result.world == number]
+        hardest[number] = (worlds[number], inside)
+    return hardest
 
 
-@chart(
-    "The hardest worlds with all recorded trajectories",
-    lambda data: _layout(data) if data.hardest else None,
-)
+def _hardest_layout(data: ChartData) -> Panels | None:
+    """Return panels in which maps are as wide as there is room."""
+    if not data.hardest:
+        return None
+    ratios = []
+    for world, trials in data.hardest.values():
+        left, bottom, right, top = _map_bounds(world, trials)
+        ratios.append((top - bottom) / (right - left))
+    rows = -(-len(data.hardest) // _MAPS_PER_ROW)
+    height_in = (_MAP_IN * max(ratios) + _MAP_LABELS_IN) * rows + 0.4
+    return Panels(height_in, _MAPS_PER_ROW, rows, width_in=_MAPS_WIDTH_IN)
+
+
+@chart("The hardest worlds with all recorded trajectories", _hardest_layout)
 def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
-    for axes, (number, (world, drives)) in zip(
-        panels, data.hardest.items(), strict=False
-    ):
+    maps = zip(panels, data.hardest.items(), strict=False)
+    for axes, (number, (world, trials)) in maps:
         axes.set_gid(f"world-{number}")
-        _draw_map(axes, world, drives)
+        _draw_map(axes, world, trials)
         difficulty = data.order.mean_s_per_m[data.order.worlds.index(number)]
-        good = sum(drive.result.scores.success for drive in drives)
+        successes = sum(trial.result.scores.success for trial in trials)
         axes.set_title(
-            f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives)} trials succeed"
+            f"world {number}: {difficulty:.2f} s/m\n"
+            f"{successes} of {len(trials)} trials succeed"
         )
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=entry.colour,
-            linewidth=2,
-            marker=marker_of(index),
-            label=entry.label,
+
+    handles = []
+    for position, entry in enumerate(data.entries):
+        handle = _legend_line(
+            entry.label, color=entry.color, marker=marker_of(position)
         )
-        for index, entry in enumerate(data.entries)
-    ]
-    cross: dict[str, Any] = {
-        "marker": "x",
-        "linestyle": "",
-        "markersize": 8,
-        "markeredgewidth": 2,
-    }
+        handle.set_linewidth(2)
+        handles.append(handle)
     handles += [
-        Line2D([], [], color=INK, **cross, label="end of a failed trial"),
-        Line2D([], [], color=FAINT, linestyle="--", label="shortest path"),
-        Line2D(
-            [], [], color=START, marker="o", linestyle="", markersize=7, label="start"
+        _legend_mark(
+            "end of a failed trial",
+            color=INK,
+            marker="x",
+            markersize=8,
+            markeredgewidth=2,
         ),
-        Line2D(
-            [], [], color=GOAL, marker="*", linestyle="", markersize=13, label="goal"
-        ),
+        _legend_line("shortest path", color=FAINT, linestyle="--"),
+        _legend_mark("start", color=START, marker="o", markersize=7),
+        _legend_mark("goal", color=GOAL, marker="*", markersize=13),
     ]
-    handles += (
-        motion_handles()
-        if any(world.moving for world, _ in data.hardest.values())
-        else []
-    )
-    return Legend(handles, [str(one.get_label()) for one in handles])
+    if any(world.moving for world, _ in data.hardest.values()):
+        handles += motion_handles()
+    return Legend(handles, [str(handle.get_label()) for handle in handles])
 
 
-def _layout(data: ChartData) -> Panels:
-    """Return panels in which maps are as wide as there is room."""
-    rows = -(-len(data.hardest) // _PER_ROW)
-    sizes = [_seen(world, drives) for world, drives in data.hardest.values()]
-    steepest = max(
-        (above - below) / (right - left) for left, below, right, above in sizes
-    )
-    return Panels(
-        (_MAP_IN * steepest + _AROUND_IN) * rows + 0.4,
-        _PER_ROW,
-        rows,
-        width_in=_WIDTH_IN,
-    )
+def _legend_line(label: str, **look: Any) -> Line2D:
+    """Return a line for a legend."""
+    return Line2D([], [], label=label, **look)
 
 
-def _seen(
-    world: World, drives: Sequence[DrivenTrial]
-) -> tuple[float, float, float, float]:
-    """Return left, below, right and above of what a map shows."""
-    scene = known_scene(drives[0].entry.source, world)
-    left, below, right, above = world.bounds_m
-    whole = np.array(
-        [below, above] if world.corner_m is not None else []
-    )  # all of an arena
-    seen = np.concatenate(
-        [whole, scene.ends_m()[:, 1], *(drive.poses[:, 1] for drive in drives)]
-    )
+def _legend_mark(label: str, **look: Any) -> Line2D:
+    """Return a marker for a legend."""
+    return Line2D([], [], label=label, linestyle="", **look)
+
+
+def _map_bounds(world: World, trials: Sequence[DrivenTrial]) -> Bounds:
+    """Return what a map of the hardest worlds shows."""
+    scene = make_scene_if_known(trials[0].entry.source, world)
+    left, bottom, right, top = world.bounds_m
+    heights = [scene.ends_m()[:, 1], *(trial.poses[:, 1] for trial in trials)]
+    if world.corner_m is not None:
+        # An arena is shown whole.
+        heights.insert(0, np.array([bottom, top]))
+    y = np.concatenate(heights)
     first, last = scene.path_m[[0, -1], 1]
-    low, high = (
-        max(below, seen.min(initial=first) - 0.8),
-        max(above, last, seen.max(initial=above)) + 0.6,
-    )
-    trails = (drive.poses[:, :2] for drive in drives)
-    (left, below), (right, above) = scene.view_m(
-        np.array([left, low]), np.array([right, high]), *trails
-    )
-    return float(left), float(below), float(right), float(above)
+    low = max(bottom, y.min(initial=first) - 0.8)
+    high = max(top, last, y.max(initial=top)) + 0.6
+    trails = [trial.poses[:, :2] for trial in trials]
+    corners = scene.view_m(np.array([left, low]), np.array([right, high]), *trails)
+    return _as_bounds(*corners)
 
 
-def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
-    scene = known_scene(drives[0].entry.source, world)
+def _as_bounds(low: Any, high: Any) -> Bounds:
+    """Return the lower left and the upper right corner as bounds."""
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _show_bounds(axes: Axes, bounds: Bounds) -> None:
+    """Limit axes to bounds, with the same scale in both directions."""
+    left, bottom, right, top = bounds
+    axes.set(
+        xlim=(left, right),
+        ylim=(bottom, top),
+        aspect="equal",
+        xlabel="x [m]",
+        ylabel="y [m]",
+    )
+
+
+def _draw_map(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
+    """Draw a world with all its trials."""
+    scene = make_scene_if_known(trials[0].entry.source, world)
     drawing.draw_scene(axes, scene, faint=True)
-    draw_motion(axes, world, drives)
-    for drive in drives:
-        if drive.track is None:
+    draw_motion(axes, world, trials)
+    for trial in trials:
+        if trial.track is None:
             continue
-        colour, trail = drive.entry.colour, drive.poses[:, :2]
+        color = trial.entry.color
+        trail = trial.poses[:, :2]
+        corners_m = trial.entry.source.outline.corners_m
         marks: list[Artist] = [
-            *axes.plot(*trail.T, color=colour, linewidth=1.5, alpha=0.8)
-        ]
-        corners_m = drive.entry.source.outline.corners_m
-        marks.append(
+            *axes.plot(*trail.T, color=color, linewidth=1.5, alpha=0.8),
             drawing.draw_outlines(
-                axes, drive.poses[-1:], corners_m, colour, linewidth=1.0
-            )
-        )
-        marks += draw_touched(axes, world, drive)
-        if not drive.result.scores.success:
+                axes, trial.poses[-1:], corners_m, color, linewidth=1.0
+            ),
+            *draw_touched_mover(axes, world, trial),
+        ]
+        if not trial.result.scores.success:
             marks += axes.plot(
                 *trail[-1],
-                color=colour,
+                color=color,
                 marker="x",
                 markersize=9,
                 markeredgewidth=2.4,
                 zorder=5,
             )
+        # The page hides what its filters leave out by these identifiers.
         for number, mark in enumerate(marks):
-            mark.set_gid(
-                f"trial-{drive.place}-{number}"
-            )  # by which the page hides what its filters leave out
-    left, below, right, above = _seen(world, drives)
-    axes.set(
-        xlim=(left, right),
-        ylim=(below, above),
-        aspect="equal",
-        xlabel="x [m]",
-        ylabel="y [m]",
-    )
+            mark.set_gid(f"trial-{trial.position}-{number}")
+    _show_bounds(axes, _map_bounds(world, trials))
     axes.grid(visible=True)
     axes.set_axisbelow(True)
 
 
-def draw_motion(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
-    """Draw the ways of a world's moving obstacles while trials went, with arrows."""
-    longest: dict[float, float] = {}
-    for drive in drives:
-        if drive.result.motion is not None and drive.track is not None:
-            begin_s = drive.result.motion.phase_s
-            longest[begin_s] = max(longest.get(begin_s, 0.0), begin_s + drive.end_s)
-    for begin_s, end_s in longest.items() if world.moving else ():
-        pieces = drawing.ways(
-            world.tracks,
-            np.arange(max(begin_s, end_s - _LONGEST_WAY_S), end_s + 1e-9, _WAY_STEP_S),
-        )
-        drawing.draw_ways(axes, pieces, alpha=0.55, zorder=1.5)
-        for piece in pieces:
-            if np.hypot(*(piece[-1] - piece[0])) > _SHORTEST_ARROW_M:
+def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
+    """Draw the paths of moving obstacles during trials, with arrows.
+
+    Args:
+        axes: What is drawn onto.
+        world: The world of the trials.
+        trials: Trials in it.
+    """
+    if not world.moving:
+        return
+    # Trials that begin at the same phase share their paths, the longest counts.
+    ends_s: dict[float, float] = {}
+    for trial in trials:
+        if trial.result.motion is not None and trial.track is not None:
+            phase_s = trial.result.motion.phase_s
+            end_s = phase_s + trial.end_s
+            ends_s[phase_s] = max(ends_s.get(phase_s, 0.0), end_s)
+
+    for phase_s, end_s in ends_s.items():
+        begin_s = max(phase_s, end_s - _MAX_MOTION_S)
+        times_s = np.arange(begin_s, end_s + 1e-9, _MOTION_STEP_S)
+        paths = drawing.motion_paths(world.tracks, times_s)
+        drawing.draw_motion_paths(axes, paths, alpha=0.55, zorder=1.5)
+        for path in paths:
+            if np.hypot(*(path[-1] - path[0])) > _MIN_ARROW_M:
                 drawing.draw_arrow(
                     axes,
-                    piece[-1],
-                    piece[-1] - piece[-2],
+                    path[-1],
+                    path[-1] - path[-2],
                     mutation_scale=8.0,
                     linewidth=0.6,
                     alpha=0.7,
                 )
 
 
-def draw_touched(axes: Axes, world: World, drive: DrivenTrial) -> list[Artist]:
-    """Draw and return the moving obstacle that ended a trial, where it was then; nothing where none did."""
-    motion = drive.result.motion
+def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Artist]:
+    """Draw the moving obstacle that ended a trial, where it was then.
+
+    Args:
+        axes: What is drawn onto.
+        world: The world of the trial.
+        trial: The trial.
+
+    Returns:
+        What was drawn, nothing if no moving obstacle ended the trial.
+    """
+    motion = trial.result.motion
     if motion is None or motion.touched not in world.tracks.names:
         return []
-    outlines = moving_bodies(world.tracks, motion.phase_s + drive.end_s).outlines()
-    hit = [outlines[world.tracks.names.index(motion.touched)]]
-    look: dict[str, Any] = {
-        "facecolor": MOVER + "55",
-        "edgecolor": drive.entry.colour,
-        "linewidth": 1.4,
-    }
-    return [axes.add_collection(PolyCollection(hit, zorder=2.5, **look))]
+    outlines = moving_bodies(world.tracks, motion.phase_s + trial.end_s).outlines()
+    outline = outlines[world.tracks.names.index(motion.touched)]
+    patch = PolyCollection(
+        [outline],
+        zorder=2.5,
+        facecolor=_MOVER_FILL,
+        edgecolor=trial.entry.color,
+        linewidth=1.4,
+    )
+    return [axes.add_collection(patch)]
 
 
 def motion_handles() -> list[Line2D]:
-    """Return the entries of a legend."""
-    way = Line2D(
-        [], [], color=MOVER, linewidth=1.0, alpha=0.7, label="way of what moves"
-    )
-    hit = Line2D(
-        [],
-        [],
-        marker="o",
-        markersize=9,
-        markerfacecolor=MOVER + "55",
-        markeredgecolor=MOVER,
-        linestyle="",
-    )
-    hit.set_label("what was hit")
-    return [way, hit]
-
-
-COLOURED_BY = ("planner", "speed")
-_SPEED = CHANNELS.index("speed")
-_HEIGHT_IN, _SIDE_IN = 8.0, 3.4  # the latter for labels and legend
-_ARENA_IN = 1.2  # more for worlds that are as wide as high
+    """Return the legend of moving obstacles."""
+    return [
+        _legend_line("way of what moves", color=MOVER, linewidth=1.0, alpha=0.7),
+        _legend_mark(
+            "what was hit",
+            marker="o",
+            markersize=9,
+            markerfacecolor=_MOVER_FILL,
+            markeredgecolor=MOVER,
+        ),
+    ]
 
 
 def overlay(
     folders: Sequence[Path],
-    world: int,
+    world_number: int,
     *,
     by: str = "planner",
     planners: Sequence[str] = (),
     outcome: str = "",
 ) -> Figure:
-    """Return the figure of the trials of folders in one world, coloured by planner or by speed.
+    """Draw the trials of folders in one world.
 
-    planners, outcome: only these. ConfigError where there is no such trial, or worlds of that number differ.
+    Args:
+        folders: Results folders.
+        world_number: Number of the world.
+        by: What colors the trajectories, one of `OVERLAY_COLORS`.
+        planners: Planners whose trials are drawn. By default all.
+        outcome: Outcome that trials must have. By default any.
+
+    Raises:
+        ConfigError: There is no such trial, or worlds of that number differ.
     """
-    if by not in COLOURED_BY:
+    if by not in OVERLAY_COLORS:
         raise ConfigError(
-            f"by: must be one of {', '.join(COLOURED_BY)}, got {by!r}{suggest(by, COLOURED_BY)}"
+            f"by: must be one of {', '.join(OVERLAY_COLORS)}, got {by!r}"
+            f"{suggest(by, OVERLAY_COLORS)}"
         )
-    chosen, found = choose(read_entries(folders), world, planners, outcome)
-    scene = scene_under(chosen[0].entry.source, found)
-    left, below, right, above = _bounds(scene, chosen)
-    side_in = _SIDE_IN + (_ARENA_IN if found.corner_m is not None else 0.0)
-    figure = new_figure(
-        _HEIGHT_IN, side_in + (_HEIGHT_IN - 1.0) * (right - left) / (above - below)
-    )
+    entries = read_entries(folders)
+    trials, world = select_trials(entries, world_number, planners, outcome)
+    scene = make_scene(trials[0].entry.source, world)
+    bounds = _overlay_bounds(scene, trials)
+    left, bottom, right, top = bounds
+    side_in = _OVERLAY_SIDE_IN
+    if world.corner_m is not None:
+        side_in += _ARENA_SIDE_IN
+    map_in = (_OVERLAY_HEIGHT_IN - 1.0) * (right - left) / (top - bottom)
+    figure = new_figure(_OVERLAY_HEIGHT_IN, side_in + map_in)
     axes = figure.add_subplot()
     drawing.draw_scene(axes, scene)
-    draw_motion(axes, found, chosen)
-    trails = [_draw_trial(axes, found, driven, by) for driven in chosen]
+    draw_motion(axes, world, trials)
+    trails = [_draw_trial(axes, world, trial, by) for trial in trials]
     if by == "speed":
         drawing.scale_speeds(axes, trails)
-    axes.set(
-        xlim=(left, right),
-        ylim=(below, above),
-        aspect="equal",
-        xlabel="x [m]",
-        ylabel="y [m]",
-    )
-    axes.set_title(
-        f"world {world}: {len(chosen)} trial{'s' if len(chosen) > 1 else ''}"
-    )
-    handles = _legend(chosen, by) + (motion_handles() if found.moving else [])
-    figure.legend(
-        handles, [str(one.get_label()) for one in handles], loc="outside right upper"
-    )
+    _show_bounds(axes, bounds)
+    axes.set_title(f"world {world_number}: {count_noun(len(trials), 'trial')}")
+
+    handles = _overlay_handles(trials, by)
+    if world.moving:
+        handles += motion_handles()
+    labels = [str(handle.get_label()) for handle in handles]
+    figure.legend(handles, labels, loc="outside right upper")
     return figure
 
 
-def choose(
+def select_trials(
     entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
 ) -> tuple[list[DrivenTrial], World]:
-    """Return the trials in a world of these planners and with this outcome, or of all, and the world."""
-    known, outcomes = (
-        {entry.planner for entry in entries},
-        {one.value for one in Outcome},
-    )
-    for name in set(planners) - known:
-        there = ", ".join(sorted(known))
-        raise ConfigError(
-            f"planner {name!r}: has no trial here{suggest(name, known)}; there are {there}"
-        )
-    if outcome and outcome not in outcomes:
-        allowed = ", ".join(sorted(outcomes))
-        raise ConfigError(
-            f"outcome {outcome!r}: must be one of {allowed}{suggest(outcome, outcomes)}"
-        )
-    numbers = sorted({one.world for entry in entries for one in entry.results})
-    if world not in numbers:
-        raise ConfigError(
-            f"world {world}: no trial of it; there are trials of {', '.join(map(str, numbers[:12]))}"
-        )
-    wanted = []
+    """Return trials in a world that have a track, and the world.
+
+    Args:
+        entries: Planners of results folders.
+        world: Number of the world.
+        planners: Planners whose trials are returned; all if empty.
+        outcome: Outcome that trials must have; any if empty.
+
+    Raises:
+        ConfigError: There is no such trial, or worlds of that number differ.
+    """
+    _require_selection(entries, world, planners, outcome)
+    selection = []
     for entry in entries:
-        own = (
-            one
-            for one in entry.results
-            if one.world == world and outcome in ("", one.outcome.value)
-        )
-        wanted += (
-            [replace(entry, results=tuple(own))]
-            if entry.planner in (planners or known)
-            else []
-        )
-    drives, worlds = driven_trials(wanted)
-    found = [one for one in drives if one.track is not None]
-    if not found:
-        why = (
-            "its trials have no tracks" if drives else "no trial of it is of this kind"
-        )
-        raise ConfigError(f"world {world}: {why}")
-    for one in found:
-        if one.result.world_checksum != found[0].result.world_checksum:
-            paths = f"{found[0].entry.source.path} and {one.entry.source.path}"
+        results = [
+            result
+            for result in entry.results
+            if result.world == world and outcome in ("", result.outcome.value)
+        ]
+        if not planners or entry.planner in planners:
+            selection.append(replace(entry, results=tuple(results)))
+
+    all_trials, worlds = read_trials(selection)
+    trials = [trial for trial in all_trials if trial.track is not None]
+    if not trials:
+        reason = "no trial of it is of this kind"
+        if all_trials:
+            reason = "its trials have no tracks"
+        raise ConfigError(f"world {world}: {reason}")
+    first = trials[0]
+    for trial in trials:
+        if trial.result.world_checksum != first.result.world_checksum:
+            paths = f"{first.entry.source.path} and {trial.entry.source.path}"
             raise ConfigError(f"world {world}: is not the same in {paths}")
-    if found[0].problem:
-        raise ConfigError(f"world {world}: {found[0].problem}")
-    return found, worlds[found[0].result.world_checksum]
+    if first.problem:
+        raise ConfigError(f"world {world}: {first.problem}")
+    return trials, worlds[first.result.world_checksum]
 
 
-def _bounds(
-    scene: TrialScene, chosen: Sequence[DrivenTrial]
-) -> tuple[float, float, float, float]:
+def _require_selection(
+    entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
+) -> None:
+    """Raise ConfigError for a planner, an outcome or a world that does not exist."""
+    available = {entry.planner for entry in entries}
+    for name in set(planners) - available:
+        raise ConfigError(
+            f"planner {name!r}: has no trial here{suggest(name, available)}; "
+            f"there are {', '.join(sorted(available))}"
+        )
+    outcomes = sorted(outcome.value for outcome in Outcome)
+    if outcome and outcome not in outcomes:
+        raise ConfigError(
+            f"outcome {outcome!r}: must be one of {', '.join(outcomes)}"
+            f"{suggest(outcome, outcomes)}"
+        )
+    numbers = sorted({result.world for entry in entries for result in entry.results})
+    if world not in numbers:
+        listed = ", ".join(map(str, numbers[:12]))
+        raise ConfigError(
+            f"world {world}: no trial of it; there are trials of {listed}"
+        )
+
+
+def _overlay_bounds(scene: TrialScene, trials: Sequence[DrivenTrial]) -> Bounds:
+    """Return what an overlay shows: obstacles, start, goal and trajectories."""
     goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
-    trails = [one.poses[:, :2] for one in chosen]
+    trails = [trial.poses[:, :2] for trial in trials]
     points = np.vstack(
         [scene.cylinders_m, scene.ends_m(), goal, *scene.boxes.outlines(), *trails]
     )
-    (left, below), (right, above) = scene.view_m(
-        points.min(axis=0) - 0.3, points.max(axis=0) + 0.3, *trails
-    )
-    return float(left), float(below), float(right), float(above)
+    low = points.min(axis=0) - 0.3
+    high = points.max(axis=0) + 0.3
+    return _as_bounds(*scene.view_m(low, high, *trails))
 
 
 def _draw_trial(
-    axes: Axes, world: World, driven: DrivenTrial, by: str
+    axes: Axes, world: World, trial: DrivenTrial, by: str
 ) -> LineCollection:
-    assert driven.track is not None
-    colour, poses, corners_m = (
-        driven.entry.colour,
-        driven.poses,
-        driven.entry.source.outline.corners_m,
-    )
-    speeds = driven.track.samples[:, _SPEED] if by == "speed" else None
-    trail = drawing.draw_trail(axes, poses[:, :2], speeds, colour)
+    """Draw a trial of an overlay and return its trail."""
+    assert trial.track is not None
+    color = trial.entry.color
+    poses = trial.poses
+    corners_m = trial.entry.source.outline.corners_m
+    speeds = trial.track.samples[:, _SPEED] if by == "speed" else None
+    trail = drawing.draw_trail(axes, poses[:, :2], speeds, color)
     drawing.draw_outlines(
-        axes, poses[[0, -1]], corners_m, colour, linewidth=1.2, zorder=4
+        axes, poses[[0, -1]], corners_m, color, linewidth=1.2, zorder=4
     )
-    drawing.draw_contacts(axes, poses[driven.track.contact, :2])
-    draw_touched(axes, world, driven)
+    drawing.draw_contacts(axes, poses[trial.track.contact, :2])
+    draw_touched_mover(axes, world, trial)
     return trail
 
 
-def _legend(chosen: Sequence[DrivenTrial], by: str) -> list[Line2D]:
-    """Return an entry per planner, with its outcomes, and those of start, goal and contact."""
+def _overlay_handles(trials: Sequence[DrivenTrial], by: str) -> list[Line2D]:
+    """Return a legend of planners with their outcomes, and of marks on the map."""
+    outcomes: dict[str, Counter[str]] = {}
+    colors = {}
+    for trial in trials:
+        label = trial.entry.label
+        colors[label] = trial.entry.color
+        outcomes.setdefault(label, Counter())[trial.result.outcome.value] += 1
+
     handles = []
-    for label, colour in {one.entry.label: one.entry.colour for one in chosen}.items():
-        ended = Counter(
-            one.result.outcome.value for one in chosen if one.entry.label == label
-        )
-        told = ", ".join(
-            f"{count} {name.replace('_', ' ')}" for name, count in ended.items()
-        )
-        marker: dict[str, Any] = (
-            {}
-            if by == "planner"
-            else {"marker": "s", "linestyle": "", "markerfacecolor": "none"}
-        )
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=colour,
-                linewidth=2.0,
-                label=f"{plain(label)}\n{told}",
-                **marker,
+    for label, counts in outcomes.items():
+        parts = [f"{count} {name.replace('_', ' ')}" for name, count in counts.items()]
+        text = f"{plain_text(label)}\n{', '.join(parts)}"
+        look: dict[str, Any] = {"color": colors[label], "linewidth": 2.0}
+        if by == "planner":
+            handles.append(_legend_line(text, **look))
+        else:
+            # Speed colors the trajectories; the outlines have the planner's color.
+            handles.append(
+                _legend_mark(text, marker="s", markerfacecolor="none", **look)
             )
-        )
-    marks: dict[str, dict[str, Any]] = {
-        "start": {"color": START, "marker": "o"},
-        "goal": {"color": GOAL, "marker": "*", "markersize": 11},
-        "robot at both ends": {"color": INK, "marker": "s", "markerfacecolor": "none"},
-    }
-    if any(one.track is not None and one.track.contact.any() for one in chosen):
-        marks["contact"] = {"color": CONTACT, "marker": "x"}
-    return handles + [
-        Line2D([], [], linestyle="", label=label, **look)
-        for label, look in marks.items()
+    handles += [
+        _legend_mark("start", color=START, marker="o"),
+        _legend_mark("goal", color=GOAL, marker="*", markersize=11),
+        _legend_mark(
+            "robot at both ends", color=INK, marker="s", markerfacecolor="none"
+        ),
     ]
+    if any(trial.track is not None and trial.track.contact.any() for trial in trials):
+        handles.append(_legend_mark("contact", color=CONTACT, marker="x"))
+    return handles

@@ -1,4 +1,4 @@
-"""A report from its folders to the page, and the figures and tables beside it."""
+"""A report from its folders to the page, with figures and tables beside it."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -11,173 +11,235 @@ from urllib.parse import quote
 
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.difficulty import difficulty as order_of
-from barn_eval.analysis.measures import measures_named, metric_of
-from barn_eval.analysis.overview import Overview, analyse, repeat, tables
+from barn_eval.analysis.difficulty import order_worlds
+from barn_eval.analysis.measures import ranking_measure, require_measures
+from barn_eval.analysis.overview import Overview, analyze, make_tables, reproduce
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
-from barn_eval.analysis.summary import bars
+from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import cautions
+from barn_eval.analysis.verdict import list_cautions
 from barn_eval.pages import Progress
 from barn_eval.pages.figures import (
     ReportFigure,
     figure_of,
-    finished,
+    finish_figure,
     new_figure,
-    plain,
+    plain_text,
     style,
 )
 from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
-from barn_eval.pages.report.maps import hardest_maps
+from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Legend, Panels
+from barn_eval.pages.report.maps import select_hardest
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trials import (
     DrivenTrial,
-    driven_trials,
+    read_trials,
     trial_data,
     worlds_by_number,
 )
 from barn_eval.pages.template import render, write_page
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import REPLAYS
-from barn_eval.running.sweep import expanded
+from barn_eval.running.setting_folders import expand_sweeps
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
 
-Onto = Axes | Sequence[Axes] | None
-DEFAULT_HARDEST = 8  # worlds that are drawn as maps
+TargetAxes = Axes | Sequence[Axes] | None
+# Number of worlds that are drawn as maps.
+DEFAULT_HARDEST = 8
+_MAX_LEGEND_COLUMNS = 6
+_MM_PER_IN = 25.4
 
 
 def draw(
-    chart: Chart, data: ChartData, ax: Onto = None, width_mm: float | None = None
+    chart: Chart,
+    data: ChartData,
+    ax: TargetAxes = None,
+    width_mm: float | None = None,
 ) -> list[Axes]:
-    """Draw a figure of the catalogue and return its axes, none where it has nothing to show.
+    """Draw a chart of the catalog.
 
-    ax: what to draw onto, as many as the figure has panels; without, a figure of its own. width_mm: of that.
+    Args:
+        chart: The chart.
+        data: What it is drawn from.
+        ax: What to draw onto, as many axes as the chart has panels. By default a figure
+            of its own.
+        width_mm: Width of that figure in a paper. By default it is for a page.
+
+    Returns:
+        The axes, none if the chart has nothing to show.
+
+    Raises:
+        ConfigError: The number of axes is wrong.
     """
     layout = chart.layout(data)
     if layout is None:
         return []
     count = layout.rows * layout.columns
     if ax is None:
-        height_in, columns, rows, sharex, sharey, width_in = (
-            layout.fitted(width_mm / 25.4) if width_mm else layout
-        )
-        figure = new_figure(height_in, width_in)
-        grid = figure.subplots(
-            rows, columns, sharex=sharex, sharey=sharey, squeeze=False
-        )
-        panels, spare = list(grid.ravel()[:count]), grid.ravel()[count:]
-        for axes in spare:
-            axes.remove()
+        if width_mm:
+            layout = layout.fit_to(width_mm / _MM_PER_IN)
+        panels = _make_panels(layout, count)
     else:
         panels = [ax] if isinstance(ax, Axes) else list(ax)
         if len(panels) != count:
             raise ConfigError(
-                f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes"
+                f"ax: the figure {chart.name!r} has {count} panels, "
+                f"got {len(panels)} axes"
             )
+
     legend = chart.draw(panels, data)
-    for axes in panels if width_mm else ():
-        axes.set_ylabel(fill(axes.get_ylabel(), 25))
-    texts = [plain(text) for text in legend.labels]
-    if legend.handles and ax is None:
-        figure = figure_of(panels)
-        most = min(6, int(figure.get_figwidth() / 1.1))
-        figure.legend(
-            legend.handles,
-            texts,
-            loc="outside lower center",
-            ncols=min(most, len(texts)),
-        )
-    elif legend.handles:
-        panels[0].legend(legend.handles, texts)
+    if width_mm:
+        for axes in panels:
+            axes.set_ylabel(fill(axes.get_ylabel(), 25))
+    _draw_legend(legend, panels, is_figure=ax is None)
     return panels
 
 
-def plot(
-    name: str, entries: Sequence[Entry], ax: Onto = None, width_mm: float | None = None
-) -> list[Axes]:
-    """Draw the figure of that name of planners' results, onto axes or a figure of its own, and return its axes.
+def _make_panels(layout: Panels, count: int) -> list[Axes]:
+    """Return the panels of a new figure; more columns may leave some places empty."""
+    figure = new_figure(layout.height_in, layout.width_in)
+    grid = figure.subplots(
+        layout.rows,
+        layout.columns,
+        sharex=layout.sharex,
+        sharey=layout.sharey,
+        squeeze=False,
+    )
+    for axes in grid.ravel()[count:]:
+        axes.remove()
+    return list(grid.ravel()[:count])
 
-    width_mm: as of `draw`. ConfigError for an unknown name, a wrong number of axes, and where there is nothing to draw.
+
+def _draw_legend(legend: Legend, panels: Sequence[Axes], *, is_figure: bool) -> None:
+    """Draw a legend below a whole figure, or inside the first of given axes."""
+    if not legend.handles:
+        return
+    labels = [plain_text(label) for label in legend.labels]
+    if not is_figure:
+        panels[0].legend(legend.handles, labels)
+        return
+    figure = figure_of(panels)
+    columns = min(_MAX_LEGEND_COLUMNS, int(figure.get_figwidth() / 1.1), len(labels))
+    figure.legend(legend.handles, labels, loc="outside lower center", ncols=columns)
+
+
+def plot(
+    name: str,
+    entries: Sequence[Entry],
+    ax: TargetAxes = None,
+    width_mm: float | None = None,
+) -> list[Axes]:
+    """Draw a chart of planners' results.
+
+    Args:
+        name: Name of the chart in the catalog.
+        entries: The planners.
+        ax: As for `draw`.
+        width_mm: As for `draw`.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ConfigError: The name is unknown, the number of axes or the width is wrong, or
+            there is nothing to draw.
     """
     if name not in CHARTS:
         raise ConfigError(f"unknown figure {name!r}{suggest(name, CHARTS)}")
-    order, shown = order_of(entries), {}
+    require_width(width_mm)
+    order = order_worlds(entries)
+    hardest = {}
     if name == "hardest":
-        drives, worlds = driven_trials(entries)
-        shown = hardest_maps(
-            order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST
-        )
+        trials, worlds = read_trials(entries)
+        numbered_worlds = worlds_by_number(trials, worlds)
+        hardest = select_hardest(order, trials, numbered_worlds, DEFAULT_HARDEST)
     overview = cache(
-        lambda: analyse(entries, order, lambda jobs: [job() for job in jobs])
+        lambda: analyze(entries, order, lambda jobs: [job() for job in jobs])
     )
-    with style(checked_width(width_mm)):
-        panels = draw(
-            CHARTS[name], ChartData(entries, order, overview, shown), ax, width_mm
-        )
+    data = ChartData(entries, order, overview, hardest)
+    with style(width_mm):
+        panels = draw(CHARTS[name], data, ax, width_mm)
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
 
 
-def checked_width(width_mm: float | None) -> float | None:
-    """Return the width of a figure in a paper; ConfigError for one that no paper has."""
+def require_width(width_mm: float | None) -> None:
+    """Raise ConfigError for a width that no figure of a paper has."""
     if width_mm is not None and not 60.0 <= width_mm <= 400.0:
         raise ConfigError(f"width_mm: must lie in 60 to 400, got {width_mm!r}")
-    return width_mm
 
 
-def finish(
+def finish_chart(
     chart: Chart, data: ChartData, *, pdf: bool, width_mm: float | None = None
 ) -> ReportFigure | None:
-    """Return a figure of the catalogue as pages have it, or papers; None where it has nothing to show."""
+    """Return a chart as pages or papers have it.
+
+    Args:
+        chart: The chart.
+        data: What it is drawn from.
+        pdf: Whether it is drawn as PDF too.
+        width_mm: Width in a paper. By default the chart is for a page.
+
+    Returns:
+        The figure, None if the chart has nothing to show.
+    """
     with style(width_mm):
         panels = draw(chart, data, width_mm=width_mm)
-        return (
-            finished(figure_of(panels), chart.name, chart.about, pdf=pdf)
-            if panels
-            else None
-        )
+        if not panels:
+            return None
+        return finish_figure(figure_of(panels), chart.name, chart.about, pdf=pdf)
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """All that a report shows.
-
-    data: what its figures are drawn of. columns: keys of the measures of its tables, those usual without any. pdf:
-    whether figures are drawn as PDF too. progress: gets the share that is done.
-    """
+    """Everything that a report shows."""
 
     entries: Sequence[Entry]
     overview: Overview
+
     data: ChartData
-    drives: Sequence[DrivenTrial]
+    """What its figures are drawn from."""
+
+    trials: Sequence[DrivenTrial]
+
     worlds: Mapping[str, World]
+    """Available worlds by checksum."""
+
     columns: Sequence[str]
+    """Keys of the measures in its tables; the usual ones if empty."""
+
     pdf: bool
+    """Whether figures are drawn as PDF too."""
+
     progress: Progress
+    """Receives the share that is done, from 0 to 1."""
 
     @property
     def names(self) -> list[str]:
-        """Its planners, by which many settings of few are summed up."""
+        """Names of its planners, each once however many settings it has."""
         return list(dict.fromkeys(spelling(entry.planner) for entry in self.entries))
 
     @cached_property
     def tables(self) -> list[TextTable]:
         """All tables, the headline first."""
-        return tables(self.entries, self.overview, self.columns)
+        return make_tables(self.entries, self.overview, self.columns)
 
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
-        """Its figures by name, each drawn in the process that finishes it: figures of matplotlib change by pickling."""
+        """Its figures by name.
+
+        Each is drawn in the process that finishes it, since pickling changes figures of
+        matplotlib.
+        """
         jobs = [
-            partial(finish, chart, self.data, pdf=self.pdf)
+            partial(finish_chart, chart, self.data, pdf=self.pdf)
             for chart in reversed(CHARTS.values())
         ]
-        made = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
-        return {one.name: one for one in made if one is not None}
+        figures = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
+        return {figure.name: figure for figure in figures if figure is not None}
 
 
 def build_report(
@@ -188,40 +250,65 @@ def build_report(
     progress: Progress = lambda _: None,
     pdf: bool = True,
 ) -> Report:
-    """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
+    """Read folders and compute what their report shows.
 
-    columns: keys of the measures of its tables. progress: gets the share that is done.
+    Args:
+        paths: Results folders of one task.
+        hardest: Number of the hardest worlds that are drawn as maps.
+        columns: Keys of the measures in its tables. By default the usual ones.
+        progress: Receives the share that is done, from 0 to 1.
+        pdf: Whether figures are drawn as PDF too.
+
+    Raises:
+        BarnError: A folder holds no run, or the tasks of folders differ.
     """
-    keys = measures_named(columns)
+    keys = require_measures(columns)
     entries = tuple(read_entries(paths))
-    require_same_task(expanded(paths))
-    drives, worlds = driven_trials(entries)
-    numbered, order = worlds_by_number(drives, worlds), order_of(entries)
-    found = analyse(
+    require_same_task(expand_sweeps(paths))
+    trials, worlds = read_trials(entries)
+    order = order_worlds(entries)
+    overview = analyze(
         entries,
         order,
         lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)),
         keys,
     )
-    shown = hardest_maps(order, drives, numbered, hardest)
-    data = ChartData(entries, order, lambda: found, shown)
-    return Report(entries, found, data, drives, worlds, keys, pdf, progress)
+    numbered_worlds = worlds_by_number(trials, worlds)
+    maps = select_hardest(order, trials, numbered_worlds, hardest)
+    data = ChartData(entries, order, lambda: overview, maps)
+    return Report(
+        entries=entries,
+        overview=overview,
+        data=data,
+        trials=trials,
+        worlds=worlds,
+        columns=keys,
+        pdf=pdf,
+        progress=progress,
+    )
 
 
 def replay_links(
     report: Report, out: Path, replays: Path | None = None
 ) -> dict[Path, str]:
-    """Return the address of each trial's replay as seen from a page, by its bag; draw those that are wanted.
+    """Return the address of each trial's replay as seen from a page, by its bag.
 
-    Pages that lie in the folder of a source, in replays/, are linked to wherever there are any.
+    Pages in the folder replays/ of a results folder are linked too.
+
+    Args:
+        report: The report.
+        out: Its page.
+        replays: Folder into which replays are drawn. By default none is drawn.
     """
     links = {}
-    for drive in report.drives:
-        source, trial_id = drive.entry.source, drive.result.trial_id
-        bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
+    for trial in report.trials:
+        source = trial.entry.source
+        trial_id = trial.result.trial_id
+        bag = source.bag(trial_id)
+        page = source.path / REPLAYS / f"{trial_id}.html"
         if replays is not None and bag.exists():
             page = replays / f"{source.path.resolve().name}_{trial_id}.html"
-            write_page(page, replay_page(read_recorded(bag)))
+            write_page(page, replay_page(read_recorded_trial(bag)))
         if page.is_file():
             links[bag] = quote(os.path.relpath(page, out.parent))
     return links
@@ -230,63 +317,88 @@ def replay_links(
 def report_page(
     report: Report, title: str, links: Mapping[Path, str] | None = None
 ) -> str:
-    """Return the page of a report; texts from files are text in it. links: of `replay_links`."""
+    """Return the page of a report, in which text from files is no markup.
+
+    Args:
+        report: The report.
+        title: Title of the page.
+        links: What `replay_links` returns.
+    """
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
-    first, leaders = report.entries[0].results[0], bars(report.entries)
+    bars = make_bars(report.entries)
+    results = report.entries[0].results
+    data = trial_data(
+        report.entries, report.trials, report.worlds, links, report.columns
+    )
+    data["bands"] = [
+        {"name": band.name, "worlds": band.worlds} for band in report.overview.bands
+    ]
     return render(
         "report.html",
         title=title,
         report=report,
         tables={table.name: table for table in report.tables},
         paired=[table for table in report.tables if table.name.startswith("paired_")],
-        sources=[(source, repeat(source)) for source in sources],
+        sources=[(source, reproduce(source)) for source in sources],
         robot=sources[0].robot or "Jackal",
-        first=first,
-        leaders=leaders,
-        metric=metric_of(report.entries[0].results).heading,
-        notes=cautions(leaders.worlds, sources),
-        tracks=sum(drive.track is not None for drive in report.drives),
+        first=results[0],
+        leaders=bars,
+        metric=ranking_measure(results).heading,
+        notes=list_cautions(bars.worlds, sources),
+        tracks=sum(trial.track is not None for trial in report.trials),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
-        data=trial_data(
-            report.entries, report.drives, report.worlds, links, report.columns
-        )
-        | {
-            "bands": [
-                {"name": band.name, "worlds": band.worlds}
-                for band in report.overview.bands
-            ]
-        },
+        data=data,
     )
 
 
 def write_assets(report: Report, folder: Path, width_mm: float | None = None) -> None:
-    """Write figures as SVG and PDF, of a paper's width if it is given, and tables as CSV and LaTeX into a folder."""
+    """Write figures as SVG and PDF, and tables as CSV and LaTeX.
+
+    Args:
+        report: The report.
+        folder: Folder of the files.
+        width_mm: Width of the figures in a paper. By default they are those of the
+            page.
+    """
     for table in report.tables:
         write_page(folder / f"{table.name}.csv", table.csv())
         write_page(folder / f"{table.name}.tex", table.latex())
     figures = list(report.figures.values())
     if width_mm is not None:
         jobs = [
-            partial(finish, CHARTS[one.name], report.data, pdf=True, width_mm=width_mm)
-            for one in figures
+            partial(
+                finish_chart,
+                CHARTS[figure.name],
+                report.data,
+                pdf=True,
+                width_mm=width_mm,
+            )
+            for figure in figures
         ]
         figures = run_forked(jobs, lambda _: None)
-    for picture in figures:
-        picture.write(folder)
+    for figure in figures:
+        figure.write(folder)
 
 
 def flatten(content: object, name: str = "") -> list[tuple[str, str]]:
-    """Return the leaves of nested data as dotted names and texts."""
-    inner: Mapping[Any, object] = content if isinstance(content, Mapping) else {}
-    if isinstance(content, (list, tuple)):
-        if not any(isinstance(one, (Mapping, list, tuple)) for one in content):
+    """Return the leaves of nested data as dotted names and texts.
+
+    Args:
+        content: Mappings, lists and plain values.
+        name: Dotted name of the content, empty at the top.
+    """
+    children: Mapping[Any, object] = {}
+    if isinstance(content, Mapping):
+        children = content
+    elif isinstance(content, list | tuple):
+        if not any(isinstance(item, Mapping | list | tuple) for item in content):
             return [(name, ", ".join(map(str, content)))]
-        inner = dict(enumerate(content))
-    if not inner:
+        children = dict(enumerate(content))
+    if not children:
         return [(name, "" if content is None else str(content))]
-    return [
-        row
-        for key, value in inner.items()
-        for row in flatten(value, f"{name}.{key}".removeprefix("."))
-    ]
+
+    rows = []
+    for key, value in children.items():
+        rows += flatten(value, f"{name}.{key}" if name else str(key))
+    return rows

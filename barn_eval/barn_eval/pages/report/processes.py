@@ -13,46 +13,64 @@ from typing import Any
 from barn_eval.pages import Progress
 from barn_worlds.base.errors import BarnError
 
-_MOST = 8  # a report has few parts that take long
+# A report has few parts that take long.
+_MAX_PROCESSES = 8
 _jobs: Sequence[Callable[[], Any]] = ()
 
 
 def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[Any]:
-    """Return what each job returns, done by forks of this process, one per core; they end with it, if it is killed too.
+    """Run jobs in forks of this process, one per core.
 
-    They inherit the jobs and all that these refer to: only what is returned is pickled. progress: gets the share that
-    is done. BarnError where one of them was killed.
+    Forks inherit the jobs and everything that these refer to, so only results are
+    pickled. They end with this process, even if it is killed.
+
+    Args:
+        jobs: What to run.
+        progress: Receives the share that is done, from 0 to 1.
+
+    Returns:
+        What each job returns, in their order.
+
+    Raises:
+        BarnError: A fork was killed.
     """
-    done = itertools.count(1)
-    count = min(len(os.sched_getaffinity(0)), _MOST)
+    finished_count = itertools.count(1)
+    processes = min(len(os.sched_getaffinity(0)), _MAX_PROCESSES)
     pool = ProcessPoolExecutor(
-        count, mp_context=get_context("fork"), initializer=_begin, initargs=(jobs,)
+        processes,
+        mp_context=get_context("fork"),
+        initializer=_initialize_fork,
+        initargs=(jobs,),
     )
     try:
-        made = [pool.submit(_do, place) for place in range(len(jobs))]
-        for one in made:
-            one.add_done_callback(lambda _: progress(next(done) / len(jobs)))
-        return [one.result() for one in made]
+        futures = [pool.submit(_run_job, position) for position in range(len(jobs))]
+        for future in futures:
+            future.add_done_callback(
+                lambda _: progress(next(finished_count) / len(jobs))
+            )
+        return [future.result() for future in futures]
     except BrokenProcessPool:
         raise BarnError(
-            "a process that computed a part of the report was killed; was there enough memory?"
+            "a process that computed a part of the report was killed; "
+            "was there enough memory?"
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _begin(jobs: Sequence[Callable[[], Any]]) -> None:
-    global _jobs  # noqa: PLW0603 (a fork's own)
+def _initialize_fork(jobs: Sequence[Callable[[], Any]]) -> None:
+    global _jobs  # noqa: PLW0603 (each fork has its own)
     _jobs = jobs
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback of each at Ctrl-C
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    # Else each fork would print a traceback at Ctrl-C.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _do(place: int) -> Any:
-    return _jobs[place]()
+def _run_job(position: int) -> Any:
+    return _jobs[position]()
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     parent = parent_process()
     assert parent is not None
     parent.join()

@@ -22,9 +22,9 @@ from zstandard import ZstdDecompressor, ZstdError
 
 from barn_eval.results.bags import BAGS
 from barn_eval.results.bags.recorder import PARTIAL
-from barn_worlds.base.errors import BagError, one_line, reported_as
+from barn_worlds.base.errors import BagError, convert_os_errors, format_error
 from barn_worlds.base.files import open_regular
-from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 
 # Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
 LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256
@@ -135,14 +135,14 @@ class BagFile:
         except (ReaderError, sqlite3.Error, apsw.Error, OSError, *DAMAGE) as error:
             if self._last_ns < 0:
                 raise BagError(
-                    f"{self.path}: not a bag that can be read: {one_line(error)}"
+                    f"{self.path}: not a bag that can be read: {format_error(error)}"
                 ) from None
             self._note("damaged", error)
 
     def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
         try:
             with (
-                reported_as(BagError, path),
+                convert_os_errors(BagError, path),
                 closing(McapFile(path, self.metadata)) as file,
             ):
                 yield from file.messages()
@@ -162,9 +162,11 @@ class BagFile:
     def _note(self, what: str, error: Exception) -> None:
         known = isinstance(error, EndOfFile) or not str(error)
         after = (
-            0.0 if self._last_ns < 0 else (self._last_ns - self._first_ns) / NANOSECONDS
+            0.0
+            if self._last_ns < 0
+            else (self._last_ns - self._first_ns) / NANOSECONDS_PER_SECOND
         )
-        reason = "" if known else f" ({one_line(error)})"
+        reason = "" if known else f" ({format_error(error)})"
         self.problem = f"the bag is {what} after {after:.2f} s{reason}"
 
 
@@ -292,7 +294,7 @@ class TrialFollower:
         try:
             return list(file.messages())
         except DAMAGE as error:
-            raise BagError(f"{file.path}: is damaged: {one_line(error)}") from None
+            raise BagError(f"{file.path}: is damaged: {format_error(error)}") from None
 
     def _newest(self) -> Path | None:
         """Return the file that was written to last, of trials that are being recorded and were not followed yet."""

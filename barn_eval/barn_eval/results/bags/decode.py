@@ -13,7 +13,7 @@ from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.scenes import decode_moving, decode_moving_poses, decode_scene
 from barn_worlds.messages.topics import Topic
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 
@@ -78,7 +78,7 @@ def _require_finite(*values: float) -> None:
         raise MessageError(f"values that are not finite: {values}")
 
 
-def planner_status(data: bytes) -> str:
+def decode_planner_status(data: bytes) -> str:
     """Return the status that one of the suite's planners reports, an empty text for any other report."""
     try:
         return next(
@@ -114,7 +114,7 @@ _READ: tuple[tuple[Topic, Read], ...] = (
     (topics.WORLD, decode_scene),
     (topics.MOVING, decode_moving),
     (topics.MOVING_POSES, decode_moving_poses),
-    (topics.DIAGNOSTICS, planner_status),
+    (topics.DIAGNOSTICS, decode_planner_status),
 )
 # What is read of each topic, by the types that it may have.
 TOPICS = {
@@ -143,14 +143,16 @@ def map_frame(trial: dict[str, Any]) -> Pose2D:
 
     A pose that is matched to the map by particles has no fixed offset; there the map is off by its one cell.
     """
-    off = specified(trial, "localisation", "offset_x_m", "offset_y_m")
+    off = read_specification(trial, "localisation", "offset_x_m", "offset_y_m")
     if off is None:
         return ORIGIN
     matched = trial["simulator"]["localisation"].get("historical_map") is True
     return Pose2D(0.0 - off[0], (STANDARD_CELL_M if matched else 0.0) - off[1], 0.0)
 
 
-def specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | None:
+def read_specification(
+    trial: dict[str, Any], part: str, *names: str
+) -> list[float] | None:
     """Return fields of a part of the simulator's configuration, None where they are not there as finite numbers."""
     try:
         values = [float(trial["simulator"][part][name]) for name in names]
@@ -165,8 +167,8 @@ def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
         return chassis_in(trial.get("simulator")), ""
     except ConfigError as error:
         return (
-            STANDARD.chassis,
-            f"drawn as a {STANDARD.name}, for its robot cannot be read: {error}",
+            STANDARD_ROBOT.chassis,
+            f"drawn as a {STANDARD_ROBOT.name}, for its robot cannot be read: {error}",
         )
 
 

@@ -16,12 +16,12 @@ from barn_sim.sensors.readings import Sensors
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Velocity2D, nanoseconds, seconds
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.cdr import make, serialise
+from barn_worlds.messages.cdr import make_message, serialize
 from barn_worlds.messages.encode import (
     TEXT_VIEW_FACING,
     PoseStampedEncoder,
     encode_map,
-    marker,
+    make_marker,
 )
 from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, encode_scene
 from barn_worlds.messages.topics import (
@@ -29,7 +29,7 @@ from barn_worlds.messages.topics import (
     LATCHED,
     RELIABLE,
     Frames,
-    Outgoing,
+    OutgoingMessage,
     Topic,
 )
 from barn_worlds.worlds.scene import TrialScene, scene_of
@@ -39,39 +39,47 @@ TRUE_TOPICS = (
     topics.MOVING,
     topics.MOVING_POSES,
 )  # which nobody publishes
-MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
+PUSHED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
 
 
 def trial_scene(spec: TrialSpec) -> TrialScene:
     """Return the scene in which a trial begins."""
     return scene_of(
-        spec.world, spec.course.start, spec.course.goal, spec.rules.goal_distance_m
+        spec.world,
+        spec.course.start,
+        spec.course.goal,
+        spec.scaled_protocol.goal_distance_m,
     )
 
 
-def first_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
+def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
     """Return the scene in which a trial begins, as a message."""
-    return Outgoing(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
+    return OutgoingMessage(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
 
 
-def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing | None:
+def last_scene(
+    spec: TrialSpec, cylinders_m: Floats, stamp_ns: int
+) -> OutgoingMessage | None:
     """Return the scene with cylinders at centres (k, 2), in the order of `World.cylinders_m`; None if none moved."""
-    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > MOVED_M).any():
+    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > PUSHED_M).any():
         return None
-    return Outgoing(
-        topics.WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns)
+    return OutgoingMessage(
+        topics.WORLD,
+        encode_scene(trial_scene(spec).with_cylinders_at(cylinders_m), stamp_ns),
     )
 
 
-def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Outgoing]:
+def moving_obstacle_scene(
+    spec: TrialSpec, since_start_ns: int, stamp_ns: int
+) -> list[OutgoingMessage]:
     """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
     some = spec.world.moving or spec.world.walls
     if not some or since_start_ns % nanoseconds(topics.MOVING.period_s):
         return []
     time_s = spec.phase_s + seconds(since_start_ns)
     return [
-        Outgoing(topics.MOVING, encode_moving(spec.world, time_s, stamp_ns)),
-        Outgoing(
+        OutgoingMessage(topics.MOVING, encode_moving(spec.world, time_s, stamp_ns)),
+        OutgoingMessage(
             topics.MOVING_POSES, encode_moving_poses(spec.world, time_s, stamp_ns)
         ),
     ]
@@ -86,7 +94,7 @@ _TEXT_M = 0.3
 _TEXT_COLOUR = (0.0, 0.0, 0.0, 1.0)
 
 
-class LiveScore:
+class ScoreReporter:
     """Says twice a second, and once more at the verdict, how a trial stands."""
 
     def __init__(self, spec: TrialSpec) -> None:
@@ -95,7 +103,7 @@ class LiveScore:
         self._due_ns: int | None = None
         self._concluded = False
 
-    def take(self, standing: Standing, stamp_ns: int) -> Iterator[Outgoing]:
+    def take(self, standing: Standing, stamp_ns: int) -> Iterator[OutgoingMessage]:
         """Yield what is due at the end of an instant."""
         due = (
             self._due_ns is None
@@ -108,17 +116,17 @@ class LiveScore:
             stamp_ns + _PERIOD_NS,
             standing.outcome is not None,
         )
-        value, start = score_so_far(standing, self._course), self._course.start
-        yield Outgoing(topics.SCORE, encode.encode_number(value))
-        yield Outgoing(
+        value, start = running_score(standing, self._course), self._course.start
+        yield OutgoingMessage(topics.SCORE, encode.encode_number(value))
+        yield OutgoingMessage(
             topics.OUTCOME,
             encode.encode_text(standing.outcome.value if standing.outcome else RUNNING),
         )
-        text = marker(
+        text = make_marker(
             FRAMES.of(topics.SCORE_TEXT),
             "score",
             TEXT_VIEW_FACING,
-            colour=_TEXT_COLOUR,
+            color=_TEXT_COLOUR,
             stamp_ns=stamp_ns,
         )
         text.pose.position.x, text.pose.position.y = start.x, start.y - _BELOW_START_M
@@ -126,16 +134,16 @@ class LiveScore:
             _TEXT_M,
             "\n".join(_lines(self._title, standing, value)),
         )
-        yield Outgoing(
+        yield OutgoingMessage(
             topics.SCORE_TEXT,
-            serialise(make(topics.SCORE_TEXT.type_name, markers=[text])),
+            serialize(make_message(topics.SCORE_TEXT.type_name, markers=[text])),
         )
 
 
-def score_so_far(standing: Standing, course: Course) -> float:
+def running_score(standing: Standing, course: Course) -> float:
     """Return the challenge metric: that of the verdict or, before it, what it would be if the goal were reached now."""
     outcome = standing.outcome or Outcome.SUCCESS
-    on_clock_s = standing.on_clock_s if standing.outcome else standing.on_clock_s or 0.0
+    on_clock_s = standing.clock_s if standing.outcome else standing.clock_s or 0.0
     return challenge_metric(
         Verdict(outcome, "", on_clock_s, 0.0, 0.0), course.optimal_time_s
     )
@@ -144,10 +152,14 @@ def score_so_far(standing: Standing, course: Course) -> float:
 def _lines(title: str, standing: Standing, value: float) -> list[str]:
     clock = (
         "clock not started"
-        if standing.on_clock_s is None
-        else f"{standing.on_clock_s:.2f} s on the clock"
+        if standing.clock_s is None
+        else f"{standing.clock_s:.2f} s on the clock"
     )
-    left = "" if standing.left_m is None else f"{standing.left_m:.2f} m to the goal"
+    left = (
+        ""
+        if standing.goal_distance_m is None
+        else f"{standing.goal_distance_m:.2f} m to the goal"
+    )
     contact = f"{standing.contact_s:.2f} s in contact"
     outcome = (
         f"{standing.outcome.value}: {value:.3f}"
@@ -183,7 +195,7 @@ class TrialBag:
     """Record a trial instant by instant; every message carries the time of its instant."""
 
     def __init__(self, recorder: Recorder, spec: TrialSpec) -> None:
-        self._recorder, self._spec, self._score = recorder, spec, LiveScore(spec)
+        self._recorder, self._spec, self._score = recorder, spec, ScoreReporter(spec)
         self._frames = frames = Frames(planning=spec.planning_frame)
         self._simulator, self._planner = (
             SimulatorMessages(spec.simulator, frames),
@@ -206,14 +218,14 @@ class TrialBag:
         if spec.map is not None:
             self._record(
                 [
-                    Outgoing(
+                    OutgoingMessage(
                         topics.MAP,
                         encode_map(spec.map, stamp_ns, self._frames.of(topics.MAP)),
                     )
                 ],
                 stamp_ns,
             )
-        self._record([first_scene(spec, stamp_ns)], stamp_ns)
+        self._record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
         """Record the readings of an instant, the scan where the planner is asked, and the goal where it is sent."""
@@ -222,11 +234,11 @@ class TrialBag:
         self._record(
             (one for one in readings if asked or one.topic is not topics.SCAN), stamp_ns
         )
-        self._record(moving_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
+        self._record(moving_obstacle_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
             self._record(
                 [
-                    Outgoing(
+                    OutgoingMessage(
                         topics.GOAL_POSE, self._goal.encode(self._spec.goal, stamp_ns)
                     )
                 ],
@@ -246,7 +258,7 @@ class TrialBag:
         """Record the planner's answer to the readings of an instant and what it shows."""
         if command is not None:
             self._record([self._planner.command(command, stamp_ns)], stamp_ns)
-        self._record(self._planner.shown(planner, decision, stamp_ns), stamp_ns)
+        self._record(self._planner.display(planner, decision, stamp_ns), stamp_ns)
 
     def standing(self, standing: Standing, stamp_ns: int) -> None:
         """Record how the trial stands at the end of an instant, when that is due."""
@@ -257,7 +269,7 @@ class TrialBag:
         scene = last_scene(self._spec, cylinders_m, stamp_ns)
         self._record([scene] if scene else [], stamp_ns)
 
-    def _record(self, messages: Iterable[Outgoing], stamp_ns: int) -> None:
+    def _record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
         for topic, data in messages:
             self._announce(topic)
             self._recorder.write(topic.path, data, stamp_ns)

@@ -10,7 +10,7 @@ from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint
 
 TRAIL_S = 2.0
-LONGEST_BEYOND_S = 0.1  # the last poses are as much older than the last reading
+MAX_EXTRAPOLATION_S = 0.1  # the last poses are as much older than the last reading
 # Nothing is taken for a motion that is this much faster than the same obstacle just before and just after.
 _JUMP_MPS, _JUMP_RATIO = 3.0, 3.0
 
@@ -46,7 +46,7 @@ class RecordedMotions:
         )
         after_s = np.clip(times_s - self.times_s[before], 0.0, None)
         period_s = self.times_s[before + 1] - self.times_s[before]
-        share = np.minimum(after_s, period_s + LONGEST_BEYOND_S) / period_s
+        share = np.minimum(after_s, period_s + MAX_EXTRAPOLATION_S) / period_s
         jump = self.jumps[before + 1]
         share = np.where(
             jump, np.floor(np.minimum(share, 1.0))[:, None], share[:, None]
@@ -58,7 +58,7 @@ class RecordedMotions:
 
     def placed(self, time_s: float) -> Bodies:
         """Return the obstacles where they are at a time."""
-        return self.bodies.placed(self.at(np.array([time_s]))[0])
+        return self.bodies.move_to(self.at(np.array([time_s]))[0])
 
     def trails(self, time_s: float) -> list[Points]:
         """Return where each was in the last `TRAIL_S`, (k, 2) m, since it last jumped."""
@@ -75,10 +75,10 @@ class RecordedMotions:
 
     def gaps(self, times_s: Floats, poses: Floats, outline: Footprint) -> Floats:
         """Return the distance (t,) in m from the robot's outline at poses (t, 3) to what is nearest, walls included."""
-        return gaps_to(self.bodies, self.walls, self.at(times_s), poses, outline)
+        return compute_gaps(self.bodies, self.walls, self.at(times_s), poses, outline)
 
 
-def gaps_to(
+def compute_gaps(
     bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outline: Footprint
 ) -> Floats:
     """Return the distance (t,) in m from the robot's outline at poses (t, 3) to the nearest of bodies and walls.

@@ -13,22 +13,23 @@ import numpy as np
 from barn_eval.results.bags import BAGS, decode
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import ORIGIN, TOPICS, metadata
-from barn_eval.results.bags.messages import MOVED_M
+from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import RecordedMotions
-from barn_eval.trials.trajectory import clearances
+from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.errors import BagError, BarnError, one_line
+from barn_worlds.base.errors import BagError, BarnError, format_error
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     OccupancyMap,
     Odometry,
     Pose2D,
     Velocity2D,
 )
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.scene import TrialScene
 
@@ -36,7 +37,7 @@ MAP, ODOM = FRAMES.map, FRAMES.odom
 _ONCE = {topics.MOVING.path}  # of which the first message tells all that is wanted
 
 
-class Shown(NamedTuple):
+class TimedItem(NamedTuple):
     """Something shown from a time on, in seconds from the first reading, in a frame of the bag."""
 
     time_s: float
@@ -45,7 +46,7 @@ class Shown(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedTrial:
     """A trial as its bag has it; times in seconds from the first pose, poses in the frame `frame`."""
 
     name: str  # of the bag
@@ -59,24 +60,28 @@ class Recorded:
     odometry: Floats  # (n, 3) poses in the odom frame at the same times
     outline: Footprint  # of what of the robot can touch
     lidar: Pose2D  # where it is mounted
-    scans: list[Shown] = field(metadata={"topic": topics.SCAN})
-    plans: list[Shown] = field(metadata={"topic": topics.PLAN})  # points (k, 2)
-    local_plans: list[Shown] = field(metadata={"topic": topics.LOCAL_PLAN})
-    bands: list[Shown] = field(metadata={"topic": topics.BAND})  # (k, 3) x, y, radius
-    candidates: list[Shown] = field(
+    scans: list[TimedItem] = field(metadata={"topic": topics.SCAN})
+    plans: list[TimedItem] = field(metadata={"topic": topics.PLAN})  # points (k, 2)
+    local_plans: list[TimedItem] = field(metadata={"topic": topics.LOCAL_PLAN})
+    bands: list[TimedItem] = field(
+        metadata={"topic": topics.BAND}
+    )  # (k, 3) x, y, radius
+    candidates: list[TimedItem] = field(
         metadata={"topic": topics.CANDIDATES}
     )  # lists of (k, 2)
-    costmaps: list[Shown] = field(metadata={"topic": topics.COSTMAP})  # OccupancyMap
-    scores: list[Shown] = field(
+    costmaps: list[TimedItem] = field(
+        metadata={"topic": topics.COSTMAP}
+    )  # OccupancyMap
+    scores: list[TimedItem] = field(
         metadata={"topic": topics.SCORE}
     )  # the challenge metric so far
-    outcomes: list[Shown] = field(
+    outcomes: list[TimedItem] = field(
         metadata={"topic": topics.OUTCOME}
     )  # "running", then the outcome
-    chassis: Chassis = STANDARD.chassis
+    chassis: Chassis = STANDARD_ROBOT.chassis
     map_frame: Pose2D = ORIGIN  # where the frame of the planner's map and plan lies in that of the poses
     map: OccupancyMap | None = None  # moved there
-    goal: Shown | None = None
+    goal: TimedItem | None = None
     scene: TrialScene | None = None  # what truly stands there, None where nothing tells
     pushed_m: Floats = field(
         default_factory=lambda: np.empty((0, 2))
@@ -93,7 +98,7 @@ class Recorded:
             0, int(np.searchsorted(self.times_s, time_s + 1e-9, side="right")) - 1
         )
 
-    def to_frame(self, shown: Shown) -> Pose2D:
+    def to_frame(self, shown: TimedItem) -> Pose2D:
         """Return the transform from the frame of something shown to that of the poses, at the time it was shown."""
         if shown.frame == self.frame:
             return self.map_frame if shown.frame == MAP else ORIGIN
@@ -114,7 +119,7 @@ class Recorded:
         """
         found = np.full(len(self.times_s), np.nan)
         if self.scene is not None and len(self.scene.cylinders_m):
-            found = clearances(
+            found = compute_clearances(
                 self.poses, self.scene.cylinders_m, self.scene.radius_m, self.outline
             )
         if self.moving is not None:
@@ -137,7 +142,7 @@ class Recorded:
         )
 
 
-def read_recorded(path: Path) -> Recorded:
+def read_recorded_trial(path: Path) -> RecordedTrial:
     """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that."""
     bag = BagFile(path)
     unreadable: dict[str, str] = {}
@@ -185,7 +190,7 @@ def read_recorded(path: Path) -> Recorded:
         else "the bag holds no result: its trial was not finished, or it is another's"
     )
     parent = bag.path.resolve().parent
-    return Recorded(
+    return RecordedTrial(
         name=bag.path.name,
         folder=parent.parent.name if parent.name == BAGS else parent.name,
         frame=MAP if true else ODOM,
@@ -200,7 +205,7 @@ def read_recorded(path: Path) -> Recorded:
         odometry=_held(
             rows[topics.ODOM.path], _pose, times_s, (np.nan, np.nan, np.nan)
         ),
-        outline=contact_of(chassis),
+        outline=contact_footprint(chassis),
         chassis=chassis,
         lidar=lidar,
         map_frame=off,
@@ -215,13 +220,13 @@ def read_recorded(path: Path) -> Recorded:
         notes=tuple(filter(None, notes)),
         **{
             one.name: rows[one.metadata["topic"].path]
-            for one in fields(Recorded)
+            for one in fields(RecordedTrial)
             if one.metadata
         },
     )
 
 
-def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
+def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[TimedItem]]:
     """Return what topics show, in order of time from the first pose on, and note why topics show nothing."""
     found: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
     for message in bag.messages(TOPICS):
@@ -236,7 +241,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
         try:
             said = decode.frame_and_content(topic, message.type_name, message.data)
         except BarnError as error:  # only its topic is lost
-            unreadable[topic] = f"{topic} cannot be decoded ({one_line(error)})"
+            unreadable[topic] = f"{topic} cannot be decoded ({format_error(error)})"
             continue
         found[topic].append((message.stamp_ns, *said))
     for rows in found.values():
@@ -245,7 +250,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
     start_ns = poses[0][0] if poses else 0
     return {
         topic: [
-            Shown((stamp_ns - start_ns) / NANOSECONDS, *said)
+            TimedItem((stamp_ns - start_ns) / NANOSECONDS_PER_SECOND, *said)
             for stamp_ns, *said in rows
         ]
         for topic, rows in found.items()
@@ -253,7 +258,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
 
 
 def _held(
-    rows: list[Shown],
+    rows: list[TimedItem],
     values_of: Callable[[Any], tuple[float, ...]],
     times_s: Floats,
     before: tuple[float, ...],
@@ -268,11 +273,11 @@ def _scene(scenes: list[TrialScene]) -> tuple[TrialScene | None, Floats]:
     if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
         return scenes[0] if scenes else None, np.empty((0, 2))
     at_end = scenes[-1].cylinders_m
-    return scenes[0], at_end[np.hypot(*(at_end - scenes[0].cylinders_m).T) > MOVED_M]
+    return scenes[0], at_end[np.hypot(*(at_end - scenes[0].cylinders_m).T) > PUSHED_M]
 
 
 def _lidar(
-    rows: Mapping[str, list[Shown]], trial: dict[str, Any]
+    rows: Mapping[str, list[TimedItem]], trial: dict[str, Any]
 ) -> tuple[Pose2D, str]:
     """Return where the lidar is in base_link, by the static transforms or else by the trial's specification."""
     frames = {row.frame for row in rows[topics.SCAN.path]}
@@ -283,7 +288,7 @@ def _lidar(
     )
     if (mount := next(mounts, None)) is not None:
         return mount, ""
-    if (mounted := decode.specified(trial, "lidar", "mount_x_m")) is not None:
+    if (mounted := decode.read_specification(trial, "lidar", "mount_x_m")) is not None:
         return Pose2D(mounted[0], 0.0, 0.0), ""
     return (
         ORIGIN,
@@ -299,7 +304,7 @@ def _speeds(velocity: Velocity2D) -> tuple[float, float]:
     return velocity.linear, velocity.angular
 
 
-def _recoveries(reports: list[Shown]) -> tuple[float, ...]:
+def _recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
     """Return when a recovery began, by the planner's own reports; those of others are empty."""
     said = [one for one in reports if one.content]
     before = ["", *(one.content for one in said)]
@@ -314,7 +319,7 @@ def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
 
 
 def _motions(
-    shapes: list[Shown], rows: list[Shown]
+    shapes: list[TimedItem], rows: list[TimedItem]
 ) -> tuple[RecordedMotions | None, str]:
     """Return the obstacles of the first shapes (theirs and those of walls) at the places of rows, or why not."""
     places = {row.time_s: row.content for row in rows}

@@ -17,8 +17,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys.store import Typestore
 
 from barn_eval import __version__
-from barn_worlds.base.errors import BagError, reported_as, suggest
-from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.base.errors import BagError, convert_os_errors, suggest
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import RELIABLE, Qos
 
@@ -116,7 +116,7 @@ class Recorder:
             self._writer.add_message(
                 entry.channel, stamp_ns, data, stamp_ns, entry.count
             )
-            if stamp_ns - self._flushed_ns >= NANOSECONDS:
+            if stamp_ns - self._flushed_ns >= NANOSECONDS_PER_SECOND:
                 self._flushed_ns = stamp_ns
                 self._writer.flush()
         except OSError:  # `with` would cost some percent of what a message does
@@ -157,7 +157,7 @@ class Recorder:
                 self._stream.close()
 
     def _failures(self) -> AbstractContextManager[None]:
-        return reported_as(BagError, f"{self.partial_path}: cannot record")
+        return convert_os_errors(BagError, f"{self.partial_path}: cannot record")
 
     def _description(self) -> dict[str, Any]:
         first_ns = self._first_ns or 0

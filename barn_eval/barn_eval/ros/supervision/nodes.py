@@ -1,4 +1,4 @@
-"""The three processes of a run over ROS: what is started, with which parameters, in which environment."""
+"""The three processes of a run over ROS: commands, parameters and environment."""
 
 import os
 import sys
@@ -9,215 +9,278 @@ from typing import Any
 
 import yaml
 
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
-from barn_eval.running.request import command_words
-from barn_eval.trials.ros_config import PlannerLink, RosSetup
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.running.planner_choices import split_command
+from barn_eval.trials.ros_config import PlannerLink, RosConfig
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, reported_as
-from barn_worlds.base.files import write_whole
-from barn_worlds.robots.files import ROBOTS, robot_text
+from barn_worlds.base.errors import ConfigError, convert_os_errors
+from barn_worlds.base.files import write_durably
+from barn_worlds.robots.files import ROBOTS, robot_yaml
 
-NOT_TOLD = "nothing tells that from the planner's doing"
-_LOOPBACK = (
-    Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"
-)  # keeps Fast DDS on the loopback interface
+# Ends the detail of a fault that a planner without isolation may have caused.
+PLANNER_SUSPECTED = "nothing tells that from the planner's doing"
+# A profile that keeps Fast DDS on the loopback interface.
+_LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-_RANGE, _TRANSPORTS = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTDDS_BUILTIN_TRANSPORTS"
+_LIBRARY_PATH = "LD_LIBRARY_PATH"
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-_PROFILES = {_PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
+# Variables by which a user may have set a profile for Fast DDS.
+_USER_PROFILES = {_PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE"}
 _BUFFERS = ("RCUTILS_LOGGING_BUFFERED_STREAM", "PYTHONUNBUFFERED")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """A process to start: name, command, parameters, other arguments of ROS, and whether the command is the user's."""
+    """A process to start."""
 
+    # "simulator", "planner" or "evaluator".
     name: str
     command: tuple[str, ...]
+    # ROS parameters; the command reads them from a file.
     parameters: Mapping[str, Any]
+    # Other arguments of ROS, such as remappings.
     arguments: tuple[str, ...] = ()
+    # Whether the command is the user's.
     foreign: bool = False
 
-    def with_parameter_file(self, folder: Path) -> list[str]:
-        """Write the parameters to a file in the folder and return the command that reads them."""
+    def write_parameters(self, folder: Path) -> list[str]:
+        """Write the parameters to a file and return the command that reads them.
+
+        Raises:
+            ConfigError: If the file cannot be written.
+        """
         if not self.parameters:
             return list(self.command)
         path = folder / f"{self.name}.yaml"
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
-        with reported_as(ConfigError, path):
+        with convert_os_errors(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
-        return [
-            *self.command,
-            "--ros-args",
-            *self.arguments,
-            "--params-file",
-            str(path),
-        ]
+        ros_arguments = ["--ros-args", *self.arguments, "--params-file", str(path)]
+        return [*self.command, *ros_arguments]
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """Trials of the one planner of an experiment, by name, and where their bags go."""
+    """What the evaluator is to do: trials of one planner."""
 
-    experiment: Experiment
+    # With that planner only.
+    run: RunConfig
+    # Names of the trials that have no result yet, and the numbers of their worlds.
     trials: tuple[str, ...]
     worlds: tuple[int, ...]
+    # Folder of the results, where bags go.
     out: str
-    robot: str  # name or file, for the simulator node
-    look_first: bool = False  # nothing else has been started: the evaluator has it started once nobody is in the way
-    apart: bool = False  # the planner cannot signal the suite's processes
+    # Name or file of the robot, for the simulator node.
+    robot: str
+    # Nothing else has been started: the evaluator first looks for other nodes on the
+    # domain, and then has simulator and planner started.
+    look_first: bool = False
+    # Whether the planner cannot signal the suite's processes.
+    isolated: bool = False
 
     @property
-    def store(self) -> Store:
+    def store(self) -> BagStore:
         """Where bags go."""
-        return Store(Path(self.out), self.experiment.bags)
+        return BagStore(Path(self.out), self.run.bags)
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
         return [
             spec
-            for spec in self.experiment.trials(self.worlds)
+            for spec in self.run.trials(self.worlds)
             if spec.trial_id in self.trials
         ]
 
 
-def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
-    """Return the simulator of a robot, by name or file; world, start and seed come from the evaluator."""
-    shared = [
-        "lockstep",
-        "command_type",
-        "real_time_factor",
-        "command_wait_s",
-        "ground_truth",
-    ]
-    frames = ("map_frame", "odom_frame", "base_frame", "lidar_frame")
+def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
+    """Describe the simulator; the evaluator sets world, start and seed.
+
+    Args:
+        setup: How the nodes are set up.
+        line: File descriptor of its end of the private line.
+        robot: Name or file of the robot.
+
+    Returns:
+        The process to start.
+    """
     parameters = {
         "robot": robot,
         "start_paused": True,
         "evaluator_fd": line,
-        **_values(setup, *shared, *frames),
+        "lockstep": setup.lockstep,
+        "command_type": setup.command_type,
+        "real_time_factor": setup.real_time_factor,
+        "command_wait_s": setup.command_wait_s,
+        "ground_truth": setup.ground_truth,
+        "map_frame": setup.map_frame,
+        "odom_frame": setup.odom_frame,
+        "base_frame": setup.base_frame,
+        "lidar_frame": setup.lidar_frame,
     }
-    return _node("simulator", "barn_sim.ros.simulator:main", parameters, setup)
+    return _suite_node("simulator", "barn_sim.ros.simulator:main", parameters, setup)
 
 
-def robot_of_simulator(config: SimulatorConfig, folder: Path) -> str:
-    """Return the name of the robot that is simulated, or a file for it in the folder where no name says the same."""
+def name_robot(config: SimulatorConfig, folder: Path) -> str:
+    """Return the name of the simulated robot, or a file for it where no name fits.
+
+    Args:
+        config: Configuration of the simulator.
+        folder: Where the file is written.
+
+    Returns:
+        A name or an absolute path.
+    """
     name = config.chassis.name
     if name in ROBOTS and ROBOTS[name].chassis == config.chassis:
         return name
     path = folder / "robot.yaml"
-    write_whole(path, robot_text(robot_of(config)).encode())
+    write_durably(path, robot_yaml(robot_of(config)).encode())
     return str(path.resolve())
 
 
-def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
-    """Return the planner under test: the user's command as it is, or a node of the suite."""
-    setup = experiment.ros
+def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
+    """Describe the planner under test: the user's command, or a node of the suite.
+
+    Args:
+        choice: The planner.
+        run: Protocol and settings of the run.
+
+    Returns:
+        The process to start.
+    """
+    setup = run.ros
     if choice.command:
-        return NodeProcess(
-            "planner", tuple(command_words(choice.command)), {}, foreign=True
-        )
-    settings = experiment.settings(choice)
+        command = tuple(split_command(choice.command))
+        return NodeProcess("planner", command, {}, foreign=True)
+
+    planner_setup = run.resolve_planner(choice)
+    # The suite's planners cannot find out which type a simulator takes.
+    command_type = "twist"
+    if setup.command_type == "twist_stamped":
+        command_type = "twist_stamped"
     parameters: dict[str, Any] = {
         "planner": choice.name,
-        "preset": settings["preset"],
-        "use_map": experiment.protocol.map_given,
+        "preset": planner_setup.preset,
+        "use_map": run.protocol.map_given,
         "use_sim_time": True,
-        "command_type": "twist_stamped"
-        if setup.command_type == "twist_stamped"
-        else "twist",
-        **_values(setup, "map_frame", "odom_frame", "base_frame"),
-        **settings["overrides"],
+        "command_type": command_type,
+        "map_frame": setup.map_frame,
+        "odom_frame": setup.odom_frame,
+        "base_frame": setup.base_frame,
+        **planner_setup.overrides,
     }
-    return _node("planner", "barn_planners.ros.planner:main", parameters, setup)
+    return _suite_node("planner", "barn_planners.ros.planner:main", parameters, setup)
 
 
 def evaluator(
-    assignment: Path, setup: RosSetup, supervisor: int, simulator: int
+    assignment: Path, setup: RosConfig, supervisor: int, simulator: int
 ) -> NodeProcess:
-    """Return the evaluator, which reads from a file what it is to do."""
-    shared = {field.name for field in fields(PlannerLink)}
-    parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
+    """Describe the evaluator.
+
+    Args:
+        assignment: File of what it is to do.
+        setup: How the nodes are set up.
+        supervisor: File descriptor of its socket to the supervisor.
+        simulator: File descriptor of its end of the private line.
+
+    Returns:
+        The process to start.
+    """
+    names = {field.name for field in fields(PlannerLink)}
+    parameters = {key: value for key, value in as_dict(setup).items() if key in names}
     parameters |= {
         "assignment": str(assignment),
         "supervisor_fd": supervisor,
         "simulator_fd": simulator,
     }
-    return _node("evaluator", "barn_eval.ros.evaluator:main", parameters, setup)
+    return _suite_node("evaluator", "barn_eval.ros.evaluator:main", parameters, setup)
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return the environment of all processes, in which what the user has set stands.
+    """Return the environment of all processes.
 
-    Their own domain, the loopback interface only, one thread each for their kernels.
+    Args:
+        inherited: Variables of the user, which win over buffers and threads.
+        domain: ROS domain of the processes.
+
+    Returns:
+        Variables for a domain of its own on the loopback interface, with one thread for
+        each library.
     """
-    set_here = _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
-    return dict.fromkeys((*_BUFFERS, *_THREADS), "1") | dict(inherited) | set_here
+    defaults = dict.fromkeys((*_BUFFERS, *_THREADS), "1")
+    fixed = _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+    return defaults | dict(inherited) | fixed
 
 
 def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
     """Return what keeps messages on this host, unless the user has asked for more.
 
-    The range LOCALHOST alone has Fast DDS listen on all interfaces and use shared memory, whatever transports are asked
-    for: through that a process started in place of one that was killed may hear nothing for seconds (up to 3 s, by UDP
-    0.15 s), and each kill leaves segments behind. So it is a profile that says the same and more.
+    The range LOCALHOST alone has Fast DDS listen on all interfaces and use shared
+    memory, whatever transports it is configured for. Through shared memory a process
+    started in place of one that was killed may hear nothing for seconds (up to 3 s, by
+    UDP 0.15 s), and each kill leaves segments behind. So a profile says the same and
+    more.
     """
-    asked = inherited.get(_RANGE, "LOCALHOST")
-    fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith(
-        "rmw_fastrtps"
-    )
-    if asked == "LOCALHOST" and fast and not inherited.keys() & _PROFILES:
+    discovery = inherited.get(_RANGE, "LOCALHOST")
+    middleware = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+    has_user_profile = bool(inherited.keys() & _USER_PROFILES)
+    if (
+        discovery == "LOCALHOST"
+        and middleware.startswith("rmw_fastrtps")
+        and not has_user_profile
+    ):
         return {_RANGE: "SYSTEM_DEFAULT", _PROFILE: str(_LOOPBACK)}
-    return {_RANGE: asked, _TRANSPORTS: inherited.get(_TRANSPORTS, "UDPv4")}
+    return {_RANGE: discovery, _TRANSPORTS: inherited.get(_TRANSPORTS, "UDPv4")}
 
 
-def reach() -> str:
-    """Return how far this process looks for others, in the words of ROS.
-
-    The profile may be that of another installation of the package, from which the process was started.
-    """
-    if Path(os.environ.get(_PROFILE, "")).parts[-3:] == _LOOPBACK.parts[-3:]:
+def discovery_range() -> str:
+    """Return how far this process looks for other nodes, in the words of ROS."""
+    # The profile may be that of another installation of the package, from which the
+    # process was started.
+    profile = Path(os.environ.get(_PROFILE, ""))
+    if profile.parts[-3:] == _LOOPBACK.parts[-3:]:
         return "LOCALHOST"
     return os.environ.get(_RANGE, "SUBNET")
 
 
-def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment of all processes without what the ROS wheels of this Python have added to it.
+def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment without what the ROS wheels of this Python add to it.
 
-    They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been done, upon which the wheels of
-    another virtual environment would leave it so and load ours.
+    They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been
+    done. The wheels of another virtual environment would then load these libraries.
     """
-    prefix, libraries = (
-        Path(sys.prefix).resolve(),
-        ours.get("LD_LIBRARY_PATH", "").split(os.pathsep),
-    )
-    kept = [
-        part
-        for part in libraries
-        if part and not Path(part).resolve().is_relative_to(prefix)
+    prefix = Path(sys.prefix).resolve()
+    folders = [
+        folder
+        for folder in variables.get(_LIBRARY_PATH, "").split(os.pathsep)
+        if folder and not Path(folder).resolve().is_relative_to(prefix)
     ]
-    theirs = {
+    foreign = {
         name: value
-        for name, value in ours.items()
-        if name not in (_WHEELS_MARK, "LD_LIBRARY_PATH")
+        for name, value in variables.items()
+        if name not in (_WHEELS_MARK, _LIBRARY_PATH)
     }
-    return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
+    if folders:
+        foreign[_LIBRARY_PATH] = os.pathsep.join(folders)
+    return foreign
 
 
-def _values(setup: RosSetup, *names: str) -> dict[str, Any]:
-    return {name: getattr(setup, name) for name in names}
-
-
-def _node(
-    name: str, entry: str, parameters: Mapping[str, Any], setup: RosSetup
+def _suite_node(
+    name: str, entry: str, parameters: Mapping[str, Any], setup: RosConfig
 ) -> NodeProcess:
-    namespace = (
-        [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
-    )
-    names = tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
-    return NodeProcess(name, (sys.executable, start.__file__, entry), parameters, names)
+    rules = list(setup.remap)
+    namespace = setup.namespace.strip("/")
+    if namespace:
+        rules.insert(0, f"__ns:=/{namespace}")
+    arguments: list[str] = []
+    for rule in rules:
+        arguments += ["-r", rule]
+    command = (sys.executable, start.__file__, entry)
+    return NodeProcess(name, command, parameters, tuple(arguments))

@@ -1,14 +1,24 @@
-"""A command under guard, as the supervisor sees it, and the events by which processes talk with the supervisor.
+"""A command of a run as the supervisor sees it, and events between the processes.
 
-These are JSON objects, one per line, over a socket.
-With NAME planner or simulator, and WHOM empty where that is to blame itself, the supervisor sends to the evaluator
-{"event": "exited", "name": NAME, "how": TEXT, "blamed": WHOM}, and the evaluator to the supervisor
-{"event": "trial", "id": TRIAL_ID}, {"event": "released"} of that trial, {"event": "repeated", "reason": TEXT} where it
-is begun again after that, {"event": "result", "row": LINE, "track": LINE} (lines of results.jsonl and tracks.jsonl),
-{"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT}, {"event":
-"parameters", "text": JSON} of the planner's nodes, {"event": "refused", "reason": TEXT}, {"event": "done"}. A guard
-sends {"event": "ended", "how": TEXT}.
-What the evaluator is to do comes as a file, the `Assignment`: it is more than parameters can hold.
+Events are JSON objects, one per line, over a socket. NAME is "planner" or "simulator".
+
+The supervisor sends to the evaluator:
+    {"event": "exited", "name": NAME, "how": TEXT, "culprit": WHO}: a process has ended;
+        WHO is empty where that process is to blame
+
+The evaluator sends to the supervisor:
+    {"event": "trial", "id": TRIAL_ID}: an attempt at a trial begins
+    {"event": "released"}: its robot drives
+    {"event": "repeated", "reason": TEXT}: it is repeated after it was released
+    {"event": "result", "row": LINE, "track": LINE}: for results.jsonl, tracks.jsonl
+    {"event": "stop", "name": NAME}, {"event": "start", "name": NAME}
+    {"event": "note", "text": TEXT}: for the user
+    {"event": "parameters", "text": JSON}: parameters of the planner's nodes
+    {"event": "refused", "reason": TEXT}: the run is not possible
+    {"event": "done"}
+
+A launcher sends to the supervisor {"event": "ended", "how": TEXT}. What the evaluator
+is to do comes as a file, the `Assignment`: it is more than parameters can hold.
 """
 
 import json
@@ -23,23 +33,26 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from barn_eval.ros.supervision import guard
-from barn_worlds.base.errors import BarnError, ConfigError, reported_as
+from barn_eval.ros.supervision import launcher
+from barn_worlds.base.errors import BarnError, ConfigError, convert_os_errors
 
-_MARK = "BARN_GUARD"
-_FULL_LOG_BYTES = (
-    10_000_000  # of all starts: then it begins anew, and one before it is kept
-)
-_LINE = 300  # characters of a line that a message quotes
-# Only a guard that hangs takes longer: it may wait for the processor, and for the disk that takes what was printed.
-_GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 60.0
+# Isolated from the packages of the user: a launcher needs the standard library only.
+LAUNCHER = (sys.executable, "-I", "-S", launcher.__file__)
+_MARK = "BARN_LAUNCHER"
+# A log of all starts; a larger one begins anew, and the one before it is kept.
+_FULL_LOG_BYTES = 10_000_000
+_MAX_LINE = 300  # characters of a line that a message quotes
+# Only a launcher that hangs takes longer: it may wait for the processor, and for the
+# disk that takes what was printed.
+_STOP_LIMIT_S = sum(patience_s for _, patience_s in launcher.PATIENCE_S) + 60.0
 
 
 class EventChannel:
-    """One end of such a socket, which is read without waiting; `closed` once the other end is gone."""
+    """One end of a socket for events."""
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
+        # Whether the other end is gone.
         self.closed = False
         self._received = b""
 
@@ -48,14 +61,18 @@ class EventChannel:
         return self.socket.fileno()
 
     def send(self, event: str, **content: str) -> None:
-        """Send an event; nothing happens if the other end is gone."""
+        """Send an event; nothing happens if the other end is gone.
+
+        Args:
+            event: Name of the event.
+            **content: Its fields.
+        """
+        line = json.dumps({"event": event, **content}).encode() + b"\n"
         with suppress(OSError):
-            self.socket.sendall(
-                json.dumps({"event": event, **content}).encode() + b"\n"
-            )
+            self.socket.sendall(line)
 
     def receive(self) -> list[dict[str, str]]:
-        """Return the events that have come."""
+        """Return the events that have come, without waiting."""
         while not self.closed:
             try:
                 data = self.socket.recv(65536, socket.MSG_DONTWAIT)
@@ -78,11 +95,8 @@ class ProcessError(BarnError):
     """A process of a run that cannot be started or does not stay up."""
 
 
-class GuardedProcess:
-    """One start of a command under guard; ConfigError where its log cannot be written.
-
-    handed: sockets that the command inherits under the same numbers. kind: what the guard is told that it guards.
-    """
+class SupervisedProcess:
+    """One start of a command by a launcher."""
 
     def __init__(
         self,
@@ -90,117 +104,139 @@ class GuardedProcess:
         command: Sequence[str],
         environment: Mapping[str, str],
         log: Path,
-        handed: Sequence[socket.socket] = (),
-        kind: str = guard.SUITE,
+        sockets: Sequence[socket.socket] = (),
+        kind: str = launcher.SUITE,
     ) -> None:
-        self.name, self.log = name, log
-        self.end: str | None = None  # in words, once it is known
-        self.lost = False  # whether it ended because its guard did
-        self.asked = False  # to stop
+        """Start the command.
+
+        Args:
+            name: "simulator", "planner" or "evaluator".
+            command: Words of the command.
+            environment: Its variables.
+            log: File that what it prints is added to.
+            sockets: Inherited by the command under the same numbers.
+            kind: What the launcher is told about the command.
+
+        Raises:
+            ConfigError: If the log cannot be written.
+        """
+        self.name = name
+        self.log = log
+        # How it ended in words, once that is known.
+        self.end: str | None = None
+        # Whether it ended because its launcher did.
+        self.lost = False
+        # Whether it was told to stop.
+        self.stopping = False
+        # Descendants carry it in their environment, by which they are found.
         self._mark = uuid.uuid4().hex
-        ours, theirs = socket.socketpair()
-        self._news = EventChannel(ours)
-        with theirs, reported_as(ConfigError, log):
+        supervisor_socket, launcher_socket = socket.socketpair()
+        self._events = EventChannel(supervisor_socket)
+        descriptor = launcher_socket.fileno()
+        with launcher_socket, convert_os_errors(ConfigError, log):
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
-                self._guard = subprocess.Popen(  # noqa: S603
-                    [
-                        sys.executable,
-                        "-I",
-                        "-S",
-                        guard.__file__,
-                        str(theirs.fileno()),
-                        kind,
-                        "--",
-                        *command,
-                    ],
+                self._launcher = subprocess.Popen(  # noqa: S603
+                    [*LAUNCHER, str(descriptor), kind, "--", *command],
                     env=dict(environment) | {_MARK: self._mark},
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    pass_fds=[one.fileno() for one in (theirs, *handed)],
+                    pass_fds=[descriptor, *(end.fileno() for end in sockets)],
                     start_new_session=True,
                 )
 
     def fileno(self) -> int:
-        """Return what to wait on for news of the process."""
-        return self._news.fileno()
+        """Return what to wait on for the end of the process."""
+        return self._events.fileno()
 
     @property
     def ended(self) -> bool:
-        """Whether the process, and all that it started, has ended, as far as news of it have been read."""
+        """Whether the process and all that it started have ended, as far as read."""
         return self.end is not None
 
     def read(self) -> None:
-        """Take in the news that have come."""
-        if not self.ended:
-            for event in self._news.receive():
-                self.end = event["how"]
-            if self._news.closed and not self.ended:
-                self._lost()
+        """Take in the events that have come."""
+        if self.ended:
+            return
+        for event in self._events.receive():
+            self.end = event["how"]
+        if self._events.closed and not self.ended:
+            self._kill_leftovers()
 
     def ask_to_stop(self) -> None:
         """Begin to end the process; asking again changes nothing."""
-        if not self.asked:
-            self.asked = True
+        if not self.stopping:
+            self.stopping = True
             self.stop_now()
 
     def stop_now(self) -> None:
         """Leave a process that was asked to stop no more time."""
-        self._news.send("stop")
+        self._events.send("stop")
 
     def stop(self) -> None:
         """End the process and all that it started, and return when it has ended."""
         self.ask_to_stop()
-        self.wait(_GRACE_S)
+        self.wait(_STOP_LIMIT_S)
         if not self.ended:
-            self._guard.kill()
-            self._lost()
-        self._news.close()
-        self._guard.wait()
+            self._launcher.kill()
+            self._kill_leftovers()
+        self._events.close()
+        self._launcher.wait()
 
     def wait(self, limit_s: float) -> None:
         """Return when the process has ended, or after that time."""
-        deadline = time.monotonic() + limit_s
+        deadline_s = time.monotonic() + limit_s
         self.read()
-        while not self.ended and time.monotonic() < deadline:
+        while not self.ended and time.monotonic() < deadline_s:
             time.sleep(0.005)
             self.read()
 
-    def _lost(self) -> None:
-        """End what a guard has left that was killed: its command dies with it, what that has started has its mark."""
-        self._guard.wait()
-        while left := _carrying(self._mark):
-            for pid in left:
+    def _kill_leftovers(self) -> None:
+        """End what a launcher has left that was killed.
+
+        Its command dies with it; what the command has started carries the mark.
+        """
+        self._launcher.wait()
+        while pids := _find_marked(self._mark):
+            for pid in pids:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
             time.sleep(0.01)
-        self.end, self.lost = "was lost with its guard", True
+        self.end = "was lost with its launcher"
+        self.lost = True
 
 
-def _carrying(mark: str) -> list[int]:
-    """Return the living processes of this user that have a mark in the environment that they were started with."""
-    found, entry_text = [], f"{_MARK}={mark}".encode()
+def _find_marked(mark: str) -> list[int]:
+    """Return living processes of this user that were started with a mark."""
+    pids = []
+    variable = f"{_MARK}={mark}".encode()
     for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        # The environment of a process that has ended is empty.
         with suppress(OSError):
-            if entry.name.isdigit() and entry_text in (
-                entry / "environ"
-            ).read_bytes().split(b"\0"):
-                found.append(
-                    int(entry.name)
-                )  # of a process that has ended, the environment is empty
-    return found
+            if variable in (entry / "environ").read_bytes().split(b"\0"):
+                pids.append(int(entry.name))
+    return pids
 
 
 def last_lines(log: Path, count: int = 10) -> str:
-    """Return the end of a log, introduced by its name."""
+    """Quote the end of a log.
+
+    Args:
+        log: File of what a process has printed.
+        count: Number of lines.
+
+    Returns:
+        The lines, shortened, below one that names the file.
+    """
     try:
         with log.open("rb") as file:
             file.seek(max(0, os.fstat(file.fileno()).st_size - 16384))
             lines = file.read().decode("utf-8", "replace").splitlines()
     except OSError as error:
         lines = [f"({error.strerror or error})"]
-    return "\n  ".join(
-        [f"the end of {log}:", *(line[:_LINE] for line in lines[-count:])]
-    )
+    quoted = [line[:_MAX_LINE] for line in lines[-count:]]
+    return "\n  ".join([f"the end of {log}:", *quoted])

@@ -1,4 +1,4 @@
-"""Run trials of a planner over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
+"""Runs trials of a planner over ROS: starts, watches and ends the three processes."""
 
 import json
 import math
@@ -14,61 +14,84 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from barn_eval.results.run_file import isolated
-from barn_eval.results.store import LOGS, Record, Store
-from barn_eval.ros.supervision import guard, nodes
-from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment, NodeProcess
+from barn_eval.results.store import LOGS, BagStore, TrialRecord
+from barn_eval.ros.isolation import can_isolate
+from barn_eval.ros.supervision import launcher, nodes
+from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment, NodeProcess
 from barn_eval.ros.supervision.process import (
     EventChannel,
-    GuardedProcess,
     ProcessError,
+    SupervisedProcess,
     last_lines,
 )
-from barn_eval.running.command_files import keep_told
-from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
+from barn_eval.running.command_files import write_node_parameters
+from barn_eval.trials.outcome import (
+    ENVIRONMENT,
+    PLANNER,
+    SIMULATOR,
+    Outcome,
+    Verdict,
+)
 from barn_eval.trials.result import TrialResult, from_json_line
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_eval.trials.trial import conclude, handled
+from barn_eval.trials.trial import finish_trial, signal_handler
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, reported_as
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, convert_os_errors
+from barn_worlds.base.files import write_durably
 from barn_worlds.ros import private_line
-from barn_worlds.ros.domain import in_use, reserved_domain
+from barn_worlds.ros.domain import is_domain_in_use, reserve_domain
 
-_EVALUATOR_STARTS = (
-    3  # evaluators that may be lost in a row without a result in between
-)
-_LARGEST_KEPT = (
-    1 << 20
-)  # bytes of a file that a planner's command names and that is kept beside its logs
-_FRESH_S = 1.0  # shortest time from one start of a process to the next
+EVALUATOR = "evaluator"
+# Evaluators that may be lost in a row without a result in between.
+_MAX_LOST_EVALUATORS = 3
+# A file that a planner's command names is kept beside its logs up to this size.
+_MAX_COPY_BYTES = 1 << 20
+_START_PERIOD_S = 1.0  # shortest time from one start of a process to the next
+_LONGEST_WAIT_S = 0.5
 
 
 def run_ros_trials(
-    experiment: Experiment,
+    run: RunConfig,
     trials: Sequence[TrialSpec],
-    store: Store,
+    store: BagStore,
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
-) -> Generator[Record, None, None]:
-    """Run trials of one planner of an experiment and yield what is to be kept of each once it has ended.
+) -> Generator[TrialRecord, None, None]:
+    """Run trials of one planner and yield a record of each once it has ended.
 
-    notice: gets a line about each process that has ended unasked. environment: of the nodes. All processes have ended
-    when the iteration has, whatever ends it, and also if this process is killed. Raises ProcessError, with the last
-    lines of a log, where the nodes cannot be run, and ConfigError for what is not allowed.
+    All processes have ended when the iteration has, whatever ends it, and also if this
+    process is killed.
+
+    Args:
+        run: The run.
+        trials: Its trials of one planner.
+        store: Where trials leave their bags.
+        logs: Folder for what the nodes print; by default one in the store's.
+        notice: Gets a line about each process that has ended unasked.
+        environment: Variables of the nodes.
+
+    Yields:
+        Row and track of each trial.
+
+    Raises:
+        ProcessError: If the nodes cannot be run, with the last lines of a log.
+        ConfigError: For what is not allowed.
     """
     if not trials:
         return
     logs = logs or store.folder / LOGS
-    with reported_as(ConfigError, logs):
+    with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
-    # others that take part in the domain may be in the way: then the evaluator is to look first
-    with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
-        given, shared = nodes.environment(environment, domain), in_use(domain)
-        supervisor = _Supervisor(experiment, trials, store, logs, given, notice, shared)
+    with reserve_domain(environment) as domain, signal_handler(signal.SIGTERM, _exit):
+        node_environment = nodes.environment(environment, domain)
+        # Nodes that take part in the domain may be in the way: the evaluator looks.
+        look_first = is_domain_in_use(domain)
+        supervisor = _Supervisor(
+            run, trials, store, logs, node_environment, notice, look_first
+        )
         try:
             yield from supervisor.run()
         finally:
@@ -76,271 +99,316 @@ def run_ros_trials(
 
 
 class _Supervisor:
-    """Keeps the three processes running until the evaluator says that all trials have been made."""
+    """Keeps the three processes running until the evaluator has run all trials."""
 
     def __init__(
         self,
-        experiment: Experiment,
+        run: RunConfig,
         trials: Sequence[TrialSpec],
-        store: Store,
+        store: BagStore,
         logs: Path,
         environment: Mapping[str, str],
         notice: Callable[[str], None],
         look_first: bool,
     ) -> None:
-        (self._planner,) = (planner,) = [
-            one for one in experiment.planners if one.name == trials[0].planner
-        ]
-        self._told = False  # the planner's parameters
-        self._trials = {
-            spec.trial_id: spec for spec in trials
-        }  # those without a result
-        self._logs, self._environment, self._notice = logs, environment, notice
+        planner = next(
+            planner for planner in run.planners if planner.name == trials[0].planner
+        )
+        self._planner_name = planner.name
+        # Trials without a result.
+        self._trials = {spec.trial_id: spec for spec in trials}
+        self._logs = logs
+        self._environment = environment
+        self._notice = notice
         self._evaluator: EventChannel | None = None
-        self._processes: dict[str, GuardedProcess] = {}
-        self._due: dict[str, float] = {}  # processes to be started, and when
+        self._processes: dict[str, SupervisedProcess] = {}
+        # Monotonic times at which processes are to be started, and were last.
+        self._due_s: dict[str, float] = {}
         self._started_s: dict[str, float] = {}
-        self._seen_ending: set[str] = set()
+        self._quoted_logs: set[str] = set()
+        self._parameters_kept = False
         self._lost_evaluators = 0
-        self._apart = experiment.ros.isolate and isolated()
-        # Whether the robot has been released, and why trials are repeated in which it had been. The file names the last
-        # of them: if that has no row when a run begins, the run before ended in its midst.
-        self._trial, self._driving, self._done = "", False, False
-        self._released = logs / "released"
-        ended = self._released.read_text("utf-8") if self._released.exists() else ""
-        self._repeats = {ended: ["the run was ended"]} if ended in self._trials else {}
-        # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
-        self._line, self._far_line = private_line.pair()
-        robot = nodes.robot_of_simulator(experiment.simulator, logs)
-        self._others = {
-            "simulator": nodes.simulator(experiment.ros, self._line.fileno(), robot),
-            "planner": nodes.planner(planner, experiment),
+        self._isolated = run.ros.isolate and can_isolate()
+        self._done = False
+
+        # The trial in progress, whether its robot drives, and why trials are repeated
+        # that drove. The file names the last of those: if it has no row when a run
+        # begins, the run before ended in its midst.
+        self._trial = ""
+        self._driving = False
+        self._driving_file = logs / "released"
+        self._repeats: dict[str, list[str]] = {}
+        if self._driving_file.exists():
+            interrupted = self._driving_file.read_text("utf-8")
+            if interrupted in self._trials:
+                self._repeats[interrupted] = ["the run was ended"]
+
+        # Both ends stay open here, for a simulator or an evaluator that is started in
+        # place of one that has ended.
+        self._simulator_line, self._evaluator_line = private_line.create_ends()
+        robot = nodes.name_robot(run.simulator, logs)
+        line = self._simulator_line.fileno()
+        self._nodes = {
+            SIMULATOR: nodes.simulator(run.ros, line, robot),
+            PLANNER: nodes.planner(planner, run),
         }
-        for text, digest in planner.files.items():
-            if Path(text).is_file() and Path(text).stat().st_size <= _LARGEST_KEPT:
-                shutil.copyfile(text, logs / f"{digest[:12]}_{Path(text).name}")
-        alone = replace(experiment, planners=(planner,))
+        _copy_planner_files(planner, logs)
         self._assignment = Assignment(
-            alone, (), (), str(store.folder), robot, look_first, self._apart
+            replace(run, planners=(planner,)),
+            (),
+            (),
+            str(store.folder),
+            robot,
+            look_first,
+            self._isolated,
         )
 
-    def run(self) -> Iterator[Record]:
+    def run(self) -> Iterator[TrialRecord]:
         """Yield records as they come, until there is one of each trial."""
-        for name in (
-            ("evaluator",)
-            if self._assignment.look_first
-            else (*self._others, "evaluator")
-        ):
-            self._plan_start(name)
+        if not self._assignment.look_first:
+            for name in self._nodes:
+                self._schedule_start(name)
+        self._schedule_start(EVALUATOR)
+
         while not self._done:
             self._start_due()
-            self._await_news()
+            self._await_events()
             for process in list(self._processes.values()):
                 process.read()
             if self._evaluator is not None:
                 for event in self._evaluator.receive():
                     if event["event"] == "result":
-                        yield self._record(
-                            from_json_line(event["row"], "result of the evaluator"),
-                            event["track"],
-                        )
+                        result = from_json_line(event["row"], "result of the evaluator")
+                        yield self._record(result, event["track"])
                     else:
                         self._handle(event)
             for process in list(self._processes.values()):
                 if process.ended and not self._done:
-                    yield from self._ended(process)
+                    yield from self._handle_end(process)
 
-    def _record(self, result: TrialResult, track: str) -> Record:
-        """Return what is kept of a trial, with why it was repeated."""
+    def _record(self, result: TrialResult, track: str) -> TrialRecord:
+        """Return the record of a trial, which tells why it was repeated."""
         self._lost_evaluators = 0
         del self._trials[result.trial_id]
         repeats = self._repeats.pop(result.trial_id, [])
-        clock = replace(
+        wall_clock = replace(
             result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats)
         )
-        return Record(replace(result, wall_clock=clock), track or None)
+        return TrialRecord(replace(result, wall_clock=wall_clock), track or None)
 
     def stop(self) -> None:
         """End all processes, at the same time."""
         if self._evaluator is not None:
-            self._evaluator.close()  # upon which the evaluator ends by itself
+            # The evaluator ends by itself when its channel closes.
+            self._evaluator.close()
         for process in self._processes.values():
             process.ask_to_stop()
         try:
             for process in self._processes.values():
                 process.stop()
-        except BaseException:  # interrupted again: no more patience
+        except BaseException:
+            # Interrupted again: no more patience.
             for process in self._processes.values():
                 process.stop_now()
             raise
         self._processes.clear()
-        self._line.close()
-        self._far_line.close()
+        self._simulator_line.close()
+        self._evaluator_line.close()
 
-    def _await_news(self) -> None:
-        wait_s = max(
-            0.0, min([0.5, *(at - time.monotonic() for at in self._due.values())])
-        )
-        evaluator = (
-            [self._evaluator]
-            if self._evaluator is not None and not self._evaluator.closed
-            else []
-        )
-        heard: list[Any] = [*self._processes.values(), *evaluator]
-        multiprocessing.connection.wait(heard, wait_s)
+    def _await_events(self) -> None:
+        wait_s = _LONGEST_WAIT_S
+        if self._due_s:
+            wait_s = min(wait_s, min(self._due_s.values()) - time.monotonic())
+        sources: list[Any] = list(self._processes.values())
+        if self._evaluator is not None and not self._evaluator.closed:
+            sources.append(self._evaluator)
+        multiprocessing.connection.wait(sources, max(0.0, wait_s))
 
     def _start_due(self) -> None:
-        for name in [
-            name
-            for name, at in self._due.items()
-            if at <= time.monotonic() and name not in self._processes
-        ]:
-            del self._due[name]
-            if name == "evaluator":
+        now_s = time.monotonic()
+        for name, due_s in list(self._due_s.items()):
+            if due_s > now_s or name in self._processes:
+                continue
+            del self._due_s[name]
+            if name == EVALUATOR:
                 self._start_evaluator()
             else:
-                self._start(
-                    self._others[name], [self._line] if name == "simulator" else []
-                )
+                sockets = [self._simulator_line] if name == SIMULATOR else []
+                self._start(self._nodes[name], sockets)
 
     def _start_evaluator(self) -> None:
-        ours, theirs = socket.socketpair()
-        path, setup = self._logs / "assignment.json", self._assignment.experiment.ros
-        worlds = tuple(dict.fromkeys(spec.index for spec in self._trials.values()))
-        assigned = replace(self._assignment, trials=tuple(self._trials), worlds=worlds)
-        write_whole(path, json.dumps(as_dict(assigned)).encode())
+        specs = self._trials.values()
+        assignment = replace(
+            self._assignment,
+            trials=tuple(self._trials),
+            worlds=tuple(dict.fromkeys(spec.world_number for spec in specs)),
+        )
+        # The next evaluator finds the nodes of this run.
         self._assignment = replace(self._assignment, look_first=False)
-        with theirs:
-            node = nodes.evaluator(
-                path, setup, theirs.fileno(), self._far_line.fileno()
-            )
-            self._start(node, [theirs, self._far_line])
-        self._evaluator = EventChannel(ours)
+        path = self._logs / "assignment.json"
+        write_durably(path, json.dumps(as_dict(assignment)).encode())
 
-    def _start(self, node: NodeProcess, handed: Sequence[socket.socket]) -> None:
-        name, command = node.name, node.with_parameter_file(self._logs)
+        supervisor_end, evaluator_end = socket.socketpair()
+        with evaluator_end:
+            node = nodes.evaluator(
+                path,
+                assignment.run.ros,
+                evaluator_end.fileno(),
+                self._evaluator_line.fileno(),
+            )
+            self._start(node, [evaluator_end, self._evaluator_line])
+        self._evaluator = EventChannel(supervisor_end)
+
+    def _start(self, node: NodeProcess, sockets: Sequence[socket.socket]) -> None:
+        name = node.name
+        command = node.write_parameters(self._logs)
         self._started_s[name] = time.monotonic()
-        environment = (
-            nodes.foreign_environment(self._environment)
-            if node.foreign
-            else self._environment
-        )
-        planner = (
-            f"{guard.APART}:{self._assignment.out}" if self._apart else guard.PLANNER
-        )
-        kind = planner if name == "planner" else guard.SUITE
-        self._processes[name] = GuardedProcess(
-            name, command, environment, self._log(name), handed, kind
+        environment = self._environment
+        if node.foreign:
+            environment = nodes.foreign_environment(environment)
+
+        kind = launcher.SUITE
+        if name == PLANNER:
+            kind = launcher.PLANNER
+            if self._isolated:
+                kind = f"{launcher.ISOLATED}:{self._assignment.out}"
+        self._processes[name] = SupervisedProcess(
+            name, command, environment, self._log(name), sockets, kind
         )
 
     def _handle(self, event: dict[str, str]) -> None:
+        """Do what an event of the evaluator asks for."""
         match event:
             case {"event": "trial", "id": trial}:
-                self._trial, self._driving = trial, False
+                self._trial = trial
+                self._driving = False
             case {"event": "released"}:
                 self._driving = True
-                self._released.write_text(self._trial, "utf-8")
+                self._driving_file.write_text(self._trial, "utf-8")
             case {"event": "repeated", "reason": reason}:
                 self._repeat(reason)
             case {"event": "note", "text": text}:
                 self._notice(text)
-            case {"event": "parameters", "text": text} if not self._told:
-                self._told = True
-                keep_told(
-                    Path(self._assignment.out) / LOGS,
-                    self._logs,
-                    self._planner.name,
-                    text,
-                )
+            case {"event": "parameters", "text": text}:
+                self._keep_parameters(text)
             case {"event": "stop", "name": name} if name in self._processes:
                 self._processes[name].ask_to_stop()
             case {"event": "start", "name": name} if name not in self._processes:
-                self._plan_start(name)
+                self._schedule_start(name)
             case {"event": "refused", "reason": reason}:
-                concerned = [
-                    last_lines(self._log(name))
-                    for name in self._others
-                    if f"the {name} " in reason
-                ]
-                raise ProcessError("; ".join([reason, *concerned[:1]]))
+                raise self._refusal(reason)
             case {"event": "done"}:
                 self._done = True
+
+    def _keep_parameters(self, text: str) -> None:
+        """Keep what the planner's nodes tell once, at the first trial."""
+        if not self._parameters_kept:
+            self._parameters_kept = True
+            folder = Path(self._assignment.out) / LOGS
+            write_node_parameters(folder, self._logs, self._planner_name, text)
+
+    def _refusal(self, reason: str) -> ProcessError:
+        """Return the evaluator's reason to end the run, with a log that explains it."""
+        for name in self._nodes:
+            if f"the {name} " in reason:
+                return ProcessError(f"{reason}; {last_lines(self._log(name))}")
+        return ProcessError(reason)
 
     def _repeat(self, reason: str) -> None:
         """Note why a trial is repeated that had begun."""
         self._repeats.setdefault(self._trial, []).append(reason)
         self._notice(f"{self._trial} is repeated: {reason}")
 
-    def _ended(self, process: GuardedProcess) -> Iterator[Record]:
-        """Tell the evaluator of a process that has ended: it says when to start it afresh; yield what that costs."""
-        how, name, wanted = (
-            process.end or "",
-            process.name,
-            process.asked and process.name == "planner",
-        )
+    def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
+        """Replace a process that has ended; yield the trial that this costs, if any."""
+        name = process.name
+        end = process.end or ""
         del self._processes[name]
         process.stop()
-        if how.startswith("cannot be started"):
-            raise ProcessError(f"the {name} {how}")
-        said = f"{name} {how}" + (f" in trial {self._trial}" if self._trial else "")
-        if (
-            not wanted
-            or self._assignment.experiment.ros.restart_planner != "each_trial"
-        ):
-            # what it wrote last, before the noise of others' ends
-            self._notice(
-                said
-                if name in self._seen_ending
-                else f"{said}; {last_lines(process.log)}"
-            )
-            self._seen_ending.add(name)
-        if name == "evaluator":
-            yield from self._evaluator_lost(process)
-        elif self._evaluator is not None:
-            self._evaluator.send(
-                "exited", name=name, how=how, blamed=ENVIRONMENT if process.lost else ""
-            )
-        else:
-            self._plan_start(name)
+        if end.startswith("cannot be started"):
+            raise ProcessError(f"the {name} {end}")
 
-    def _evaluator_lost(self, process: GuardedProcess) -> Iterator[Record]:
-        """Start another evaluator, which repeats the trial that has no result; if the planner may have ended it, no."""
+        # The evaluator may want a planner of its own for each trial: no news.
+        policy = self._assignment.run.ros.restart_planner
+        is_expected = name == PLANNER and process.stopping and policy == "each_trial"
+        if not is_expected:
+            self._notice_end(process)
+
+        if name == EVALUATOR:
+            yield from self._handle_lost_evaluator(process)
+        elif self._evaluator is not None:
+            # The evaluator says when to start the process again.
+            culprit = ENVIRONMENT if process.lost else ""
+            self._evaluator.send("exited", name=name, how=end, culprit=culprit)
+        else:
+            self._schedule_start(name)
+
+    def _notice_end(self, process: SupervisedProcess) -> None:
+        text = f"{process.name} {process.end}"
+        if self._trial:
+            text += f" in trial {self._trial}"
+        # Its log is quoted once: later ends are often consequences of the first.
+        if process.name not in self._quoted_logs:
+            self._quoted_logs.add(process.name)
+            text += f"; {last_lines(process.log)}"
+        self._notice(text)
+
+    def _handle_lost_evaluator(
+        self, process: SupervisedProcess
+    ) -> Iterator[TrialRecord]:
+        """Start another evaluator, which repeats the trial that has no result.
+
+        A trial that drove beside a planner without isolation is not repeated: the
+        planner may have ended the evaluator. It counts as interference.
+        """
         self._evaluator = None
         self._lost_evaluators += 1
-        lost, again = (
-            f"the evaluator {process.end}",
-            self._lost_evaluators < _EVALUATOR_STARTS,
-        )
-        if self._trial in self._trials and self._driving:
-            if self._apart and again:
-                self._repeat(lost)
+        may_retry = self._lost_evaluators < _MAX_LOST_EVALUATORS
+        reason = f"the evaluator {process.end}"
+        if self._driving and self._trial in self._trials:
+            if self._isolated and may_retry:
+                self._repeat(reason)
             else:
-                verdict = Verdict(
-                    Outcome.INTERFERENCE, f"{lost}; {NOT_TOLD}", None, 0.0, 0.0
-                )
-                empty = TrajectoryLog().trajectory()
-                yield self._record(
-                    conclude(self._trials[self._trial], "ros", verdict, empty).result,
-                    "",
-                )
-        elif not again:
+                yield self._record(self._interference(reason), "")
+        elif not may_retry:
             raise ProcessError(
-                f"{lost}, {_EVALUATOR_STARTS} times in a row; {last_lines(process.log)}"
+                f"{reason}, {_MAX_LOST_EVALUATORS} times in a row;"
+                f" {last_lines(process.log)}"
             )
+
         if not self._trials:
             self._done = True
             return
-        for name in (*self._others, "evaluator"):
+        for name in (*self._nodes, EVALUATOR):
             if name not in self._processes:
-                self._plan_start(name)
+                self._schedule_start(name)
 
-    def _plan_start(self, name: str) -> None:
-        self._due.setdefault(name, self._started_s.get(name, -math.inf) + _FRESH_S)
+    def _interference(self, reason: str) -> TrialResult:
+        """Return the result of a trial whose evaluator the planner may have ended."""
+        detail = f"{reason}; {PLANNER_SUSPECTED}"
+        verdict = Verdict(Outcome.INTERFERENCE, detail, None, 0.0, 0.0)
+        trajectory = TrajectoryLog().trajectory()
+        return finish_trial(
+            self._trials[self._trial], "ros", verdict, trajectory
+        ).result
+
+    def _schedule_start(self, name: str) -> None:
+        if name not in self._due_s:
+            last_start_s = self._started_s.get(name, -math.inf)
+            self._due_s[name] = last_start_s + _START_PERIOD_S
 
     def _log(self, name: str) -> Path:
         return self._logs / f"{name}.log"
 
 
-def _end(number: int, _frame: FrameType | None) -> None:
+def _copy_planner_files(planner: PlannerChoice, logs: Path) -> None:
+    """Keep the small files that a planner's command names, by content and name."""
+    for text, digest in planner.files.items():
+        path = Path(text)
+        if path.is_file() and path.stat().st_size <= _MAX_COPY_BYTES:
+            shutil.copyfile(path, logs / f"{digest[:12]}_{path.name}")
+
+
+def _exit(number: int, _frame: FrameType | None) -> None:
     """Let SIGTERM end the run as orderly as Ctrl-C does."""
     raise SystemExit(128 + number)

@@ -1,1 +1,1 @@
-"""The paper reproduced: its trials, its model and its experiment on new worlds, ours beside the published numbers."""
+"""The paper's trials and analyses, run again and written up beside its numbers."""

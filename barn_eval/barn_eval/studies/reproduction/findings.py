@@ -1,7 +1,7 @@
-"""What a reproduction consists of, its run, and all that it has found, as plain data: the page comes from it alone.
+"""A reproduction of the paper: its run, and all that it finds, as plain data.
 
-OUT/campaign/             the paper's trials, a campaign that is resumed
-OUT/results.json          every number; OUT/results.md and OUT/figures/results_*.png are made from it
+OUT/campaign/             the paper's trials, a run that is resumed
+OUT/results.json          every number; results.md and figures/*.png follow from it
 OUT/results_origin.json   versions, commits and machines
 """
 
@@ -12,32 +12,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from barn_eval.results.run_file import RunFile, provenance
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.results.provenance import provenance
+from barn_eval.results.run_file import RunFile
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import finite, read_json
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.base.text_files import make_json_safe, read_json
+from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
 
 
 @dataclass(frozen=True)
 class ReproduceConfig(Checked):
-    """What decides the outcome.
-
-    strata: the worlds, in the order of the data set, are cut into so many parts, one drawn from each; 0 takes all.
-    """
+    """What decides the outcome."""
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     strata: int = quantity(
@@ -60,13 +58,11 @@ QUICK = ReproduceConfig(strata=40, folds=5, repeats=1)
 
 @dataclass(frozen=True)
 class Scope:
-    """What was run.
-
-    dataset_worlds: number of worlds of the data set; worlds: number of those with trials.
-    """
+    """What was run."""
 
     config: ReproduceConfig
     dataset_checksum: str
+    # Number of worlds of the data set, and of those with trials.
     dataset_worlds: int
     worlds: int
     protocol: str
@@ -74,7 +70,7 @@ class Scope:
 
 @dataclass(frozen=True)
 class Findings:
-    """The outcome of a reproduction; equal configurations and code give equal findings, bit for bit."""
+    """The outcome of a reproduction: equal code and configuration give equal bytes."""
 
     scope: Scope
     metrics: paper.MetricsFinding
@@ -85,34 +81,36 @@ class Findings:
 
 @dataclass(frozen=True)
 class Origin:
-    """Commits, versions and machines of all sessions of the campaign and of this analysis, each named once."""
+    """What the sessions of a run and an analysis were made with, each named once."""
 
     commits: tuple[str, ...]
     versions: tuple[dict[str, str], ...]
     machines: tuple[dict[str, Any], ...]
 
     @classmethod
-    def of(cls, earlier: Iterable[Mapping[str, Any]]) -> "Origin":
-        """Return what the sessions of a campaign and this process have been made with."""
-        sessions = [*earlier, provenance()]
+    def of(cls, run_sessions: Iterable[Mapping[str, Any]]) -> "Origin":
+        """Return the origin of the sessions of a run and of this process."""
+        sessions = [*run_sessions, provenance()]
+        commits = [str(session["commit"] or "not known") for session in sessions]
         return cls(
-            tuple(
-                dict.fromkeys(
-                    str(session["commit"] or "not known") for session in sessions
-                )
-            ),
+            tuple(dict.fromkeys(commits)),
             _distinct(session["versions"] for session in sessions),
             _distinct(session["machine"] for session in sessions),
         )
 
 
-def to_json(found: Findings | Origin) -> str:
-    """Return findings, or their origin, as JSON; numbers that JSON does not have become null."""
-    return json.dumps(finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
+def to_json(content: Findings | Origin) -> str:
+    """Return findings or origin as JSON, with null for numbers that are not finite."""
+    safe_content = make_json_safe(as_dict(content))
+    return json.dumps(safe_content, indent=1, allow_nan=False) + "\n"
 
 
 def read_findings(path: Path) -> Findings:
-    """Return the findings of a file that `to_json` made; ConfigError in one line if it is none."""
+    """Return the findings of a file that `to_json` made.
+
+    Raises:
+        ConfigError: If the file has another content or version.
+    """
     content = read_json(path)
     version = content.get("schema_version") if isinstance(content, dict) else None
     if version != SCHEMA_VERSION:
@@ -123,45 +121,67 @@ def read_findings(path: Path) -> Findings:
 
 
 def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
-    return tuple(
-        {json.dumps(entry, sort_keys=True): entry for entry in entries}.values()
-    )
+    by_content = {json.dumps(entry, sort_keys=True): entry for entry in entries}
+    return tuple(by_content.values())
 
 
 def reproduce(
-    config: ReproduceConfig, out: Path, execution: Execution, console: Console
+    config: ReproduceConfig, out: Path, execution: ExecutionConfig, reporter: Reporter
 ) -> tuple[Findings, Origin]:
-    """Run what is still missing, and return what all of it says and what it was made with.
+    """Run the trials that are missing and analyze all of them.
 
-    Raises BarnError in one line for what the user has to change, before any trial where it can be told by then.
+    Args:
+        config: What decides the outcome.
+        out: Folder of the reproduction.
+        execution: Workers of the run.
+        reporter: Receives notices and progress.
+
+    Returns:
+        The findings, and what they were made with.
+
+    Raises:
+        BarnError: For what the user has to change, before any trial where possible.
     """
-    model, dataset, where = load_model(), open_dataset(config.dataset), out / "campaign"
-    experiment = paper_campaign(config)
-    console.print(f"the paper's trials, in {where}", markup=False)
-    results = run_experiment(Request(experiment, execution, where), console)
-    found = paper.trials_by_planner(results, str(where))
-    worlds = {int(number): dataset.load(int(number)) for number in found["dwa"].worlds}
-    judged = EvaluationConfig(
+    model = load_model()
+    dataset = open_dataset(config.dataset)
+    run_folder = out / "campaign"
+    reporter.notify(f"the paper's trials, in {run_folder}")
+    request = RunRequest(paper_run(config), execution, run_folder)
+    with open_run(request, reporter) as run:
+        results = run.drive()
+
+    planner_trials = paper.group_trials(results, str(run_folder))
+    world_numbers = [int(number) for number in planner_trials["dwa"].worlds]
+    worlds = {number: dataset.load(number) for number in world_numbers}
+    scope = Scope(
+        config,
+        dataset.checksum,
+        len(dataset.world_numbers),
+        len(worlds),
+        PAPER_2020.name,
+    )
+    evaluation = EvaluationConfig(
         folds=config.folds, repeats=config.repeats, seed=config.seed
     )
     findings = Findings(
-        Scope(
-            config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name
-        ),
-        paper.metrics_finding(dataset, config.seed),
-        paper.trials_finding(results, found, config.seed),
-        evaluate(worlds, _model_trials(found), model, judged),
+        scope,
+        paper.summarize_metrics(dataset, config.seed),
+        paper.summarize_trials(results, planner_trials, config.seed),
+        evaluate(worlds, _model_trials(planner_trials), model, evaluation),
     )
-    return findings, Origin.of(RunFile.read(where).sessions)
+    return findings, Origin.of(RunFile.read(run_folder).sessions)
 
 
-def paper_campaign(config: ReproduceConfig) -> Experiment:
-    """Return the campaign of the paper's trials."""
-    indices = open_dataset(config.dataset).indices
-    chosen = chosen_worlds(indices, config.strata, config.seed)
-    return Experiment(
+def paper_run(config: ReproduceConfig) -> RunConfig:
+    """Return the run of the paper's trials."""
+    world_numbers = open_dataset(config.dataset).world_numbers
+    sample = draw_worlds(world_numbers, config.strata, config.seed)
+    worlds = "all"
+    if len(sample) < len(world_numbers):
+        worlds = ",".join(map(str, sample))
+    return RunConfig(
         dataset=config.dataset,
-        worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
+        worlds=worlds,
         planners=tuple(PlannerChoice(name) for name in paper.PLANNERS),
         repetitions=config.repetitions,
         protocol=PAPER_2020,
@@ -170,23 +190,35 @@ def paper_campaign(config: ReproduceConfig) -> Experiment:
     )
 
 
-def chosen_worlds(indices: Sequence[int], strata: int, seed: int) -> tuple[int, ...]:
-    """Return one number from each of `strata` parts of equal size of numbers in order, drawn from the seed.
+def draw_worlds(
+    world_numbers: Sequence[int], strata: int, seed: int
+) -> tuple[int, ...]:
+    """Draw one world from each part of the order of a data set.
 
-    All of them if `strata` is 0 or there are not more.
+    Args:
+        world_numbers: Numbers of worlds, in order of difficulty.
+        strata: Number of parts of equal size; 0 takes all worlds.
+        seed: Seed of the draws.
+
+    Returns:
+        One number per part, or all if there are not more than parts.
     """
-    if strata == 0 or strata >= len(indices):
-        return tuple(indices)
+    if strata == 0 or strata >= len(world_numbers):
+        return tuple(world_numbers)
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    parts = np.array_split(np.asarray(indices, np.int64), strata)
+    parts = np.array_split(np.asarray(world_numbers, np.int64), strata)
     return tuple(int(part[int(generator.random() * len(part))]) for part in parts)
 
 
-def _model_trials(found: dict[str, paper.PlannerTrials]) -> Trials:
-    """Return trials as the difficulty model takes them."""
+def _model_trials(planner_trials: Mapping[str, paper.PlannerTrials]) -> Trials:
+    """Return the trials of all planners as the difficulty model takes them."""
+    planners: list[str] = []
+    for planner, trials in planner_trials.items():
+        planners += [planner] * trials.time_s.size
+    groups = planner_trials.values()
     return Trials(
-        np.concatenate([one.world_of_each for one in found.values()]),
-        tuple(planner for planner, one in found.items() for _ in one.world_of_each),
-        np.concatenate([one.normalised_s_per_m.ravel() for one in found.values()]),
-        np.concatenate([one.succeeded.ravel() for one in found.values()]),
+        np.concatenate([trials.trial_worlds for trials in groups]),
+        tuple(planners),
+        np.concatenate([trials.normalised_s_per_m.ravel() for trials in groups]),
+        np.concatenate([trials.succeeded.ravel() for trials in groups]),
     )

@@ -1,8 +1,9 @@
-"""The page and its figures: all they show comes from the findings, so that they are made anew and never edited.
+"""The page of a reproduction and its figures, made from the findings and never edited.
 
     python -m barn_eval.studies.reproduction.page docs
 
-writes the page in a folder anew from the numbers there, after its wording or figures have changed.
+writes the page in a folder anew from the numbers there, after its wording or figures
+have changed.
 """
 
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.planners import colours, spelling
+from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction.findings import (
@@ -26,39 +27,61 @@ from barn_metrics.bootstrap import Interval, number
 from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.files import write_whole
-from barn_worlds.base.text_files import packaged_yaml, read_json
+from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import read_json, read_package_yaml
 from barn_worlds.drawing.palette import INK
 from barn_worlds.drawing.palette import PLANNERS as SHADES
 
 NAME = "results"
-HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
-_PLANNERS = (*PLANNERS, "both")
-PAPER = packaged_yaml("barn_eval", "paper.yaml")
-_COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
+HOLDS = "holds"
+FAILS = "does not hold"
+OPEN = "not decided"
+PAPER = read_package_yaml("barn_eval", "paper.yaml")
+_PANELS = (*PLANNERS, "both")
+_COLORS = dict(zip(_PANELS, assign_colors(_PANELS), strict=True))
 _TITLES = {name: spelling(name) for name in PLANNERS} | {"both": "both planners"}
+_MODEL_TITLE = "the suite's model"
 
 
 def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
-    """Write results*.json, results.md and figures/results_*.png and return the page's path; StoreError if it fails."""
+    """Write results*.json, results.md and figures/results_*.png.
+
+    Args:
+        findings: Outcome of the reproduction.
+        origin: What it was made with.
+        folder: Where to write.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        StoreError: If a file cannot be written.
+    """
     write_figures(findings, folder / "figures")
-    write_whole(folder / f"{NAME}.json", to_json(findings).encode())
-    write_whole(folder / f"{NAME}_origin.json", to_json(origin).encode())
+    write_durably(folder / f"{NAME}.json", to_json(findings).encode())
+    write_durably(folder / f"{NAME}_origin.json", to_json(origin).encode())
     path = folder / f"{NAME}.md"
-    write_whole(path, page(findings, origin).encode())
+    write_durably(path, page(findings, origin).encode())
     return path
 
 
 def read_results(folder: Path) -> tuple[Findings, Origin]:
-    """Return what `write_results` has written; ConfigError in one line if it cannot be read."""
-    where = folder / f"{NAME}_origin.json"
-    return read_findings(folder / f"{NAME}.json"), from_dict(
-        Origin, read_json(where), str(where)
-    )
+    """Return what `write_results` has written; ConfigError if it cannot be read."""
+    findings = read_findings(folder / f"{NAME}.json")
+    path = folder / f"{NAME}_origin.json"
+    return findings, from_dict(Origin, read_json(path), str(path))
 
 
 def page(findings: Findings, origin: Origin) -> str:
-    """Return the page as Markdown."""
+    """Render the page.
+
+    Args:
+        findings: Outcome of the reproduction.
+        origin: What it was made with.
+
+    Returns:
+        The page as Markdown.
+    """
     return render(
         "results.md",
         findings=findings,
@@ -67,15 +90,23 @@ def page(findings: Findings, origin: Origin) -> str:
         origin=origin,
         paper=PAPER,
         table_ii=TABLE_II,
-        outcomes=[one.value for one in Outcome],
+        outcomes=[outcome.value for outcome in Outcome],
         variance=float(np.var(findings.learning.difficulty)),
         above=above,
-        compared=compared,
+        compared=compare_cells,
     )
 
 
 def write_figures(findings: Findings, folder: Path) -> None:
-    """Write results_*.png; StoreError if one cannot be written."""
+    """Write results_*.png.
+
+    Args:
+        findings: Outcome of the reproduction.
+        folder: Where to write.
+
+    Raises:
+        StoreError: If a file cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in (("worlds", worlds_figure), ("model", model_figure)):
         with style():
@@ -84,42 +115,37 @@ def write_figures(findings: Findings, folder: Path) -> None:
 
 
 def worlds_figure(findings: Findings) -> Figure:
-    """Return Fig. 6: worlds from easy to difficult, each planner and both with their spread, and predictions."""
-    figure = new_figure(10.5)
-    rows, found = findings.trials.worlds, findings.learning
+    """Draw Fig. 6: worlds from easy to difficult, by planner, spread and prediction."""
+    rows = findings.trials.worlds
     places = np.arange(1, len(rows) + 1)
+    figure = new_figure(10.5)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
-    for axes, name in zip(panels, ("dwa", "eband", "both"), strict=True):
+    for axes, name in zip(panels, _PANELS, strict=True):
+        color = _COLORS[name]
         means = np.array([row.mean_s_per_m[name] for row in rows])
         spreads = np.array([row.spread_s_per_m[name] for row in rows])
         axes.fill_between(
             places,
             means - spreads,
             means + spreads,
-            color=_COLOURS[name],
+            color=color,
             alpha=0.25,
             lw=0,
             label="± spread of trials",
         )
-        axes.plot(
-            places,
-            means,
-            color=_COLOURS[name],
-            lw=1.2,
-            label="mean of a world's trials",
-        )
+        axes.plot(places, means, color=color, lw=1.2, label="mean of a world's trials")
         label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
-    place = {row.world: number for number, row in enumerate(rows, 1)}
-    drawn_at = [place[world] for world in found.world_numbers]
-    predicted = found.score(WEIGHTS).predictions
+
+    learning = findings.learning
+    place_of = {row.world: place for place, row in enumerate(rows, 1)}
     panels[-1].scatter(
-        drawn_at,
-        predicted,
+        [place_of[world] for world in learning.world_numbers],
+        learning.score(WEIGHTS).predictions,
         marker=".",
         s=14,
         color=INK,
         zorder=3,
-        label="the suite's model, held out",
+        label=f"{_MODEL_TITLE}, held out",
     )
     panels[-1].set_xlabel(
         "worlds from easy to difficult, by the mean over both planners' trials"
@@ -131,49 +157,82 @@ def worlds_figure(findings: Findings) -> Figure:
 
 
 def model_figure(findings: Findings) -> Figure:
-    """Return measured against predicted difficulty of worlds held out, by ridge regression and the suite's model."""
+    """Draw measured against predicted difficulty, by ridge regression and the model."""
+    learning = findings.learning
     figure = new_figure(5.6)
-    found = findings.learning
-    titles = {RIDGE: RIDGE_TITLE, WEIGHTS: "the suite's model"}
-    for axes, (name, model) in zip(
-        figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True
-    ):
-        score = found.score(name)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    titles = {RIDGE: RIDGE_TITLE, WEIGHTS: _MODEL_TITLE}
+    for axes, (name, title) in zip(panels, titles.items(), strict=True):
+        score = learning.score(name)
         axes.scatter(
-            score.predictions, found.difficulty, s=14, color=SHADES[0], label="held out"
+            score.predictions,
+            learning.difficulty,
+            s=14,
+            color=SHADES[0],
+            label="held out",
         )
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
-        held_out = f"{model}: held-out R2 {score.r2.estimate:.2f}"
         label_axes(
-            axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", held_out
+            axes,
+            "predicted difficulty [s/m]",
+            "measured difficulty [s/m]",
+            f"{title}: held-out R2 {score.r2.estimate:.2f}",
         )
         axes.legend(loc="upper left")
     return figure
 
 
 def above(interval: Interval, value: float = 0.0) -> str:
-    """Return the verdict on whether a figure is above a value."""
+    """Return whether a figure is above a value: HOLDS, FAILS or OPEN.
+
+    Args:
+        interval: The figure with its 95 % interval.
+        value: What it is compared with.
+    """
     if interval.low is None or interval.high is None:
         return OPEN
-    return HOLDS if interval.low > value else FAILS if interval.high < value else OPEN
+    if interval.low > value:
+        return HOLDS
+    return FAILS if interval.high < value else OPEN
 
 
 def contains(interval: Interval, value: float) -> str:
-    """Return whether a value lies within an interval, yes or no."""
-    return (
-        "yes" if interval.low is not None and above(interval, value) == OPEN else "no"
-    )
+    """Return "yes" or "no": whether a value lies within an interval.
+
+    Args:
+        interval: One without limits contains nothing.
+        value: The value.
+    """
+    is_within = interval.low is not None and above(interval, value) == OPEN
+    return "yes" if is_within else "no"
 
 
-def compared(published: float, ours: Interval | float | None, digits: int = 2) -> str:
-    """Return four cells: a published number, ours, their difference, whether the published one is in our interval."""
-    value = ours.estimate if isinstance(ours, Interval) else ours
-    shown = ours.text(digits) if isinstance(ours, Interval) else number(value, digits)
-    within = contains(ours, published) if isinstance(ours, Interval) else ""
-    change = "" if value is None else f"{value - published:+.{digits}f}"
-    return f"{number(published, digits)} | {shown} | {change} | {within}"
+def compare_cells(
+    published: float, measured: Interval | float | None, digits: int = 2
+) -> str:
+    """Return four cells of a Markdown table.
+
+    Args:
+        published: Number of the paper.
+        measured: Number of this reproduction.
+        digits: Decimals.
+
+    Returns:
+        Both numbers, their difference, and whether our interval holds the published.
+    """
+    value: float | None
+    if isinstance(measured, Interval):
+        value = measured.estimate
+        text = measured.text(digits)
+        within = contains(measured, published)
+    else:
+        value = measured
+        text = number(measured, digits)
+        within = ""
+    difference = "" if value is None else f"{value - published:+.{digits}f}"
+    return f"{number(published, digits)} | {text} | {difference} | {within}"
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:]:
-        write_results(*read_results(Path(name)), Path(name))
+    for argument in sys.argv[1:]:
+        write_results(*read_results(Path(argument)), Path(argument))

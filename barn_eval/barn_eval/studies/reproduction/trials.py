@@ -1,4 +1,4 @@
-"""What worlds and trials say: Table II, times as the paper counts them, failures, worlds by difficulty (Fig. 6)."""
+"""What the paper says of worlds and trials: Table II, times, failures and Fig. 6."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -17,266 +17,303 @@ from barn_metrics.metrics import CORRECTED, METRICS, PUBLISHED
 from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.datasets.dataset import Dataset
 
-PLANNERS, REPETITIONS = ("dwa", "eband"), 5  # of the paper
-# A tenth of the worlds: the easiest and the most difficult whose mean times are compared.
+# Of the paper.
+PLANNERS = ("dwa", "eband")
+REPETITIONS = 5
+# A tenth of the worlds: the easiest and the hardest, whose mean times are compared.
 EXTREME_SHARE = 0.1
 
 # Deviations of very few worlds have no bias correction that could be trusted.
-over_worlds = partial(bootstrap.over_worlds, percentile=True)
+_bootstrap_interval = partial(bootstrap.bootstrap_interval, percentile=True)
 
 
 @dataclass(frozen=True, eq=False)
 class PlannerTrials:
-    """One planner's trials, a row per world and a column per repetition.
+    """One planner's trials, a row per world and a column per repetition."""
 
-    worlds: (w,) numbers, ascending. normalised_s_per_m, time_s: (w, t) as the protocol counts them. succeeded: (w, t).
-    """
-
+    # Numbers of the worlds (worlds,), ascending.
     worlds: Integers
+    # As the protocol counts them (worlds, repetitions).
     normalised_s_per_m: Floats
     time_s: Floats
     succeeded: Bools
 
     @property
-    def world_of_each(self) -> Integers:
-        """The world of each trial (w * t,), as the other arrays are flattened."""
+    def trial_worlds(self) -> Integers:
+        """The world of each trial (worlds * repetitions,), in flat order."""
         return np.repeat(self.worlds, self.time_s.shape[1])
 
 
 @dataclass(frozen=True)
 class PlannerFinding:
-    """One planner's figures as data/paper.yaml names them, with 95 % intervals over worlds.
-
-    failure_time_s: what a failure counts on average, None without failures.
-    """
+    """One planner's figures as data/paper.yaml names them, with 95 % intervals."""
 
     planner: str
     trials: int
+    # Number of trials by outcome.
     outcomes: dict[str, int]
     normalised_s_per_m: Interval
+    # Standard deviation over a world's trials, and of means over worlds.
     spread_s_per_m: Interval
     over_worlds_s_per_m: Interval
     time_s: Interval
     success_time_s: Interval
     failure_share: Interval
+    # Mean time that a failure counts, None without failures.
     failure_time_s: float | None
+    # Mean times in the easiest and the hardest tenth of the worlds.
     easy_s: float
     hard_s: float
 
 
 @dataclass(frozen=True)
 class WorldRow:
-    """A world of Fig. 6: mean and standard deviation over its trials, by planner and of both ("both"), in s/m."""
+    """A world of Fig. 6: figures of each planner's trials and of "both"."""
 
     world: int
     mean_s_per_m: dict[str, float]
+    # Standard deviation over the trials.
     spread_s_per_m: dict[str, float]
 
 
 @dataclass(frozen=True)
 class TrialsFinding:
-    """All that the trials say.
-
-    worlds: from easy to difficult. spread_correlation: Spearman's, of mean and spread of both planners' trials.
-    spread_difference: DWA's minus E-Band's. steeper: how much faster DWA's time grows than
-    E-Band's from the easiest to the hardest tenth, s.
-    """
+    """All that the trials say."""
 
     planners: tuple[PlannerFinding, ...]
+    # From easy to difficult.
     worlds: tuple[WorldRow, ...]
+    # Spearman's: of mean and spread of both planners' trials; of the planners' means.
     spread_correlation: Interval
     planners_correlation: Interval
+    # DWA's spread minus E-Band's [s/m].
     spread_difference: Interval
+    # How much more DWA's time grows than E-Band's, from the easiest to the hardest
+    # tenth.
     steeper_s: Interval
 
     def of(self, planner: str) -> PlannerFinding:
         """Return one planner's figures."""
-        return next(one for one in self.planners if one.planner == planner)
+        return next(finding for finding in self.planners if finding.planner == planner)
 
 
-def trials_by_planner(results: Rows, where: str) -> dict[str, PlannerTrials]:
-    """Return the trials of each of the paper's planners; ConfigError, beginning with `where`, if some are missing."""
-    worlds = sorted({one.world for one in results})
-    found = {}
-    for planner in PLANNERS:
-        own = {
-            (one.world, one.repetition): one
-            for one in results
-            if one.planner == planner
-        }
-        repetitions = sorted({repetition for _, repetition in own})
-        missing = [
-            (world, r) for world in worlds for r in repetitions if (world, r) not in own
-        ]
-        if len(repetitions) < 2 or missing:
-            lacks = (
-                f"trial {missing[0][1]} of world {missing[0][0]}"
-                if missing
-                else "two trials per world"
-            )
-            raise ConfigError(
-                f"{where}: planner {planner!r} lacks {lacks}; finish the campaign first"
-            )
-        scores = [
-            own[world, repetition].scores
-            for world in worlds
-            for repetition in repetitions
-        ]
-        figures = [
-            (one.normalised_time_s_per_m, one.scored_time_s, one.success)
-            for one in scores
-        ]
-        per_m, time_s, success = (
-            np.array(figures, np.float64).T.copy().reshape(3, len(worlds), -1)
+def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
+    """Group the trials of the paper's planners.
+
+    Args:
+        results: Rows of the run.
+        subject: Beginning of the error message.
+
+    Returns:
+        Trials by planner.
+
+    Raises:
+        ConfigError: If a trial is missing.
+    """
+    worlds = sorted({result.world for result in results})
+    return {
+        planner: _planner_trials(planner, results, worlds, subject)
+        for planner in PLANNERS
+    }
+
+
+def _planner_trials(
+    planner: str, results: Rows, worlds: list[int], subject: str
+) -> PlannerTrials:
+    scores = {
+        (result.world, result.repetition): result.scores
+        for result in results
+        if result.planner == planner
+    }
+    repetitions = sorted({repetition for _, repetition in scores})
+    places = [(world, repetition) for world in worlds for repetition in repetitions]
+    missing = [place for place in places if place not in scores]
+    if len(repetitions) < 2 or missing:
+        gap = "two trials per world"
+        if missing:
+            gap = f"trial {missing[0][1]} of world {missing[0][0]}"
+        raise ConfigError(
+            f"{subject}: planner {planner!r} lacks {gap}; finish the campaign first"
         )
-        found[planner] = PlannerTrials(
-            np.array(worlds, np.int64), per_m, time_s, success.astype(np.bool_)
-        )
-    return found
+
+    ordered = [scores[place] for place in places]
+    shape = (len(worlds), len(repetitions))
+    return PlannerTrials(
+        np.array(worlds, np.int64),
+        np.array([score.normalised_time_s_per_m for score in ordered]).reshape(shape),
+        np.array([score.scored_time_s for score in ordered]).reshape(shape),
+        np.array([score.success for score in ordered]).reshape(shape),
+    )
 
 
-def trials_finding(
-    results: Rows, found: Mapping[str, PlannerTrials], seed: int
+def summarize_trials(
+    results: Rows, planner_trials: Mapping[str, PlannerTrials], seed: int
 ) -> TrialsFinding:
-    """Return what the trials of both planners say."""
-    dwa, eband = (found[planner].normalised_s_per_m for planner in PLANNERS)
-    worlds = found["dwa"].worlds
+    """Summarize the trials of both planners.
+
+    Args:
+        results: Rows of the run.
+        planner_trials: The same, grouped.
+        seed: Seed of intervals.
+
+    Returns:
+        Figures of planners, worlds and their differences.
+    """
+    dwa, eband = (planner_trials[planner].normalised_s_per_m for planner in PLANNERS)
+    worlds = planner_trials["dwa"].worlds
     both = np.concatenate([dwa, eband], axis=1)
+    # Equally difficult worlds are in the order of their numbers.
     order = np.lexsort((worlds, both.mean(axis=1)))
-    means = {"dwa": dwa, "eband": eband, "both": both}
+    planners = tuple(
+        _summarize_planner(planner, results, trials, order, seed)
+        for planner, trials in planner_trials.items()
+    )
+
+    times = {"dwa": dwa, "eband": eband, "both": both}
     rows = tuple(
         WorldRow(
-            int(worlds[at]),
-            {name: float(values[at].mean()) for name, values in means.items()},
-            {name: float(values[at].std()) for name, values in means.items()},
+            int(worlds[place]),
+            {name: float(values[place].mean()) for name, values in times.items()},
+            {name: float(values[place].std()) for name, values in times.items()},
         )
-        for at in order
+        for place in order
     )
     return TrialsFinding(
-        tuple(
-            _planner(planner, results, trials, order, seed)
-            for planner, trials in found.items()
-        ),
+        planners,
         rows,
         rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
         rank_correlation(
             (dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed
         ),
         mean_interval(dwa.std(axis=1) - eband.std(axis=1), worlds),
-        _steeper(found, seed),
+        _steeper_rise(planner_trials, seed),
     )
 
 
-def _planner(
+def _summarize_planner(
     planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
-    outcomes = Counter(one.outcome for one in results if one.planner == planner)
-    failed, worlds = ~trials.succeeded, trials.world_of_each
-    times, tenth = trials.time_s.ravel(), _tenth(len(order))
+    outcomes = Counter(
+        result.outcome for result in results if result.planner == planner
+    )
+    failed = ~trials.succeeded
+    failures = failed.ravel()
+    times_s = trials.time_s.ravel()
+    worlds = trials.trial_worlds
+    per_m = trials.normalised_s_per_m
+    tenth = _extreme_count(len(order))
     return PlannerFinding(
         planner=planner,
-        trials=times.size,
+        trials=times_s.size,
         outcomes={
             outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]
         },
-        normalised_s_per_m=mean_interval(trials.normalised_s_per_m.ravel(), worlds),
-        spread_s_per_m=mean_interval(
-            trials.normalised_s_per_m.std(axis=1), trials.worlds
-        ),
-        over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
-        time_s=mean_interval(times, worlds),
-        success_time_s=mean_interval(np.where(failed.ravel(), np.nan, times), worlds),
-        failure_share=proportion(failed.ravel().astype(np.int64), worlds),
+        normalised_s_per_m=mean_interval(per_m.ravel(), worlds),
+        spread_s_per_m=mean_interval(per_m.std(axis=1), trials.worlds),
+        over_worlds_s_per_m=deviation(per_m.mean(axis=1), seed),
+        time_s=mean_interval(times_s, worlds),
+        success_time_s=mean_interval(np.where(failures, np.nan, times_s), worlds),
+        failure_share=proportion(failures.astype(np.int64), worlds),
         failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
         easy_s=float(trials.time_s[order[:tenth]].mean()),
         hard_s=float(trials.time_s[order[-tenth:]].mean()),
     )
 
 
-def _tenth(worlds: int) -> int:
-    return max(
-        1, round(EXTREME_SHARE * worlds)
-    )  # the easiest, or the most difficult, of so many
+def _extreme_count(worlds: int) -> int:
+    """Return how many worlds are the easiest, or the hardest."""
+    return max(1, round(EXTREME_SHARE * worlds))
 
 
-def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
-    """Return how much more the mean time rises from the easiest to the hardest tenth for DWA than for E-Band."""
-    dwa, eband = (found[planner] for planner in PLANNERS)
-    difficulty = (
-        dwa.normalised_s_per_m.mean(axis=1) + eband.normalised_s_per_m.mean(axis=1)
-    ) / 2.0
-    difference = dwa.time_s.mean(axis=1) - eband.time_s.mean(axis=1)
-    tenth = _tenth(len(difficulty))
+def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Interval:
+    """Return how much more DWA's mean time rises with difficulty than E-Band's.
 
-    def rise(drawn: Integers) -> Floats:
-        order = np.argsort(difficulty[drawn], axis=-1, kind="stable")
-        ranked = np.take_along_axis(difference[drawn], order, axis=-1)
-        found: Floats = ranked[..., -tenth:].mean(axis=-1) - ranked[..., :tenth].mean(
-            axis=-1
-        )
-        return found
+    The rise is from the easiest to the hardest tenth of the worlds [s].
+    """
+    dwa, eband = (planner_trials[planner] for planner in PLANNERS)
+    dwa_per_m = dwa.normalised_s_per_m.mean(axis=1)
+    eband_per_m = eband.normalised_s_per_m.mean(axis=1)
+    difficulty = (dwa_per_m + eband_per_m) / 2.0
+    difference_s = dwa.time_s.mean(axis=1) - eband.time_s.mean(axis=1)
+    tenth = _extreme_count(len(difficulty))
 
-    return over_worlds(rise, len(difficulty), seed)
+    def rise_s(sample: Integers) -> Floats:
+        # The tenths are those of each bootstrap sample of worlds.
+        order = np.argsort(difficulty[sample], axis=-1, kind="stable")
+        ordered_s = np.take_along_axis(difference_s[sample], order, axis=-1)
+        hard_s = ordered_s[..., -tenth:].mean(axis=-1)
+        growth_s: Floats = hard_s - ordered_s[..., :tenth].mean(axis=-1)
+        return growth_s
+
+    return _bootstrap_interval(rise_s, len(difficulty), seed)
 
 
 def deviation(values: Floats, seed: int) -> Interval:
-    """Return the standard deviation (population) of one value per world (n,)."""
-    return over_worlds(lambda drawn: values[drawn].std(axis=-1), len(values), seed)
+    """Return the population's standard deviation with its interval.
+
+    Args:
+        values: One value per world (worlds,).
+        seed: Seed of the bootstrap.
+    """
+    return _bootstrap_interval(
+        lambda sample: values[sample].std(axis=-1), len(values), seed
+    )
 
 
 @dataclass(frozen=True)
 class MetricRow:
-    """One metric over all worlds of the data set, with 95 % intervals over worlds.
-
-    minimum, maximum: over the cells of all paths, for tortuosity over paths. corrected_mean, corrected_std: by
-    the corrected formula, from which the published one (historical visibility, uneven dispersion, four axes) differs.
-    """
+    """One difficulty metric over all worlds of the data set, with 95 % intervals."""
 
     name: str
     title: str
+    # Over the cells of all paths; for tortuosity over paths.
     minimum: float
     maximum: float
     mean: Interval
     std: Interval
+    # By the corrected formula. The published one differs from it by a historical
+    # visibility, uneven dispersion and four axes.
     corrected_mean: float
     corrected_std: float
 
 
 @dataclass(frozen=True)
 class MetricsFinding:
-    """Table II of the data set, by the formula that reproduces the published numbers from the published worlds."""
+    """Table II of the data set.
+
+    It follows the formula that reproduces the published numbers from the published
+    worlds.
+    """
 
     worlds: int
     rows: tuple[MetricRow, ...]
 
 
-def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
-    """Return the table of a whole data set."""
-    table, corrected = (
-        metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED)
-    )
+def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
+    """Return the table of a whole data set.
+
+    Args:
+        dataset: The worlds.
+        seed: Seed of intervals.
+    """
+    table = metrics_table(dataset, PUBLISHED)
+    corrected_table = metrics_table(dataset, CORRECTED)
     rows = []
     for metric, values in zip(METRICS, table.values.T, strict=True):
-        ours, better = table.summary_of(metric), corrected.summary_of(metric)
-        low, high = (
-            ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum")
-        )
-        mean, std = (
-            mean_interval(values, np.arange(len(values))),
-            deviation(values, seed),
-        )
+        summary = table.summary_of(metric)
+        corrected = corrected_table.summary_of(metric)
         rows.append(
             MetricRow(
                 metric.name,
                 metric.title,
-                low,
-                high,
-                mean,
-                std,
-                better["mean"],
-                better["std"],
+                summary.get("cell_minimum", summary["minimum"]),
+                summary.get("cell_maximum", summary["maximum"]),
+                mean_interval(values, np.arange(len(values))),
+                deviation(values, seed),
+                corrected["mean"],
+                corrected["std"],
             )
         )
     return MetricsFinding(len(table.worlds), tuple(rows))

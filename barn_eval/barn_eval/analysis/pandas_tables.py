@@ -1,0 +1,49 @@
+"""Tables for Python users: pandas columns that have the same types in every table."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+_TEXT_COLUMNS = (
+    "planner",
+    "board",
+    "a",
+    "b",
+    "measure",
+    "unit",
+    "of",
+    "kind",
+    "name",
+)
+_COUNT_COLUMNS = ("world", "worlds", "trials", "rank", "repetitions")
+# Whole numbers that not every row has.
+_NULLABLE_COUNTS = ("recoveries",)
+_PANDAS_TYPES = {pa.string(): pd.StringDtype()}
+
+
+def pandas_table(rows: Iterable[Mapping[str, Any]], **types: str) -> pd.DataFrame:
+    """Return rows as a pandas table of texts, counts and numbers.
+
+    Args:
+        rows: Values by column; a number that a row lacks becomes NaN.
+        **types: pandas types of columns that the suite has no rule for. By default a
+            column holds floating-point numbers.
+    """
+    table = pd.DataFrame(list(rows))
+    column_types = {
+        **dict.fromkeys(_TEXT_COLUMNS, "string"),
+        **dict.fromkeys(_COUNT_COLUMNS, "int64"),
+        **types,
+    }
+    return table.astype(
+        {column: column_types.get(column, "float64") for column in table.columns}
+    )
+
+
+def pandas_of_arrow(table: pa.Table) -> pd.DataFrame:
+    """Return an Arrow table as a pandas table."""
+    converted = table.to_pandas(types_mapper=_PANDAS_TYPES.get)
+    nullable = set(_NULLABLE_COUNTS).intersection(converted.columns)
+    return converted.astype(dict.fromkeys(nullable, "Int64"))

@@ -1,0 +1,509 @@
+"""Results of runs: `load`, `Results`, and the functions on folders of results.
+
+`barn.results` is this module.
+"""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import overload
+
+import pandas as pd
+from matplotlib.axes import Axes
+
+from barn_eval.analysis.measures import ranking_measure
+from barn_eval.analysis.pandas_tables import pandas_of_arrow, pandas_table
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.precision import estimate_precision
+from barn_eval.analysis.ranking_power import ranking_power
+from barn_eval.analysis.sources import (
+    Source,
+    entries_of,
+    group_by_planner,
+    read_source,
+    select_planners,
+)
+from barn_eval.analysis.summary import summarize, summarize_run
+from barn_eval.analysis.tables import headline_table, paper_table
+from barn_eval.analysis.verdict import conclude_results, list_cautions
+from barn_eval.api.folders import (
+    Folder,
+    check,
+    compare,
+    leaderboard,
+    overlay,
+    replay,
+    report,
+    watch,
+)
+from barn_eval.api.trial import Trial
+from barn_eval.pages.figures import Page, Plot, figure_of
+from barn_eval.pages.replay.files import sort_by_ending
+from barn_eval.pages.report.charts import CHARTS
+from barn_eval.pages.report.page import plot
+from barn_eval.pages.template import render
+from barn_eval.results.bags import BAGS
+from barn_eval.results.folder import REPLAYS
+from barn_eval.results.rows import results_table, timing_table
+from barn_eval.results.run_file import RunFile
+from barn_eval.results.store import BagStore, TrialRecord
+from barn_eval.ros.work import work_of
+from barn_eval.running.planner_objects import (
+    PlannerObject,
+    Planners,
+    fingerprint,
+    split_planner_objects,
+)
+from barn_eval.running.pool import Job
+from barn_eval.running.request import RunRequest
+from barn_eval.trials.result import RowsByPlanner, TrialResult, unpack_delays
+from barn_eval.trials.run_config import ExecutionConfig
+from barn_eval.verification.check import describe_difference
+from barn_eval.verification.submission import submit, verify
+from barn_worlds.base.errors import ConfigError, suggest
+
+__all__ = [
+    "Results",
+    "Trial",
+    "check",
+    "compare",
+    "leaderboard",
+    "load",
+    "overlay",
+    "replay",
+    "report",
+    "submit",
+    "verify",
+    "watch",
+]
+
+logger = logging.getLogger(__name__)
+
+
+def load(folder: str | Path, planners: Planners | None = None) -> "Results":
+    """Return the results of a run.
+
+    Args:
+        folder: Folder of `run` or `barn run`, finished or not.
+        planners: The planners that were Python objects, in case one of their trials is
+            driven again.
+
+    Raises:
+        BarnError: If the folder has no results.
+    """
+    planner_objects: dict[str, PlannerObject] = {}
+    if planners is not None:
+        _, planner_objects = split_planner_objects(planners)
+    return Results(Path(folder), planner_objects)
+
+
+class Results:
+    """The results of a run, finished or not, read from its folder.
+
+    Tables are DataFrames, whose columns have the same types whatever is in them. In a
+    notebook, results draw themselves.
+    """
+
+    def __init__(
+        self, folder: Path, planner_objects: Mapping[str, PlannerObject] | None = None
+    ) -> None:
+        """Read a folder.
+
+        Args:
+            folder: Folder of the run.
+            planner_objects: Planners that were Python objects, by name.
+        """
+        self.folder = Path(folder)
+        self._planner_objects = dict(planner_objects or {})
+        self._source: Source = read_source(self.folder)
+
+    @property
+    def trials(self) -> tuple[TrialResult, ...]:
+        """The results of single trials, in the order of the schedule."""
+        return self._source.results
+
+    @property
+    def planners(self) -> list[str]:
+        """Names of the planners that have results."""
+        return list(group_by_planner(self.trials))
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """A row per trial, without wall-clock figures.
+
+        docs/campaigns.md describes the columns.
+        """
+        return pandas_of_arrow(results_table(self.trials))
+
+    @cached_property
+    def timing(self) -> pd.DataFrame:
+        """A row per trial with its wall-clock figures.
+
+        Among them are the planner's times per cycle, compute_*_ms.
+        """
+        return pandas_of_arrow(timing_table(self.trials))
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """A row per planner with means and the limits of their 95 % intervals.
+
+        Columns: planner, trials, worlds, and for each of success (share),
+        traversal_time_s (of successes), scored_time_s, normalised_time_s_per_m,
+        challenge, challenge_2022 and efficiency the mean, NAME_low and NAME_high.
+        """
+        return pandas_table(
+            {"planner": name} | summarize(rows).columns()
+            for name, rows in group_by_planner(self.trials).items()
+        )
+
+    def trial(self, trial: str | int) -> Trial:
+        """Return a trial, with its `result` and its `trajectory`.
+
+        Args:
+            trial: Its name, such as "dwa_w0120_r00", or its place among the rows.
+
+        Raises:
+            BarnError: If there is no such trial.
+        """
+        result = self._result(trial)
+        return Trial(result, self._source.tracks.get(result.trial_id))
+
+    def compare(self, other: Folder | None = None) -> pd.DataFrame:
+        """Compare each pair of planners, or these results with others.
+
+        Args:
+            other: `Results`, a folder, or "FOLDER:PLANNER". By default, the planners of
+                these results are compared with each other.
+
+        Returns:
+            The table of `barn.compare`.
+
+        Raises:
+            BarnError: If there is nothing to compare with, or the tasks differ.
+        """
+        if other is not None:
+            return compare(self, other)
+        comparisons = summarize_run(self.trials).comparisons
+        if not comparisons:
+            raise ConfigError(
+                f"{self.folder}: has one planner only; give other results to compare"
+                " with"
+            )
+        return pandas_table(
+            row for comparison in comparisons for row in comparison.columns()
+        )
+
+    def verdict(self) -> str:
+        """Return in words which planner is better by the ranking measure.
+
+        The text says by how much and how sure that is or, if the difference is not
+        significant, about how many worlds would decide.
+        """
+        world_count = len({row.world for row in self.trials})
+        notes = list_cautions(world_count, [self._source])
+        return " ".join((str(conclude_results(self._rows_by_spelling())), *notes))
+
+    def precision(
+        self,
+        half_width: float | None = None,
+        difference: float | None = None,
+        *,
+        planners: Sequence[str] = (),
+        measure: str = "",
+        repetitions: int | None = None,
+    ) -> pd.DataFrame:
+        """Return how many worlds a wanted precision needs, by these results.
+
+        Args:
+            half_width: Half the 95 % interval of a mean, in the unit of the measure.
+                Default: 5 % of the mean.
+            difference: Difference of two planners that is to be significant in 8 of 10
+                runs, in the unit of the measure. Default: 5 % of the first one's mean.
+            planners: One or two of the planners.
+            measure: A column of `table`. Default: the ranking measure.
+            repetitions: Trials per world. Default: 1, 2, 3, 5 and 10.
+
+        Returns:
+            A row per question and number of repetitions: of (a planner, or a difference
+            of two), kind (half_width or difference), wanted, repetitions, and worlds
+            (missing: over a million).
+
+        Raises:
+            BarnError: If planners or measure are not known, or there are too few trials.
+        """
+        rows_by_planner = select_planners(
+            self.folder, group_by_planner(self.trials), planners
+        )
+        estimate = estimate_precision(
+            rows_by_planner,
+            half_width,
+            difference,
+            measure_key=measure,
+            repetitions=repetitions,
+        )
+        return pandas_table((asdict(need) for need in estimate.needs), worlds="Int64")
+
+    def latex(
+        self,
+        columns: Sequence[str] = (),
+        *,
+        caption: str = "",
+        label: str = "tab:planners",
+    ) -> str:
+        """Return a table of the planners for a paper, in LaTeX with package booktabs.
+
+        The best by each measure, and planners that are not clearly worse as `verdict`
+        judges it, are bold.
+
+        Args:
+            columns: Measures, columns of `table`. Default: the ranking measure,
+                success, time and clearance.
+            caption: Its caption. Default: what the figures are, and of how many worlds.
+            label: Label by which a text refers to it.
+
+        Raises:
+            BarnError: If a measure is not known, or the label is not one of LaTeX.
+        """
+        return paper_table(
+            self._rows_by_spelling(), columns, caption=caption, label=label
+        )
+
+    def ranking(self, measures: Sequence[str] = ()) -> pd.DataFrame:
+        """Return how often draws of worlds bring different planners into the right order.
+
+        Args:
+            measures: Columns of `table`. Default: the ranking measure.
+
+        Returns:
+            A row per measure and number of worlds: dataset, measure, worlds, share, and
+            enough, the fewest worlds from which the share is 95 % (missing: not even
+            all worlds are enough).
+
+        Raises:
+            BarnError: If there is one planner only, or a measure is not known.
+        """
+        rows: list[dict[str, object]] = []
+        for power in ranking_power(group_by_planner(self.trials), measures):
+            for count, share in power.shares.items():
+                rows.append(
+                    {
+                        "dataset": power.dataset,
+                        "measure": power.measure,
+                        "worlds": count,
+                        "share": share,
+                        "enough": power.enough,
+                    }
+                )
+        return pandas_table(rows, enough="Int64")
+
+    @overload
+    def plot(
+        self, what: str = ..., ax: None = None, *, width_mm: float | None = ...
+    ) -> Plot: ...
+    @overload
+    def plot(self, what: str = ..., *, ax: Axes | Sequence[Axes]) -> list[Axes]: ...
+    def plot(
+        self,
+        what: str = "worlds",
+        ax: Axes | Sequence[Axes] | None = None,
+        *,
+        width_mm: float | None = None,
+    ) -> Plot | list[Axes]:
+        """Draw a figure of a report.
+
+        Args:
+            what: worlds (time per metre in each), outcomes (of each trial),
+                distributions, compute, trade, bands, paired or hardest (maps of worlds
+                with the trajectories of their trials).
+            ax: Axes of matplotlib to draw onto, as many as the figure has panels; for
+                worlds one.
+            width_mm: Width of the figure in a paper [mm], such as 88 for a column and
+                180 for two. Its type is then 7 to 9 pt; `save` writes it as PDF with
+                embedded fonts.
+
+        Returns:
+            The figure, whose `figure` is matplotlib's; with `ax`, the axes.
+
+        Raises:
+            BarnError: If there is no such figure or nothing to show in it, or it has
+                another number of panels.
+        """
+        panels = plot(what, entries_of([self._source]), ax, width_mm)
+        return Plot(figure_of(panels), CHARTS[what].about) if ax is None else panels
+
+    def replay(self, trial: str, out: str | Path | None = None) -> Page:
+        """Write the replay of a trial.
+
+        A trial without a bag is driven again to record one. A warning is logged about
+        that, and if the new drive differs from the first one, which does not happen
+        in mode direct.
+
+        Args:
+            trial: Its name, such as "dwa_w0120_r00".
+            out: File, as for `barn.replay`. Default: OUT/replays/TRIAL.html.
+
+        Returns:
+            The page or picture, which a notebook shows.
+
+        Raises:
+            BarnError: If there is no such trial, or it cannot be driven again.
+        """
+        result = self._result(trial)
+        folder = self.folder / REPLAYS
+        page = Path(out or folder / f"{trial}.html")
+        sort_by_ending(
+            [page]
+        )  # raises for an unknown format before the trial is driven
+        bag = self._source.bag(trial)
+        if not bag.is_dir():
+            bag = folder / BAGS / trial
+        if not bag.is_dir():
+            logger.warning("no bag of %s was kept: it is driven once more", trial)
+            new_result = self._drive(result, folder, "all")
+            if new_result.repeatable() != result.repeatable():
+                logger.warning(
+                    "%s went otherwise this time: %s, not %s as in its row, or by"
+                    " another path; its planner does not repeat itself",
+                    trial,
+                    new_result.outcome.value,
+                    result.outcome.value,
+                )
+        return replay(bag, page)
+
+    def overlay(
+        self,
+        world: int,
+        by: str = "planner",
+        *,
+        planners: Sequence[str] = (),
+        outcome: str = "",
+    ) -> Plot:
+        """Return the trials in a world, drawn over it; as `barn.results.overlay`.
+
+        Args:
+            world: World number.
+            by: What colors them, "planner" or "speed".
+            planners: Only trials of these planners.
+            outcome: Only trials with this outcome, such as "collision".
+        """
+        return overlay(self, world, by, planners=planners, outcome=outcome)
+
+    def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
+        """Write the report of the results as one page; as `barn.report`.
+
+        Args:
+            out: The page.
+            title: Title of the page.
+        """
+        return report(self, out, title=title)
+
+    def rerun(self, trial: str | int) -> str:
+        """Run a trial again and compare.
+
+        Args:
+            trial: Its name or its place among the rows.
+
+        Returns:
+            The first difference from its row; empty if the trial is reproduced.
+
+        Raises:
+            BarnError: If there is no such trial, or its planner is not at hand.
+        """
+        result = self._result(trial)
+        with TemporaryDirectory() as folder:
+            new_result = self._drive(result, Path(folder), "none")
+        return describe_difference(result, new_result)
+
+    def _drive(self, result: TrialResult, out: Path, bags: str) -> TrialResult:
+        """Drive a trial again, alone, and return its new result.
+
+        Args:
+            result: Its row.
+            out: Folder for its bag.
+            bags: Whether there is a bag, "all" or "none".
+        """
+        config = replace(RunFile.read(self.folder).run_config(), bags=bags)
+        name = result.planner
+        choice = next(planner for planner in config.planners if planner.name == name)
+        if choice.source:
+            if name not in self._planner_objects:
+                raise ConfigError(
+                    f"planner {name!r} was a Python object: barn.load(folder,"
+                    " planners=...) takes it"
+                )
+            if fingerprint(self._planner_objects[name].source) != choice.source:
+                raise ConfigError(
+                    f"planner {name!r} is not the one of these results: its source"
+                    " differs"
+                )
+
+        spec = next(
+            spec
+            for spec in config.trials([result.world])
+            if spec.trial_id == result.trial_id
+        )
+        if result.delays:
+            spec = replace(spec, recorded_ns=unpack_delays(result.delays))
+        request = RunRequest(
+            config,
+            ExecutionConfig(workers=1),
+            out,
+            planner_objects=self._planner_objects,
+        )
+        work = work_of(request, BagStore(out.absolute(), bags))
+
+        # Mode direct returns the record, mode ros emits it among its notices.
+        messages: list[object] = []
+        messages.append(work.run(Job(result.trial_id, (spec,)), messages.append))
+        record = next(item for item in messages if isinstance(item, TrialRecord))
+        return record.result
+
+    def _result(self, trial: str | int) -> TrialResult:
+        """Return the row of a trial, by its name or its place."""
+        if isinstance(trial, int) and 0 <= trial < len(self.trials):
+            return self.trials[trial]
+        results = {row.trial_id: row for row in self.trials}
+        name = str(trial)
+        if name not in results:
+            raise ConfigError(
+                f"{self.folder}: has no trial {trial!r}{suggest(name, results)}"
+            )
+        return results[name]
+
+    def _rows_by_spelling(self) -> RowsByPlanner:
+        """Return rows by the names of planners as figures and texts spell them."""
+        return {
+            spelling(name): rows for name, rows in group_by_planner(self.trials).items()
+        }
+
+    def __len__(self) -> int:
+        """Return the number of trials that have a result."""
+        return len(self.trials)
+
+    def __repr__(self) -> str:
+        """Return folder, number of trials and planners in one line."""
+        planned = self._source.planned
+        total = f" of {planned}" if planned and planned > len(self) else ""
+        return (
+            f"Results({str(self.folder)!r}: {len(self)}{total} trials,"
+            f" {', '.join(self.planners)})"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: a table of planners and a figure."""
+        rows_by_spelling = self._rows_by_spelling()
+        table = headline_table(
+            list(rows_by_spelling),
+            [summarize(rows) for rows in rows_by_spelling.values()],
+            ranking_measure(self.trials),
+        )
+        return render(
+            "notebook.html",
+            about=repr(self),
+            verdict=self.verdict(),
+            table=table,
+            picture=self.plot().picture(),
+        )

@@ -1,0 +1,81 @@
+"""A single trial: its result, and what the robot did."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from barn_eval.results.tracks import CHANNELS, parse_track_line
+from barn_eval.trials.result import TrialResult
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import write_durably
+
+# Units of the channels of a track.
+_UNITS = ("s", "m", "m", "rad", "mps", "radps", "mps", "radps", "m")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A trial of a run."""
+
+    result: TrialResult
+    """Its row."""
+
+    track: str | None
+    """Line of its track; None if nothing was driven."""
+
+    @cached_property
+    def trajectory(self) -> pd.DataFrame:
+        """What the robot did, five times a second and at the end, in the map frame.
+
+        Columns: time_s since the first reading, x_m, y_m, yaw_rad, speed_mps,
+        turn_radps, command_speed_mps and command_turn_radps (NaN without a command),
+        clearance_m (smallest since the row before; NaN without obstacles), contact
+        (since the row before). Empty if nothing was driven.
+        """
+        names = [
+            f"{channel}_{unit}" for channel, unit in zip(CHANNELS, _UNITS, strict=True)
+        ]
+        if self.track is None:
+            columns = {name: np.empty(0) for name in names}
+            return pd.DataFrame(columns | {"contact": np.empty(0, np.bool_)})
+        _, track = parse_track_line(self.track, self.result.trial_id)
+        columns = dict(zip(names, track.samples.T, strict=True))
+        return pd.DataFrame(columns | {"contact": track.contact})
+
+    def to_tum(self, path: str | Path) -> Path:
+        """Write the trajectory in the format of the TUM RGB-D benchmark, as evo reads it.
+
+        Args:
+            path: File to write: a line per pose of timestamp [s], x y z [m] and the
+                quaternion qx qy qz qw.
+
+        Returns:
+            The path.
+
+        Raises:
+            BarnError: If there is no trajectory, or the file cannot be written.
+        """
+        trajectory = self.trajectory
+        if trajectory.empty:
+            raise ConfigError(f"{self.result.trial_id}: has no trajectory")
+        half_yaw = trajectory["yaw_rad"].to_numpy() / 2.0
+        zero = np.zeros(len(trajectory))
+        rows = np.column_stack(
+            [
+                trajectory["time_s"],
+                trajectory["x_m"],
+                trajectory["y_m"],
+                zero,
+                zero,
+                zero,
+                np.sin(half_yaw),
+                np.cos(half_yaw),
+            ]
+        )
+        lines = [" ".join(f"{value:.9g}" for value in row) for row in rows.tolist()]
+        text = "".join(f"{line}\n" for line in lines)
+        write_durably(Path(path), text.encode())
+        return Path(path)

@@ -1,0 +1,478 @@
+"""Worlds: data sets, generated worlds, files for other programs, pictures, metrics."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import pandas as pd
+
+from barn_eval.analysis.pandas_tables import pandas_table
+from barn_eval.pages.figures import Plot
+from barn_eval.trials.protocol import CHALLENGE, DYNABARN
+from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
+from barn_metrics.report import MetricsTable
+from barn_metrics.report import metrics_table as make_metrics_table
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.base.files import create_folder
+from barn_worlds.datasets.dataset import (
+    Dataset,
+    dataset_files,
+    open_dataset,
+    select_worlds,
+)
+from barn_worlds.datasets.generate import (
+    TABLE_I,
+    DatasetParameters,
+    WorldParameters,
+    cell_size_m,
+    generate_ranked_dataset,
+    renumber,
+    write_dataset,
+)
+from barn_worlds.datasets.generate_motion import (
+    add_crossings,
+    add_motion,
+    generate_arenas,
+    motion_class,
+)
+from barn_worlds.drawing.files import write_png
+from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.formats.map_server import write_map
+from barn_worlds.formats.original import write_original
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.formats.single import plan_grid_path
+from barn_worlds.formats.world_yaml import write_world_yaml
+from barn_worlds.robots.files import load_robot, name_unless_standard
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.course import fit_to_robot
+from barn_worlds.worlds.world import World
+
+__all__ = [
+    "datasets",
+    "draw",
+    "generate",
+    "generate_moving",
+    "load",
+    "metrics",
+    "resize",
+    "save",
+    "write_figure",
+]
+
+Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "png"]
+FORMATS: tuple[Form, ...] = (
+    "sdf",
+    "sdf_classic",
+    "map",
+    "original",
+    "npz",
+    "yaml",
+    "png",
+)
+
+
+def datasets() -> list[str]:
+    """Return the names of the data sets that come with the suite, such as "barn300"."""
+    return list(dataset_files())
+
+
+def load(
+    source: str | Path = "barn300", select: str = "all", *, robot: str | Path = "jackal"
+) -> dict[int, World]:
+    """Return worlds by number.
+
+    For instance, of a data set of the suite:
+
+        world = barn.worlds.load("barn300", "120")[120]
+        world.grid  # (rows, cols) bool, True where it is filled
+
+    Args:
+        source: A data set's name, or a file or folder of any known format.
+        select: World numbers, such as "0-49" or "0:300:60".
+        robot: Robot that paths are planned for if the source has none.
+
+    Raises:
+        BarnError: If the source cannot be read, or has no such world.
+    """
+    dataset = open_dataset(source, load_robot(robot))
+    return {
+        number: dataset.load(number)
+        for number in select_worlds(select, dataset.world_numbers)
+    }
+
+
+def generate(
+    out: str | Path | None = None,
+    *,
+    per_set: int = 25,
+    seed: int = 2020,
+    parameters: Mapping[str, object] | None = None,
+    robot: str | Path = "jackal",
+    keep: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[int, World]:
+    """Generate worlds and return them by number, the easiest (widest) first.
+
+    For instance, worlds of your own, and a planner in them:
+
+        worlds = barn.worlds.generate(per_set=3, parameters={"initial_fill": 0.25}, seed=1)
+        barn.run(worlds, planners="gap")
+
+    Args:
+        out: New file (.npz), or new folder in the original layout, for the worlds.
+        per_set: Worlds per parameter set.
+        seed: All randomness comes from it.
+        parameters: One parameter set of your own, by name (see
+            `barn_worlds.datasets.generate.WorldParameters`). Default: the twelve sets
+            of the paper's Table I.
+        robot: Robot that paths are planned for. Unless parameters set the size of
+            cells, they have its size, 5 x 5 cells to a robot.
+        keep: Number of worlds to keep, evenly spread from wide to narrow; 0 for all.
+        progress: Called with the number of worlds so far and of all worlds.
+
+    Raises:
+        BarnError: If a parameter is not allowed, or the file cannot be written.
+    """
+    path = None if out is None else Path(out)
+    if path is not None:
+        _require_new(path)
+    chassis = load_robot(robot)
+    dataset = DatasetParameters(
+        path.stem if path else "generated",
+        seed,
+        per_set,
+        keep=keep,
+        robot=name_unless_standard(chassis.chassis),
+        sets=_parameter_sets(parameters or {}, chassis),
+    )
+    if path is not None and path.suffix == ".npz":
+        write_dataset(path, dataset, progress=progress)
+        return load(path)
+    worlds = renumber(*generate_ranked_dataset(dataset, progress=progress))
+    if path is not None:
+        _write_original_layout(path, worlds)
+    return worlds
+
+
+def _parameter_sets(
+    changes: Mapping[str, object], robot: Robot
+) -> tuple[WorldParameters, ...]:
+    """Return parameter sets with cells in the size of a robot, unless changes differ."""
+    sets = TABLE_I
+    if changes:
+        sets = (replace_dotted(WorldParameters(), changes, "world parameters"),)
+    sizes: dict[str, float] = {}
+    if not {"resolution_m", "footprint_cells"} & changes.keys():
+        sizes["resolution_m"] = cell_size_m(robot)
+    if "footprint_cells" not in changes:
+        resolution_m = sizes.get("resolution_m", sets[0].resolution_m)
+        sizes["footprint_cells"] = robot.footprint_cells(resolution_m)
+    return tuple(replace_dotted(item, sizes, "world parameters") for item in sets)
+
+
+def generate_moving(
+    out: str | Path | None = None,
+    classes: Sequence[str] = ("easy", "medium", "hard"),
+    *,
+    per_class: int = 20,
+    seed: int = 0,
+    parameters: Mapping[str, object] | None = None,
+    source: str | Path | None = None,
+    select: str = "all",
+    crossing: bool = False,
+    obstacles: int | None = None,
+) -> dict[int, World]:
+    """Generate worlds with moving obstacles; return them by number, class by class.
+
+    Args:
+        out: New file (.npz) for the worlds.
+        classes: Classes of motion. Without `source` the worlds are arenas as in
+            DynaBARN.
+        per_class: Arenas of each class.
+        seed: All randomness comes from it.
+        parameters: Changes to the classes, by name (see
+            `barn_worlds.datasets.generate_motion.MotionParameters`).
+        source: Data set whose worlds get obstacles of the only class; the worlds keep
+            their numbers.
+        select: World numbers of the source.
+        crossing: Whether these obstacles go to and fro across the path.
+        obstacles: Number of obstacles of a world. By default, the class draws it.
+
+    Raises:
+        BarnError: If a class or parameter is not known, or the file cannot be written.
+    """
+    path = None
+    if out is not None:
+        path = Path(out).with_suffix(".npz")
+        _require_new(path)
+    motions = [
+        replace_dotted(
+            motion_class(name), dict(parameters or {}), "parameters of a class"
+        )
+        for name in classes
+    ]
+    worlds: dict[int, World] = {}
+    if source is None:
+        if crossing or obstacles is not None:
+            raise ConfigError(
+                "crossings and a number of obstacles are for the worlds of a data set;"
+                " name one"
+            )
+        arenas: list[World] = []
+        for motion in motions:
+            arenas += generate_arenas(motion, per_class, seed)
+        worlds = dict(enumerate(arenas))
+    elif len(motions) != 1:
+        raise ConfigError(
+            f"one class of motion must be named for the worlds of {source},"
+            f" got {len(motions)}"
+        )
+    else:
+        add_obstacles = add_crossings if crossing else add_motion
+        for number, world in load(source, select).items():
+            worlds[number] = add_obstacles(world, motions[0], seed + number, obstacles)
+    if path is not None:
+        write_dataset_file(path, path.stem, worlds, {"seed": seed})
+    return worlds
+
+
+def save(
+    worlds: Mapping[int, World],
+    out: str | Path,
+    form: Form = "npz",
+    *,
+    movable: bool = False,
+) -> Path:
+    """Write worlds for other programs, or as a data set.
+
+    Args:
+        worlds: Worlds by number.
+        out: New file or folder.
+        form: npz (one file of the suite's own format), original (the layout of the
+            original data set), or a file per world in the folder `out`: sdf (current
+            Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), yaml
+            (to edit by hand), png.
+        movable: Whether obstacles of Gazebo worlds can be pushed.
+
+    Returns:
+        The path.
+
+    Raises:
+        BarnError: If the format is not known or has no place for such worlds, or
+            something is there already.
+    """
+    if form not in FORMATS:
+        raise ConfigError(f"unknown format {form!r}{suggest(form, FORMATS)}")
+    if movable and not form.startswith("sdf"):
+        raise ConfigError(f"movable obstacles are for Gazebo worlds, not for {form}")
+    path = Path(out)
+    if form == "npz":
+        path = path.with_suffix(".npz")
+    _require_new(path)
+    if form == "npz":
+        write_dataset_file(path, path.stem, dict(worlds))
+    elif form == "original":
+        _write_original_layout(path, worlds)
+    else:
+        # The folder appears whole or not at all.
+        with create_folder(path) as folder:
+            for number, world in worlds.items():
+                _write_world(world, folder, number, form, movable=movable)
+    return path
+
+
+def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
+    for world in worlds.values():
+        if _has_metric_content(world):
+            raise WorldError(
+                f"{world.name}: the original layout has no place for walls and moving"
+                " obstacles"
+            )
+    published_metrics = {
+        number: world_metrics(world, PUBLISHED).as_array()
+        for number, world in worlds.items()
+    }
+    write_original(path, dict(worlds), published_metrics)
+
+
+def _write_world(
+    world: World, folder: Path, number: int, form: Form, *, movable: bool
+) -> None:
+    if form == "png":
+        write_png(world_figure(world), folder / f"world_{number}.png")
+    elif form == "yaml":
+        write_world_yaml(world, folder / f"world_{number}.world.yaml")
+    elif form == "map":
+        path = folder / f"map_{number}"
+        write_map(world.occupancy_map(), path, course=world.course_numbers)
+    elif form == "sdf_classic":
+        path = folder / f"world_{number}.world"
+        write_sdf(world, path, "classic", movable=movable)
+    else:
+        write_sdf(world, folder / f"world_{number}.sdf", "gz", movable=movable)
+
+
+def _require_new(path: Path) -> None:
+    if path.is_file() or (path.is_dir() and any(path.iterdir())):
+        raise WorldError(f"{path}: exists already")
+
+
+def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
+    """Return worlds with the same grids and cells in the size of another robot.
+
+    Paths stay if the robot takes as many cells as before. Otherwise they are planned
+    again.
+
+    Args:
+        worlds: Worlds by number.
+        robot: Name or YAML file of the robot.
+
+    Raises:
+        BarnError: If a world has walls, moving obstacles or an arena, which are in
+            metres, or no path for the robot.
+    """
+    target_robot = load_robot(robot)
+    resolution_m = cell_size_m(target_robot)
+    resized: dict[int, World] = {}
+    for number, world in worlds.items():
+        if _has_metric_content(world):
+            raise WorldError(
+                f"{world.name}: walls, moving obstacles and arenas are in metres and"
+                " cannot be resized"
+            )
+        scaled = replace(world, resolution_m=resolution_m)
+        resized[number] = _with_footprint(scaled, target_robot)
+    return resized
+
+
+def _with_footprint(world: World, robot: Robot) -> World:
+    """Return a world with a robot's footprint, and with a path for it."""
+    cells = robot.footprint_cells(world.resolution_m)
+    if cells == world.footprint_cells:
+        return world
+    path = plan_grid_path(world.grid, cells, world.name)
+    return replace(world, footprint_cells=cells, path=path)
+
+
+def _has_metric_content(world: World) -> bool:
+    """Return whether a world has more than its grid, in meters."""
+    return bool(world.moving or world.walls or world.corner_m is not None)
+
+
+def metrics(
+    source: str | Path = "barn300",
+    select: str = "all",
+    formula: str = "corrected",
+    *,
+    robot: str | Path = "",
+) -> pd.DataFrame:
+    """Return the five difficulty metrics of worlds.
+
+    docs/metrics.md explains what they measure, and their units.
+
+    Args:
+        source: A data set's name, or a file or folder of worlds.
+        select: World numbers, such as "0-49".
+        formula: corrected, published (the numbers in print) or paper_text.
+        robot: Robot whose C-space and path are measured, instead of the worlds' own.
+
+    Returns:
+        A row per world; its column `world` is the number.
+
+    Raises:
+        BarnError: If a world cannot be read, or has no path for the robot.
+    """
+    metrics_by_world = metrics_table(source, select, formula, robot=robot)
+    numbered_rows = zip(metrics_by_world.worlds, metrics_by_world.rows(), strict=True)
+    return pandas_table({"world": int(number), **row} for number, row in numbered_rows)
+
+
+def metrics_table(
+    source: str | Path,
+    select: str = "all",
+    formula: str = "corrected",
+    *,
+    robot: str | Path = "",
+) -> MetricsTable:
+    """Return the difficulty metrics with their summary, as in the paper's Table II.
+
+    Args:
+        source: As for `metrics`.
+        select: As for `metrics`.
+        formula: As for `metrics`.
+        robot: As for `metrics`.
+    """
+    chosen_formula = as_formula(formula)
+    dataset = open_dataset(source)
+    other_robot = load_robot(robot) if robot else None
+
+    def read(number: int) -> World:
+        world = dataset.load(number)
+        return world if other_robot is None else _with_footprint(world, other_robot)
+
+    readers = {
+        number: partial(read, number)
+        for number in select_worlds(select, dataset.world_numbers)
+    }
+    return make_metrics_table(Dataset(dataset.name, readers), chosen_formula)
+
+
+def draw(
+    worlds: World | Mapping[int, World],
+    *,
+    robot: str | Path = "jackal",
+    course: Sequence[float] = (),
+) -> Plot:
+    """Return a figure of one world, or of several on a sheet.
+
+    Start, goal and path of one world are those that a robot drives: its own, else those
+    of protocol challenge or, in an arena, dynabarn.
+
+    Args:
+        worlds: The world, or worlds by number.
+        robot: Robot that drives.
+        course: Start x, y, yaw and goal x, y [m, rad] instead of the world's own.
+
+    Raises:
+        BarnError: If start or goal is blocked, or no path connects them; or several
+            worlds get a course.
+    """
+    if isinstance(worlds, Mapping):
+        if course:
+            raise ConfigError("a course is drawn in one world, not in several")
+        return Plot(sheet_figure(worlds), f"{len(worlds)} worlds")
+    world = fit_to_robot(worlds, load_robot(robot), course)
+    protocol = DYNABARN if world.corner_m is not None else CHALLENGE
+    ends = protocol.course(world)
+    figure = world_figure(world, ends.start, ends.goal, protocol.goal_distance_m)
+    return Plot(figure, worlds.name)
+
+
+def write_figure(
+    worlds: Mapping[int, World], path: str | Path, *, course: Sequence[float] = ()
+) -> None:
+    """Write a picture of a world or a sheet of several, or an animation of one.
+
+    Args:
+        worlds: Worlds by number.
+        path: Picture (.png) or animation (.gif).
+        course: As for `draw`.
+
+    Raises:
+        BarnError: If an animation is of several worlds, or of one that does not move.
+    """
+    first = next(iter(worlds.values()))
+    is_single = len(worlds) == 1
+    if Path(path).suffix != ".gif":
+        figure = draw(first if is_single else worlds, course=course).figure
+        write_png(figure, Path(path))
+    elif is_single:
+        write_animation(first, Path(path))
+    else:
+        raise WorldError(
+            f"an animation shows one world, got {len(worlds)}; select one with --worlds"
+        )

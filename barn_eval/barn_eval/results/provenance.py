@@ -1,0 +1,86 @@
+"""What results were made with: versions, the commit of the source, and the machine."""
+
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from barn_worlds import __version__
+
+SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
+LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
+
+
+def provenance() -> dict[str, Any]:
+    """Return versions, commit and machine."""
+    return {"versions": versions(), "commit": commit(), "machine": machine()}
+
+
+def versions() -> dict[str, str]:
+    """Return versions of Python, of the suite and of libraries that decide results."""
+    packages = {"python": platform.python_version()}
+    packages |= dict.fromkeys(SUITE, __version__)
+    packages |= {library: _library_version(library) for library in LIBRARIES}
+    return packages
+
+
+def _library_version(library: str) -> str:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def commit() -> str:
+    """Return the commit of the source, with "+changes" where files differ from it.
+
+    A wheel and an archive of the source have it in a file (qa/build_backend.py). Empty
+    if there is neither a repository nor that file.
+    """
+    built = Path(__file__).parents[1] / "data" / "commit"
+    revision = commit_of(Path(__file__).parent)
+    if not revision and built.exists():
+        revision = built.read_text("utf-8").strip()
+    return revision
+
+
+def commit_of(folder: Path) -> str:
+    """Return the commit of the repository around a folder, empty if not the suite's."""
+    if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
+        return ""
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return _git(folder, "rev-parse", "HEAD") + ("+changes" if changes else "")
+
+
+def machine() -> dict[str, Any]:
+    """Return what wall-clock figures depend on."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+    }
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    # Without locks, so that asking does not disturb a command of the user's.
+    command = ["git", "--no-optional-locks", "-C", str(folder), *arguments]
+    try:
+        process = subprocess.run(  # noqa: S603
+            command, capture_output=True, text=True, timeout=10, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return process.stdout.strip() if process.returncode == 0 else ""
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    for line in lines:
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.machine()

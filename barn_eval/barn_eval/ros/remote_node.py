@@ -1,0 +1,228 @@
+"""Services and parameters of another node, called with a limit."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lifecycle_msgs.srv import GetState
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rclpy.client import Client
+from rclpy.parameter import Parameter, parameter_value_to_python
+from std_srvs.srv import SetBool, Trigger
+
+from barn_eval.ros.evaluator_loop import EvaluatorLoop
+
+SET_PARAMETERS = "set_parameters_atomically"
+_CALL_PERIOD_S = 1.0  # between two equal calls while there is no answer
+_STATE_LIMIT_S = 2.0  # for a managed node to tell its state
+_MAX_PARAMETERS = 1000  # that are read of a node
+_MAX_CHARACTERS = 100  # of a parameter's name and of the beginning of its value
+
+
+class ServiceTimeout(Exception):
+    """A service did not answer in time, or does not exist."""
+
+
+class ServiceRefused(Exception):
+    """A service answered that it does not do what it was asked, and why."""
+
+
+class RemoteNode:
+    """Another node, called by its full name.
+
+    A call that changes nothing when it is repeated is made every second until it is
+    answered: the service on the graph may be that of a process that was killed, whose
+    successor is about to come.
+    """
+
+    def __init__(self, loop: EvaluatorLoop, name: str, process: str) -> None:
+        """Prepare calls to a node.
+
+        Args:
+            loop: Spends the time of waits.
+            name: Full name of the node.
+            process: Supervised process whose end ends any wait for the node.
+        """
+        self.name = name
+        self._loop = loop
+        self._process = process
+        # Clients are made once for each service.
+        self._clients: dict[str, Client] = {}
+
+    def offers(self, service: str) -> bool:
+        """Return whether the node has a service now, by its name under the node's."""
+        services = self._loop.node.get_service_names_and_types()
+        return f"{self.name}/{service}" in (name for name, _ in services)
+
+    def await_services(self, services: Sequence[str], limit_s: float) -> None:
+        """Wait until the node has services.
+
+        Args:
+            services: Names under the node's own.
+            limit_s: Longest wait.
+
+        Raises:
+            ServiceTimeout: If one is still missing after the limit.
+        """
+
+        def describe_missing() -> str:
+            missing = [name for name in services if not self.offers(name)]
+            return ", ".join(f"{self.name}/{name}" for name in missing)
+
+        missing = self._loop.wait_for_missing(
+            "the service ", describe_missing, limit_s, self._process
+        )
+        if missing:
+            raise ServiceTimeout(f"no service {missing} within {limit_s:g} s")
+
+    def trigger(
+        self, service: str, limit_s: float, call_period_s: float = _CALL_PERIOD_S
+    ) -> str:
+        """Call a service of type Trigger and return its message.
+
+        Args:
+            service: Name under the node's own.
+            limit_s: Longest wait for the answer.
+            call_period_s: Time between two calls; at least the limit for a service
+                that must not be called twice.
+
+        Returns:
+            The message of the answer.
+
+        Raises:
+            ServiceRefused: If the answer is no success.
+            ServiceTimeout: If no answer comes.
+        """
+        request = Trigger.Request()
+        answer = self.call(service, Trigger, request, limit_s, call_period_s)
+        return _require_success(answer)
+
+    def switch(self, service: str, on: bool, limit_s: float) -> str:
+        """Call a service of type SetBool and return its message.
+
+        Args:
+            service: Name under the node's own.
+            on: The value to set.
+            limit_s: Longest wait for the answer.
+
+        Returns:
+            The message of the answer.
+
+        Raises:
+            ServiceRefused: If the answer is no success.
+            ServiceTimeout: If no answer comes.
+        """
+        request = SetBool.Request(data=on)
+        return _require_success(self.call(service, SetBool, request, limit_s))
+
+    def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
+        """Set parameters, all of them or none.
+
+        Args:
+            values: Values by the names of parameters.
+            limit_s: Longest wait for the answer.
+
+        Raises:
+            ServiceRefused: If the node rejects a value.
+            ServiceTimeout: If no answer comes.
+        """
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        answer = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s)
+        if not answer.result.successful:
+            reason = answer.result.reason or "parameters refused"
+            raise ServiceRefused(f"{self.name}: {reason}")
+
+    def read_parameters(self, limit_s: float) -> dict[str, str]:
+        """Return the first 1000 parameters as texts, long ones shortened."""
+        request = ListParameters.Request()
+        answer = self.call("list_parameters", ListParameters, request, limit_s)
+        names = sorted(answer.result.names)[:_MAX_PARAMETERS]
+
+        request = GetParameters.Request(names=names)
+        answer = self.call("get_parameters", GetParameters, request, limit_s)
+
+        # A node may answer with fewer values than it was asked for.
+        values = zip(names, answer.values, strict=False)
+        return {name[:_MAX_CHARACTERS]: _value_text(value) for name, value in values}
+
+    def lifecycle_problem(self) -> str:
+        """Return in words why a managed node is not active, an empty text if it is."""
+        subject = f"the lifecycle node {self.name}"
+        if not self.offers("get_state"):
+            return f"{subject} is not there"
+        request = GetState.Request()
+        try:
+            answer = self.call("get_state", GetState, request, _STATE_LIMIT_S)
+        except ServiceTimeout:
+            return f"{subject} does not answer"
+
+        state = answer.current_state.label
+        if state == "active":
+            return ""
+        return f"{subject} is {state or 'in no state'}"
+
+    def call(
+        self,
+        service: str,
+        service_type: type[Any],
+        request: object,
+        limit_s: float,
+        call_period_s: float = _CALL_PERIOD_S,
+    ) -> Any:
+        """Call a service of the node and return its answer.
+
+        Args:
+            service: Name under the node's own.
+            service_type: Class of the service.
+            request: Message to send.
+            limit_s: Longest wait for service and answer.
+            call_period_s: Time after which the call is made again.
+
+        Returns:
+            The response, a message of the service's type.
+
+        Raises:
+            ServiceTimeout: If the service does not exist or does not answer.
+        """
+        path = f"{self.name}/{service}"
+        if service not in self._clients:
+            self._clients[service] = self._loop.node.create_client(service_type, path)
+        client = self._clients[service]
+
+        deadline_s = self._loop.now_s + limit_s
+        if not self._loop.wait(client.service_is_ready, limit_s, self._process):
+            raise ServiceTimeout(f"no service {path} within {limit_s:g} s")
+
+        while (remaining_s := deadline_s - self._loop.now_s) > 0.0:
+            future = client.call_async(request)
+            period_s = min(remaining_s, call_period_s)
+            if self._loop.wait(future.done, period_s, self._process):
+                return future.result()
+            client.remove_pending_request(future)
+        raise ServiceTimeout(f"no answer from {path} within {limit_s:g} s")
+
+    def close(self) -> None:
+        """Destroy the clients: each of them makes every spin longer."""
+        for client in self._clients.values():
+            self._loop.node.destroy_client(client)
+        self._clients.clear()
+
+
+def _require_success(answer: Any) -> str:
+    """Return the message of an answer of type Trigger or SetBool."""
+    if not answer.success:
+        raise ServiceRefused(answer.message)
+    return str(answer.message)
+
+
+def _value_text(value: ParameterValue) -> str:
+    text = str(parameter_value_to_python(value))
+    if len(text) <= _MAX_CHARACTERS:
+        return text
+    digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()
+    return f"{text[:_MAX_CHARACTERS]}... (sha256 {digest})"

@@ -1,0 +1,277 @@
+"""Worker processes on this machine.
+
+The executors of the standard library and loky give up all jobs when one process dies.
+Here each worker has a pipe of its own: if it is killed, hangs or crashes, only its own
+job is lost, and a new process takes its place. Workers do not import the user's main
+script again, as those of multiprocessing do (see `worker`).
+"""
+
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+import cloudpickle
+
+from barn_eval.running.pool import (
+    ENVIRONMENT,
+    JobLoss,
+    Notice,
+    PartialResult,
+    Report,
+    Work,
+    WorkerPool,
+)
+from barn_eval.running.worker import GRACE_S
+from barn_eval.trials.trial import processor_wait_s
+from barn_worlds.base.errors import ConfigError
+
+# A longer gap between two looks at the workers means that this process was stopped.
+_MAX_GAP_S = 10.0
+
+
+class LocalPool(WorkerPool):
+    """Worker processes, started at their first job.
+
+    A job, or a part of one, that exceeds the time limit costs its worker's life.
+    """
+
+    def __init__(self, work: Work, workers: int, trial_limit_s: float) -> None:
+        """Prepare the pool; no process starts yet.
+
+        Args:
+            work: What workers do with jobs.
+            workers: Number of worker processes.
+            trial_limit_s: Wall-clock time limit of a job or a part of it [s]; 0 is no
+                limit.
+
+        Raises:
+            ConfigError: If `work` has an object that no other process can get.
+        """
+        try:
+            self._work = cloudpickle.dumps(work)
+        except Exception as error:
+            raise ConfigError(
+                "a planner cannot be handed to a worker"
+                f" ({type(error).__name__}: {error}); workers=1 needs none"
+            ) from None
+        self._environment = os.environ | ENVIRONMENT
+        if work.needs_import_path:
+            path = os.pathsep.join(map(os.path.abspath, sys.path))
+            self._environment["PYTHONPATH"] = path
+        self._limit_s = trial_limit_s or float("inf")
+        self._workers: list[_Worker | None] = [None] * workers
+        self._last_look_s = time.monotonic()
+
+    @property
+    def slots(self) -> int:
+        """Number of workers."""
+        return len(self._workers)
+
+    def submit(self, key: str, job: object) -> None:
+        """Hand a job to an idle worker.
+
+        Args:
+            key: Key of the job.
+            job: The job.
+        """
+        slot, worker = next(
+            (slot, worker)
+            for slot, worker in enumerate(self._workers)
+            if worker is None or worker.key is None
+        )
+        if worker is not None:
+            if worker.submit(key, job):
+                return
+            worker.kill()
+        worker = _Worker(f"local-{slot}", self._work, self._environment, self._limit_s)
+        self._workers[slot] = worker
+        # If the process dies at once, the pipe is already broken. `wait` finds that.
+        worker.submit(key, job)
+
+    def wait(self, limit_s: float) -> list[Report]:
+        """Return reports of workers, and losses of those that died or took too long."""
+        busy = {
+            worker.connection: worker
+            for worker in self._workers
+            if worker is not None and worker.key is not None
+        }
+        deadline_s = min((worker.deadline_s for worker in busy.values()), default=0.0)
+        timeout_s = min(limit_s, deadline_s - time.monotonic())
+        ready = wait(list(busy), max(0.0, timeout_s))
+
+        now_s = time.monotonic()
+        gap_s = now_s - self._last_look_s
+        self._last_look_s = now_s
+        for worker in busy.values():
+            if gap_s > _MAX_GAP_S or worker.is_stopped():
+                worker.excuse(gap_s)
+
+        reports = []
+        for connection, worker in busy.items():
+            if connection in ready:
+                reports.append(worker.receive())
+            elif time.monotonic() >= worker.deadline_s and not worker.extend():
+                reports.append(worker.give_up())
+        for slot, slot_worker in enumerate(self._workers):
+            if slot_worker is not None and slot_worker.is_dead:
+                self._workers[slot] = None
+        return reports
+
+    def close(self) -> None:
+        """Ask all workers to end, and kill those that do not within `GRACE_S`."""
+        workers = [worker for worker in self._workers if worker is not None]
+        self._workers = [None] * len(self._workers)
+        for worker in workers:
+            worker.request_end()
+        deadline_s = time.monotonic() + GRACE_S
+        for worker in workers:
+            worker.join(max(0.0, deadline_s - time.monotonic()))
+            worker.kill()
+
+
+class _Worker:
+    """The parent's side of a worker: its process, the pipe to it and its job."""
+
+    def __init__(
+        self, name: str, work: bytes, environment: dict[str, str], limit_s: float
+    ) -> None:
+        self.name = name
+        self.key: str | None = None  # of its job; None while it is idle
+        self.deadline_s = 0.0
+        self.is_dead = False
+        self._limit_s = limit_s
+        self._processor_wait_s = 0.0  # of the process when the job began
+        self._excused_s = 0.0
+        self._is_extended = False
+
+        ours, theirs = socket.socketpair()
+        command = [sys.executable]
+        if sys.version_info >= (3, 11):
+            # Modules in the current folder must not shadow installed ones.
+            command.append("-P")
+        descriptor = theirs.fileno()
+        command += ["-m", "barn_eval.running.worker", str(descriptor), name]
+        # Ctrl-C must not reach the process before it ignores the signal.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            with theirs:
+                self.process = subprocess.Popen(  # noqa: S603
+                    command,
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=[descriptor],
+                )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        self.connection = Connection(ours.detach())
+        # If the process dies at once, the pool finds that when it waits for a report.
+        with suppress(OSError):
+            self.connection.send_bytes(work)
+
+    def submit(self, key: str, job: object) -> bool:
+        """Send a job; return whether the process could take it."""
+        self.key = key
+        self.deadline_s = time.monotonic() + self._limit_s
+        self._processor_wait_s = processor_wait_s(self.process.pid)
+        self._excused_s = 0.0
+        self._is_extended = False
+        try:
+            self.connection.send((key, job))
+        except OSError:
+            return False
+        return True
+
+    def receive(self) -> Report:
+        """Return the report that arrived, or the loss of a worker that died.
+
+        After a partial result, the time limit counts anew.
+        """
+        try:
+            report: Report = self.connection.recv()
+        except (EOFError, OSError, pickle.UnpicklingError):
+            self.kill()
+            code = self.process.returncode
+            end = f"ended with exit code {code}"
+            if code < 0:
+                end = f"was killed by {signal.Signals(-code).name}"
+            return JobLoss(str(self.key), self.name, f"its worker process {end}")
+        if isinstance(report, PartialResult):
+            self.deadline_s = time.monotonic() + self._limit_s
+        elif not isinstance(report, Notice):
+            self.key = None
+        return report
+
+    def is_stopped(self) -> bool:
+        """Return whether a signal or a debugger holds the process."""
+        with suppress(OSError):
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text("utf-8", "replace")
+            return stat.rpartition(") ")[2][:1] in ("T", "t")
+        return False
+
+    def excuse(self, gap_s: float) -> None:
+        """Move the deadline by a time in which the process stood still.
+
+        Altogether, that is no more than about the time limit.
+        """
+        if self._excused_s < self._limit_s:
+            self.deadline_s += gap_s
+            self._excused_s += gap_s
+
+    def extend(self) -> bool:
+        """Move the deadline once if the machine withheld a processor or stood still.
+
+        Returns:
+            Whether the deadline moved.
+        """
+        wait_s = processor_wait_s(self.process.pid) - self._processor_wait_s
+        is_slow = wait_s >= 0.5 * self._limit_s or self._excused_s >= self._limit_s
+        if self._is_extended or not is_slow:
+            return False
+        self._is_extended = True
+        self.deadline_s += self._limit_s
+        return True
+
+    def give_up(self) -> Report:
+        """End the worker, whose job takes too long, and return the loss."""
+        self.process.terminate()
+        self.join(GRACE_S)
+        self.kill()
+        reason = f"no result within {self._limit_s:g} s of wall-clock time"
+        if self._is_extended:
+            reason += ", as the machine stood still"
+        return JobLoss(
+            str(self.key),
+            self.name,
+            reason,
+            is_overtime=not self._is_extended,
+            is_stall=self._is_extended,
+        )
+
+    def request_end(self) -> None:
+        """Let an idle worker return, and interrupt a busy one."""
+        if self.key is None:
+            with suppress(OSError):
+                self.connection.send(None)
+        else:
+            self.process.terminate()
+
+    def join(self, limit_s: float) -> None:
+        """Wait for the process to end, at most `limit_s`."""
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(limit_s)
+
+    def kill(self) -> None:
+        """End the process if it still runs."""
+        self.is_dead = True
+        self.connection.close()
+        # A worker whose pipe closed is about to end by itself, with its own exit code.
+        self.join(0.2)
+        self.process.kill()
+        self.process.wait()

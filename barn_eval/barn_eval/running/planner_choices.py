@@ -1,0 +1,248 @@
+"""Planners of a run: from names, files and commands, with their parameters."""
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from barn_eval.running.command_files import hash_command_files
+from barn_eval.trials.run_config import COMPUTE_KEYS, PlannerChoice
+from barn_planners.registry import planner_entry, planner_names
+from barn_worlds.base.config import fields_of, from_dict
+from barn_worlds.base.errors import ConfigError, format_value, suggest
+
+_NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
+_SPEED_CAP = "max_speed_mps"
+
+
+def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice]:
+    """Return the planners that a user lists, with those that commands start.
+
+    Args:
+        entries: Names joined by commas, or a list of names ("dwa", "eband:challenge"),
+            mappings and `PlannerChoice` objects. None stands for the default planner,
+            or for the planners of `commands`.
+        commands: "NAME=COMMAND" texts, or one "COMMAND" for the only planner. A name
+            that `entries` does not have adds a planner.
+        where: Beginning of error messages, such as "file.yaml: ".
+
+    Raises:
+        ConfigError: If an entry or a command is not allowed.
+    """
+    names = entries.split(",") if isinstance(entries, str) else entries
+    if not isinstance(names, (list, tuple, type(None))):
+        raise ConfigError(
+            f"{where}planners must be a list of names, got {format_value(names)}"
+        )
+    planners = [read_planner(entry, where) for entry in names or ()]
+
+    texts = [commands] if isinstance(commands, str) else commands or ()
+    are_texts = isinstance(texts, (list, tuple)) and all(
+        isinstance(text, str) for text in texts
+    )
+    if not are_texts:
+        raise ConfigError(
+            f"{where}planner_command must be a text or a list of texts,"
+            f" got {format_value(commands)}"
+        )
+    for text in texts:
+        if _NAMED_COMMAND.fullmatch(text) or not planners:
+            name, command = parse_planner_command(text)
+        else:
+            name, command = planners[0].name, text
+        if command == text and (len(planners) > 1 or len(texts) > 1):
+            raise ConfigError(
+                f"planner command {format_value(text)}: give it as NAME=COMMAND where there"
+                " are several planners"
+            )
+        _set_command(planners, name, command)
+
+    if not planners and entries is None:
+        return [PlannerChoice()]
+    return planners
+
+
+def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None:
+    """Give the planner of that name a command; add the planner if it is new."""
+    files = hash_command_files(split_command(command))
+    for place, planner in enumerate(planners):
+        if planner.name == name:
+            planners[place] = replace(planner, command=command, files=files)
+            return
+    planners.append(PlannerChoice(name, command=command, files=files))
+
+
+def read_planner(entry: Any, where: str) -> PlannerChoice:
+    """Return the planner of one entry of a list.
+
+    Args:
+        entry: "NAME", "NAME:PRESET", a mapping of `PlannerChoice` fields, or a
+            `PlannerChoice`.
+        where: Beginning of error messages.
+
+    Raises:
+        ConfigError: If the entry is no such mapping, or its command has no program.
+    """
+    if isinstance(entry, PlannerChoice):
+        return entry
+    if isinstance(entry, str):
+        name, _, preset = entry.strip().partition(":")
+        return PlannerChoice(name, preset)
+
+    planner = from_dict(PlannerChoice, entry, f"{where}planners")
+    if not planner.command:
+        return planner
+    return replace(
+        planner,
+        name=planner.name if "name" in entry else name_planner(planner.command),
+        files=hash_command_files(split_command(planner.command)),
+    )
+
+
+def parse_planner_command(text: str) -> tuple[str, str]:
+    """Return planner name and command of "NAME=COMMAND" or "COMMAND"."""
+    match = _NAMED_COMMAND.fullmatch(text)
+    if match:
+        return match[1], match[2]
+    return name_planner(text), text
+
+
+def name_planner(command: str) -> str:
+    """Return a name for the planner of a command: its script, module or node.
+
+    Raises:
+        ConfigError: If the command is empty, or the name is one of the registry's.
+    """
+    words = split_command(command)
+    # Skip wrappers in front of the program: `bash in_workspace.sh SETUP`, then `env`
+    # and assignments of variables.
+    if words[3:] and Path(words[1]).name == "in_workspace.sh":
+        words = words[3:]
+    while words[1:] and (Path(words[0]).name == "env" or "=" in words[0]):
+        words = words[1:]
+
+    program = Path(words[0]).name
+    arguments = [
+        word for word in words[1:] if not word.startswith("-") and ":=" not in word
+    ]
+    if re.fullmatch(r"python[\d.]*", program) and arguments:
+        scripts = (word for word in arguments if word.endswith(".py"))
+        program = next(scripts, arguments[0])
+    elif program == "ros2" and arguments[1:]:
+        # ros2 run PACKAGE NODE, ros2 launch PACKAGE FILE or ros2 launch FILE
+        program = arguments[:3][-1]
+
+    stem = Path(program).name.partition(".")[0]
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
+    if name in planner_names():
+        raise ConfigError(
+            f"planner command {format_value(command)}: give its planner a name;"
+            f" {name!r} is one of the suite's own"
+        )
+    return name
+
+
+def split_command(command: str) -> list[str]:
+    """Return the words of a planner command.
+
+    Raises:
+        ConfigError: If it has none, or its quotes do not match.
+    """
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ConfigError(f"planner command {format_value(command)}: {error}") from None
+    if not words:
+        raise ConfigError(
+            f"planner command must name a program, got {format_value(command)}"
+        )
+    return words
+
+
+def apply_parameters(
+    planners: Sequence[PlannerChoice], parameters: Mapping[str, Any], where: str
+) -> tuple[PlannerChoice, ...]:
+    """Return planners with changed parameters.
+
+    Args:
+        planners: The planners of a run.
+        parameters: Values by "PLANNER.PARAMETER", mappings by planner name or, for the
+            only planner, values by parameter.
+        where: Beginning of error messages.
+
+    Raises:
+        ConfigError: If a planner or parameter is not known, or a value not allowed.
+    """
+    values_by_planner = {planner.name: dict(planner.overrides) for planner in planners}
+    for key, value in parameters.items():
+        name, values = _find_planner(key, value, list(values_by_planner))
+        if name not in values_by_planner:
+            raise ConfigError(
+                f"{where}parameters of planner {format_value(name)}, which is not among them"
+                f"{suggest(name, values_by_planner)}"
+            )
+        values_by_planner[name] |= values
+    return tuple(
+        _set_parameters(planner, values_by_planner[planner.name], where)
+        for planner in planners
+    )
+
+
+def _find_planner(
+    key: str, value: object, names: Sequence[str]
+) -> tuple[str, Mapping[str, Any]]:
+    """Return the planner that a parameter key belongs to, and its parameters.
+
+    A key may be read in two ways: `dwa.max_speed_mps` of the only planner DWA is its
+    parameter of that name, if there is one, and else its `max_speed_mps`.
+    """
+    if isinstance(value, Mapping) and (key in names or len(names) > 1):
+        return key, value
+
+    prefix = next((name for name in names if key.startswith(f"{name}.")), "")
+    if len(names) == 1 and (not prefix or _has_parameter(names[0], key)):
+        return names[0], {key: value}
+
+    name = prefix or key.partition(".")[0]
+    return name, {key.removeprefix(f"{name}."): value}
+
+
+def _has_parameter(planner: str, key: str) -> bool:
+    """Return whether a planner of the registry has a parameter or group `key`."""
+    if planner not in planner_names():
+        return False
+    return any(
+        f"{name}.".startswith(f"{key}.")
+        for preset in planner_entry(planner).presets.values()
+        for name, _, _ in fields_of(preset)
+    )
+
+
+def _set_parameters(
+    planner: PlannerChoice, parameters: Mapping[str, Any], where: str
+) -> PlannerChoice:
+    """Return a planner with other parameters, speed cap or declared computing time."""
+    overrides: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
+    for key, value in parameters.items():
+        name = key.removeprefix("compute.")
+        is_compute = name != key
+        if is_compute and name not in COMPUTE_KEYS:
+            raise ConfigError(
+                f"{where}planner {planner.name!r}: unknown parameter {key!r}"
+                f"{suggest(name, COMPUTE_KEYS)}"
+            )
+        # The suite does not make this planner: its speed cap is all that it knows.
+        is_speed_cap = key == _SPEED_CAP and not planner.registered
+        if not (is_compute or is_speed_cap):
+            overrides[key] = value
+        elif isinstance(value, (int, float)):
+            numbers[name] = float(value)
+        else:
+            raise ConfigError(
+                f"{where}planner {planner.name!r}: {key} must be a number,"
+                f" got {format_value(value)}"
+            )
+    return replace(planner, overrides=overrides, **numbers)

@@ -1,0 +1,208 @@
+"""What a run tells its user while it goes on: to a logger, or on a console."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Column
+
+from barn_eval.running.pool import Notice
+from barn_eval.running.runner import Event, TrialLoss
+from barn_eval.trials.result import TrialResult
+
+logger = logging.getLogger(__name__)
+
+LINE_PERIOD_S = 30.0
+"""Time between two lines on the state of a run that nobody watches [s]."""
+
+MAX_TRIAL_LINES = 100
+"""Most trials of a run for which each trial has a line of its own."""
+
+
+class Reporter:
+    """Receives the notices and the progress of runs, and logs them."""
+
+    def notify(self, text: str) -> None:
+        """Tell a line of text."""
+        logger.info("%s", text)
+
+    def warn(self, text: str) -> None:
+        """Tell a line of text that needs attention."""
+        logger.warning("%s", text)
+
+    @contextmanager
+    def show_progress(self, progress: "RunProgress") -> Iterator[None]:
+        """Show the progress of a run for as long as the context lasts."""
+        try:
+            yield
+        finally:
+            self.notify(progress.line())
+
+    def update(self, progress: "RunProgress") -> None:
+        """Show progress that has changed."""
+        if progress.is_line_due():
+            self.notify(progress.line())
+
+
+class ConsoleReporter(Reporter):
+    """Prints notices and, on a terminal or in a notebook, a progress bar."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bar: Progress
+
+    @property
+    def is_interactive(self) -> bool:
+        """Whether somebody watches: a terminal, or a notebook that can show a bar."""
+        if self._console.is_jupyter:
+            return find_spec("ipywidgets") is not None
+        return self._console.is_terminal
+
+    def notify(self, text: str) -> None:
+        """Print a line of text."""
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def warn(self, text: str) -> None:
+        """Print a line of text."""
+        self.notify(text)
+
+    @contextmanager
+    def show_progress(self, progress: "RunProgress") -> Iterator[None]:
+        """Show a bar; where nobody watches, print lines and the last state."""
+        if not self.is_interactive:
+            with super().show_progress(progress):
+                yield
+            return
+        with Progress(
+            BarColumn(bar_width=20),
+            MofNCompleteColumn(table_column=Column(no_wrap=True)),
+            TextColumn("{task.description}", table_column=Column(ratio=1)),
+            console=self._console,
+            expand=True,
+            refresh_per_second=2.0,
+        ) as self._bar:
+            self._bar.add_task(
+                progress.text(), total=progress.total, completed=progress.count
+            )
+            yield
+
+    def update(self, progress: "RunProgress") -> None:
+        """Move the bar; where nobody watches, print a line every `LINE_PERIOD_S`."""
+        if not self.is_interactive:
+            super().update(progress)
+            return
+        for task in self._bar.task_ids:
+            self._bar.update(
+                task, completed=progress.count, description=progress.text()
+            )
+
+
+def make_reporter(progress: bool) -> Reporter:
+    """Return a reporter for Python users.
+
+    Args:
+        progress: Show progress in a terminal or notebook. Elsewhere, and without it, the
+            reporter logs.
+    """
+    reporter = ConsoleReporter(Console(stderr=True))
+    return reporter if progress and reporter.is_interactive else Reporter()
+
+
+class RunProgress:
+    """Counts the trials of a run and their outcomes, and tells a reporter of both."""
+
+    def __init__(
+        self, total: int, completed: Sequence[TrialResult], reporter: Reporter
+    ) -> None:
+        """Begin a session.
+
+        Args:
+            total: Number of trials, with those of earlier sessions.
+            completed: Results of earlier sessions.
+            reporter: Receives lines and progress.
+        """
+        self.total = total
+        self.count = len(completed)
+        self.reporter = reporter
+        self._earlier_count = len(completed)
+        self._outcomes = Counter(result.outcome for result in completed)
+        self._simulated_s = 0.0
+        self._start_s = time.monotonic()
+        self._last_line_s = self._start_s
+        self._last_notice = ""
+
+    def take(self, event: Event) -> None:
+        """Count and tell an event."""
+        if isinstance(event, Notice):
+            # Workers repeat what they wait for every few seconds.
+            if event.text != self._last_notice:
+                self.reporter.notify(event.text)
+            self._last_notice = event.text
+        elif isinstance(event, TrialLoss):
+            self.reporter.warn(
+                f"{event.trial_id}: attempt {event.attempt} lost, {event.reason}"
+            )
+        else:
+            self._take_result(event)
+
+    def _take_result(self, result: TrialResult) -> None:
+        self.count += 1
+        self._simulated_s += result.scores.duration_s
+        self._outcomes[result.outcome] += 1
+        if self.total <= MAX_TRIAL_LINES:
+            self.reporter.notify(
+                f"[{self.count}/{self.total}] {result.trial_id}:"
+                f" {_describe_end(result)}"
+            )
+        self.reporter.update(self)
+
+    def is_line_due(self) -> bool:
+        """Return whether the last line is `LINE_PERIOD_S` old."""
+        return time.monotonic() - self._last_line_s >= LINE_PERIOD_S
+
+    def line(self) -> str:
+        """Return the state in a line, and count it as the last line."""
+        self._last_line_s = time.monotonic()
+        return f"{self.count}/{self.total} trials, {self.text()}"
+
+    def text(self) -> str:
+        """Return rate, real-time factor, remaining time and outcomes."""
+        elapsed_s = max(time.monotonic() - self._start_s, 0.001)
+        session_count = self.count - self._earlier_count
+        parts = ["starting; new kernels are compiled first"]
+        if session_count:
+            rate = session_count / elapsed_s
+            remaining = self.total - self.count
+            time_text = f"in {format_duration(elapsed_s)}"
+            if remaining:
+                time_text = f"{format_duration(remaining / rate)} left"
+            parts = [
+                f"{60.0 * rate:.1f}/min",
+                f"{self._simulated_s / elapsed_s:.1f} x real time",
+                time_text,
+            ]
+        for outcome, count in self._outcomes.most_common():
+            parts.append(f"{outcome.value} {count}")
+        return ", ".join(parts)
+
+
+def format_duration(duration_s: float) -> str:
+    """Return a duration as hours, minutes and seconds."""
+    minutes, seconds = divmod(round(duration_s), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
+
+
+def _describe_end(result: TrialResult) -> str:
+    if result.scores.success:
+        end = f"success in {result.scores.traversal_time_s:.2f} s"
+    elif result.detail:
+        end = f"{result.outcome.value} ({result.detail})"
+    else:
+        end = result.outcome.value
+    remarks = (end, result.wall_clock.remark, result.wall_clock.retry_note)
+    return ", ".join(filter(None, remarks))

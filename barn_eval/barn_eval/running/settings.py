@@ -1,0 +1,230 @@
+"""Settings: combinations of parameter values, each driven as a run of its own.
+
+`barn run --sweep` and `--latency`, `barn tune` and `barn ab` drive settings.
+"""
+
+import hashlib
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from barn_eval.running.command_files import hash_command_files
+from barn_eval.running.parameter_files import change_command
+from barn_eval.running.planner_choices import apply_parameters, split_command
+from barn_eval.running.request import SCHEMA_VERSION, RunRequest
+from barn_eval.running.setting_folders import LATENCY, format_setting_value
+from barn_eval.trials.run_config import PlannerChoice
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.files import write_bytes
+from barn_worlds.base.text_files import parse_yaml, read_yaml
+
+MAX_SETTINGS = 400
+PARAMETERS = "parameters"
+"""Folder of the ROS parameter files that settings need."""
+
+Sweep = Mapping[str, Sequence[Any]]
+"""Values of each parameter."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One combination of parameter values and the run that drives it."""
+
+    name: str
+
+    values: Mapping[str, Any]
+    """Values by the short names of the parameters."""
+
+    request: RunRequest
+
+    parameter_files: Mapping[Path, bytes] = field(default_factory=dict)
+    """Content of the ROS parameter files that the planner command names."""
+
+    def write_parameter_files(self) -> None:
+        """Write the ROS parameter files; call this before the run starts."""
+        for path, content in self.parameter_files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, content)
+
+
+def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Setting:
+    """Return the setting of a run in which its first planner has other parameters.
+
+    Args:
+        base: The run to change.
+        values: Values by parameter. For a planner of the suite, these are its dotted
+            parameters. For one that a command starts, they are ROS parameters: `-p`
+            sets them or, with a `--params-file`, a changed copy of that file does.
+        name: Name of the setting, and of its folder below that of `base`.
+
+    Raises:
+        ConfigError: If the planner has no such parameter.
+    """
+    planner, *others = base.config.planners
+    files: dict[Path, bytes] = {}
+    if planner.command:
+        copy = base.out / PARAMETERS / f"{name}.yaml"
+        command, files = change_command(planner.command, values, copy)
+        planner = _with_command(planner, command, files)
+    else:
+        (planner,) = apply_parameters([planner], values, "")
+    config = replace(base.config, planners=(planner, *others))
+    # Raises for a parameter that the planner does not have.
+    config.resolve_planner(planner)
+
+    request = replace(base, config=config).in_folder(base.out / name)
+    return Setting(name, values, request, files)
+
+
+def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
+    """Return a setting for each combination of values.
+
+    Args:
+        base: The run to change.
+        sweep: Values by parameter of the only planner, as `make_setting` takes them;
+            or the key "latency" alone, with the delays of all planners' commands [s].
+
+    Raises:
+        ConfigError: If the run has several planners, a value is not allowed or comes
+            twice, or there are more than `MAX_SETTINGS` combinations.
+    """
+    _require_values(sweep)
+    if list(sweep) == [LATENCY]:
+        return [_make_delayed(base, delay_s) for delay_s in _delays_s(sweep[LATENCY])]
+
+    planners = base.config.planners
+    if len(planners) != 1:
+        names = ", ".join(planner.name for planner in planners)
+        raise ConfigError(f"a sweep is of one planner, got {names}")
+
+    short_names = _short_names(list(sweep))
+    settings = []
+    for combination in itertools.product(*sweep.values()):
+        values = dict(zip(sweep, combination, strict=True))
+        short_values = dict(zip(short_names, combination, strict=True))
+        name = ",".join(
+            f"{key}={format_setting_value(value)}"
+            for key, value in short_values.items()
+        )
+        folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
+        setting = make_setting(base, values, folder)
+        settings.append(replace(setting, name=name, values=short_values))
+    if len({setting.request.out for setting in settings}) < len(settings):
+        raise ConfigError("a sweep names one value twice")
+    return settings
+
+
+def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
+    """Return the sweep of command-line texts, else of a run's YAML file; may be empty.
+
+    Args:
+        file: YAML file that may have a key `sweep`.
+        texts: "KEY=V1,V2,..." texts.
+
+    Raises:
+        ConfigError: If a text or the key has another form.
+    """
+    if texts or file is None:
+        return parse_sweep(texts)
+    sweep = read_yaml(file, SCHEMA_VERSION).get("sweep") or {}
+    if not isinstance(sweep, Mapping):
+        raise ConfigError(
+            f"{file}: sweep must be a mapping of parameters to lists of values,"
+            f" got {format_value(sweep)}"
+        )
+    return sweep
+
+
+def parse_sweep(texts: Sequence[str]) -> Sweep:
+    """Return the values of each parameter from "KEY=V1,V2,..." texts.
+
+    Raises:
+        ConfigError: If a text has another form, or a key comes twice.
+    """
+    sweep: dict[str, list[Any]] = {}
+    for text in texts:
+        key, _, list_text = text.partition("=")
+        key = key.strip()
+        values = parse_yaml(f"[{list_text}]", f"--sweep {format_value(text)}")
+        if not key or not values or not isinstance(values, list) or key in sweep:
+            raise ConfigError(
+                f"--sweep {format_value(text)}: must be KEY=V1,V2,..., each key given once"
+            )
+        sweep[key] = values
+    return sweep
+
+
+def _with_command(
+    planner: PlannerChoice, command: str, files: Mapping[Path, bytes]
+) -> PlannerChoice:
+    """Return a planner with another command and the hashes of the files it names."""
+    # The content is hashed, not the file: before the run starts it does not exist, and
+    # when the run resumes it does.
+    hashes = {
+        str(path): hashlib.sha256(content).hexdigest()
+        for path, content in files.items()
+    }
+    files_by_name = hash_command_files(split_command(command)) | hashes
+    return replace(planner, command=command, files=files_by_name)
+
+
+def _make_delayed(base: RunRequest, delay_s: float) -> Setting:
+    """Return the setting in which the commands of all planners come late.
+
+    At a delay of 0, planners compute as they declare.
+    """
+    config = base.config
+    if delay_s:
+        planners = [
+            replace(
+                planner,
+                delay_s=delay_s,
+                delay_p95_s=0.0,
+                period_s=planner.compute.period_s,
+            )
+            for planner in config.planners
+        ]
+        config = replace(config, planners=tuple(planners))
+    name = f"{LATENCY}={format_setting_value(delay_s)}"
+    request = replace(base, config=config).in_folder(base.out / name)
+    return Setting(name, {LATENCY: delay_s}, request)
+
+
+def _delays_s(values: Sequence[Any]) -> list[float]:
+    is_number = not any(isinstance(value, (str, bool)) for value in values)
+    if not is_number or len(set(values)) < len(values):
+        raise ConfigError(
+            f"latency: must be delays in s, each named once, got {format_value(list(values))}"
+        )
+    return [float(value) for value in values]
+
+
+def _require_values(sweep: Sweep) -> None:
+    for key, values in sweep.items():
+        if not isinstance(values, Sequence) or isinstance(values, str) or not values:
+            raise ConfigError(
+                f"sweep of {format_value(key)}: must be a list of values, got {format_value(values)}"
+            )
+        for value in values:
+            if not isinstance(value, (str, bool, int, float)):
+                raise ConfigError(
+                    f"sweep of {format_value(key)}: a value must be a number, a text, true or"
+                    f" false, got {value!r}"
+                )
+    count = math.prod(len(values) for values in sweep.values())
+    if count > MAX_SETTINGS:
+        raise ConfigError(
+            f"a sweep may have {MAX_SETTINGS} settings, these are {count}"
+        )
+
+
+def _short_names(keys: Sequence[str]) -> list[str]:
+    """Return the last parts of dotted names, or whole names if those are not unique."""
+    last_parts = [key.rpartition(".")[2] for key in keys]
+    if len(set(last_parts)) == len(keys):
+        return last_parts
+    return [key.replace("=", "_") for key in keys]

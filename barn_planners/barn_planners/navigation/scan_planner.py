@@ -1,0 +1,90 @@
+"""The base of planners that need nothing but the goal and the current scan."""
+
+import math
+from abc import abstractmethod
+
+import numpy as np
+
+from barn_planners.interface import (
+    Decision,
+    FloatArray,
+    Observation,
+    Planner,
+    PlannerStatus,
+    Task,
+)
+from barn_planners.navigation.observation_check import (
+    ObservationCheck,
+    ObservationCheckConfig,
+)
+from barn_worlds.base.types import STOP, Pose2D, Scan
+
+
+class ScanPlanner(Planner):
+    """Drives to the goal by its scans, without a map or randomness."""
+
+    def __init__(self, check: ObservationCheckConfig, goal_tolerance_m: float):
+        self._check = ObservationCheck(check)
+        self._goal_tolerance_m = goal_tolerance_m
+        self._task: Task | None = None
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a new trial.
+
+        Args:
+            task: Goal in the planning frame; its map is ignored.
+            seed: Ignored.
+        """
+        del seed
+        self._task = task
+        self._check.reset()
+
+    def step(self, observation: Observation) -> Decision:
+        """Stop at the goal or if the observation cannot be used; otherwise drive."""
+        if self._task is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
+
+        goal = self._task.goal
+        problem = self._check.problem(observation) or self.problem(observation.scan)
+        distance_m = observation.pose.distance(goal)
+        if not problem and not math.isfinite(distance_m):
+            problem = "the goal is not at a usable position"
+        if problem:
+            return Decision(STOP, PlannerStatus.BLOCKED, problem)
+        if distance_m <= self._goal_tolerance_m:
+            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
+        return self.drive(observation, goal)
+
+    def problem(self, scan: Scan) -> str:
+        """Return in one line why this planner cannot use a scan, or an empty text."""
+        del scan
+        return ""
+
+    @abstractmethod
+    def drive(self, observation: Observation, goal: Pose2D) -> Decision:
+        """Decide on a command toward the goal.
+
+        Args:
+            observation: Readings that passed all checks.
+            goal: Goal in the planning frame, beyond the goal tolerance.
+        """
+
+
+def scan_points(scan: Scan, lidar: Pose2D, max_range_m: float) -> FloatArray:
+    """Return the valid returns of a scan as points.
+
+    Args:
+        scan: Scan of any number of beams.
+        lidar: Pose of the lidar in base_link.
+        max_range_m: Returns at this range or beyond are left out, in m from the lidar.
+
+    Returns:
+        Points (n, 2) in m in base_link.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    is_valid = (ranges >= scan.range_min) & (ranges < min(scan.range_max, max_range_m))
+    ranges = ranges[is_valid]
+    angles = scan.angles()[is_valid] + lidar.yaw
+    x = lidar.x + ranges * np.cos(angles)
+    y = lidar.y + ranges * np.sin(angles)
+    return np.stack([x, y], axis=1)

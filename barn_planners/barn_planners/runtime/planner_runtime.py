@@ -1,0 +1,165 @@
+"""What a planner's node and a direct trial share: tasks, readiness and commands."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    STOP,
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+)
+
+# After a pause this long, an equal goal is a new task and no repetition of the message.
+_NEW_GOAL_PAUSE_NS = NANOSECONDS_PER_SECOND
+
+
+@dataclass(frozen=True, slots=True)
+class RuntimeOutput:
+    """What one observation leads to."""
+
+    # Command to send; None sends nothing.
+    command: Velocity2D | None
+    # What the planner decided; None while there is no task.
+    decision: Decision | None = None
+
+
+class PlannerRuntime:
+    """Runs one planner, task after task."""
+
+    def __init__(
+        self, planner: Planner, *, seed: int, use_map: bool, repeat_command: bool = True
+    ):
+        """Wait for goal and map.
+
+        Args:
+            planner: Planner to run.
+            seed: Seed of the next tasks; it can be changed between them.
+            use_map: Whether a task needs a map.
+            repeat_command: Whether to send the last command again in cycles without
+                one, so that a simulator in lockstep does not wait.
+        """
+        self.planner = planner
+        self.seed = seed
+        self._use_map = use_map
+        self._repeat_command = repeat_command
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget goal, map and task."""
+        self._goal: Pose2D | None = None
+        self._map: OccupancyMap | None = None
+        self._task: Task | None = None
+        self._command = STOP
+        self._status = PlannerStatus.RUNNING
+        self._now_ns = 0
+        self._goal_ns = 0
+
+    def missing(self) -> str:
+        """Return what is missing before the planner can drive, or an empty text."""
+        missing = [] if self._goal is not None else ["no goal yet"]
+        if self._use_map and self._map is None:
+            missing.append("no map yet")
+        return ", ".join(missing)
+
+    def set_goal(self, goal: Pose2D) -> bool:
+        """Set the goal and return whether that starts a task.
+
+        An equal goal starts a task only if the last one is over and a pause has passed.
+        """
+        is_over = self._status in (PlannerStatus.GOAL_REACHED, PlannerStatus.FAILED)
+        is_after_pause = self._now_ns - self._goal_ns > _NEW_GOAL_PAUSE_NS
+        self._goal_ns = self._now_ns
+        if goal == self._goal and not (is_over and is_after_pause):
+            return False
+        self._goal = goal
+        return self._start_task()
+
+    def set_map(self, occupancy: OccupancyMap) -> bool:
+        """Set the map and return whether that starts a task; an equal map does not."""
+        if not self._use_map:
+            return False
+        if self._map is not None and _are_equal(self._map, occupancy):
+            return False
+        self._map = occupancy
+        return self._start_task()
+
+    def restart(self) -> None:
+        """Restart the task, because time has restarted."""
+        self._now_ns = self._goal_ns = 0
+        self._start_task()
+
+    def step(self, observation: Observation) -> RuntimeOutput:
+        """Run one control cycle of the planner; stop while there is no task."""
+        self._now_ns = observation.stamp_ns
+        if self._task is None:
+            return RuntimeOutput(STOP)
+
+        decision = self.planner.step(observation)
+        self._status = decision.status
+        if decision.command is not None:
+            self._command = decision.command
+        elif not self._repeat_command:
+            return RuntimeOutput(None, decision)
+        return RuntimeOutput(self._command, decision)
+
+    def warm_up(self) -> None:
+        """Run the planner on made-up readings, so that its kernels are compiled.
+
+        Otherwise the first cycles of the first trial would be much slower than the
+        others.
+        """
+        occupancy = None
+        if self._use_map:
+            occupancy = OccupancyMap(np.zeros((60, 60), np.int8), 0.15, -4.5, -4.5)
+        self.planner.start(Task(Pose2D(3.0, 0.0, 0.0), occupancy), self.seed)
+
+        ranges = np.full(720, 2.0, np.float32)
+        pose = Pose2D(0.0, 0.0, 0.0)
+        for cycle in range(4):
+            stamp_ns = cycle * NANOSECONDS_PER_SECOND // 20
+            scan = Scan(stamp_ns, ranges, -2.35, 4.7 / 719, 0.1, 30.0)
+            odometry = Odometry(stamp_ns, pose, STOP)
+            self.planner.step(Observation(stamp_ns, odometry, scan, pose))
+        self.planner.view()
+
+    def _start_task(self) -> bool:
+        """Start a task if goal and map are there; return whether they are."""
+        if self._goal is None or (self._use_map and self._map is None):
+            return False
+        self._task = Task(self._goal, self._map)
+        self._command = STOP
+        self._status = PlannerStatus.RUNNING
+        self.planner.start(self._task, self.seed)
+        return True
+
+
+def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
+    """Return in one line why a goal is refused, or an empty text.
+
+    Args:
+        goal: Goal from a message.
+        frame: Frame in the header of the message, with or without a leading slash.
+        planning_frame: Frame that the planner plans in.
+    """
+    if frame.lstrip("/") != planning_frame:
+        frames = f"it is in frame {frame!r}, this planner plans in {planning_frame!r}"
+        return f"goal refused: {frames}"
+    if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):
+        return "goal refused: it is not a number"
+    return ""
+
+
+def _are_equal(first: OccupancyMap, second: OccupancyMap) -> bool:
+    return (
+        first.resolution == second.resolution
+        and first.origin_x == second.origin_x
+        and first.origin_y == second.origin_y
+        and np.array_equal(first.data, second.data)
+    )

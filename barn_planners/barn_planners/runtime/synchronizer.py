@@ -1,0 +1,163 @@
+"""Observations from readings that arrive separately and in any order."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from barn_planners.interface import Observation
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import Odometry, Pose2D, Scan, nanoseconds
+
+T = TypeVar("T")
+
+_MAX_READINGS = 200  # of one source
+
+
+@dataclass(frozen=True)
+class SyncConfig(Checked):
+    """How old a reading may be that is combined with a scan."""
+
+    odometry_age_s: float = quantity(
+        0.25, "oldest odometry that is combined with a scan", "s", 0.0, 60.0
+    )
+    pose_age_s: float = quantity(
+        600.0,
+        "oldest localization taken with a scan, and extrapolated",
+        "s",
+        minimum=0.0,
+    )
+
+
+class Synchronizer:
+    """Returns an observation for each scan once its readings have arrived.
+
+    If a source sends one reading per scan with the scan's own stamp, as in lockstep,
+    that reading is awaited. Otherwise the latest reading not after the scan is used, as
+    soon as a later reading or the next scan shows that no better one will come. Such a
+    source is not awaited again until one of its stamps matches a scan.
+    """
+
+    def __init__(self, config: SyncConfig, *, use_pose: bool):
+        self.config = config
+        self._use_pose = use_pose
+        self._odometry_age_ns = nanoseconds(config.odometry_age_s)
+        self._pose_age_ns = nanoseconds(config.pose_age_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all readings."""
+        self._odometry: _History[Odometry] = _History()
+        self._poses: _History[Pose2D] = _History()
+        # The scan that waits for its readings, and the stamp of the last complete one.
+        self._scan: Scan | None = None
+        self._last_ns: int | None = None
+        self.skipped = 0
+        self.restarted = False
+        self.missing = "no scan yet"
+
+    def add_odometry(self, odometry: Odometry) -> Observation | None:
+        """Add odometry; return the observation that it completes."""
+        self._odometry.add(odometry.stamp_ns, odometry, self._last_ns)
+        return self._complete(is_overtaken=False)
+
+    def add_pose(self, stamp_ns: int, pose: Pose2D) -> Observation | None:
+        """Add a pose of the robot; return the observation that it completes.
+
+        Args:
+            stamp_ns: Time of the localization in ns.
+            pose: Pose in the map frame.
+        """
+        self._poses.add(stamp_ns, pose, self._last_ns)
+        return self._complete(is_overtaken=False)
+
+    def add_scan(self, scan: Scan) -> list[Observation]:
+        """Add a scan; return the observations that it completes, oldest first.
+
+        A scan that is older than the last one means that time has restarted: everything
+        is forgotten and `restarted` is set.
+        """
+        newest_ns = self._scan.stamp_ns if self._scan is not None else self._last_ns
+        if newest_ns is not None and scan.stamp_ns < newest_ns:
+            self.reset()
+            self.restarted = True
+
+        # The scan before cannot expect better readings any more.
+        previous = self._complete(is_overtaken=True)
+        if self._scan is not None:
+            self.skipped += 1
+        self._scan = scan
+        current = self._complete(is_overtaken=False)
+        return [item for item in (previous, current) if item is not None]
+
+    def _complete(self, *, is_overtaken: bool) -> Observation | None:
+        """Return the observation of the pending scan if it need not wait any longer."""
+        scan = self._scan
+        if scan is None:
+            return None
+        stamp_ns = scan.stamp_ns
+        if not self._odometry.is_settled(stamp_ns, is_overtaken):
+            self.missing = "no odometry yet"
+            return None
+        if self._use_pose and not self._poses.is_settled(stamp_ns, is_overtaken):
+            self.missing = "no localization yet"
+            return None
+
+        odometry = self._odometry.latest(stamp_ns, self._odometry_age_ns)
+        if odometry is None:
+            self.missing = f"no odometry of the last {self.config.odometry_age_s:g} s"
+            return None
+        pose = self._pose(stamp_ns, odometry) if self._use_pose else odometry.pose
+        if pose is None:
+            self.missing = "no localization yet"
+            return None
+
+        self._scan = None
+        self._last_ns = stamp_ns
+        self.missing = ""
+        return Observation(stamp_ns, odometry, scan, pose)
+
+    def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:
+        """Return the pose in the map frame, extrapolated by odometry if it is older."""
+        pose_ns = self._poses.latest_stamp(stamp_ns)
+        pose = self._poses.latest(stamp_ns, self._pose_age_ns)
+        if pose is None or pose_ns is None or stamp_ns == pose_ns == odometry.stamp_ns:
+            return pose
+        odometry_then = self._odometry.latest(pose_ns, self._odometry_age_ns)
+        if odometry_then is None:
+            return pose
+        return pose @ (odometry_then.pose.inverse() @ odometry.pose)
+
+
+class _History(Generic[T]):
+    """The last readings of one source by stamp, and whether it sends one per scan."""
+
+    def __init__(self) -> None:
+        self._readings: OrderedDict[int, T] = OrderedDict()
+        self._sends_per_scan = True
+
+    def add(self, stamp_ns: int, reading: T, last_scan_ns: int | None) -> None:
+        self._readings[stamp_ns] = reading
+        if stamp_ns == last_scan_ns:
+            self._sends_per_scan = True
+        while len(self._readings) > _MAX_READINGS:
+            self._readings.popitem(last=False)
+
+    def is_settled(self, stamp_ns: int, is_overtaken: bool) -> bool:
+        """Tell whether there is a reading and no better one is expected."""
+        if stamp_ns in self._readings:
+            self._sends_per_scan = True
+            return True
+        if is_overtaken or (self._readings and max(self._readings) > stamp_ns):
+            self._sends_per_scan = False
+        return not self._sends_per_scan and self.latest_stamp(stamp_ns) is not None
+
+    def latest_stamp(self, stamp_ns: int) -> int | None:
+        earlier = [stamp for stamp in self._readings if stamp <= stamp_ns]
+        return max(earlier, default=None)
+
+    def latest(self, stamp_ns: int, max_age_ns: int) -> T | None:
+        """Return the last reading not after a stamp and not older than the age."""
+        stamp = self.latest_stamp(stamp_ns)
+        if stamp is None or stamp_ns - stamp > max_age_ns:
+            return None
+        return self._readings[stamp]

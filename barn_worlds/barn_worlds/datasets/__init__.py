@@ -1,0 +1,1 @@
+"""Data sets of worlds: opening shipped and own ones, and generating new ones."""

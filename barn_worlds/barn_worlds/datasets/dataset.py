@@ -1,0 +1,288 @@
+"""Data sets: numbered worlds from the package, a folder or a file."""
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from barn_worlds.base.errors import WorldError, suggest
+from barn_worlds.formats import dataset_file, original, single
+from barn_worlds.formats.world_yaml import ENDING
+from barn_worlds.robots.files import STANDARD_ROBOT
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.course import fit_to_robot
+from barn_worlds.worlds.world import World
+
+_MAX_CACHED_WORLDS = 1000
+_MAX_QUOTED_CHARACTERS = 300
+# Of a folder with files of several kinds, the first kind that occurs is the worlds.
+_FOLDER_KINDS = (
+    (ENDING,),
+    single.GAZEBO_ENDINGS,
+    single.MAP_ENDINGS,
+    (".map",),
+    (".npy",),
+)
+# Files beside the .npy grids of the original data set that are no worlds.
+_COMPANION_FILES = ("path_", "cspace_", "metrics_")
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Numbered worlds, each read when it is first loaded."""
+
+    name: str
+    # Functions that read the worlds, by number.
+    readers: Mapping[int, Callable[[], World]]
+    # Of a data set in the suite's own format, else empty.
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    _cache: dict[int, World] = field(default_factory=dict, init=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Other processes read the worlds themselves: that is faster than unpickling.
+        return {**self.__dict__, "_cache": {}}
+
+    @property
+    def world_numbers(self) -> tuple[int, ...]:
+        """Numbers of the worlds, ascending."""
+        return tuple(sorted(self.readers))
+
+    def load(self, world_number: int) -> World:
+        """Return a world; WorldError if there is none or it cannot be read."""
+        if world_number not in self.readers:
+            raise WorldError(
+                f"{self.name}: no world {world_number}; there are {len(self.readers)} "
+                f"worlds from {min(self.readers)} to {max(self.readers)}"
+            )
+        if world_number not in self._cache:
+            # Worlds of a large data set would fill the memory.
+            if len(self._cache) >= _MAX_CACHED_WORLDS:
+                self._cache.clear()
+            self._cache[world_number] = self.readers[world_number]()
+        return self._cache[world_number]
+
+    def for_robot(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
+        """Return the data set with its worlds as a robot drives them.
+
+        Args:
+            robot: Its footprint decides which paths fit.
+            course: Other start and goal for all worlds (`worlds.course.fit_to_robot`).
+        """
+        readers = {
+            world_number: partial(self._load_for_robot, world_number, robot, course)
+            for world_number in self.readers
+        }
+        return replace(self, readers=readers)
+
+    def _load_for_robot(
+        self, world_number: int, robot: Robot, course: Sequence[float]
+    ) -> World:
+        return fit_to_robot(self.load(world_number), robot, course)
+
+    def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
+        """Raise WorldError if a robot is too large for worlds made for another one.
+
+        Data sets whose manifest names no robot, such as barn300, are for any.
+
+        Args:
+            robot: Compared with the one that the manifest names.
+            world_numbers: Numbers of the worlds that it would drive in.
+        """
+        intended_robot = self.manifest.get("robot") or robot.name
+        if intended_robot == robot.name:
+            return
+
+        for world in map(self.load, world_numbers):
+            planned_cells = world.footprint_cells
+            needed_cells = robot.footprint_cells(world.resolution_m)
+            if needed_cells > planned_cells:
+                raise WorldError(
+                    f"{self.name} is made for robot {intended_robot}, with paths for "
+                    f"{planned_cells} x {planned_cells} cells of "
+                    f"{world.resolution_m:g} m: "
+                    f"robot {robot.name} takes {needed_cells} x {needed_cells}; "
+                    f"name one that fits, such as {intended_robot}"
+                )
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of all worlds and their numbers; reads them all."""
+        lines = (
+            f"{world_number} {self.load(world_number).checksum}\n"
+            for world_number in self.world_numbers
+        )
+        return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def dataset_files() -> dict[str, Path]:
+    """Return the files of the data sets that come with the package, by name."""
+    folder = Path(str(resources.files("barn_worlds"))) / "data"
+    return {file.stem: file for file in sorted(folder.glob("*.npz"))}
+
+
+def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
+    """Open a data set.
+
+    A world has the number in its file's name. If a number is missing or not unique,
+    files are numbered from 0 in order of name.
+
+    Args:
+        source: The name of a shipped data set (barn300), a data set file (.npz), a
+            folder in the original layout, a folder of Gazebo worlds (.world, .sdf,
+            gzipped or not), of the suite's YAML (.world.yaml), of .npy grids or of
+            map_server maps (.yaml), or one such file.
+        robot: Its footprint is used to plan paths if the source has neither paths nor a
+            footprint.
+
+    Raises:
+        WorldError: If the source is no data set or cannot be read.
+    """
+    # A shipped name wins over a file of the same name.
+    shipped_file = dataset_files().get(str(source))
+    if shipped_file is not None:
+        return _open_file(shipped_file)
+
+    path = Path(source)
+    try:
+        if path.is_dir():
+            dataset = _open_folder(path, robot)
+        elif path.suffix == ".npz" and path.exists():
+            dataset = _open_file(path)
+        elif path.exists():
+            single.check_ending(path)
+            reader = partial(single.read_world, path, robot)
+            dataset = Dataset(path.name, {single.number_in(path) or 0: reader})
+        else:
+            hint = suggest(str(source), dataset_files())
+            raise WorldError(
+                f"{str(source)[:_MAX_QUOTED_CHARACTERS]}: no such file, folder or data "
+                f"set{hint}"
+            )
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise WorldError(f"{str(source)!r:.200}: cannot be read: {reason}") from None
+
+    if not dataset.readers:
+        raise WorldError(
+            f"{source}: has no worlds; their files end in "
+            f"{', '.join(single.ENDINGS)} or .npz"
+        )
+    return dataset
+
+
+def _open_folder(path: Path, robot: Robot) -> Dataset:
+    name = path.resolve().name
+    readers: dict[int, Callable[[], World]] = {}
+    if original.is_original_folder(path):
+        for world_number in original.find_world_numbers(path):
+            reader = partial(original.read_world, path, world_number, robot)
+            readers[world_number] = reader
+        return Dataset(name, readers)
+
+    files = sorted(file for file in path.iterdir() if file.is_file())
+    dataset_file_paths = [file for file in files if file.suffix == ".npz"]
+    if len(dataset_file_paths) == 1:
+        return _open_file(dataset_file_paths[0])
+
+    world_files: list[Path] = []
+    for endings in _FOLDER_KINDS:
+        files_of_kind = [file for file in files if single.ending(file) in endings]
+        if files_of_kind:
+            world_files = [
+                file
+                for file in files_of_kind
+                if not file.name.startswith(_COMPANION_FILES)
+            ]
+            break
+
+    numbers = [single.number_in(file) for file in world_files]
+    is_unique = None not in numbers and len(set(numbers)) == len(world_files)
+    for place, (number, file) in enumerate(zip(numbers, world_files, strict=True)):
+        world_number = number if is_unique and number is not None else place
+        readers[world_number] = partial(single.read_world, file, robot)
+    return Dataset(name, readers)
+
+
+def _open_file(path: Path) -> Dataset:
+    """Open a data set file of the suite."""
+    content = dataset_file.read_dataset_file(path)
+    readers = {
+        world_number: partial(content.world, position)
+        for position, world_number in enumerate(content.indices)
+    }
+    return Dataset(str(content.manifest["name"]), readers, manifest=content.manifest)
+
+
+LONGEST_SPEC = 10_000
+_PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
+
+
+def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
+    """Return the numbers that a selection names, in its order, each once.
+
+    Args:
+        spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
+            a Python range, end excluded) select the numbers that exist, at least one;
+            of numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
+        world_numbers: Numbers to select from.
+
+    Raises:
+        WorldError: If the selection has another form or names what does not exist.
+    """
+    numbers = sorted(set(world_numbers))
+    if len(spec) > LONGEST_SPEC:
+        raise WorldError(
+            f"selection of worlds must have at most {LONGEST_SPEC} characters, "
+            f"got {len(spec)}"
+        )
+    if not numbers:
+        raise WorldError("there are no worlds to select from")
+
+    selection: dict[int, None] = {}
+    try:
+        for part in spec.split(","):
+            selection.update(dict.fromkeys(_select_part(part.strip(), numbers)))
+    except WorldError as error:
+        raise WorldError(f"worlds {spec!r:.80}: {error}") from None
+    return list(selection)
+
+
+def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
+    """Yield the numbers of one part of a selection."""
+    if part == "all":
+        yield from numbers
+        return
+
+    match = _PART.fullmatch(part)
+    if match is None:
+        raise WorldError(
+            f"{part!r:.40} is not a number, first-last, start:stop or start:stop:step, "
+            "several joined by commas, or all"
+        )
+    first, last, stop, step = match.groups()
+    if step and not int(step):
+        raise WorldError(f"the step in {part!r} must be at least 1")
+
+    end = int(stop) if stop else int(last or first) + 1
+    selection = range(int(first), end, int(step or 1))
+    existing = [number for number in numbers if number in selection]
+    is_gapless = numbers[-1] - numbers[0] == len(numbers) - 1
+    if not existing or (is_gapless and len(existing) < len(selection)):
+        missing = part
+        if existing:
+            # The range may be huge, so it is only searched up to the first number.
+            outside = (
+                number
+                for number in selection
+                if not numbers[0] <= number <= numbers[-1]
+            )
+            missing = f"{next(outside)} of {part}"
+        raise WorldError(
+            f"no world {missing} among the {len(numbers)} "
+            f"from {numbers[0]} to {numbers[-1]}"
+        )
+    yield from existing

@@ -1,0 +1,396 @@
+"""Generating worlds and whole data sets from a seed (paper, Sec. III-A)."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from barn_worlds.base.arrays import BoolGrid
+from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
+from barn_worlds.robots.files import STANDARD_ROBOT
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.cspace import configuration_space, through_region
+from barn_worlds.worlds.path_planner import (
+    INFLATION_CELLS,
+    INFLATION_WEIGHT,
+    LARGEST_TURN,
+    plan_path,
+)
+from barn_worlds.worlds.world import Provenance, World
+
+LARGEST_GENERATED_SIDE = 500
+MAX_WORLDS = 100_000
+NARROWNESS = (
+    "minus the mean distance in cells from the path's cells to the closest occupied "
+    "C-space cell"
+)
+
+# Takes the number of worlds so far and of all.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class WorldParameters(Checked):
+    """What a world is generated with (paper, Sec. III-A and Table I)."""
+
+    initial_fill: float = quantity(0.20, "initial share of filled cells", "", 0.0, 1.0)
+    smoothing_iterations: int = quantity(
+        3, "iterations of the cellular automaton", "", 0, 100
+    )
+    fill_threshold: int = quantity(
+        5, "filled neighbours that make a cell filled, at least", "", 0, 9
+    )
+    clear_threshold: int = quantity(
+        1, "filled neighbours that make a cell free, at most", "", -1, 8
+    )
+    rows: int = quantity(
+        30, "cells across, side walls included", "", 3, LARGEST_GENERATED_SIDE
+    )
+    cols: int = quantity(
+        30, "cells along the driving direction", "", 2, LARGEST_GENERATED_SIDE
+    )
+    resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
+    footprint_cells: int = quantity(
+        5, "odd side of the robot's square footprint", "", 1, 101
+    )
+    attempts: int = quantity(
+        1_000_000, "grids tried until one has a way through", "", 1, 10_000_000
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
+        self.require(
+            self.clear_threshold < self.fill_threshold,
+            "clear_threshold",
+            f"must be below fill_threshold ({self.fill_threshold})",
+        )
+
+
+TABLE_I: tuple[WorldParameters, ...] = tuple(
+    WorldParameters(initial_fill=fill, smoothing_iterations=count)
+    for fill in (0.15, 0.20, 0.25, 0.30)
+    for count in (2, 3, 4)
+)
+
+
+@dataclass(frozen=True)
+class DatasetParameters(Checked):
+    """What a data set is generated with, by default the shipped barn300."""
+
+    name: str = quantity("barn300", "name of the data set")
+    seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
+    worlds_per_set: int = quantity(
+        25, "worlds made with each parameter set", "", 1, MAX_WORLDS
+    )
+    keep: int = quantity(
+        0,
+        "worlds kept of those made, evenly spread over their order; 0: all",
+        "",
+        0,
+        MAX_WORLDS,
+    )
+    robot: str = quantity(
+        "", "robot that the worlds are made for, if it is not the Jackal"
+    )
+    sets: tuple[WorldParameters, ...] = TABLE_I
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.world_count <= MAX_WORLDS:
+            raise ConfigError(
+                f"sets and worlds_per_set must make 1 to {MAX_WORLDS} worlds"
+            )
+        self.require(
+            self.keep <= self.world_count,
+            "keep",
+            f"must be at most the {self.world_count} worlds made",
+        )
+
+    @property
+    def world_count(self) -> int:
+        """Number of worlds that all sets make, before `keep` selects some."""
+        return self.worlds_per_set * len(self.sets)
+
+
+def cell_size_m(robot: Robot) -> float:
+    """Return the size of a cell in worlds for a robot, in whole millimeters.
+
+    It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
+    the Jackal, and passages are as wide for it.
+    """
+    # Rounded up, so that the robot still takes 5 x 5 cells.
+    scale = 1000.0 * WorldParameters().resolution_m * robot.reach_m
+    return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
+
+
+def generate_world(
+    parameters: WorldParameters,
+    generator: np.random.Generator,
+    name: str = "generated",
+    *,
+    seed: tuple[int, ...] = (),
+) -> World:
+    """Return a random world.
+
+    Args:
+        parameters: Cellular automaton, size and footprint.
+        generator: Source of all randomness. Only its method `random` is used, whose
+            stream NumPy is least likely to change.
+        name: Name of the world.
+        seed: What `generator` was seeded with, for the provenance.
+
+    Raises:
+        WorldError: If none of `parameters.attempts` grids has a path through.
+    """
+    last_column = parameters.cols - 1
+    for _ in range(parameters.attempts):
+        grid = generate_grid(parameters, generator)
+        cspace = configuration_space(grid, parameters.footprint_cells)
+        region = through_region(cspace)
+        if region is None:
+            continue
+
+        ends = []
+        for column in (0, last_column):
+            rows = np.flatnonzero(region[:, column])
+            place = int(generator.random() * len(rows))
+            ends.append((int(rows[place]), column))
+        path = plan_path(cspace, ends[0], ends[1])
+        if path is None:
+            continue
+
+        provenance = Provenance(
+            "generated",
+            parameters=as_dict(parameters),
+            seed=seed,
+            path_source="planned",
+        )
+        return World(
+            name,
+            grid,
+            path,
+            parameters.resolution_m,
+            parameters.footprint_cells,
+            provenance,
+        )
+
+    raise WorldError(
+        f"no passable world in {parameters.attempts} attempts with "
+        f"initial_fill {parameters.initial_fill:g} and "
+        f"footprint_cells {parameters.footprint_cells}; "
+        "fill less, or allow more attempts"
+    )
+
+
+def generate_dataset(
+    parameters: DatasetParameters, progress: Progress | None = None
+) -> list[World]:
+    """Return the worlds of a data set, one parameter set after the other.
+
+    World k of set s comes from SeedSequence(seed, spawn_key=(s, k)), so it does not
+    depend on how many other worlds there are.
+
+    Args:
+        parameters: Parameter sets, number of worlds and seed.
+        progress: Called after each world.
+    """
+    worlds: list[World] = []
+    keys = itertools.product(
+        range(len(parameters.sets)), range(parameters.worlds_per_set)
+    )
+    for key in keys:
+        sequence = np.random.SeedSequence(parameters.seed, spawn_key=key)
+        set_number, number = key
+        world = generate_world(
+            parameters.sets[set_number],
+            np.random.default_rng(sequence),
+            f"{parameters.name}_{set_number}_{number}",
+            seed=(parameters.seed, *key),
+        )
+        worlds.append(world)
+        if progress is not None:
+            progress(len(worlds), parameters.world_count)
+    return worlds
+
+
+def narrowness(world: World) -> float:
+    """Return a simple proxy for difficulty: minus the mean distance from obstacles.
+
+    Distances are in cells, from the path's cells to the closest occupied C-space cell.
+    If nothing is occupied, it is minus the longer side of the grid.
+    """
+    occupied = np.argwhere(world.cspace)
+    if len(occupied) == 0:
+        return -float(max(world.grid.shape))
+
+    distances = [np.hypot(*(occupied - cell).T).min() for cell in world.path]
+    return -float(np.mean(distances))
+
+
+def generate_ranked_dataset(
+    parameters: DatasetParameters, progress: Progress | None = None
+) -> tuple[list[World], WorldOrder]:
+    """Return the worlds of a data set that are kept, and their order by narrowness.
+
+    The widest and the narrowest world are always kept.
+
+    Args:
+        parameters: Parameter sets, number of worlds, how many to keep, and seed.
+        progress: Called after each world.
+    """
+    worlds = generate_dataset(parameters, progress)
+    scores = [narrowness(world) for world in worlds]
+    if parameters.keep:
+        ranking = np.argsort(scores, kind="stable")
+        places = np.linspace(0, len(worlds) - 1, parameters.keep).round()
+        selection = ranking[places.astype(np.int64)].tolist()
+        worlds = [worlds[k] for k in selection]
+        scores = [scores[k] for k in selection]
+    return worlds, WorldOrder(NARROWNESS, tuple(scores))
+
+
+def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
+    """Return worlds by number, from 0, in rising order of score.
+
+    Args:
+        worlds: The worlds; they are named world_0, world_1 and so on.
+        order: One score per world.
+
+    Raises:
+        WorldError: If there is not one finite score for each world.
+    """
+    if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
+        raise WorldError(
+            f"order by {order.by!r:.60} must have one finite score for each of "
+            f"{len(worlds)} worlds"
+        )
+
+    numbered = {}
+    for number, place in enumerate(np.argsort(order.scores, kind="stable")):
+        numbered[number] = dataclasses.replace(worlds[place], name=f"world_{number}")
+    return numbered
+
+
+def write_dataset(
+    target: Path,
+    parameters: DatasetParameters | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Generate a data set and write it as a .npz file with a manifest beside it.
+
+    `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
+
+    Args:
+        target: File to write.
+        parameters: Parameter sets, number of worlds and seed.
+        progress: Called after each world.
+    """
+    parameters = parameters or DatasetParameters()
+    entries: dict[str, object] = {
+        "seed": parameters.seed,
+        "worlds_per_set": parameters.worlds_per_set,
+    }
+    if parameters.keep:
+        entries["keep"] = parameters.keep
+    if parameters.robot:
+        entries["robot"] = parameters.robot
+    entries["path_planner"] = {
+        "search": "original",
+        "largest_turn_steps": LARGEST_TURN,
+        "inflation_cells": INFLATION_CELLS,
+        "inflation_weight": INFLATION_WEIGHT,
+    }
+    worlds, order = generate_ranked_dataset(parameters, progress)
+    write_ordered(target, parameters.name, worlds, order, entries)
+
+
+def write_ordered(
+    target: Path,
+    name: str,
+    worlds: Sequence[World],
+    order: WorldOrder,
+    entries: Mapping[str, object],
+) -> dict[int, World]:
+    """Write worlds as a data set file, numbered by rising score, and return them.
+
+    Args:
+        target: File to write, .npz.
+        name: Name of the data set.
+        worlds: In the order of the scores.
+        order: One score per world.
+        entries: More entries of the manifest, beside the order.
+    """
+    numbered = renumber(worlds, order)
+    manifest_order = {"by": order.by, "scores": sorted(order.scores)}
+    write_dataset_file(target, name, numbered, {**entries, "order": manifest_order})
+    return numbered
+
+
+def generate_grid(
+    parameters: WorldParameters, generator: np.random.Generator
+) -> BoolGrid:
+    """Return a random grid (rows, cols), True where filled.
+
+    Args:
+        parameters: Fill, cellular automaton and size.
+        generator: Source of all randomness.
+    """
+    *_, grid = automaton_grids(parameters, generator)
+    return grid
+
+
+def automaton_grids(
+    parameters: WorldParameters, generator: np.random.Generator
+) -> Iterator[BoolGrid]:
+    """Yield the random grid and then the grid after each iteration (paper, Fig. 1).
+
+    Args:
+        parameters: Fill, cellular automaton and size.
+        generator: Source of all randomness.
+    """
+    shape = (parameters.rows, parameters.cols)
+    grid: BoolGrid = generator.random(shape) < parameters.initial_fill
+    # The side walls; with the paper's thresholds smoothing keeps them filled anyway.
+    grid[[0, -1]] = True
+    yield grid
+    for _ in range(parameters.smoothing_iterations):
+        grid = smooth(grid, parameters.fill_threshold, parameters.clear_threshold)
+        grid[[0, -1]] = True
+        yield grid
+
+
+@njit(cache=True)
+def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
+    """Return the grid after one iteration of the cellular automaton.
+
+    Cells above the first and below the last row count as filled, corners included.
+    Cells beside the first and the last column count as free.
+
+    Args:
+        grid: (rows, cols), True where filled.
+        fill_threshold: A cell with at least so many filled cells among its 8 neighbors
+            is filled.
+        clear_threshold: A cell with at most so many is cleared; any other stays as it
+            is.
+    """
+    rows, cols = grid.shape
+    smoothed = np.empty((rows, cols), np.bool_)
+    for row in range(rows):
+        for column in range(cols):
+            is_filled = grid[row, column]
+            # The loop below counts the cell itself as well.
+            neighbors = -int(is_filled)
+            for r in range(row - 1, row + 2):
+                for c in range(column - 1, column + 2):
+                    neighbors += r < 0 or r >= rows or (0 <= c < cols and grid[r, c])
+            stays_filled = is_filled and neighbors > clear_threshold
+            smoothed[row, column] = neighbors >= fill_threshold or stays_filled
+    return smoothed

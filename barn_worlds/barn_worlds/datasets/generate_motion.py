@@ -1,0 +1,447 @@
+"""Generating worlds in which obstacles move, from a seed.
+
+They are arenas like those of DynaBARN, or other worlds with motions added.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
+from barn_worlds.worlds.world import Provenance, World
+
+SIDE_M = 20.0
+WALLS = (
+    Wall(-10.0, 0.0, 0.5, SIDE_M),
+    Wall(0.0, 10.0, SIDE_M, 0.5),
+    Wall(0.0, -10.0, SIDE_M, 0.5),
+)
+START_M = (11.0, 0.0)
+GOAL_M = (-9.0, 0.0)
+_HALF_M = SIDE_M / 2.0
+_CELL_M = 0.5
+# Outside of the walls.
+_CORNER_M = (-10.25, -10.25)
+# Reaches to x = 12.25 m, behind the start.
+_SHAPE = (45, 41)
+
+_ATTEMPTS = 1000
+_SHORTEST_PROFILE_M = 2.0
+# Points of a profile that are closer to the one before are left out.
+_CLOSEST_POINTS_M = 0.02
+
+# First entry of the spawn keys of each kind of random numbers: no two share a stream.
+_PROFILE_KEY = 0
+_ARENA_KEY = 1
+_COUNT_KEY = 2
+_MOTION_KEY = 3
+_CROSSING_KEY = 4
+
+
+@dataclass(frozen=True)
+class MotionParameters(Checked):
+    """What the motions of a class are generated with; ranges include both ends.
+
+    Speeds are on a grid. A profile has a mean speed and a spread, both drawn uniformly;
+    each piece of it has a speed from the normal distribution with these, at least one
+    step of the grid.
+    """
+
+    difficulty: str = quantity("easy", "name of the class")
+    profiles: int = quantity(200, "motions to draw from", "", 1, 10_000)
+    obstacles_min: int = quantity(5, "fewest obstacles of a world", "", 1, 500)
+    obstacles_max: int = quantity(14, "most obstacles of a world", "", 1, 500)
+    order_min: int = quantity(1, "lowest order of a polynomial", "", 1, 5)
+    order_max: int = quantity(2, "highest order of a polynomial", "", 1, 5)
+    points_min: int = quantity(
+        2,
+        "fewest random points of a profile, at least one more than its order",
+        minimum=2,
+    )
+    points_max: int = quantity(3, "most random points of a profile", "", 2, 50)
+    speed_min_mps: float = quantity(
+        0.5, "lowest mean speed of a profile", "m/s", 0.05, 10.0
+    )
+    speed_max_mps: float = quantity(
+        0.9, "highest mean speed of a profile", "m/s", 0.05, 10.0
+    )
+    speed_step_mps: float = quantity(0.1, "grid of speeds", "m/s", 0.01, 1.0)
+    spread_min_mps: float = quantity(
+        0.0, "smallest standard deviation of a profile", "m/s", 0.0, 5.0
+    )
+    spread_max_mps: float = quantity(
+        0.08, "largest standard deviation of a profile", "m/s", 0.0, 5.0
+    )
+    samples: int = quantity(
+        10, "values of x at which a polynomial is sampled", "", 2, 1000
+    )
+    radius_m: float = quantity(0.5, "radius of obstacles", "m", 0.01, 10.0)
+    height_m: float = quantity(1.0, "height of obstacles", "m", 0.01, 100.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ranges = (
+            ("obstacles_min", "obstacles_max"),
+            ("order_min", "order_max"),
+            ("points_min", "points_max"),
+            ("speed_min_mps", "speed_max_mps"),
+            ("spread_min_mps", "spread_max_mps"),
+        )
+        for low, high in ranges:
+            is_ordered = getattr(self, low) <= getattr(self, high)
+            self.require(is_ordered, low, f"must be at most {high}")
+        self.require(
+            self.obstacles_max <= self.profiles,
+            "obstacles_max",
+            f"must be at most profiles = {self.profiles}",
+        )
+
+
+MOTION_CLASSES = {
+    "easy": MotionParameters(),
+    "medium": MotionParameters(
+        difficulty="medium",
+        obstacles_min=15,
+        obstacles_max=19,
+        order_min=2,
+        order_max=3,
+        points_min=3,
+        points_max=5,
+        speed_min_mps=1.0,
+        speed_max_mps=1.4,
+        spread_min_mps=0.05,
+        spread_max_mps=0.14,
+    ),
+    "hard": MotionParameters(
+        difficulty="hard",
+        obstacles_min=20,
+        obstacles_max=24,
+        order_min=3,
+        order_max=3,
+        points_min=4,
+        points_max=6,
+        speed_min_mps=1.5,
+        speed_max_mps=1.9,
+        spread_min_mps=0.05,
+        spread_max_mps=0.15,
+    ),
+}
+
+
+def motion_class(name: str) -> MotionParameters:
+    """Return the parameters of a class; ConfigError if there is none of that name."""
+    if name not in MOTION_CLASSES:
+        hint = suggest(name, MOTION_CLASSES)
+        raise ConfigError(f"unknown class {name!r:.60}{hint}")
+    return MOTION_CLASSES[name]
+
+
+def build_arena(
+    name: str, moving: Sequence[MovingObstacle], provenance: Provenance | None = None
+) -> World:
+    """Return an arena of DynaBARN; its path is the straight line from start to goal.
+
+    Args:
+        name: Name of the world.
+        moving: What moves in it.
+        provenance: Where the obstacles come from.
+    """
+    start_row, goal_row = (
+        round((x - _CORNER_M[0]) / _CELL_M - 0.5) for x in (START_M[0], GOAL_M[0])
+    )
+    rows = np.arange(start_row, goal_row - 1, -1)
+    columns = np.full(len(rows), _SHAPE[1] // 2)
+    path = np.stack([rows, columns], axis=1)
+    return World(
+        name,
+        np.zeros(_SHAPE, np.bool_),
+        path,
+        _CELL_M,
+        footprint_cells=1,
+        provenance=provenance or Provenance(),
+        walls=WALLS,
+        moving=tuple(moving),
+        corner_m=_CORNER_M,
+    )
+
+
+def generate_arenas(
+    parameters: MotionParameters, worlds: int, seed: int
+) -> list[World]:
+    """Return random arenas of one class.
+
+    Profile k comes from SeedSequence(seed, spawn_key=(0, k)), world k from spawn_key
+    (1, k), so neither depends on how many others there are. The obstacles of a world
+    are drawn from the profiles without replacement.
+
+    Args:
+        parameters: The class.
+        worlds: Number of arenas.
+        seed: Seed of all randomness.
+    """
+    # Worlds share profiles, and each is generated when the first world needs it.
+    profiles: dict[int, MovingObstacle] = {}
+    arenas = []
+    for number in range(worlds):
+        generator = _generator(seed, _ARENA_KEY, number)
+        count = _integer(generator, parameters.obstacles_min, parameters.obstacles_max)
+        # Sorting random numbers shuffles; `permutation` may change with NumPy.
+        shuffled = np.argsort(generator.random(parameters.profiles), kind="stable")
+        moving = []
+        for profile in shuffled[:count].tolist():
+            if profile not in profiles:
+                profiles[profile] = _generate_profile(parameters, seed, profile)
+            moving.append(profiles[profile])
+
+        provenance = Provenance(
+            "generated", parameters=as_dict(parameters), seed=(seed, _ARENA_KEY, number)
+        )
+        name = f"{parameters.difficulty}_{number}"
+        arenas.append(build_arena(name, moving, provenance))
+    return arenas
+
+
+def add_motion(
+    world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
+) -> World:
+    """Return a world with obstacles that move on polynomials across its field.
+
+    They pass through the obstacles of its grid, as DynaBARN's pass through walls. They
+    stay out of the lead-in, so that the start stays free.
+
+    Args:
+        world: What moves in it already stays.
+        parameters: The class of motions.
+        seed: Seed of all randomness.
+        obstacles: Number of obstacles. By default it is drawn from the class.
+    """
+    left, below, right, above = _field(world)
+    center = np.array([left + right, below + above]) / 2.0
+    scale = np.array([right - left, above - below]) / SIDE_M
+    moving = []
+    for number in range(_obstacle_count(parameters, seed, obstacles)):
+        generator = _generator(seed, _MOTION_KEY, number)
+        points = _polynomial_points(parameters, generator) * scale + center
+        motion = _drive_through(points, parameters, generator)
+        name = f"{parameters.difficulty}_{number}"
+        moving.append(_build_obstacle(parameters, name, motion))
+    return _add_obstacles(world, moving, parameters, (seed, _MOTION_KEY))
+
+
+def add_crossings(
+    world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
+) -> World:
+    """Return a world with obstacles that cross its path like pedestrians.
+
+    Each moves straight from one side of the field to the other and back without a rest,
+    square to the direction from start to goal. Its place on the path, speed, side and
+    phase are random.
+
+    Args:
+        world: What moves in it already stays.
+        parameters: The class, which gives the speeds.
+        seed: Seed of all randomness.
+        obstacles: Number of obstacles. By default it is drawn from the class.
+    """
+    left, below, right, above = _field(world)
+    path = world.path_m()
+    extent = np.abs(path[-1] - path[0])
+    is_along_x = extent[0] > extent[1]
+    moving = []
+    for number in range(_obstacle_count(parameters, seed, obstacles)):
+        generator = _generator(seed, _CROSSING_KEY, number)
+        place = int(generator.random() * len(path))
+        x, y = path[place].tolist()
+        ends = ((x, below), (x, above)) if is_along_x else ((left, y), (right, y))
+        first, last = ends[::-1] if generator.random() < 0.5 else ends
+        mean_mps = _uniform(
+            generator, parameters.speed_min_mps, parameters.speed_max_mps
+        )
+        leg_s = math.dist(first, last) / _speed_on_grid(mean_mps, parameters)
+        period_s = 2.0 * leg_s
+        keys = ((0.0, *first), (leg_s, *last), (period_s, *first))
+        phase_s = generator.random() * period_s
+        motion = Motion("linear", period_s, keys)
+        name = f"crossing_{number}"
+        moving.append(_build_obstacle(parameters, name, motion, phase_s))
+    return _add_obstacles(world, moving, parameters, (seed, _CROSSING_KEY))
+
+
+def _field(world: World) -> tuple[float, float, float, float]:
+    """Return x_min, y_min, x_max, y_max of where obstacles move: not the lead-in."""
+    if world.corner_m is not None:
+        return -_HALF_M, -_HALF_M, _HALF_M, _HALF_M
+    left, _, right, above = world.bounds_m
+    return left, above - world.cols * world.resolution_m, right, above
+
+
+def _obstacle_count(
+    parameters: MotionParameters, seed: int, obstacles: int | None
+) -> int:
+    if obstacles is not None:
+        return obstacles
+    generator = _generator(seed, _COUNT_KEY)
+    return _integer(generator, parameters.obstacles_min, parameters.obstacles_max)
+
+
+def _add_obstacles(
+    world: World,
+    moving: list[MovingObstacle],
+    parameters: MotionParameters,
+    seed: tuple[int, ...],
+) -> World:
+    provenance = dataclasses.replace(
+        world.provenance,
+        parameters={**world.provenance.parameters, "motion": as_dict(parameters)},
+        seed=(*world.provenance.seed, *seed),
+    )
+    return dataclasses.replace(
+        world, moving=(*world.moving, *moving), provenance=provenance
+    )
+
+
+def _generate_profile(
+    parameters: MotionParameters, seed: int, number: int
+) -> MovingObstacle:
+    generator = _generator(seed, _PROFILE_KEY, number)
+    points = _polynomial_points(parameters, generator)
+    motion = _drive_through(points, parameters, generator)
+    return _build_obstacle(parameters, f"{parameters.difficulty}_{number}", motion)
+
+
+def _build_obstacle(
+    parameters: MotionParameters, name: str, motion: Motion, phase_s: float = 0.0
+) -> MovingObstacle:
+    return MovingObstacle(
+        name,
+        radius_m=parameters.radius_m,
+        height_m=parameters.height_m,
+        phase_s=phase_s,
+        motion=motion,
+    )
+
+
+def _polynomial_points(
+    parameters: MotionParameters, generator: np.random.Generator
+) -> Points:
+    """Return points (n, 2) in m along a random polynomial, from border to border.
+
+    The polynomial is fitted to random points with whole meters (through them, if there
+    is one more than its order). The motion follows it from its first to its last
+    crossing of the border, through samples at fixed x that lie inside, and through the
+    random points themselves. Where the polynomial leaves the arena, the motion cuts
+    short.
+    """
+    for _ in range(_ATTEMPTS):
+        order = _integer(generator, parameters.order_min, parameters.order_max)
+        count = _integer(generator, parameters.points_min, parameters.points_max)
+        shape = (max(order + 1, count), 2)
+        random_points: Points = (
+            np.floor(generator.random(shape) * (SIDE_M + 1.0)) - _HALF_M
+        )
+        # Fewer different x than coefficients do not determine the polynomial.
+        if len(set(random_points[:, 0].tolist())) <= order:
+            continue
+
+        powers = np.vander(random_points[:, 0], order + 1)
+        solution, *_ = np.linalg.lstsq(powers, random_points[:, 1], rcond=None)
+        coefficients: Floats = solution.astype(np.float64)
+
+        samples = np.linspace(-_HALF_M, _HALF_M, parameters.samples)
+        inside = samples[np.abs(np.polyval(coefficients, samples)) <= _HALF_M]
+        x = np.concatenate([inside, _border_crossings(coefficients)])
+        y = np.clip(np.polyval(coefficients, x), -_HALF_M, _HALF_M)
+
+        points: Points = np.concatenate([np.stack([x, y], axis=1), random_points])
+        along_x = np.argsort(points[:, 0], kind="stable")
+        points = points[along_x]
+        is_apart = np.hypot(*np.diff(points, axis=0).T) > _CLOSEST_POINTS_M
+        points = points[np.concatenate([[True], is_apart])]
+        length_m = np.hypot(*np.diff(points, axis=0).T).sum()
+        if len(points) > 1 and length_m >= _SHORTEST_PROFILE_M:
+            return points
+
+    raise WorldError(
+        f"no motion in {_ATTEMPTS} attempts for class {parameters.difficulty!r:.60}"
+    )
+
+
+def _border_crossings(coefficients: Floats) -> Floats:
+    """Return the least and greatest x (2,) of a polynomial on the border, or (0,)."""
+    crossings = [
+        x for x in (-_HALF_M, _HALF_M) if abs(np.polyval(coefficients, x)) <= _HALF_M
+    ]
+    for border in (-_HALF_M, _HALF_M):
+        shifted = coefficients.copy()
+        shifted[-1] -= border
+        crossings += [
+            float(root.real)
+            for root in np.roots(shifted)
+            if abs(root.imag) < 1e-9 and abs(root.real) <= _HALF_M
+        ]
+    return np.array([min(crossings), max(crossings)] if crossings else [])
+
+
+def _drive_through(
+    points: Points, parameters: MotionParameters, generator: np.random.Generator
+) -> Motion:
+    """Return the motion through points (n, 2), at random speeds and from a random end.
+
+    Times and places are rounded to 0.01, as in DynaBARN's files.
+    """
+    if generator.random() < 0.5:
+        points = points[::-1]
+    mean = _uniform(generator, parameters.speed_min_mps, parameters.speed_max_mps)
+    spread = _uniform(generator, parameters.spread_min_mps, parameters.spread_max_mps)
+
+    keys = [(0.0, *_round_point(points[0]))]
+    time_s = 0.0
+    previous_key_s = 0.0
+    for before, point in itertools.pairwise(points):
+        speed = _speed_on_grid(mean + spread * _normal(generator), parameters)
+        distance_m = float(np.hypot(*(point - before)))
+        time_s += max(distance_m / speed, 0.01)
+        key_s = round(time_s, 2)
+        # Keys of the same rounded time would be no motion.
+        if key_s > previous_key_s:
+            keys.append((key_s, *_round_point(point)))
+        previous_key_s = key_s
+    return Motion("gazebo", keys[-1][0], tuple(keys))
+
+
+def _round_point(point: Floats) -> tuple[float, float]:
+    return round(float(point[0]), 2), round(float(point[1]), 2)
+
+
+def _speed_on_grid(speed: float, parameters: MotionParameters) -> float:
+    step = parameters.speed_step_mps
+    return max(round(speed / step), 1) * step
+
+
+# The functions below use `random` alone, whose stream NumPy is least likely to change.
+
+
+def _integer(generator: np.random.Generator, low: int, high: int) -> int:
+    return low + int(generator.random() * (high - low + 1))
+
+
+def _uniform(generator: np.random.Generator, low: float, high: float) -> float:
+    return low + (high - low) * float(generator.random())
+
+
+def _normal(generator: np.random.Generator) -> float:
+    """Return a number from the standard normal distribution, by Box and Muller."""
+    first, second = generator.random(2).tolist()
+    radius = math.sqrt(-2.0 * math.log(1.0 - first))
+    return radius * math.cos(2.0 * math.pi * second)
+
+
+def _generator(seed: int, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

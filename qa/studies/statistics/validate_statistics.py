@@ -1,0 +1,221 @@
+"""Check by simulation that the suite's intervals and tests keep what they promise.
+
+    python qa/studies/statistics/validate_statistics.py --out docs/statistics.md
+
+Simulated trials are judged by the functions that reports use, with two seeds: --seed
+and the next. It takes some minutes. The exit code is 1 if a share is further from its
+target than chance explains. `--out` writes the page of the documentation; a file ranking.json
+beside it (`barn precision --ranking --json`) gives the page its table of rankings.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+import jinja2
+import numpy as np
+from rich.console import Console
+from simulated_checks import GROUPS, CheckGroup
+
+from barn_eval.analysis.ranking_power import RankingPower, ranking_table
+from barn_eval.analysis.verdict import FEW_WORLDS
+from barn_metrics.bootstrap import number
+from barn_worlds.base.config import from_dict
+from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import markdown_table, read_json
+
+SIMULATIONS = 400
+SEEDS = 2
+_MAX_ERRORS = 3.0  # standard errors that chance explains
+_TEMPLATE = Path(__file__).with_name("statistics.md")
+
+
+@dataclass(frozen=True)
+class Check:
+    """How often an event came in simulations of a setting, and how often it may."""
+
+    event: str
+    setting: str
+    simulations: int
+    # Share of the simulations with each seed.
+    shares: tuple[float, ...]
+    # Least and greatest share allowed.
+    target: tuple[float, float]
+
+    @property
+    def standard_error(self) -> float:
+        """The Monte Carlo standard error of the shares."""
+        return max(self._error(share) for share in self.shares)
+
+    @property
+    def conclusion(self) -> str:
+        """Return "met", "met within chance" or "missed", with all seeds."""
+        low, high = self.target
+        worst = max(self.shares, key=lambda share: max(low - share, share - high))
+        if low <= worst <= high:
+            return "met"
+        # The error at the limit counts: that of a share of 0 would be 0.
+        limit = low if worst < low else high
+        if abs(worst - limit) <= _MAX_ERRORS * self._error(limit):
+            return "met within chance"
+        return "missed"
+
+    def _error(self, share: float) -> float:
+        return math.sqrt(share * (1.0 - share) / self.simulations)
+
+
+def run_checks(
+    simulations: int = SIMULATIONS, *, seed: int = 0, groups: Sequence[CheckGroup] = ()
+) -> Iterator[Check]:
+    """Run checks one by one.
+
+    Args:
+        simulations: Number per check and seed.
+        seed: All randomness comes from it and the next.
+        groups: Kinds of checks; all by default.
+
+    Yields:
+        Each check with its shares.
+    """
+    for group in groups or GROUPS.values():
+        for setting in group.settings:
+            shares = tuple(
+                _simulate_share(group, setting, simulations, check_seed)
+                for check_seed in range(seed, seed + SEEDS)
+            )
+            text = group.setting_text.format(*setting)
+            yield Check(group.event, text, simulations, shares, group.target)
+
+
+def _simulate_share(
+    group: CheckGroup, setting: Sequence[float], simulations: int, seed: int
+) -> float:
+    # Each check has draws of its own, whatever other checks run.
+    setting_key = [round(1000 * value) for value in setting]
+    generator = np.random.default_rng([seed, *group.event.encode(), *setting_key])
+    events = (group.simulate(*setting, generator) for _ in range(simulations))
+    return sum(events) / simulations
+
+
+def make_table(checks: Sequence[Check], seed: int) -> str:
+    """Return a table of shares and targets in percent, as Markdown.
+
+    Args:
+        checks: Checks with the same numbers of simulations and seeds.
+        seed: The first seed.
+
+    Returns:
+        A row for each check.
+    """
+    seeds = range(seed, seed + len(checks[0].shares))
+    columns = (
+        "in simulations",
+        "of",
+        *(f"seed {run_seed} [%]" for run_seed in seeds),
+        "error [%]",
+        "wanted [%]",
+        "",
+    )
+    rows = [
+        (
+            check.event,
+            check.setting,
+            *(number(100.0 * share, 1) for share in check.shares),
+            number(100.0 * check.standard_error, 1),
+            f"{100.0 * check.target[0]:g} to {100.0 * check.target[1]:g}",
+            check.conclusion,
+        )
+        for check in checks
+    ]
+    return markdown_table(columns, rows)
+
+
+def render_page(
+    checks: Sequence[Check], seed: int, rankings: Path | None = None
+) -> str:
+    """Return docs/statistics.md.
+
+    Args:
+        checks: All checks.
+        seed: Their first seed.
+        rankings: JSON of `barn precision --ranking`, for a second table.
+
+    Returns:
+        The page as Markdown.
+    """
+    ranking = ""
+    if rankings is not None and rankings.exists():
+        powers = []
+        for content in read_json(rankings):
+            # Keys of JSON are texts.
+            shares = {int(worlds): share for worlds, share in content["shares"].items()}
+            content["shares"] = shares
+            powers.append(from_dict(RankingPower, content, str(rankings)))
+        table = ranking_table(powers)
+        ranking = markdown_table(table.columns, table.rows)
+
+    template = jinja2.Template(
+        _TEMPLATE.read_text("utf-8"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    page: str = template.render(
+        few_worlds=FEW_WORLDS,
+        simulations=checks[0].simulations,
+        seed=seed,
+        table=make_table(checks, seed),
+        ranking=ranking,
+    )
+    return page
+
+
+@click.command(help=__doc__)
+@click.option(
+    "--simulations",
+    default=SIMULATIONS,
+    show_default=True,
+    type=click.IntRange(10, 1_000_000),
+    help="Number per check and seed.",
+)
+@click.option("--seed", default=0, show_default=True, help="Seed of all randomness.")
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write the page of the documentation.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def main(simulations: int, seed: int, out: Path | None, as_json: bool) -> None:
+    """Run all checks and print their table."""
+    checks = []
+    with Console(stderr=True).status("simulating") as status:
+        for check in run_checks(simulations, seed=seed):
+            checks.append(check)
+            status.update(f"simulated: {check.event}, {check.setting}")
+
+    if as_json:
+        rows = [
+            {
+                **asdict(check),
+                "standard_error": check.standard_error,
+                "conclusion": check.conclusion,
+            }
+            for check in checks
+        ]
+        content = {"simulations": simulations, "seed": seed, "checks": rows}
+        click.echo(json.dumps(content, indent=1))
+    else:
+        click.echo(make_table(checks, seed))
+    if out is not None:
+        rankings = out.with_name("ranking.json")
+        write_durably(out, render_page(checks, seed, rankings).encode())
+    sys.exit(any(check.conclusion == "missed" for check in checks))
+
+
+if __name__ == "__main__":
+    main()

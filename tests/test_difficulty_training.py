@@ -1,0 +1,135 @@
+"""Training with PyTorch: repeatable, the same in numpy, and judged in worlds held out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_model import make_trials
+
+from barn_metrics.model import ModelError, load_model, save_model
+from barn_metrics.model.evaluation import (
+    WEIGHTS,
+    EvaluationConfig,
+    evaluate,
+    noise_ceiling,
+)
+from barn_metrics.model.inputs import inputs_of
+from barn_worlds.datasets.dataset import open_dataset
+
+torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
+
+from judge_difficulty import judge_networks  # noqa: E402
+from network_training import (  # noqa: E402
+    NetworkConfig,
+    NetworkTraining,
+    train_model,
+    train_network,
+)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    dataset = open_dataset("barn300")
+    return {number: dataset.load(number) for number in dataset.world_numbers[::6]}
+
+
+def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
+    few = {number: worlds[number] for number in list(worlds)[::2]}
+    inputs = inputs_of(few.values())
+    trials = make_trials(few)
+    targets = np.concatenate([trials.mean_times(), trials.failure_rates()], axis=1)
+    config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
+    first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
+    assert (first(inputs) == again(inputs)).all()
+    assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
+    training = NetworkTraining(inputs, targets, config, 3)
+    every = torch.arange(len(inputs))
+    strips = (training.strips, training.mirrored_strips)
+    with torch.no_grad():
+        both = [training.outputs(way, every).numpy() for way in strips]
+    theirs = 0.5 * (both[0] + both[1]) * training.target_std + training.target_mean
+    assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
+
+
+def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
+    worlds, tmp_path
+):
+    worlds = {number: worlds[number] for number in list(worlds)[::3]}
+    trials = make_trials(worlds)
+    model = train_model(worlds, trials)
+    save_model(model, tmp_path / "w.npz")
+    read = load_model(tmp_path / "w.npz")
+    assert read.predict(worlds[0]) == model.predict(worlds[0])
+    save_model(train_model(worlds, trials), tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
+    found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
+    assert (found.worlds, found.trials, model.about["training_worlds"]) == (
+        len(worlds),
+        len(trials),
+        len(worlds),
+    )
+    assert found.score(WEIGHTS).mse.estimate == pytest.approx(
+        model.about["training_mse"]
+    )
+    assert found.score(WEIGHTS).predictions == pytest.approx(
+        [model.predict(one).difficulty_s_per_m for one in worlds.values()]
+    )
+    assert all(
+        model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3]
+    )
+
+
+def test_both_kinds_are_judged_on_the_same_folds(worlds):
+    trials = make_trials(worlds)
+    five, routes = judge_networks(worlds, trials, EvaluationConfig(folds=3, repeats=1))
+    assert min(five.r2.estimate, routes.r2.estimate) > 0.5
+    assert (
+        routes.gain.estimate == pytest.approx(five.mse.estimate - routes.mse.estimate)
+        and five.gain is None
+    )
+    assert (five.name, routes.name, len(routes.predictions)) == (
+        "ridge",
+        "routes",
+        len(worlds),
+    )
+    assert noise_ceiling(trials).estimate > 0.5
+
+
+def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
+    held_out = open_dataset("barn_test")
+    renamed = {
+        number: replace(held_out.load(number), name=f"mine_{number}")
+        for number in held_out.world_numbers[:20]
+    }
+    with pytest.raises(
+        ModelError,
+        match="mine_0 is a world of barn_test, which judges models and is never trained on",
+    ):
+        train_model(renamed, make_trials(renamed))
+    mixed = worlds | {1000: held_out.load(7)}
+    with pytest.raises(ModelError, match="is a world of barn_test"):
+        train_model(mixed, make_trials(mixed))
+    with pytest.raises(
+        ModelError,
+        match="is a world of barn_test, which judges models and is never trained on",
+    ):
+        judge_networks(
+            renamed, make_trials(renamed), EvaluationConfig(folds=2, repeats=1)
+        )
+    (judged,) = evaluate(renamed, make_trials(renamed), load_model()).scores
+    assert (judged.name, judged.gain, judged.training_mse) == (
+        WEIGHTS,
+        None,
+        load_model().about["training_mse"],
+    )
+
+
+def test_training_needs_worlds(worlds):
+    trials = make_trials(worlds)
+    few = trials.in_worlds(trials.world_numbers[:9])
+    with pytest.raises(
+        ModelError, match="at least 10 worlds with trials of every planner, got 9"
+    ):
+        train_model(worlds, few)
+    with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
+        train_model({6: worlds[6]}, trials)

@@ -1,0 +1,153 @@
+"""Simulated trials are what they say, and what is found of them is within what is promised."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simulated_checks
+import validate_statistics
+from click.testing import CliRunner
+from simulated_checks import GROUPS
+from simulated_trials import draw_equal_planners
+from validate_statistics import Check, main, render_page, run_checks
+
+from barn_eval.analysis import significance
+from barn_eval.analysis.significance import variance_components
+from barn_eval.analysis.statistics import TrialValues
+from barn_metrics.bootstrap import Interval
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "statistics.md"
+
+
+def some(name, *settings):
+    """Return a group of checks with these settings alone."""
+    return replace(GROUPS[name], settings=settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "simulations"),
+    [
+        ("share", (50, 3, 0.3, 0.9), 300),
+        ("mean", (10, 1, 3.0), 100),
+        ("mean", (20, 5, 0.5), 100),
+        ("skewed", (10,), 200),
+        ("filtered", (50, 3, 50.0), 100),
+        ("success", (10, 5, 3.0, 10.0), 100),
+        ("unlike", (50, 5, 2.0), 50),
+        ("test", (20,), 100),
+        ("equal", (50,), 30),
+        ("board", (20,), 3),
+        ("power", (100, 2.0), 30),
+        ("equal builds", (100, 2.0), 30),
+        ("unlike builds", (100, 2.0), 30),
+        ("builds", (100, 2.0), 20),
+        ("plan", (100, 2.0), 20),
+    ],
+)
+def test_each_target_is_met_within_chance(name, setting, simulations):
+    (found,) = run_checks(simulations, seed=4, groups=[some(name, setting)])
+    assert found.conclusion != "missed"
+    assert len(found.shares) == 2
+
+
+def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
+    """As a test of signs alone is: failures that were not drawn are not thought of."""
+    monkeypatch.setattr(TrialValues, "counts_failures", False)
+    (unlike,) = run_checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
+    assert unlike.conclusion == "missed"
+
+
+def test_an_interval_over_trials_would_be_found_out(monkeypatch):
+    over_trials = significance.proportion
+    monkeypatch.setattr(
+        simulated_checks,
+        "proportion",
+        lambda some, worlds: over_trials(some, np.arange(len(worlds))),
+    )
+    found = list(
+        run_checks(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))])
+    )
+    assert [one.conclusion for one in found] == ["missed"] * 2
+    assert all(share < 0.85 for one in found for share in one.shares)
+
+
+def test_a_board_without_holm_would_be_found_out(monkeypatch):
+    monkeypatch.setattr("barn_eval.analysis.verdict.holm", list)
+    (board,) = run_checks(10, groups=[some("board", (20,))])
+    assert board.conclusion == "missed"
+
+
+def test_equal_planners_share_their_worlds_and_nothing_else():
+    draws = [
+        draw_equal_planners(2, 300, np.random.default_rng([1, number]))
+        for number in range(5)
+    ]
+    values = np.array([[one.values for one in pair] for pair in draws])
+    failed = (values == 10.0).astype(float)
+    assert failed.mean() == pytest.approx(0.07, abs=0.02)
+    assert values[0][0].tolist() != values[0][1].tolist()
+    parts = [
+        variance_components(one.ravel(), draws[0][0].worlds) for one in failed[:, 0]
+    ]
+    correlation = np.mean([one.between / (one.between + one.within) for one in parts])
+    assert correlation == pytest.approx(0.67, abs=0.12)
+    assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4
+    assert draws[0][0].repetitions.tolist()[:4] == [0, 1, 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")],
+)
+def test_a_target_is_missed_beyond_three_errors_with_any_seed(found, verdict):
+    one = Check(
+        "", "", 1000, (0.95, found), (0.93, 0.97)
+    )  # an error is 0.8 % at the lower limit, 0.5 % at the upper
+    assert one.conclusion == verdict
+    assert one.standard_error == pytest.approx(
+        max((x * (1.0 - x) / 1000) ** 0.5 for x in (0.95, found))
+    )
+
+
+def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
+    monkeypatch.setattr(validate_statistics, "GROUPS", {"share": GROUPS["share"]})
+    runner = CliRunner()
+    arguments = ["--simulations", "20", "--seed", "3"]
+    out = tmp_path / "statistics.md"
+    done = runner.invoke(main, [*arguments, "--json", "--out", str(out)])
+    assert done.exit_code == 0
+    content = json.loads(done.stdout)
+    assert (content["simulations"], content["seed"], len(content["checks"])) == (
+        20,
+        3,
+        8,
+    )
+    assert "validate_statistics.py --simulations 20 --seed 3" in out.read_text()
+    assert "| seed 3 [%] | seed 4 [%] |" in out.read_text()
+    assert "50 worlds x 3" in runner.invoke(main, arguments).stdout
+    monkeypatch.setattr(
+        simulated_checks, "proportion", lambda *_: Interval(0.5, 0.5, 0.5)
+    )
+    assert runner.invoke(main, arguments).exit_code == 1
+
+
+def test_the_page_is_what_the_command_writes():
+    """The shares are simulated again in full; of the rest, the page must have a row with the settings of today."""
+    text = PAGE.read_text("utf-8")
+    every = [
+        line
+        for line in text.splitlines()
+        if line.endswith((" met |", " met within chance |", " missed |"))
+    ]
+    assert len(every) == sum(len(group.settings) for group in GROUPS.values())
+    assert not any("missed" in line for line in every)
+    page = render_page(
+        list(run_checks(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json")
+    )
+    assert every[:8] == [
+        line for line in page.splitlines() if line.startswith("| the 95 %")
+    ]
+    assert text.startswith(page.partition("| in simulations")[0])
+    assert text.endswith(page.rpartition("\n\nThe error is")[2])
