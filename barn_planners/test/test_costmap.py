@@ -443,10 +443,10 @@ def test_inflation_by_a_front_equals_the_plain_one_and_differs_from_the_nearest_
     config = CostmapConfig(footprint_padding_m=0.04)
     lethal = (np.random.default_rng(seed).random((60, 70)) < 0.03).astype(np.uint8)
     by_square = costs_by_square(config, 0.05)
-    costs = np.zeros(lethal.shape, np.uint8)
-    inflation.inflate_by_front(
-        lethal, costs, by_square, squares_for(by_square), 0, 60, 0, 70
-    )
+    layers = inflation.new_layers(*lethal.shape, by_square)
+    layers.marks.cells[:] = lethal
+    inflation.inflate_by_front(layers, Window(0, 60, 0, 70))
+    costs = layers.costs
     np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
     differ = costs != plain_inflation(lethal, config, 0.05)
     assert differ.sum() < 40 and (costs <= plain_inflation(lethal, config, 0.05)).all()

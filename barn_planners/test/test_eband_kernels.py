@@ -45,7 +45,7 @@ class ReferenceBand:
         pass
 
     def radius(self, x, y):
-        costs, ox, oy, resolution, radii = self.grid
+        costs, (ox, oy, resolution), radii = self.grid
         row = math.floor((y - oy) / resolution)
         col = math.floor((x - ox) / resolution)
         inside = 0 <= row < costs.shape[0] and 0 <= col < costs.shape[1]
@@ -245,8 +245,8 @@ def test_failures_are_told_apart():
 
 
 def test_connect_front_drops_what_the_robot_has_passed():
-    work = kernels.band_work(CAPACITY)
     grid = grid_with([])
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.5, 2.0, 3.0)])
     kernels.measure(band, 4, grid)
     n = kernels.connect_front(band, 4, Pose(1.4, 3.1, 0.3), context)
@@ -255,8 +255,8 @@ def test_connect_front_drops_what_the_robot_has_passed():
 
 @pytest.mark.parametrize("distance", [0.5, 2.0])
 def test_connect_front_reaches_a_band_further_ahead(distance):
-    work = kernels.band_work(CAPACITY)
     grid = grid_with([])
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(3.0, 3.0), (3.7, 3.0)])
     kernels.measure(band, 2, grid)
     n = kernels.connect_front(band, 2, Pose(3.0 - distance, 3.0, 0.3), context)
@@ -276,8 +276,8 @@ def test_connect_front_fails_inside_an_obstacle():
 
 @pytest.mark.parametrize("start", [2.0, 4.0])
 def test_append_back_continues_the_band(start):
-    work = kernels.band_work(CAPACITY)
     grid = grid_with([])
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.6, 2.2)])
     kernels.measure(band, 3, grid)
     points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])

@@ -77,28 +77,16 @@ def plain_rounds(
 
 def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     rows, cols = costs.shape
-    potential = np.full(rows * cols, UNREACHED)
-    pending = np.ones((rows, cols), np.uint8)
-    pending[1:-1, 1:-1] = 0
-    prices = (
-        cell_prices(GlobalPlanConfig()),
-        math.sqrt(0.5) * cell_prices(GlobalPlanConfig()),
-    )
-    ends = (start[0] * cols + start[1], goal[0] * cols + goal[1])
-    window = np.zeros(4, np.int64)
-    work = (potential, pending.ravel(), np.empty((3, rows * cols), np.int32), window)
-    kernels.grow(
-        costs.ravel(),
-        cols,
-        prices,
-        ends,
-        (0.0, 0.0),
-        math.inf,
-        (254.0, 100.0, 10**9),
-        *work,
-    )
+    prices = cell_prices(GlobalPlanConfig())
+    terrain = kernels.Terrain(costs.ravel(), cols, prices, math.sqrt(0.5) * prices)
+    ends = kernels.Ends(start[0] * cols + start[1], goal[0] * cols + goal[1])
+    growth = kernels.Growth(254.0, 100.0, 10**9, 50.0, 48.5, 800.0)
+    memory = kernels.new_memory(rows, cols, np.float64)
+    pending = memory.pending.reshape(rows, cols)
+    kernels.grow(terrain, ends, growth, kernels.Focus(0.0, 0.0, math.inf), memory, 1)
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
-    potential, window = memory.potentials[1], memory.windows[1]
+    potential = memory.potentials[1]
+    window = memory.windows[1]
     reached = potential.copy().reshape(rows, cols)
     assert all(
         window[0] <= row < window[1] and window[2] <= col < window[3]

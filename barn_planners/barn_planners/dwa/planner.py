@@ -24,7 +24,7 @@ from barn_planners.navigation.loop import (
     NavigationPlanner,
 )
 from barn_planners.registry import PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets

@@ -21,7 +21,7 @@ from barn_planners.navigation.loop import (
     NavigationPlanner,
 )
 from barn_planners.registry import PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets
@@ -293,6 +293,6 @@ ENTRY = PlannerEntry(
     read_presets("barn_planners", "presets/eband.yaml", EBandPlannerConfig()),
     "elastic band of Quinlan and Khatib for a differential drive, as in the paper's "
     "trials",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )
