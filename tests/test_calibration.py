@@ -96,7 +96,7 @@ def test_the_same_times_agree_in_everything(tmp_path, table):
     assert calibration.ours.easy_range_s == pytest.approx((11.0, 12.0))
 
 
-def test_published_failures_are_those_of_30_s_and_of_50_s_and_more(tmp_path):
+def test_published_failures_are_times_of_30_s_and_from_50_s(tmp_path):
     times = PUBLISHED | {0: [30.0, 50.0, 51.2], 1: [30.001, 29.999, 49.999]}
     published = read_published(write_table(tmp_path / "trials.csv", dwa=times))["dwa"]
     assert published.failed[:6].tolist() == [True, True, True, False, False, False]
@@ -156,7 +156,7 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     assert calibration.worlds[1].ours_s == 50.0
 
 
-def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
+def test_the_mean_of_both_is_compared_over_and_within_folders(tmp_path):
     falling = {world: PUBLISHED[WORLDS - 1 - world] for world in PUBLISHED}
     table = write_table(
         tmp_path / "trials.csv",

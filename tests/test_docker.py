@@ -150,7 +150,7 @@ def test_the_entrypoint_can_be_started():
 
 
 @pytest.mark.parametrize(("path", "service"), list(services()))
-def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, service):
+def test_a_service_has_a_pinned_image_and_existing_commands(path, service):
     name, _, tag = service["image"].partition(":")
     assert name in ("barn-suite", "barn-nav2")
     assert tag.split("-")[0] == __version__

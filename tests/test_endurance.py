@@ -21,7 +21,7 @@ import pytest
 TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
-def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
+def test_campaigns_resume_after_a_kill_to_the_same_tables():
     mode = (
         "ros" if importlib.util.find_spec("rclpy") else "direct"
     )  # which test_campaign.py kills as well

@@ -101,7 +101,7 @@ def test_texts_neither_overlap_nor_leave_the_figure(name):
     assert _overlapping_texts(FIGURES[name]()) == []
 
 
-def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path):
+def test_world_figure_is_a_repeatable_png_of_the_stated_width(tmp_path: Path):
     for name in ("first.png", "second.png"):
         draw_world_figure(_world(), tmp_path / "new folder" / name)
     first, second = (
@@ -135,7 +135,7 @@ def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path: Path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_automaton_figure_shows_the_random_grid_and_three_iterations():
+def test_automaton_figure_shows_random_grid_and_three_iterations():
     figure = tool.automaton_figure()
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
     assert titles == ["Random fill", "Iteration 1", "Iteration 2", "Iteration 3"]

@@ -38,7 +38,7 @@ def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
     )  # counted in steps of 0.1 m
 
 
-def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
+def test_jumping_over_a_line_or_passing_its_ends_is_no_crossing():
     jump = cylinder("jump", 10.0, (0.0, 0.0, 1.0), (10.0, 0.0, 3.0))
     below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
     over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))

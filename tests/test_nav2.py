@@ -219,7 +219,7 @@ def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
 
 
-def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
+def test_a_nav2_that_has_given_up_may_stand_until_the_end():
     commands = re.findall(
         r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8")
     )
@@ -257,7 +257,7 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
 
 
 @pytest.mark.parametrize("name", ["controllers", "fast"])
-def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
+def test_a_campaign_declares_the_speed_each_controller_keeps(name):
     speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
     text = (FOLDER / f"lockstep/{name}.yaml").read_text()
     for planner in yaml.safe_load(text)["planners"]:
@@ -279,7 +279,7 @@ def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
         assert 0.99 <= speed / planner["max_speed_mps"] <= 1.0
 
 
-def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
+def test_the_documented_protocols_of_nav2_send_the_goal_once():
     protocols = set(
         re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8"))
     )

@@ -52,7 +52,7 @@ def test_each_target_is_met_within_chance(name, setting, simulations):
     assert len(check.shares) == 2
 
 
-def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
+def test_a_verdict_from_observed_failures_alone_is_detected(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
     monkeypatch.setattr(TrialValues, "counts_failures", False)
     (unlike,) = run_checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])

@@ -95,9 +95,7 @@ def test_its_own_tests_pass(installed_packages, tmp_path, folder):
     assert done.returncode == 0, done.stdout
 
 
-def test_registered_it_refuses_what_its_configuration_does_not_allow(
-    installed_packages, tmp_path
-):
+def test_registered_it_refuses_a_wrong_configuration(installed_packages, tmp_path):
     done = python(
         installed_packages,
         tmp_path,
@@ -131,7 +129,7 @@ def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(
     assert result["outcome"] == "success", result["detail"]
 
 
-def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(
+def test_registered_it_completes_a_world_directly_as_over_ros(
     installed_packages, tmp_path
 ):
     rows = []

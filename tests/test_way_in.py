@@ -14,7 +14,7 @@ from test_repository import ROOT, text_of
 from barn_eval.commands.main import main
 
 
-def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
+def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no repository, so it cannot be cloned")
     probe = [
