@@ -17,9 +17,9 @@ def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
     shutil.copytree(run_undisturbed(), lab.out)
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()
-    path.write_text(
-        "\n".join([seal_line(change(json.loads(unseal_line(first, "")))), *rest]) + "\n"
-    )
+    row = json.loads(unseal_line(first, ""))
+    lines = [seal_line(change(row)), *rest]
+    path.write_text("\n".join(lines) + "\n")
     refusal = ""
     for words in (("report", lab.out), ("compare", lab.out, lab.out)):
         refusal = lab.expect_refusal(*words)

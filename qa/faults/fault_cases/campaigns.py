@@ -75,7 +75,8 @@ def same(lab: Lab, row_count: int) -> str:
         tables(lab.out) == tables(run_undisturbed()),
         "the tables differ from the undisturbed ones",
     )
-    hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
+    row_count = len(lab.rows())
+    hold(row_count == TRIALS, f"{row_count} rows")
     return (
         f"{row_count} rows kept; tables equal to the byte"
         if row_count
@@ -86,7 +87,7 @@ def same(lab: Lab, row_count: int) -> str:
 def _interrupt(lab: Lab, number: int) -> str:
     run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     kill([run.pid], number) if number in (
         signal.SIGTERM,
         signal.SIGKILL,
@@ -126,7 +127,7 @@ def _disturb(
 ) -> str:
     run_undisturbed()
     run = lab.start(*campaign(lab, *options))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     disturb(lab)
     ended = lab.finish(run)
     hold(words in ended.text, ended.text[-500:])
@@ -158,25 +159,33 @@ def _load_machine(lab: Lab) -> str:
 
 
 _MUST = "The tables are the undisturbed ones to the byte."
+
+
+def _kill_worker(lab: Lab) -> None:
+    kill(lab.processes("s.worker")[:1])
+
+
+def _kill_workers(lab: Lab) -> None:
+    kill(lab.processes("s.worker"))
+
+
+def _stop_worker(lab: Lab) -> None:
+    kill(lab.processes("s.worker")[:1], signal.SIGSTOP)
+
+
 add(
     FAMILY,
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturb(
-        lab,
-        lambda lab: kill(lab.processes("s.worker")[:1]),
-        words="was killed by SIGKILL",
-    ),
+    lambda lab: _disturb(lab, _kill_worker, words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturb(
-        lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"
-    ),
+    lambda lab: _disturb(lab, _kill_workers, words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
@@ -185,7 +194,7 @@ add(
     f"It is given up after its time, and its trial is tried again. {_MUST}",
     lambda lab: _disturb(
         lab,
-        lambda lab: kill(lab.processes("s.worker")[:1], 19),
+        _stop_worker,
         "--execution",
         "trial_limit_s=25",
         words="no result within 25 s",
@@ -249,15 +258,14 @@ def _jump(lab: Lab, days: int) -> str:
     note, false = shifted_clock(lab, 0)
     run_undisturbed()
     run = lab.start(*campaign(lab), environment=false)
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     note.write_text(str(days * 86_400))
     lab.finish(run)
     dates = {row["wall_clock"]["started_at"][:10] for row in lab.rows()}
     hold(len(dates) >= 2, f"the clock did not jump: {dates}")
-    hold(
-        all(row["wall_clock"]["duration_s"] < 100.0 for row in lab.rows()),
-        "durations are of the clock",
-    )
+    durations_s = [row["wall_clock"]["duration_s"] for row in lab.rows()]
+    are_short = all(duration_s < 100.0 for duration_s in durations_s)
+    hold(are_short, "durations are of the clock")
     return f"{same(lab, 0)}; from {min(dates)} to {max(dates)}"
 
 
@@ -278,9 +286,8 @@ def two_writers(lab: Lab) -> str:
     One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
     """
     run_undisturbed()
-    ended = [
-        lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]
-    ]
+    runs = [lab.start(*campaign(lab)) for _ in range(3)]
+    ended = [lab.finish(run, None) for run in runs]
     hold(
         sorted(session.code for session in ended) == [0, 1, 1],
         [session.code for session in ended],
@@ -304,7 +311,7 @@ def worker_of_another_number(lab: Lab) -> str:
     """
     run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     kill([run.pid])
     lab.finish(run, -9)
     lab.until(lambda: not lab.processes(), "the end of the workers")

@@ -41,9 +41,8 @@ def _run_cheat(
     )
     hold(row["outcome"] == outcome and words in description, description)
     hold(report in _read_report(lab), description)
-    hold(
-        row["wall_clock"]["attempts"] == 1 and not row["scores"]["success"], description
-    )
+    attempts = row["wall_clock"]["attempts"]
+    hold(attempts == 1 and not row["scores"]["success"], description)
     return description
 
 
@@ -169,10 +168,8 @@ def huge_answer(lab: Lab) -> str:
     """
     lab.barn(*cheating(lab, "huge-answer", *_GATE), code=None)
     row = lab.row()
-    hold(
-        row["outcome"] == "planner_not_ready" and len(row["detail"]) < _DETAIL,
-        ending(row)[:_DETAIL],
-    )
+    is_short = len(row["detail"]) < _DETAIL
+    hold(row["outcome"] == "planner_not_ready" and is_short, ending(row)[:_DETAIL])
     lab.barn("check", lab.out)
     return f"{ending(row)[:60]}, {len(row['detail'])} characters"
 

@@ -238,8 +238,9 @@ def commands_huge_speeds(lab: Lab) -> str:
     It is a command, and the robot's limits hold: the trial goes on, and the robot is nowhere faster than 2 m/s.
     """
     description = drive(lab, "huge", "timeout")
-    hold(lab.row()["measures"]["driven_m"] < 8.0, lab.row()["measures"])
-    return f"{description}, {lab.row()['measures']['driven_m']:.1f} m driven"
+    measures = lab.row()["measures"]
+    hold(measures["driven_m"] < 8.0, measures)
+    return f"{description}, {measures['driven_m']:.1f} m driven"
 
 
 @case(FAMILY)
@@ -294,10 +295,8 @@ def changes_the_global_random_state(lab: Lab) -> str:
         environment=environment,
     )
     both = [row for row in lab.rows() if row["planner"] == "gap"]
-    hold(
-        repeatable(both) == repeatable(lab.rows(lab.folder / "alone")),
-        "the rows differ",
-    )
+    alone = lab.rows(lab.folder / "alone")
+    hold(repeatable(both) == repeatable(alone), "the rows differ")
     return "2 rows equal"
 
 

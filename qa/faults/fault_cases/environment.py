@@ -66,9 +66,8 @@ def caches_that_cannot_be_written(lab: Lab) -> str:
     The run works, or is refused in one line.
     """
     (lab.folder / "file").touch()
-    return _drive(
-        lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")}
-    )
+    cache = lab.folder / "file" / "cache"
+    return _drive(lab, environment={"NUMBA_CACHE_DIR": str(cache)})
 
 
 @case(FAMILY)

@@ -70,7 +70,7 @@ def disk_read_only(lab: Lab) -> str:
     with disk(lab, "4m") as out:
         words = campaign(lab, "--out", out / "inner")
         run = lab.start(*words)
-        lab.until(lambda: len(lab.rows(out / "inner")) >= 2, "two rows")
+        lab.wait_for_two_rows(out / "inner")
         kill([run.pid])
         lab.until(lambda: not lab.processes(), "the end of the campaign")
         subprocess.run(["mount", "-o", "remount,ro", str(out)], check=True)
@@ -104,7 +104,7 @@ def folder_removed(lab: Lab) -> str:
     """
     run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     lab.out.rename(lab.folder / "gone")
     shutil.rmtree(lab.folder / "gone")
     error = lab.finish(run, 1).error

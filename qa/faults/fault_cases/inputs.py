@@ -82,9 +82,11 @@ def _pgm_map(image: bytes) -> Make:
     return make
 
 
-_LAUGHS = "".join(
-    f'<!ENTITY a{k} "{f"&a{k - 1};" * 10 if k else "lol"}">' for k in range(10)
-)  # 10^9 times lol
+# 10^9 times lol
+_LAUGHS = '<!ENTITY a0 "lol">'
+for _level in range(1, 10):
+    _inner = f"&a{_level - 1};" * 10
+    _LAUGHS += f'<!ENTITY a{_level} "{_inner}">'
 _LIST = ("worlds", "list")
 _NAMED = {
     "pgm-huge": "map.pgm",

@@ -109,8 +109,10 @@ class Ended:
     def error(self) -> str:
         """The error, on a line of its own; Wrong if there is not one such line."""
         lines = [line for line in self.err.splitlines() if line.startswith("error: ")]
-        hold(len(lines) == 1, f"{len(lines)} lines of errors: {self.err[-600:]}")
-        hold(len(lines[0]) < _MESSAGE, f"an error of {len(lines[0])} characters")
+        line_count = len(lines)
+        hold(line_count == 1, f"{line_count} lines of errors: {self.err[-600:]}")
+        length = len(lines[0])
+        hold(length < _MESSAGE, f"an error of {length} characters")
         return lines[0].removeprefix("error: ")
 
 
@@ -184,10 +186,9 @@ class Lab:
             for end in (".out", ".err")
         )
         ended = Ended(process.returncode, out, err)
-        hold(
-            not re.search(r"^Traceback", out + err, re.MULTILINE),
-            f"a traceback: {(out + err)[-1500:]}",
-        )
+        both = out + err
+        traceback = re.search(r"^Traceback", both, re.MULTILINE)
+        hold(not traceback, f"a traceback: {both[-1500:]}")
         failed = (
             code == 0
             and ended.code
@@ -226,6 +227,10 @@ class Lab:
         rows = self.rows()
         hold(len(rows) == 1, f"{len(rows)} rows, not one")
         return rows[0]
+
+    def wait_for_two_rows(self, folder: Path) -> None:
+        """Wait until a folder of results has two rows."""
+        self.until(lambda: len(self.rows(folder)) >= 2, "two rows")
 
     def processes(self, text: str = "") -> list[int]:
         """Return the processes that carry the mark and have the text in their command line."""

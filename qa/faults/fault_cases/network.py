@@ -23,6 +23,7 @@ from fault_cases.environment import FAMILY as MACHINE
 from fault_cases.kit import Lab, Skipped, add, case, ending, hold
 from fault_cases.planners import FOREIGN, by_command, judge, ros
 from fault_cases.processes import run_undisturbed, same, words
+from fault_cases.system import peak_memory_mb
 
 FAMILY = "live"
 _DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
@@ -126,10 +127,7 @@ def _watch_during(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
         lab.barn("run", *_DIRECT, "--bags", "all", "--out", lab.out)
         with connect(place) as good:
             lab.until(lambda: b"advertise" in good.recv(65536), "what the view offers")
-        lines = Path(f"/proc/{watch.pid}/status").read_text().splitlines()
-        peak_mb = (
-            int(next(line for line in lines if "VmHWM" in line).split()[1]) // 1000
-        )
+        peak_mb = peak_memory_mb(watch.pid)
     hold(peak_mb < _MOST_MB, f"{peak_mb} MB")
     os.kill(watch.pid, signal.SIGINT)
     lab.finish(watch, 130)
@@ -196,14 +194,11 @@ def a_planner_in_another_century(lab: Lab) -> str:
     The trial ends as interference, by the planner's fault, and names that.
     """
     _, false = shifted_clock(lab, -55 * 365 * 86_400)
-    before = ["env", *(f"{name}={value}" for name, value in false.items())]
-    lab.barn(
-        *ros(
-            lab,
-            *by_command(FOREIGN, "starts", "drives", prefix=f"{shlex.join(before)} "),
-            limit_s=6.0,
-        )
-    )
+    assignments = [f"{name}={value}" for name, value in false.items()]
+    before = ["env", *assignments]
+    prefix = f"{shlex.join(before)} "
+    planner = by_command(FOREIGN, "starts", "drives", prefix=prefix)
+    lab.barn(*ros(lab, *planner, limit_s=6.0))
     return judge(lab, "interference", "stamped by a clock that is 1734")
 
 
@@ -217,13 +212,8 @@ def a_planner_with_a_fast_clock(lab: Lab) -> str:
     if library is None:
         raise Skipped("Debian's package libfaketime is not installed")
     before = shlex.join(["env", f"LD_PRELOAD={library}", "FAKETIME=+0 x50"])
-    lab.barn(
-        *ros(
-            lab,
-            *by_command(FOREIGN, "starts", "drives", prefix=f"{before} "),
-            limit_s=6.0,
-        )
-    )
+    planner = by_command(FOREIGN, "starts", "drives", prefix=f"{before} ")
+    lab.barn(*ros(lab, *planner, limit_s=6.0))
     return judge(lab, "timeout", "")
 
 

@@ -47,23 +47,23 @@ def ros(
 
 def by_command(*words: object, prefix: str = "") -> list[str]:
     """Return the options for a planner that is started by a Python script."""
-    return [
-        "--planner-command",
-        f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}",
-    ]
+    command = shlex.join([sys.executable, *map(str, words)])
+    return ["--planner-command", f"x={prefix}{command}"]
 
 
 def drive(
     lab: Lab, kind: str, outcome: str, detail: str = "", options: Sequence[object] = ()
 ) -> str:
     """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *options))
+    planner = by_command(SCRIPT, kind, lab.folder)
+    lab.barn(*ros(lab, *planner, *options))
     return judge(lab, outcome, detail)
 
 
 def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
     """Do the same with the planner of the tests."""
-    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
+    planner = by_command(FOREIGN, lab.folder / "starts", kind)
+    lab.barn(*ros(lab, *planner))
     return judge(lab, outcome, detail)
 
 
@@ -198,7 +198,8 @@ for _kind, _done in (
 
 
 def _run_with_limit(lab: Lab, kind: str) -> str:
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    planner = by_command(SCRIPT, kind, lab.folder)
+    lab.barn(*ros(lab, *planner))
     row = lab.row()
     driven_m = row["measures"]["driven_m"]
     duration_s = row["scores"]["duration_s"]
@@ -221,7 +222,8 @@ for _kind, _done in (
 
 
 def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
-    refusal = lab.expect_refusal(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    planner = by_command(SCRIPT, kind, lab.folder)
+    refusal = lab.expect_refusal(*ros(lab, *planner))
     hold(words in refusal, refusal)
     hold(not lab.rows(), "there is a row")
     return refusal.partition(";")[0]
@@ -293,9 +295,8 @@ def prints_without_end(lab: Lab) -> str:
 
     Its log keeps 5 MB of the beginning and 5 MB of the end; the trial has a verdict.
     """
-    ended: Ended = lab.barn(
-        *ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120)
-    )
+    planner = by_command(SCRIPT, "loud", lab.folder)
+    ended: Ended = lab.barn(*ros(lab, *planner, command_s=120))
     size = sum(path.stat().st_size for path in (lab.out / "logs").rglob("planner.log*"))
     hold(5e6 < size < 10.5e6, f"{size} bytes of log")
     hold(len(ended.text) < 5000, "the log is printed")
@@ -319,7 +320,8 @@ def closes_its_files(lab: Lab) -> str:
 
     The trial ends with a verdict against the planner; nothing is left.
     """
-    lab.barn(*ros(lab, *by_command(SCRIPT, "closes-files", lab.folder)))
+    planner = by_command(SCRIPT, "closes-files", lab.folder)
+    lab.barn(*ros(lab, *planner))
     hold(lab.row()["fault"] == "planner", lab.row())
     return ending(lab.row())
 
