@@ -56,7 +56,8 @@ def count_branches(content: dict[str, Any]) -> dict[str, Reached]:
     for path, file_report in content["files"].items():
         for name in (path.split("/")[0], "all"):
             branches[name].add(path, file_report)
-    return dict(sorted(branches.items(), key=lambda item: (item[0] == "all", item[0])))
+    names = sorted(branches, key=lambda name: (name == "all", name))
+    return {name: branches[name] for name in names}
 
 
 def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:

@@ -153,6 +153,14 @@ def _cell(text: str) -> str:
     )
 
 
+def _status(cell: str) -> str:
+    """Return the status that the cell of a case states; it is left out where it passed."""
+    for status in (FAILED, SKIPPED, UNTRIED):
+        if f"**{status}**" in cell:
+            return status
+    return PASSED
+
+
 def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
     """Replace the table of a page; ClickException where it has no place for it."""
     text = page.read_text("utf-8")
@@ -162,23 +170,11 @@ def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
         raise click.ClickException(f"{page}: must have the lines {BEGIN} and {END}")
     rows = _rows(text, outcomes)
     cells = [line.rsplit(" | ", 2)[1:] for line in rows.values()]
-    words = Counter(
-        next(
-            (
-                status
-                for status in (FAILED, SKIPPED, UNTRIED)
-                if f"**{status}**" in cell
-            ),
-            PASSED,
-        )
-        for cell, _ in cells
-    )
-    took_min = sum(float(seconds.strip("| ") or 0.0) for _, seconds in cells) / 60.0
-    counts = ", ".join(
-        f"{words[word]} {word}"
-        for word in (PASSED, FAILED, SKIPPED, UNTRIED)
-        if words[word]
-    )
+    words = Counter(_status(cell) for cell, _ in cells)
+    durations_s = [float(seconds.strip("| ") or 0.0) for _, seconds in cells]
+    took_min = sum(durations_s) / 60.0
+    statuses = [word for word in (PASSED, FAILED, SKIPPED, UNTRIED) if words[word]]
+    counts = ", ".join(f"{words[word]} {word}" for word in statuses)
     head = (
         f"{len(CASES)} cases: {counts}. Their times sum up to {took_min:.0f} minutes."
     )
@@ -233,17 +229,14 @@ def main(
     if not cases:
         raise click.ClickException(f"no case matches {', '.join(only)}")
     if listed:
-        click.echo(
-            json.dumps(
-                [
-                    {"case": case.key, "done": case.done, "must": case.must}
-                    for case in cases
-                ],
-                indent=1,
-            )
-            if as_json
-            else "\n".join(f"{case.key}: {case.done}" for case in cases)
-        )
+        if as_json:
+            entries = [
+                {"case": case.key, "done": case.done, "must": case.must}
+                for case in cases
+            ]
+            click.echo(json.dumps(entries, indent=1))
+        else:
+            click.echo("\n".join(f"{case.key}: {case.done}" for case in cases))
         return
     out.mkdir(parents=True, exist_ok=True)
     outcomes = read_outcomes(out / "faults.json")
@@ -264,7 +257,8 @@ def main(
         click.echo(json.dumps([asdict(case) for case in fresh], indent=1))
     if page is not None:
         write(page, outcomes)
-    sys.exit(int(any(case.status == FAILED for case in fresh)))
+    has_failed = any(case.status == FAILED for case in fresh)
+    sys.exit(int(has_failed))
 
 
 def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]:

@@ -141,9 +141,8 @@ def run_undisturbed(folder: Path, mode: str) -> float:
     began = time.monotonic()
     code, problems = Session(folder, mode).end()
     if code or problems:
-        raise click.ClickException(
-            f"undisturbed: {code} {problems} {(folder / 'printed.txt').read_text()[-2000:]}"
-        )
+        printed = (folder / "printed.txt").read_text()[-2000:]
+        raise click.ClickException(f"undisturbed: {code} {problems} {printed}")
     return time.monotonic() - began
 
 
@@ -278,7 +277,8 @@ def main(
             progress.advance(task)
             if log:
                 with log.open("a") as file:
-                    file.write(json.dumps(asdict(done[-1])) + "\n")
+                    line = json.dumps(asdict(done[-1]))
+                    file.write(line + "\n")
             for problem in done[-1].problems:
                 progress.console.print(
                     f"{point.mode} {point.role} at {point.at_s} s: {problem}",

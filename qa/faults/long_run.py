@@ -73,7 +73,8 @@ def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growt
         [[part.mean() for part in np.array_split(axis, BLOCKS)] for axis in (x, y)]
     )
     fit = linregress(*means)
-    half = float(t.ppf(0.975, BLOCKS - 2)) * fit.stderr if np.ptp(means[1]) else 0.0
+    quantile = float(t.ppf(0.975, BLOCKS - 2))
+    half = quantile * fit.stderr if np.ptp(means[1]) else 0.0
     allowed = ALLOWED_SHARE * y.mean() if name.endswith("_mb") else ALLOWED_COUNT
     flat = (fit.slope + half) * (x[-1] - x[0]) <= allowed
     return Growth(

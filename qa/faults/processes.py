@@ -47,7 +47,8 @@ def list_marked(mark: str) -> list[Seen]:
             continue
         with suppress(OSError, IndexError):
             if entry in (folder / "environ").read_bytes().split(b"\0"):
-                fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+                stat = (folder / "stat").read_text()
+                fields = stat.rsplit(")", 1)[1].split()
                 if fields[0] not in "ZX":
                     processes.append(
                         Seen(
@@ -65,14 +66,10 @@ def role(arguments: Sequence[str]) -> str:
     if "barn_eval.running.worker" in scripts:
         return "worker"
     if "start.py" in scripts:
-        return next(
-            (
-                name
-                for part, name in _NODES.items()
-                if any(part in argument for argument in arguments)
-            ),
-            "other",
-        )
+        for part, name in _NODES.items():
+            if any(part in argument for argument in arguments):
+                return name
+        return "other"
     return "campaign" if "barn_eval" in arguments else "other"
 
 
@@ -106,12 +103,8 @@ def list_segments(processes: Sequence[Seen]) -> set[str]:
     names: set[str] = set()
     for process in processes:
         with suppress(OSError):
-            names.update(
-                re.findall(
-                    rf"{SHARED_MEMORY}/(\S+)",
-                    Path(f"/proc/{process.pid}/maps").read_text(),
-                )
-            )
+            maps = Path(f"/proc/{process.pid}/maps").read_text()
+            names.update(re.findall(rf"{SHARED_MEMORY}/(\S+)", maps))
     return names
 
 

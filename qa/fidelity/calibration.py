@@ -120,10 +120,10 @@ def calibrate(folders: Sequence[Path], reference: Path) -> CalibrationReport:
     }
     planners = tuple(_calibration(entry, *pairs[entry.label]) for entry in entries)
     groups = _together(entries)
-    return CalibrationReport(
-        planners,
-        tuple(_joint({label: pairs[label] for label in group}) for group in groups),
-    )
+    joint = []
+    for group in groups:
+        joint.append(_joint({label: pairs[label] for label in group}))
+    return CalibrationReport(planners, tuple(joint))
 
 
 def _common(
@@ -246,7 +246,8 @@ def _together(entries: Sequence[Entry]) -> list[list[str]]:
 def _easy_worlds(published: TimedTrials) -> tuple[int, ...]:
     means = _by_world(published, published.times_s)
     quickest = sorted(means, key=lambda world: (means[world], world))
-    return tuple(sorted(quickest[: math.ceil(EASY_SHARE * len(quickest))]))
+    count = math.ceil(EASY_SHARE * len(quickest))
+    return tuple(sorted(quickest[:count]))
 
 
 def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes, ...]:

@@ -112,8 +112,9 @@ def _above(low: float, where: str, column: str, row: Mapping[str, str]) -> float
     except ValueError:
         value = math.nan
     if not low < value < math.inf:
+        text = format_value(row.get(column))
         raise ConfigError(
-            f"{where}: {column} must be a number above {low:g}, got {format_value(row.get(column))}"
+            f"{where}: {column} must be a number above {low:g}, got {text}"
         )
     return value
 
@@ -124,19 +125,18 @@ def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
     dataset = open_dataset(path.resolve().parent)
     first = next(iter(published.values()))
     worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
-    if (
-        other := first.other_length(
-            (number, one.path_length_m) for number, one in worlds.items()
-        )
-    ) is not None:
+    lengths_m = [(number, world.path_length_m) for number, world in worlds.items()]
+    other = first.other_length(lengths_m)
+    if other is not None:
         raise ConfigError(
             f"{path}: path of world {other} has another length in {dataset.name}"
         )
+    tables = published.values()
     trials = Trials(
-        np.concatenate([one.worlds for one in published.values()]),
-        tuple(planner for planner, one in published.items() for _ in one.worlds),
-        np.concatenate([one.normalised_s_per_m for one in published.values()]),
-        ~np.concatenate([one.failed for one in published.values()]),
+        np.concatenate([table.worlds for table in tables]),
+        tuple(name for name, table in published.items() for _ in table.worlds),
+        np.concatenate([table.normalised_s_per_m for table in tables]),
+        ~np.concatenate([table.failed for table in tables]),
     )
     return worlds, trials
 

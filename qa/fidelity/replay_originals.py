@@ -62,9 +62,8 @@ class Recording:
 
     def origins(self, name: str) -> FloatArray:
         """Return the outer corners (cycles, 2) of cell 0, 0 of a costmap, x and y in m."""
-        return np.broadcast_to(self._arrays[f"{name}_origin"], (self.cycles, 2)).astype(
-            np.float64
-        )
+        origin = self._arrays[f"{name}_origin"]
+        return np.broadcast_to(origin, (self.cycles, 2)).astype(np.float64)
 
     def number(self, name: str) -> float:
         """Return a number that is recorded once."""
@@ -106,9 +105,8 @@ class Recording:
             *angles,
             *limits,
         )
-        return Observation(
-            stamp_ns, odometry, scan, Pose2D(*recorded["pose"][cycle].tolist())
-        )
+        pose = Pose2D(*recorded["pose"][cycle].tolist())
+        return Observation(stamp_ns, odometry, scan, pose)
 
     def plan(self, cycle: int) -> FloatArray:
         """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
@@ -135,9 +133,8 @@ class Recording:
 
     def _join(self, name: str, cycle: int) -> FloatArray:
         end = self._ends[name][cycle]
-        points: FloatArray = self._arrays[name][
-            end - self._arrays[f"{name}_n"][cycle] : end
-        ].astype(np.float64)
+        begin = end - self._arrays[f"{name}_n"][cycle]
+        points: FloatArray = self._arrays[name][begin:end].astype(np.float64)
         return points
 
     @cached_property
@@ -294,9 +291,9 @@ class Replay(NavigationPlanner):
 
 
 def _near(values: FloatArray, other_values: FloatArray) -> bool:
-    return values.shape == other_values.shape and bool(
-        (np.abs(values - other_values) <= _PLACE_M).all()
-    )
+    if values.shape != other_values.shape:
+        return False
+    return bool((np.abs(values - other_values) <= _PLACE_M).all())
 
 
 def share(cycles: Sequence[Cycle], tolerance: tuple[float, float]) -> float:

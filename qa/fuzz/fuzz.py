@@ -108,14 +108,8 @@ def fuzz(
             if child.exitcode != 0:
                 number = shared[_NUMBER]
                 content = make_input(reader, seeds, name, seed, number)
-                findings.append(
-                    keep(
-                        out,
-                        name,
-                        content,
-                        f"input {number} of seed {seed}: {why or child.exitcode}",
-                    )
-                )
+                complaint = f"input {number} of seed {seed}: {why or child.exitcode}"
+                findings.append(keep(out, name, content, complaint))
                 shared[_NUMBER] = number + 1
         findings += [
             path.name for path in out.glob(f"{name}-*.txt") if path.name not in findings
@@ -134,7 +128,8 @@ def make_input(
 def keep(out: Path, name: str, content: bytes, complaint: str) -> str:
     """Write an input and what is wrong, and return the name of the latter."""
     out.mkdir(parents=True, exist_ok=True)
-    stem = f"{name}-{sha256(content).hexdigest()[:12]}"
+    digest = sha256(content).hexdigest()
+    stem = f"{name}-{digest[:12]}"
     (out / f"{stem}.bin").write_bytes(content)
     (out / f"{stem}.txt").write_text(complaint)
     return f"{stem}.txt"
@@ -159,7 +154,8 @@ def _watch(child: Any, shared: Any) -> str:
 
 def _processor_s(pid: int) -> float:
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        stat = Path(f"/proc/{pid}/stat").read_text()
+        fields = stat.rsplit(")", 1)[1].split()
     except OSError:
         return 0.0
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
@@ -176,7 +172,8 @@ def _child(
     shared: Any,
     out: Path,
 ) -> None:
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    pages = Path("/proc/self/statm").read_text().split()[0]
+    used = int(pages) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT_BYTES, used + LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stderr = sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115

@@ -260,9 +260,8 @@ out: y
 
 
 def _protocol_seeds(_: Path) -> list[bytes]:
-    whole = yaml.safe_dump(
-        {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
-    ).encode()
+    protocol = {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
+    whole = yaml.safe_dump(protocol).encode()
     return [
         b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n",
         whole,
@@ -344,14 +343,9 @@ def _message(make_message: Any, kind: str, time: int) -> Any:
         )
     if kind == "visualization_msgs/msg/MarkerArray":
         point = make_message("geometry_msgs/msg/Point", x=0.1 * time)
-        return make_message(
-            kind,
-            markers=[
-                make_message(
-                    "visualization_msgs/msg/Marker", type=4, points=[point] * 3
-                )
-            ],
-        )
+        points = [point] * 3
+        marker = make_message("visualization_msgs/msg/Marker", type=4, points=points)
+        return make_message(kind, markers=[marker])
     if kind == "tf2_msgs/msg/TFMessage":
         return make_message(
             kind,
@@ -395,7 +389,8 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
 
 def _npy_seeds(folder: Path) -> list[bytes]:
     for kind in (np.int64, np.float64, np.bool_, np.uint8):
-        np.save(folder / f"{kind.__name__}.npy", _world().grid[:10, :10].astype(kind))
+        grid = _world().grid[:10, :10].astype(kind)
+        np.save(folder / f"{kind.__name__}.npy", grid)
     return _files(*folder.glob("*.npy"))
 
 
@@ -439,9 +434,8 @@ def _image_seeds(folder: Path) -> list[bytes]:
     for ending in ("png", "bmp", "ppm"):
         for mode in ("L", "RGB", "1"):
             files.append(folder / f"{mode}.{ending}")
-            Image.open(folder / "map.pgm").resize((20, 30)).convert(mode).save(
-                files[-1]
-            )
+            image = Image.open(folder / "map.pgm").resize((20, 30))
+            image.convert(mode).save(files[-1])
     return _files(*files)
 
 

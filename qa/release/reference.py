@@ -112,16 +112,18 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
-        return ", ".join(
-            f"({_cell(item)})" if isinstance(item, tuple) else _cell(item)
-            for item in value
-        )
+        items = []
+        for item in value:
+            cell = _cell(item)
+            items.append(f"({cell})" if isinstance(item, tuple) else cell)
+        return ", ".join(items)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _entry(name: str, value: Any) -> str:
     if isinstance(value, tuple):
-        return f"{name}: {yaml.safe_dump(list(value), default_flow_style=True, width=1000).strip()}"
+        items = yaml.safe_dump(list(value), default_flow_style=True, width=1000)
+        return f"{name}: {items.strip()}"
     return yaml.safe_dump({name: value}, width=1000).strip()
 
 

@@ -217,9 +217,8 @@ def predictors(worlds: Integers) -> dict[str, Floats]:
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
     columns = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
-    return columns | {
-        LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])
-    }
+    predictions = [model.predict(world).difficulty_s_per_m for world in loaded]
+    return columns | {LEARNED: np.array(predictions)}
 
 
 def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
@@ -287,9 +286,8 @@ def regression_table(trials: Trials) -> str:
                 interval.text(places)
                 for interval, places in zip(intervals, digits, strict=True)
             ]
-            rows.append(
-                [spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts]
-            )
+            count = str(int(solved.sum()))
+            rows.append([spelling(planner), f"`{robot}`", count, *texts])
     headings = [
         "planner",
         "robot",
@@ -305,9 +303,8 @@ def regression_table(trials: Trials) -> str:
 def slope(x: Floats, y: Floats) -> Floats:
     """Return the slope of the line of least squares through points, along the last axis."""
     x = x - x.mean(axis=-1, keepdims=True)
-    line_slope: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
-        x**2
-    ).sum(axis=-1)
+    y = y - y.mean(axis=-1, keepdims=True)
+    line_slope: Floats = (x * y).sum(axis=-1) / (x**2).sum(axis=-1)
     return line_slope
 
 

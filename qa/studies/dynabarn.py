@@ -14,13 +14,7 @@ from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 
-TARGET = (
-    Path(__file__).parents[2]
-    / "barn_worlds"
-    / "barn_worlds"
-    / "data"
-    / "dynabarn60.npz"
-)
+TARGET = Path(__file__).parents[2] / "barn_worlds/barn_worlds/data/dynabarn60.npz"
 LICENCE = "MIT, Copyright (c) 2022 Zifan Xu; see dynabarn60.LICENSE"
 PAPER = (
     "Nair, Jiang, Hou, Xu, Li, Xiao, Stone: DynaBARN: Benchmarking Metric Ground Navigation in Dynamic Environments "

@@ -161,18 +161,16 @@ def table_i(dataset: Dataset) -> str:
     parameter_sets = [
         dataset.load(index).provenance.parameters for index in dataset.world_numbers
     ]
-    repetitions = Counter(
-        tuple(sorted(parameters.items())) for parameters in parameter_sets
-    )
+    keys = [tuple(sorted(parameters.items())) for parameters in parameter_sets]
+    repetitions = Counter(keys)
     rows = []
     for name, published in TABLE_I.items():
         ours = {parameters.get(name, "not recorded") for parameters in parameter_sets}
         rows.append(
             [name.replace("_", " "), _join_values(published), _join_values(ours)]
         )
-    rows.append(
-        ["repetitions", str(REPETITIONS), _join_values(set(repetitions.values()))]
-    )
+    counts = _join_values(set(repetitions.values()))
+    rows.append(["repetitions", str(REPETITIONS), counts])
     return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
@@ -194,12 +192,8 @@ def table_ii(table: MetricsTable) -> str:
             name: ours.get(f"cell_{name}", ours[name])
             for name in ("minimum", "maximum")
         }
-        rows.append(
-            [
-                metric.title,
-                *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published),
-            ]
-        )
+        pairs = [f"{published[name]:.2f} / {ours[name]:.2f}" for name in published]
+        rows.append([metric.title, *pairs])
     return markdown_table(["Metric", "Min.", "Max.", "Mean", "Std."], rows)
 
 
@@ -245,7 +239,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _at_rank(dataset: Dataset, share: float) -> World:
     """Return the world at a position in a data set's order: 0 is the first, 1 the last."""
     indices = dataset.world_numbers
-    return dataset.load(indices[round(share * (len(indices) - 1))])
+    rank = round(share * (len(indices) - 1))
+    return dataset.load(indices[rank])
 
 
 if __name__ == "__main__":

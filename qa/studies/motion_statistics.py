@@ -79,12 +79,10 @@ def motion_statistics(world: World) -> MotionStatistics:
 def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
     """Return the means over worlds, but the slowest and the fastest obstacle of all."""
     each = [motion_statistics(world) for world in worlds]
-    means = {
-        item.name: float(
-            np.mean([getattr(statistics, item.name) for statistics in each])
-        )
-        for item in fields(MotionStatistics)
-    }
+    means = {}
+    for item in fields(MotionStatistics):
+        values = [getattr(statistics, item.name) for statistics in each]
+        means[item.name] = float(np.mean(values))
     means["slowest_mps"] = min(statistics.slowest_mps for statistics in each)
     means["fastest_mps"] = max(statistics.fastest_mps for statistics in each)
     return MotionStatistics(**means)
@@ -127,9 +125,9 @@ def by_class(source: str) -> dict[str, list[World]]:
     dataset = open_dataset(source)
     for world in map(dataset.load, dataset.world_numbers):
         parameters = world.provenance.parameters
-        worlds_by_class.setdefault(
-            str(parameters.get("motion", parameters).get("difficulty", "all")), []
-        ).append(world)
+        motion = parameters.get("motion", parameters)
+        difficulty = str(motion.get("difficulty", "all"))
+        worlds_by_class.setdefault(difficulty, []).append(world)
     return worlds_by_class
 
 
@@ -140,11 +138,8 @@ def main(source: str) -> None:
     table = Table("class", "worlds", *(item.name for item in fields(MotionStatistics)))
     for name, worlds in by_class(source).items():
         figures = mean_statistics(worlds)
-        table.add_row(
-            name,
-            str(len(worlds)),
-            *(f"{value:.3f}" for value in vars(figures).values()),
-        )
+        values = [f"{value:.3f}" for value in vars(figures).values()]
+        table.add_row(name, str(len(worlds)), *values)
     Console(width=160).print(table)
 
 

@@ -93,9 +93,9 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
     figure = new_figure(_height_px(world))
     panels = figure.subplots(2, 3)
     show_cells(panels[0, 0], world.grid)
-    panels[0, 0].set_title(
-        f"Obstacles\n{float(world.grid.mean()):.0%} of the cells filled", fontsize=9
-    )
+    filled = float(world.grid.mean())
+    title = f"Obstacles\n{filled:.0%} of the cells filled"
+    panels[0, 0].set_title(title, fontsize=9)
     _draw_cspace(panels[0, 1], world, averages["tortuosity"])
     maps = metric_maps(world.cspace, metric_formula)
     places = (panels[0, 2], *panels[1])

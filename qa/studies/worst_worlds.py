@@ -26,9 +26,8 @@ def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:
     efficiency = table.pivot_table(
         index="world", columns="planner", values="efficiency", aggfunc="mean"
     ).dropna()
-    mean_of_others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
-        efficiency.shape[1] - 1
-    )
+    total = efficiency.sum(axis=1).to_numpy()[:, None]
+    mean_of_others = (total - efficiency) / (efficiency.shape[1] - 1)
     return {
         str(planner): int(world)
         for planner, world in (mean_of_others - efficiency).idxmax().items()

@@ -41,10 +41,8 @@ TESTS = {
 
 def tests_of(module: str) -> list[Path]:
     """Return the test files of a dotted module."""
-    return [
-        ROOT / module.partition(".")[0] / "test" / f"{name}.py"
-        for name in TESTS[module]
-    ]
+    package = module.partition(".")[0]
+    return [ROOT / package / "test" / f"{name}.py" for name in TESTS[module]]
 
 
 def select_mutants(
@@ -52,7 +50,8 @@ def select_mutants(
 ) -> dict[str, list[Mutant]]:
     """Return the mutants to try, by module: all, or so many drawn from all of them; SystemExit for an unknown name."""
     for module in modules:
-        if not any(f".{name}".endswith(f".{module}") for name in TESTS):
+        ending = f".{module}"
+        if not any(f".{name}".endswith(ending) for name in TESTS):
             sys.exit(f"no module {module!r}, choose from {', '.join(TESTS)}")
     endings = tuple(f".{module}" for module in modules)
     names = [name for name in TESTS if not modules or f".{name}".endswith(endings)]
@@ -76,9 +75,8 @@ def check(
     """Return what became of each mutant of a module; SystemExit if the tests fail without any."""
     needed_s = seconds_needed(module, tests)
     if needed_s is None:
-        sys.exit(
-            f"{module}: its tests fail without a change: {', '.join(map(str, tests))}"
-        )
+        files = ", ".join(map(str, tests))
+        sys.exit(f"{module}: its tests fail without a change: {files}")
     texts = [mutant.text for mutant in mutants]
     survived = survivals(module, texts, tests, jobs, 10 * needed_s)
     return [

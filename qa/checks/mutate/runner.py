@@ -74,12 +74,12 @@ def prepare() -> None:
 def seconds_needed(module: str, tests: Sequence[Path]) -> int | None:
     """Return the processor time that the tests of a module take as it is, rounded up; None if they fail."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if not all(
-        survivals(module, [source_of(module).read_text("utf-8")], tests, 1, 600)
-    ):
+    source = source_of(module).read_text("utf-8")
+    if not all(survivals(module, [source], tests, 1, 600)):
         return None
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return 1 + int(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
+    used_s = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return 1 + int(used_s)
 
 
 def survivals(
@@ -132,15 +132,5 @@ def _run_tests(
     )
     settings.load_profile("mutate")
     sys.meta_path.insert(0, Changed(module, code))
-    sys.exit(
-        pytest.main(
-            [
-                "-x",
-                "-q",
-                "--assert=plain",
-                "--tb=no",
-                f"--rootdir={ROOT}",
-                *map(str, tests),
-            ]
-        )
-    )
+    options = ["-x", "-q", "--assert=plain", "--tb=no", f"--rootdir={ROOT}"]
+    sys.exit(pytest.main([*options, *map(str, tests)]))
