@@ -29,7 +29,10 @@ MEANS = np.array([np.mean(times) for times in PUBLISHED.values()])
 
 
 def write_run(path, times):
-    """Write a run of times: {planner: {world: [time or None, ...]}}; None is a trial that reached the limit."""
+    """Write a run of times: {planner: {world: [time or None, ...]}}.
+
+    None is a trial that reached the limit.
+    """
     return write_folder(
         path,
         [
@@ -174,7 +177,8 @@ def test_the_mean_of_both_is_compared_over_and_within_folders(tmp_path):
     report = calibrate([both, dwa], table)
     assert [joint.labels for joint in report.joint] == [("DWA (both)", "E-Band")]
     assert report.joint[0].correlation.estimate == pytest.approx(1.0)
-    # E-Band's published times do not vary, so half of what ours are off is left in the mean of both.
+    # E-Band's published times do not vary, so half of what ours are off is left in the
+    # mean of both.
     r2 = 1.0 - ((MEANS - 20.0) ** 2).mean() / MEANS.var()
     assert report.joint[0].determination_of_equal_failures.estimate == pytest.approx(r2)
     assert calibrate([dwa], table).joint == ()

@@ -31,7 +31,10 @@ def worlds():
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
-    """Return the folder of an experiment: two planners, two repetitions, in worlds of barn300."""
+    """Return the folder of an experiment.
+
+    Two planners, two repetitions, in worlds of barn300.
+    """
     path = tmp_path_factory.mktemp("experiment") / "out"
     write_invented(path, experiment_of("0:300:10", 2))
     return path

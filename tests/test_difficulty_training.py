@@ -1,4 +1,4 @@
-"""Training with PyTorch: repeatable, the same in numpy, and judged in worlds held out."""
+"""Training with PyTorch is repeatable, the same in numpy and judged in other worlds."""
 
 from dataclasses import replace
 

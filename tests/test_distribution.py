@@ -1,4 +1,7 @@
-"""The suite as one distribution: a wheel has all that the five packages have, and knows its commit."""
+"""The suite as one distribution.
+
+A wheel has all that the five packages have, and knows its commit.
+"""
 
 import re
 import subprocess

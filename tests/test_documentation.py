@@ -1,4 +1,7 @@
-"""The figures of the documentation are drawn by one command and described, and docs/campaigns.md says what there is."""
+"""The figures of the documentation are drawn by one command and described.
+
+docs/campaigns.md says what there is.
+"""
 
 import re
 import shutil

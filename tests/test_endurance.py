@@ -1,4 +1,6 @@
-"""The tools that measure endurance: a few kill points as they are, and that what they measure can come out badly.
+"""The tools that measure endurance.
+
+A few kill points as they are, and that what they measure can come out badly.
 
 `python qa/faults/kill_points.py` and `python qa/faults/long_run.py` go on for longer.
 """

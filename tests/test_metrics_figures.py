@@ -1,4 +1,7 @@
-"""Figures are written whole, are the same every time, fit their width, and no text in them overlaps another."""
+"""Figures are written whole, are the same every time and fit their width.
+
+No text in them overlaps another.
+"""
 
 import itertools
 from pathlib import Path
@@ -36,7 +39,10 @@ def _free_world() -> World:
 
 
 def _texts(figure: Figure) -> list[Text]:
-    """Return the texts that are seen; matplotlib also keeps labels of ticks beyond the ends of an axis."""
+    """Return the texts that are seen.
+
+    Matplotlib also keeps labels of ticks beyond the ends of an axis.
+    """
     texts = [
         *figure.texts,
         *(text for legend in figure.legends for text in legend.get_texts()),
@@ -56,7 +62,7 @@ def _texts(figure: Figure) -> list[Text]:
 
 
 def _overlapping_texts(figure: Figure) -> list[tuple[str, str]]:
-    """Return pairs of texts of which one covers part of the other, and texts that the figure's edge cuts."""
+    """Return pairs of texts that overlap, and texts that the figure's edge cuts."""
     FigureCanvasAgg(figure).draw()
     renderer = figure.canvas.get_renderer()
     boxes = [

@@ -21,7 +21,10 @@ NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 
 def list_outputs(notebook):
-    """Return what each cell shows: its tables and texts as words, of figures only which kinds there are."""
+    """Return what each cell shows.
+
+    Its tables and texts as words, of figures only which kinds there are.
+    """
     cell_outputs = []
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):

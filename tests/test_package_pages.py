@@ -31,7 +31,10 @@ def services_of(package):
 
 
 def rows_of(text):
-    """Return the rows of a page's tables of topics: name, with a slash in front, to the cells behind it."""
+    """Return the rows of a page's tables of topics.
+
+    Name, with a slash in front, to the cells behind it.
+    """
     rows = {}
     for table in re.findall(
         r"^\| topic \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE

@@ -54,7 +54,7 @@ def test_files_that_differ_are_named_and_written_anew(tmp_path):
 
 @pytest.mark.parametrize("namespace", ["", "/robot1"])
 def test_a_node_reads_its_section_in_any_namespace(tmp_path, namespace):
-    """A file in which each value differs from the default gives a configuration of just these values."""
+    """A file whose values all differ from the defaults gives just these values."""
     rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from rclpy.node import Node  # noqa: PLC0415
 

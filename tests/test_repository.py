@@ -1,4 +1,7 @@
-"""What the repository states more than once is the same everywhere: its version and its checks."""
+"""What the repository states more than once is the same everywhere.
+
+Its version and its checks.
+"""
 
 import json
 import os
@@ -61,7 +64,10 @@ def test_the_paper_that_is_cited_is_the_one_of_the_front_page():
 
 
 def test_a_new_version_is_written_wherever_the_old_one_stands():
-    """The files of bump-my-version's configuration are all that have the version, but for records of what was made."""
+    """The files of bump-my-version's configuration are all that have the version.
+
+    Records of what was made are left out.
+    """
     tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has no reader of TOML")
     bump = tomllib.loads(text_of("pyproject.toml"))["tool"]["bumpversion"]
     assert bump["current_version"] == __version__

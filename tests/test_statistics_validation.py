@@ -1,4 +1,4 @@
-"""Simulated trials are what they say, and what is found of them is within what is promised."""
+"""Simulated trials are what they say, and their statistics are within the promise."""
 
 import json
 from dataclasses import replace
@@ -137,7 +137,10 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
 
 
 def test_the_page_is_what_the_command_writes():
-    """The shares are simulated again in full; of the rest, the page must have a row with the settings of today."""
+    """The shares are simulated again in full.
+
+    Of the rest, the page must have a row with the settings of today.
+    """
     text = PAGE.read_text("utf-8")
     every = [
         line

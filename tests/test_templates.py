@@ -1,4 +1,7 @@
-"""Planner packages do what their pages say, installed as users install them; the template in C++ is whole."""
+"""Planner packages do what their pages say, installed as users install them.
+
+The template in C++ is whole.
+"""
 
 import json
 import os
@@ -20,7 +23,10 @@ TRAINING = EXAMPLES / "policy_training"
 
 @pytest.fixture(scope="module")
 def installed_packages(tmp_path_factory):
-    """Return the environment in which the packages are installed, entry points and all, in a folder of its own."""
+    """Return the environment in which the packages are installed in their own folder.
+
+    Entry points are installed, too.
+    """
     folder = tmp_path_factory.mktemp("installed")
     sources = [folder / package.name for package in (PYTHON, PREDICTIVE)]
     for source in sources:

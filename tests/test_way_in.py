@@ -1,4 +1,7 @@
-"""The README's own lines, from nothing to a score with the locked releases, and the tutorial on one's own robot."""
+"""The README's lines lead from nothing to a score with the locked releases.
+
+The tutorial on one's own robot works, too.
+"""
 
 import json
 import os

@@ -1,9 +1,12 @@
-"""Do to the suite what a campaign may meet, with the real commands, and say what comes of it.
+"""Do to the suite what a campaign may meet and say what comes of it.
+
+All cases use the real commands.
 
     python qa/faults/faults.py --only 'campaign/*'
 
-Each case has a folder of its own, a time limit, and must leave no process behind. Exit code 1 if one failed. What was
-measured is kept in OUT/faults.json, from which `--write docs/reliability.md` renews the table; other rows stay.
+Each case has a folder of its own, a time limit, and must leave no process behind. Exit
+code 1 if one failed. What was measured is kept in OUT/faults.json, from which `--write
+docs/reliability.md` renews the table; other rows stay.
 """
 
 import fnmatch
@@ -43,7 +46,10 @@ _MEASURED = 160  # characters of the table
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case went: passed, failed or skipped, what was measured or went wrong, and how long it took."""
+    """How a case went.
+
+    Passed, failed or skipped, what was measured or went wrong, and how long it took.
+    """
 
     case: str
     status: str
@@ -52,7 +58,10 @@ class Outcome:
 
 
 def try_case(case: Case, failed_folder: Path, labs: list[Lab]) -> Outcome:
-    """Try a case in a folder of its own, which is kept where it failed; labs: gets the place."""
+    """Try a case in a folder of its own, which is kept where it failed.
+
+    `labs`: gets the place.
+    """
     folder = Path(tempfile.mkdtemp(prefix="barn-fault-"))
     lab = Lab(folder, case.limit_s)
     labs.append(lab)
@@ -129,7 +138,10 @@ def _beginning(case: Case) -> str:
 
 
 def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
-    """Return the line of each case: as measured now, else that of the page if the case is still the same."""
+    """Return the line of each case.
+
+    As measured now, else that of the page if the case is still the same.
+    """
     page_lines = page.splitlines()
     lines = {}
     for key, case in CASES.items():
@@ -154,7 +166,10 @@ def _cell(text: str) -> str:
 
 
 def _status(cell: str) -> str:
-    """Return the status that the cell of a case states; it is left out where it passed."""
+    """Return the status that the cell of a case states.
+
+    It is left out where it passed.
+    """
     for status in (FAILED, SKIPPED, UNTRIED):
         if f"**{status}**" in cell:
             return status

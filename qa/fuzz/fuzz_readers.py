@@ -1,4 +1,7 @@
-"""What is fuzzed: each reader of files of strangers, seeds made from real files, and how such files are changed."""
+"""What is fuzzed: each reader of files of strangers, with seeds and mutations.
+
+The seeds are made from real files.
+"""
 
 import base64
 import io
@@ -73,8 +76,9 @@ Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 class Reader:
     """A reader under test.
 
-    name: of the file in a folder of its own. seeds: contents of good files; whatever else `read` needs is put into the
-    folder given. read: reads the file and uses what it got as the suite does; a BarnError is a refusal.
+    name: of the file in a folder of its own. seeds: contents of good files; whatever
+    else `read` needs is put into the folder given. read: reads the file and uses what
+    it got as the suite does; a BarnError is a refusal.
     """
 
     name: str
@@ -202,7 +206,7 @@ def _experiment(folder: Path) -> Path:
 
 
 def _beside(folder: Path, name: str) -> list[bytes]:
-    """Return a file of an experiment, whose others are put beside the files under test."""
+    """Return a file of an experiment and put the others beside the files under test."""
     out = _experiment(folder)
     for path in out.iterdir():
         (folder / path.name).write_bytes(path.read_bytes())

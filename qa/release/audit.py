@@ -1,4 +1,4 @@
-"""Ask a service on the internet which of the locked packages have known vulnerabilities (`make audit`).
+"""Ask a service which locked packages have known vulnerabilities (`make audit`).
 
 Exit code 1 if one has, 2 if the service could not be asked.
 """
@@ -13,7 +13,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def audit(lock: str) -> tuple[int, list[str], str]:
-    """Return how many packages of a lock file were audited, their vulnerabilities, and why not all were."""
+    """Return how many packages of a lock file were audited, and their vulnerabilities.
+
+    The last text says why not all packages were.
+    """
     words = [
         "uvx",
         "pip-audit",

@@ -1,7 +1,9 @@
-"""Make the shipped data set dynabarn60 of the motions and worlds of DynaBARN: python qa/studies/dynabarn.py WORLDS.json.
+"""Make the shipped data set dynabarn60 of the motions and worlds of DynaBARN.
 
-WORLDS.json has the profiles by name (period_s, radius_m, height_m, keys of s, m, m) and the worlds with their
-difficulty and the names of their profiles.
+Usage: python qa/studies/dynabarn.py WORLDS.json.
+
+WORLDS.json has the profiles by name (period_s, radius_m, height_m, keys of s, m, m) and
+the worlds with their difficulty and the names of their profiles.
 """
 
 import json

@@ -1,4 +1,6 @@
-"""What the moving obstacles of worlds do: how many, how fast, and how often they are in the way, by class of motion.
+"""What the moving obstacles of worlds do.
+
+How many, how fast, and how often they are in the way, by class of motion.
 
     python qa/studies/motion_statistics.py dynabarn60
     python qa/studies/motion_statistics.py out/moving.npz
@@ -31,10 +33,11 @@ _PLACE_M = 0.1
 class MotionStatistics:
     """Figures of one world over its first 100 s.
 
-    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the obstacles. slowest_mps,
-    fastest_mps: the extremes of these. period_s: mean of the periods. crossings_per_min: how often the centre of an
-    obstacle goes over the straight line from the start of the path to its end. occupied_share: of that line, the mean
-    over time.
+    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the
+    obstacles. slowest_mps, fastest_mps: the extremes of these. period_s: mean of the
+    periods. crossings_per_min: how often the centre of an obstacle goes over the
+    straight line from the start of the path to its end. occupied_share: of that line,
+    the mean over time.
     """
 
     obstacles: float
@@ -100,7 +103,10 @@ def mean_speed(obstacle: MovingObstacle) -> float:
 def crossings(
     on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float
 ) -> int:
-    """Count the changes of side within a line, jumps left out; on_line, beside: (t, n) m along it, left of it."""
+    """Count the changes of side within a line, jumps left out.
+
+    on_line, beside: (t, n) m along it, left of it.
+    """
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
     return int((other_side & within & ~jumped).sum())

@@ -1,4 +1,4 @@
-"""Circles and tracks against what moves in truth, and the planners that predict by them."""
+"""Circles and tracks against what really moves, and the planners that use them."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,10 @@ BEAMS = 721
 
 
 def scan_of(pose, discs, stamp_ns=0):
-    """Return the exact scan, all round, of discs (x, y, radius) by a lidar 0.055 m ahead of the robot's centre."""
+    """Return the exact scan, all round, of discs (x, y, radius).
+
+    The lidar is 0.055 m ahead of the robot's center.
+    """
     angles = np.linspace(-math.pi, math.pi, BEAMS)
     sensor = pose @ Pose2D(0.055, 0.0, 0.0)
     ranges = np.full(BEAMS, np.inf)
@@ -174,7 +177,10 @@ def test_discs_of_one_frame_in_another():
 
 
 def crossing(name: str, **overrides) -> tuple[float, float]:
-    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses; return smallest gap and final x."""
+    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses.
+
+    Return smallest gap and final x.
+    """
     planner = make_planner(name, "challenge", overrides)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
     pose = Pose2D(0.0, 0.0, 0.0)

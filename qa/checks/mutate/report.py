@@ -1,4 +1,7 @@
-"""What became of mutants: totals, survivors with the reason each, and docs/mutation.md."""
+"""What became of mutants.
+
+Totals, survivors with the reason each, and docs/mutation.md.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -42,7 +45,7 @@ def load_reasons() -> dict[Change, str]:
 
 
 def totals(tried: Sequence[Tried]) -> tuple[int, int, int, float]:
-    """Return the numbers of mutants, of those killed and of those that survived, and the percentage killed."""
+    """Return how many mutants there are, were killed and survived, and the % killed."""
     killed = sum(outcome.killed for outcome in tried)
     return (
         len(tried),
@@ -96,11 +99,15 @@ def write_page(path: Path, tried: Sequence[Tried]) -> None:
     table += ["| {} | {} | {} | {} | {:.1f} |".format(*row) for row in rows]
     reasons = load_reasons()
     left: dict[tuple[str, str, str], list[str]] = {}
-    for one in tried:
-        if not one.killed:
-            place = one.module, one.mutant.where, reasons.get(one.change, NO_REASON)
+    for outcome in tried:
+        if not outcome.killed:
+            place = (
+                outcome.module,
+                outcome.mutant.where,
+                reasons.get(outcome.change, NO_REASON),
+            )
             left.setdefault(place, []).append(
-                f"- {one.mutant.was}\n+ {one.mutant.now}\n"
+                f"- {outcome.mutant.was}\n+ {outcome.mutant.now}\n"
             )
     texts = [
         f"`{module}`, `{where}`: {reason}\n\n```diff\n" + "".join(lines) + "```"

@@ -13,7 +13,10 @@ from fault_cases.kit import Lab, add, hold
 
 
 def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
-    """Change the first row of a campaign, with the right checksum; every reader must refuse it."""
+    """Change the first row of a campaign, with the right checksum.
+
+    Every reader must refuse it.
+    """
     shutil.copytree(run_undisturbed(), lab.out)
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()

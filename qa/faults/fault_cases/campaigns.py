@@ -1,4 +1,7 @@
-"""Campaigns in mode direct that are killed, suspended and disturbed, and what their tables are after that."""
+"""Campaigns in mode direct that are killed, suspended and disturbed.
+
+Their tables must be the undisturbed ones after that.
+"""
 
 import os
 import signal
@@ -63,7 +66,11 @@ def run_undisturbed() -> Path:
 
 
 def resume(lab: Lab, *options: object) -> str:
-    """Run the campaign to its end; Wrong if its tables are not the undisturbed ones to the byte."""
+    """Run the campaign to its end.
+
+    Raises:
+        Wrong: If its tables are not the undisturbed ones to the byte.
+    """
     row_count = len(lab.rows())
     lab.barn(*campaign(lab, *options))
     return same(lab, row_count)
@@ -142,7 +149,10 @@ def _suspend(lab: Lab, text: str = "", for_s: float = 8.0) -> None:
 
 
 def _load_machine(lab: Lab) -> str:
-    """Let a campaign compete with 30 busy processes of its own priority, which is a low one, for a minute at most."""
+    """Let a campaign compete with 30 busy processes for a minute at most.
+
+    They have the campaign's own priority, which is a low one.
+    """
     run_undisturbed()
     low = ["nice", "-n", "10"]
     busy = [
@@ -231,7 +241,7 @@ add(
 
 
 def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
-    """Return a file with by how much the clock is off, and the environment in which it is."""
+    """Return a file with the clock's error and the environment that applies it."""
     library = lab.folder / "clock.so"
     note = lab.folder / "shift"
     words = [
@@ -283,7 +293,8 @@ for _name, _days in (("forward", 40), ("backward", -40)):
 def two_writers(lab: Lab) -> str:
     """The same campaign is started three times at once in one folder.
 
-    One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
+    One runs, the others are refused in one line each; the tables are the undisturbed
+    ones to the byte.
     """
     run_undisturbed()
     runs = [lab.start(*campaign(lab)) for _ in range(3)]
@@ -322,8 +333,8 @@ def worker_of_another_number(lab: Lab) -> str:
 def output_closed(lab: Lab) -> str:
     """Whoever reads what the campaign prints goes away after the first line.
 
-    The campaign completes its rows or ends without a traceback; after running it again the tables are the undisturbed
-    ones.
+    The campaign completes its rows or ends without a traceback; after running it again
+    the tables are the undisturbed ones.
     """
     run_undisturbed()
     (lab.folder / "run.sh").write_text('"$@" 2>&1 | head -1\n')

@@ -1,7 +1,10 @@
-"""A planner in a process of its own that tries to win by other means than driving: plain rclpy, no suite.
+"""A planner in a process of its own that tries to win by other means than driving.
 
-Usage: cheat_planner.py KIND FOLDER OUT: it drives ahead and does its deed at a scan. FOLDER may be written to, what it
-has found goes to FOLDER/found; OUT is the folder of results.
+Plain rclpy, no suite.
+
+Usage: cheat_planner.py KIND FOLDER OUT: it drives ahead and does its deed at a scan.
+FOLDER may be written to, what it has found goes to FOLDER/found; OUT is the folder of
+results.
 """
 
 import json
@@ -42,7 +45,10 @@ def report(text: object) -> None:
 
 
 def list_other_processes() -> list[str]:
-    """Return the processes of anybody that has to do with trials, but for this one and its parents."""
+    """Return the processes that have to do with trials.
+
+    This process and its parents are left out.
+    """
     pids = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
@@ -69,7 +75,10 @@ def look_into_memory(_: Node) -> None:
 
 
 def look_for_the_line(_: Node) -> None:
-    """Say to each socket of this process, and to each that has a name, that the simulator is to be reset."""
+    """Ask for a reset of the simulator through each socket that can be reached.
+
+    These are the sockets of this process and all that have a name.
+    """
     message = json.dumps({"id": 1, "ask": "reset", "what": "reset"}).encode() + b"\n"
     lines = Path("/proc/net/unix").read_text().splitlines()
     unix = [line.split() for line in lines[1:]]
@@ -124,7 +133,7 @@ def read_the_seed(_: Node) -> None:
 
 
 def look_at_the_suite(_: Node) -> None:
-    """See whether the suite's packages, and the machine code of its kernels, may be written to."""
+    """Report whether the suite's packages and compiled kernels may be written to."""
     package = find_spec("barn_eval")
     may = package is not None and os.access(str(package.origin), os.W_OK)
     report(f"may {'' if may else 'not '}write to them")

@@ -63,7 +63,10 @@ for _name, _file in (
 def _expect_refusal(
     lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True
 ) -> str:
-    """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
+    """Alter a folder.
+
+    Both resuming and checking must refuse it and leave it as it is.
+    """
     out = _copy_unfinished(lab) if unfinished else _copy_finished(lab)
     alter(out)
     before = {
@@ -291,7 +294,8 @@ def folder_of_something_else(lab: Lab) -> str:
 
 @case(FAMILY)
 def rerun_of_a_row(lab: Lab) -> str:
-    """A row's score is edited and given the right checksum, as somebody does who wants to win.
+    """A row's score is edited and given the right checksum, as somebody does who wants
+    to win.
 
     `barn check` with `--rerun` runs the trial again and names what differs.
     """

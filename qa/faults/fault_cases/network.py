@@ -1,4 +1,7 @@
-"""The live view under clients that misbehave, and what of network, clock and limits runs over ROS may lack."""
+"""The live view under clients that misbehave.
+
+Runs over ROS with faults of network, clock and limits are here, too.
+"""
 
 import json
 import os
@@ -36,7 +39,10 @@ Place = tuple[str, int]
 
 
 def connect(place: Place, *frames: bytes, receive: int = 0) -> socket.socket:
-    """Return a connection to the live view that has sent these frames; receive: bytes that it may have waiting."""
+    """Return a connection to the live view that has sent these frames.
+
+    `receive`: bytes that it may have waiting.
+    """
     connection = socket.socket()
     if receive:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive)
@@ -175,7 +181,8 @@ def no_loopback(lab: Lab) -> str:
 def no_such_dds(lab: Lab) -> str:
     """RMW_IMPLEMENTATION asks for Cyclone DDS, of which PyPI has no wheels.
 
-    Where it is not installed, the run ends with one line that names it; else the row is the undisturbed one.
+    Where it is not installed, the run ends with one line that names it; else the row is
+    the undisturbed one.
     """
     run_undisturbed()
     ended = lab.barn(
@@ -189,7 +196,8 @@ def no_such_dds(lab: Lab) -> str:
 
 @case(MACHINE)
 def a_planner_in_another_century(lab: Lab) -> str:
-    """The clock that the planner's processes see is 55 years behind, so that its commands seem to be of no trial.
+    """The clock that the planner's processes see is 55 years behind, so that its
+    commands seem to be of no trial.
 
     The trial ends as interference, by the planner's fault, and names that.
     """
@@ -277,7 +285,8 @@ for _name, _done, _kind, _most, _ros in (
 def few_processes(lab: Lab) -> str:
     """The user, who is not root, may have 30 processes and threads (ulimit -u).
 
-    The run over ROS works, or ends with one line that gives the reason; nothing is left.
+    The run over ROS works, or ends with one line that gives the reason; nothing is
+    left.
     """
     if os.geteuid() != 0 or which("setpriv") is None:
         raise Skipped("needs root, to be another user")

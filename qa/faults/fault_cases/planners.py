@@ -14,7 +14,8 @@ FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
 FOREIGN = TESTS / "foreign_planner.py"
 _PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
-# Short where a case waits for it in full, and yet long enough for a slow and busy machine.
+# Short where a case waits for it in full, and yet long enough for a slow and busy
+# machine.
 _PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
 
 
@@ -25,7 +26,7 @@ def ros(
     bags: str = "none",
     command_s: int = 12,
 ) -> list[object]:
-    """Return the words of a run over ROS of a trial that ends by itself after so many seconds of driving."""
+    """Return the words of a run over ROS whose trial ends after some seconds."""
     if find_spec("rclpy") is None:
         raise Skipped("ROS 2 is not installed")
     (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
@@ -54,7 +55,11 @@ def by_command(*words: object, prefix: str = "") -> list[str]:
 def drive(
     lab: Lab, kind: str, outcome: str, detail: str = "", options: Sequence[object] = ()
 ) -> str:
-    """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
+    """Run a trial of a planner that goes wrong, and say how it ended.
+
+    Raises:
+        Wrong: If otherwise than it must.
+    """
     planner = by_command(SCRIPT, kind, lab.folder)
     lab.barn(*ros(lab, *planner, *options))
     return judge(lab, outcome, detail)
@@ -282,7 +287,8 @@ def has_children(lab: Lab) -> str:
 
 @case(FAMILY)
 def escapes(lab: Lab) -> str:
-    """The planner starts a daemon: forked twice, in a session of its own, with an empty environment.
+    """The planner starts a daemon: forked twice, in a session of its own, with an empty
+    environment.
 
     The daemon ends with the run.
     """

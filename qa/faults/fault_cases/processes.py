@@ -1,4 +1,7 @@
-"""Processes of a run over ROS that are killed, stopped or suspended, and runs beside each other."""
+"""Processes of a run over ROS that are killed, stopped or suspended.
+
+Runs beside each other are here, too.
+"""
 
 import os
 import signal
@@ -168,7 +171,8 @@ def evaluator_suspended(lab: Lab) -> str:
 
 @case(FAMILY)
 def machine_suspended(lab: Lab) -> str:
-    """All processes of the run are suspended for 25 s in the middle of the trial, as a laptop's lid does.
+    """All processes of the run are suspended for 25 s in the middle of the trial, as a
+    laptop's lid does.
 
     The trial ends as an undisturbed one does, repeated or not.
     """
@@ -220,7 +224,10 @@ def run_killed(lab: Lab) -> str:
 
 
 def _kill_together(lab: Lab, guards: int) -> str:
-    """Kill run and worker at once, with so many of the two guards of a planner that has started daemons."""
+    """Kill run and worker at once, and some guards of a planner with daemons.
+
+    `guards` says how many of the two.
+    """
     planner = by_command(SCRIPT, "escapes", lab.folder)
     run = lab.start(*ros(lab, *planner, limit_s=60.0))
     note = lab.folder / "pids"

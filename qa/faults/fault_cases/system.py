@@ -33,7 +33,11 @@ def alive(pid: int) -> bool:
 
 
 def peak_memory_mb(pid: int) -> int:
-    """Return the most memory that a process has taken; StopIteration once it has ended."""
+    """Return the most memory that a process has taken.
+
+    Raises:
+        StopIteration: Once it has ended.
+    """
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     peak = next(line for line in lines if "VmHWM" in line)
     return int(peak.split()[1]) // 1000
