@@ -445,6 +445,7 @@ class Results:
             for spec in config.trials([result.world])
             if spec.trial_id == result.trial_id
         )
+        # Measured computing never repeats itself, so the recorded delays are charged.
         if result.delays:
             spec = replace(spec, recorded_ns=unpack_delays(result.delays))
         request = RunRequest(

@@ -157,6 +157,7 @@ def _parameter_sets(
     sets = TABLE_I
     if changes:
         sets = (replace_dotted(WorldParameters(), changes, "world parameters"),)
+    # The generator thinks in cells: as many to a robot, whatever its size.
     sizes: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & changes.keys():
         sizes["resolution_m"] = cell_size_m(robot)

@@ -132,6 +132,7 @@ def _fit(columns: Sequence[Column], width: int) -> list[Column]:
         for column in columns
     ]
     min_widths = [_min_width(column) for column in columns]
+    # One space at a time, so that the columns end up about as wide as each other.
     while _total_width([_width(column) for column in fitted]) > width:
         widths = [_width(column) for column in fitted]
         wide_places = [
@@ -176,6 +177,7 @@ def _longest_word(text: str) -> int:
 def _wrap(column: Column, width: int) -> Column:
     """Return a column in lines of a width at most; only longer words are broken."""
     wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
+    # Cells may have line breaks of their own, which stay.
     wrapped = []
     for text in column:
         lines = map(wrapper.fill, _join_words(text).split("\n"))

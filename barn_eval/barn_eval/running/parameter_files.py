@@ -70,6 +70,7 @@ def change_command(
             words += ["-p", f"{key}:={format_setting_value(value)}"]
         return shlex.join(words), {}
 
+    # A parameter changes in the file that ROS takes it from.
     changed: dict[Path, ParameterFile] = {}
     for key, value in values.items():
         file, parameter = _find_parameter(files, key)

@@ -48,6 +48,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
             f" got {format_value(commands)}"
         )
     for text in texts:
+        # A command without a name belongs to the only planner, if there is one.
         if _NAMED_COMMAND.fullmatch(text) or not planners:
             name, command = parse_planner_command(text)
         else:
@@ -198,6 +199,7 @@ def _find_planner(
     A key may be read in two ways: `dwa.max_speed_mps` of the only planner DWA is its
     parameter of that name, if there is one, and else its `max_speed_mps`.
     """
+    # A group of parameters, such as {"dwa": {...}}, may also be a mapping.
     if isinstance(value, Mapping) and (key in names or len(names) > 1):
         return key, value
 

@@ -155,6 +155,7 @@ def fingerprint(planner: object) -> str:
     """
     code: Any = planner
     state: Any = None
+    # Functions made by one source differ in what they close over.
     if inspect.isfunction(planner):
         cells = [cell.cell_contents for cell in planner.__closure__ or ()]
         state = (cells, planner.__defaults__, planner.__kwdefaults__)

@@ -110,9 +110,11 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
             f"{key}={format_setting_value(value)}"
             for key, value in short_values.items()
         )
+        # Values may have characters that folder names cannot have.
         folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
         setting = make_setting(base, values, folder)
         settings.append(replace(setting, name=name, values=short_values))
+    # Two settings in one folder would overwrite each other.
     if len({setting.request.out for setting in settings}) < len(settings):
         raise ConfigError("a sweep names one value twice")
     return settings
