@@ -126,7 +126,7 @@ def rich_table(content: TextTable) -> FittedTable:
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:
-    """Return columns in a total width if that is possible, the widest narrowed first."""
+    """Return columns in a total width if possible, the widest narrowed first."""
     fitted = [
         _wrap(column, max(_longest_word(column[0]), _width(column[1:])))
         for column in columns
@@ -163,7 +163,7 @@ def _total_width(widths: Sequence[int]) -> int:
 
 
 def _join_words(text: str) -> str:
-    """Return a text in which limits in brackets and a number with its star stay whole."""
+    """Return a text in which limits in brackets, and a number with its star, stay whole."""
     joined = re.sub(
         r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )

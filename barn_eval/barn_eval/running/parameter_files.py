@@ -124,7 +124,7 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
 def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
-    """Return the only parameter "NAME" or "NODE.NAME", and the last file that has it."""
+    """Return the only parameter "NAME" or "NODE.NAME", and its last file."""
     names: set[str] = set()
     # ROS lets a later file override an earlier one.
     for file in reversed(files):

@@ -55,8 +55,8 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
             name, command = planners[0].name, text
         if command == text and (len(planners) > 1 or len(texts) > 1):
             raise ConfigError(
-                f"planner command {format_value(text)}: give it as NAME=COMMAND where there"
-                " are several planners"
+                f"planner command {format_value(text)}: give it as NAME=COMMAND where"
+                " there are several planners"
             )
         _set_command(planners, name, command)
 
@@ -181,8 +181,8 @@ def apply_parameters(
         name, values = _find_planner(key, value, list(values_by_planner))
         if name not in values_by_planner:
             raise ConfigError(
-                f"{where}parameters of planner {format_value(name)}, which is not among them"
-                f"{suggest(name, values_by_planner)}"
+                f"{where}parameters of planner {format_value(name)}, which is not among"
+                f" them{suggest(name, values_by_planner)}"
             )
         values_by_planner[name] |= values
     return tuple(

@@ -63,7 +63,7 @@ class FunctionPlanner(Planner):
         self._takes_task = _accepts(function, 2)
         self._task: Task | None = None
 
-    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (a function has no randomness of its own)
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (no randomness)
         """Begin a trial.
 
         Args:

@@ -86,7 +86,7 @@ class DirectWork(Work):
     # Planners that are Python objects, by name.
     planners: Mapping[str, PlannerObject] = field(default_factory=dict)
 
-    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result per job)
+    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result)
         """Run the only trial of a job."""
         # Only workers need the simulator and the planners.
         from barn_eval.running.direct import run_direct_trial, warm_up  # noqa: PLC0415

@@ -1,7 +1,7 @@
 """Workers of a Ray cluster, or of Ray on this machine.
 
-Ray is an optional extra, `barn_eval[ray]`. Each node of a cluster needs the same version
-of the suite and, with bags, the folder that they go to.
+Ray is an optional extra, `barn_eval[ray]`. Each node of a cluster needs the same
+version of the suite and, with bags, the folder that they go to.
 """
 
 import importlib
