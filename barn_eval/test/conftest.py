@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Opened, launch
-from extra_messages import more_messages, with_more_messages
+from extra_messages import extra_message_types, with_extra_messages
 from report_work import campaign, drive
 from shared_fixtures import longest_first, original_folder
 
@@ -17,7 +17,7 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
-__all__ = ["more_messages", "original_folder", "with_more_messages"]
+__all__ = ["extra_message_types", "original_folder", "with_extra_messages"]
 LONGEST = [
     "ros_trials",
     "ros_neighbours",

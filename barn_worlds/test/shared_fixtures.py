@@ -9,7 +9,7 @@ import pytest
 from barn_worlds.base.garbage import reduce_garbage_collection
 from barn_worlds.ros.domain import reserve_domain
 
-__all__ = ["longest_first", "original_folder", "own_domain"]
+__all__ = ["longest_first", "original_folder", "private_domain"]
 reduce_garbage_collection()
 SAMPLE = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
 
@@ -21,7 +21,7 @@ def longest_first(items: list[pytest.Item], longest: Sequence[str]) -> None:
 
 
 @pytest.fixture(scope="module")
-def own_domain() -> Iterator[int]:
+def private_domain() -> Iterator[int]:
     """A ROS domain for the tests of a module and the processes that they start, on this host only."""
     with reserve_domain({}) as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(number))

@@ -7,7 +7,7 @@ export COVERAGE_FILE="$PWD/build/coverage/data"
 rm -rf build/coverage
 mkdir -p build/coverage
 python -m coverage run -m pytest -q -n auto --dist loadfile --ignore-glob='*/test_*ros*'
-python -m coverage run -m pytest -q barn_worlds/test/test_ros_domain.py # a lock, which needs no ROS
+python -m coverage run -m pytest -q barn_worlds/test/ros/test_domain.py # a lock, which needs no ROS
 # These have passed above. As Python some take too long.
 export PYTHONPATH="$PWD/qa/checks${PYTHONPATH:+:$PYTHONPATH}"
 kernels() {
