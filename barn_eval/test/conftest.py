@@ -19,24 +19,22 @@ from barn_worlds.worlds.world import World
 
 __all__ = ["extra_message_types", "original_folder", "with_extra_messages"]
 LONGEST = [
-    "ros_trials",
-    "ros_neighbours",
-    "campaign_ray",
-    "campaign_ros",
-    "report",
-    "campaign",
-    "ros_interference",
-]
-LONGEST += [
-    "campaign_local",
-    "pages",
-    "motion_shown",
-    "front_door",
-    "tune",
-    "compute",
-    "cli",
-    "ab",
-    "difficulty",
+    "ros/test_trials.py",
+    "ros/test_neighbors.py",
+    "running/test_cluster.py",
+    "ros/test_work.py",
+    "report/test_page.py",
+    "running/test_run.py",
+    "ros/test_interference.py",
+    "running/test_pool.py",
+    "pages/test_pages.py",
+    "replay/test_movers.py",
+    "api/test_front_door.py",
+    "studies/test_tune.py",
+    "running/test_compute.py",
+    "commands/test_main.py",
+    "studies/test_ab.py",
+    "api/test_difficulty.py",
 ]
 ROOT = Path(__file__).resolve().parents[2]
 

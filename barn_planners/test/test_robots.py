@@ -97,9 +97,7 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
 
 @pytest.mark.parametrize("robot", [HUSKY, ROUND, BURGER], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("costmap", ["local_costmap", "global_costmap"])
-def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(
-    robot, costmap
-):
+def test_padded_mppi_footprints_hold_the_robot(robot, costmap):
     layer = getattr(configured("mppi", robot), costmap)
     assert layer.inscribed_m < layer.inflation_radius_m
     corners = layer.padded_outline_m
@@ -128,7 +126,7 @@ def test_the_shipped_policy_is_for_the_jackal_alone():
     assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
 
 
-def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
+def test_gap_inflates_between_inscribed_and_circumscribed():
     assert configured("gap", ROUND).robot_radius_m == pytest.approx(0.171)
     assert configured("gap", ROUND).turning_radius_m == pytest.approx(0.171)
     assert 0.335 < configured("gap", HUSKY).robot_radius_m < math.hypot(0.495, 0.335)
@@ -199,7 +197,7 @@ def test_a_costmap_clears_and_checks_the_outline():
     assert costmap.has_room(0.3, 0.0, math.pi)
 
 
-def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_metres():
+def test_dwa_counts_edges_of_other_robots_by_distance():
     for preset, config in presets("dwa").items():
         counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
         assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
@@ -207,7 +205,7 @@ def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_
 
 
 @pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
-def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
+def test_global_plans_keep_the_robots_side_distance(name):
     """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
     config = configured(name, BURGER)
     width_m = np.ptp(config.global_costmap.padded_outline_m[:, 1])

@@ -78,7 +78,7 @@ def test_the_body_is_that_of_the_jackal() -> None:
     )
 
 
-def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -> None:
+def test_center_of_mass_and_inertia_include_the_wheels() -> None:
     chassis = 16.523
     wheel = 0.477
     height = (chassis * 0.067 + 4 * wheel * 0.0345) / MODEL.mass_kg

@@ -40,7 +40,7 @@ def numbers(pose: Pose2D) -> tuple[float, float, float]:
     return pose.x, pose.y, pose.yaw
 
 
-def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
+def test_an_instant_has_the_time_first_and_the_scan_last():
     sent = list(SimulatorMessages(SimulatorConfig()).sensors(SENSORS, STAMP))
     assert [topic.path for topic, _ in sent] == [
         "/clock", "/odom", "/ground_truth/odom", "/amcl_pose", "/tf", "/collision", "/joint_states", "/scan",
@@ -82,7 +82,7 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
 @pytest.mark.parametrize(
     "since", [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.05)], ids=["at once", "later"]
 )
-def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisations(
+def test_transforms_lead_to_the_robot_between_localizations(
     since,
 ):
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
@@ -97,7 +97,7 @@ def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisation
     assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED @ since))
 
 
-def test_before_the_first_instant_the_transforms_are_those_of_the_start():
+def test_first_transforms_are_those_of_the_start():
     start = Pose2D(-3.0, 4.075, 1.25)
     messages = SimulatorMessages(SimulatorConfig(), start=start)
     for stamp_ns in (1_000_000_000, 2_000_000_000):
@@ -129,7 +129,7 @@ def test_what_stands_still_is_told_once():
     assert {transform.header.stamp.sec for transform in transforms.values()} == {0}
 
 
-def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
+def test_localization_variance_is_stated_unless_exact():
     for mode, expected in (("exact", (0.0, 0.0)), ("amcl", (0.04, 0.01))):
         localisation = LocalizationConfig(
             mode=mode, position_std_m=0.2, yaw_std_rad=0.1

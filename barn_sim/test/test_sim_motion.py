@@ -83,7 +83,7 @@ def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, robot, clients):
 
 
 @pytest.mark.parametrize("robot", ["jackal", "scout_mini"])
-def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
+def test_a_used_engine_is_as_good_as_a_new_one(robot):
     """Obstacles of even seeds are fixed."""
     idle: list[PhysicsEngine] = []
     client = PhysicsClient(idle=idle)
@@ -98,7 +98,7 @@ def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
     assert len({id(engine) for engine in used}) < len(used)
 
 
-def test_robots_that_share_engines_move_as_with_engines_of_their_own():
+def test_robots_that_share_engines_move_as_with_their_own():
     idle: list[PhysicsEngine] = []
     seeds = range(0, 8, 2)
     clients = [PhysicsClient(idle=idle) for _ in range(4)]
@@ -186,7 +186,7 @@ def test_a_torque_is_found_that_keeps_a_spin():
         assert after == pytest.approx(spin, abs=1e-15)
 
 
-def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
+def test_an_inexact_torque_keeps_the_spin_but_for_rounding():
     inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
     attitude, stale, elsewhere = (
         (0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1)

@@ -137,7 +137,7 @@ def test_one_trial_each_is_compared():
     ) == (1, 1, 1, 1)
 
 
-def test_measures_of_motion_are_compared_where_both_have_met_something():
+def test_moving_measures_are_compared_if_both_have_them():
     met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
     still = results(worlds=1)
     moved = [replace(trial, motion=met) for trial in results(worlds=1)]
@@ -151,7 +151,7 @@ def test_measures_of_motion_are_compared_where_both_have_met_something():
     ]
 
 
-def test_a_comparison_tells_how_many_worlds_the_data_set_of_the_first_has():
+def test_a_comparison_counts_the_worlds_of_its_data_set():
     unknown, of_barn300 = (results(name, worlds=1) for name in ("dwa", "eband"))
     of_barn300 = [replace(row, dataset="barn300") for row in of_barn300]
     assert (
@@ -341,7 +341,7 @@ def test_command_compares_folders(folders, command):
     assert "Only 4 worlds: with fewer than 10" in text
 
 
-def test_folders_are_compared_in_the_order_given_under_their_short_names(folders):
+def test_folders_are_compared_in_the_order_given(folders):
     (comparison,) = compare_folders(folders / "a", folders / "b")
     assert comparison.row("scored_time_s").paired.difference.estimate == pytest.approx(
         -1.0
@@ -406,7 +406,7 @@ def test_the_first_five_parameters_that_differ_are_named(folders, count):
     assert (f"{count - 5} more" in sentence) == (count > 5)
 
 
-def test_of_a_planner_that_is_not_installed_here_no_parameter_is_told(folders):
+def test_an_uninstalled_planner_reports_no_parameter(folders):
     for name in ("one", "two"):
         write_folder(folders / name, results("gone", worlds=4))
     assert compare_folders(folders / "one", folders / "two")[0].parameters == ""
@@ -422,7 +422,7 @@ def test_the_share_of_pairs_that_is_compared_is_told(folders):
     assert shares == [1 / 3, 2 / 3, 1.0]
 
 
-def test_folders_of_different_tasks_are_refused_by_the_first_key_that_differs(folders):
+def test_folders_of_different_tasks_are_refused_by_key(folders):
     write_folder(
         folders / "other",
         results("eband", worlds=4),

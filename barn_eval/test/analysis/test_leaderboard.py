@@ -25,7 +25,7 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
 
 
-def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path):
+def test_a_clear_difference_ranks_and_equal_results_tie(run, tmp_path):
     clear = campaign(tmp_path / "clear", run, worlds=60, faster=10.0, bags=1)
     (board,) = make_boards([clear])
     assert [(row.rank, row.tied, row.entry.planner) for row in board.places] == [
@@ -41,9 +41,7 @@ def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path
     assert [(row.rank, row.tied) for row in board.places] == [(1, True)] * 3
 
 
-def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_boards_of_their_own(
-    run, tmp_path
-):
+def test_boards_use_common_worlds_or_stand_apart(run, tmp_path):
     first = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
     two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
@@ -71,9 +69,7 @@ def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_board
     ]
 
 
-def test_planners_of_another_class_of_speed_caps_have_a_board_of_their_own(
-    run, tmp_path
-):
+def test_another_speed_class_has_a_board_of_its_own(run, tmp_path):
     planners = ("gap", "dwa", "creeper", "racer", "unknown")
     caps = {"gap": 0.5, "dwa": 0.26, "creeper": 0.25, "racer": 2.0, "unknown": None}
     folder = campaign(tmp_path / "one", run, planners=planners, bags=0)
@@ -170,9 +166,7 @@ def test_planners_of_a_campaign_have_checksums_of_their_own(run, tmp_path):
     )
 
 
-def test_the_terminal_gets_the_verdict_and_a_table_without_markup(
-    run, tmp_path, command
-):
+def test_the_terminal_gets_a_conclusion_and_a_table(run, tmp_path, command):
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
     code, output, _ = command("leaderboard", folder)
     assert code == 0 and "Only 8 worlds" in output and "rank" in output
@@ -207,9 +201,7 @@ def test_the_command_writes_both(run, tmp_path, command, rejected):
     )
 
 
-def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(
-    run, tmp_path
-):
+def test_a_board_ranks_by_its_protocol_and_shows_contact(run, tmp_path):
     folder = campaign(tmp_path / "one", run, bags=0, protocol=PAPER_2020)
     (board,) = make_boards([folder])
     assert board.measure.key == "normalised_time_s_per_m"
@@ -224,7 +216,7 @@ def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(
     assert board.measure.key == "challenge"
 
 
-def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_path):
+def test_a_board_begins_with_its_conclusion_and_cautions(run, tmp_path):
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
     (board,) = make_boards([folder])
     text = markdown([board])
@@ -360,9 +352,7 @@ def test_a_key_that_a_parameter_file_has_not_is_refused(tmp_path, key, words):
         )
 
 
-def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
-    command, tmp_path
-):
+def test_each_setting_is_a_run_and_the_best_comes_first(command, tmp_path):
     out = tmp_path / "sweep"
     words = ("--worlds", "0", "--planner", "gap", "--execution", "engine=inline")
     code, printed, _ = command(

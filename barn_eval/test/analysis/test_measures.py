@@ -52,7 +52,7 @@ def test_keys_are_columns_of_the_tables_and_values_are_theirs():
     }
 
 
-def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
+def test_a_better_robot_is_faster_safer_and_smoother():
     sides = {
         side: {key for key, measure in MEASURES.items() if measure.better == side}
         for side in ("larger", "smaller", "")
@@ -89,7 +89,7 @@ def test_what_a_robot_drives_counts_where_it_arrives():
     assert of_successes == of_arrivals | {"path_over_straight", "time_over_straight"}
 
 
-def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
+def test_measures_are_written_with_units_and_digits():
     moving_result = moved()
     timed = replace(
         moving_result,
@@ -221,7 +221,7 @@ def test_only_trials_among_moving_obstacles_have_their_measures():
     ]
 
 
-def test_safety_is_told_by_what_moves_where_all_trials_are_among_such():
+def test_safety_is_clearance_to_movers_if_all_met_some():
     groups = [moved()], [moved(), result(3)]
     assert [clearance_measure(group).key for group in groups] == [
         "moving_clearance_m",
@@ -271,7 +271,7 @@ def test_rows_of_version_1_are_ranked_as_their_protocols_were():
     assert old["challenge"] == "challenge"
 
 
-def test_tables_have_a_cell_for_each_measure_and_count_in_english():
+def test_tables_have_a_cell_per_measure():
     summary = summarize([result(3)], (*SCORED, *DRIVEN))
     table = summary_table([summary])
     assert [row[0] for row in table.rows[:-1]] == [
@@ -296,7 +296,7 @@ def test_a_planner_has_one_colour_whoever_is_beside_it():
     assert assign_colors(["mine", "dwa"])[0] == assign_colors(["dwa", "mine"])[1]
 
 
-def test_planners_of_one_figure_differ_in_colour_as_long_as_there_are_any():
+def test_planners_of_a_figure_differ_in_color():
     names = ["dwa", "dwa", "mine", "eband", "mppi", "gap", "policy"]
     assert sorted(assign_colors(names)) == sorted(PLANNERS)
     assert len(assign_colors([*names, "eighth", "ninth"])) == 9

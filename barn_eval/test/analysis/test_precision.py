@@ -93,7 +93,7 @@ def test_needs_are_those_of_the_components_of_variance():
     assert precision.notes == ()
 
 
-def test_five_percent_of_the_mean_is_wanted_unless_something_else_is():
+def test_five_percent_of_the_mean_is_the_default():
     (need,) = estimate_precision({"dwa": results()}, repetitions=4).needs
     assert need.wanted == pytest.approx(0.05 * values(results())[0].mean())
     assert need.repetitions == 4
@@ -118,7 +118,7 @@ def test_what_the_results_cannot_say_is_said():
         estimate_precision({"dwa": results()}, measure_key="succes")
 
 
-def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
+def test_tables_have_a_row_per_figure_and_repetitions():
     precision = estimate_precision(
         {"dwa": results(), "eband": results("eband", 1.0, seed=3)}, 0.1, 1e-9
     )
@@ -155,7 +155,7 @@ def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixtur
     )
 
 
-def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
+def test_more_worlds_rank_planners_more_reliably():
     """A planner that is better in all worlds is so in each draw; one by the mean alone in large draws."""
     times = np.random.default_rng(1).normal(4.0, 0.5, 60)
     lead = {

@@ -44,7 +44,7 @@ def test_few_worlds_are_enumerated(values):
     0.0,
 )  # sums are rounded
 @given(VALUES, st.floats(-5.0, 5.0))
-def test_the_interval_holds_the_shifts_that_the_test_does_not_reject(values, shift):
+def test_the_interval_holds_the_shifts_not_rejected(values, shift):
     values = np.array(values)
     assume(
         not np.isclose(values, shift).any()
@@ -91,7 +91,7 @@ def test_a_world_with_more_trials_counts_more():
     assert test.interval.estimate == pytest.approx(1.3)
 
 
-def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
+def test_shares_are_wilsons_with_students_quantile():
     successes = np.array([1] * 40 + [0] * 10)
     share = proportion(successes, np.arange(50))
     n, p, z = (
@@ -145,7 +145,7 @@ def test_the_smallest_p_value_follows_the_number_of_flips():
     assert paired_difference(clear, np.arange(40), flips=50_000).p == 1.0 / 50_001.0
 
 
-def test_a_difference_knows_its_variance_between_and_within_worlds():
+def test_a_difference_knows_its_components_of_variance():
     worlds = np.repeat(np.arange(10), 2)
     values = np.random.default_rng(2).normal(0.0, 1.0, 20)
     assert paired_difference(values, worlds).parts == variance_components(
@@ -242,7 +242,7 @@ def test_a_clear_difference_stops_the_plan_early_on_its_side():
     assert decided(a, b, larger=False).decision == "worse"
 
 
-def test_a_clear_difference_waits_until_failures_not_seen_would_not_turn_it():
+def test_a_difference_waits_for_failures_not_yet_observed():
     """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth of a score."""
     look = decided(*builds(0.03, noise=0.001))
     assert look.decision == "better"

@@ -44,7 +44,7 @@ def test_order_of_trials_changes_no_bit():
         assert figure(values, worlds) == figure(values[shuffled], worlds[shuffled])
 
 
-def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
+def test_unbalanced_worlds_are_weighted_by_trials():
     values = np.array([1.0, 2.0, 3.0, 10.0, np.nan, np.nan])
     worlds = np.array([7, 7, 7, 8, 8, 9])
     mean = TrialValues(values, worlds, np.zeros(6, np.int64)).mean()
@@ -53,7 +53,7 @@ def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
     assert mean.high > 10.0
 
 
-def test_one_world_has_an_estimate_without_limits_and_equal_worlds_have_no_width():
+def test_equal_worlds_have_an_interval_without_width():
     assert mean_interval(np.array([1.0, 3.0]), np.array([4, 4])) == Interval(2.0)
     assert counted([0.3, 0.2], [0, 0], [1, 1]).mean().low is None
     assert mean_interval(np.ones(6), np.arange(6) // 2) == Interval(1.0, 1.0, 1.0)
@@ -80,7 +80,7 @@ def test_paired_comparison_removes_what_the_worlds_share():
     assert paired.improvement.estimate > 0.5
 
 
-def test_probability_of_improvement_equals_the_mann_whitney_statistic():
+def test_improvement_is_the_mann_whitney_statistic():
     draw = np.random.default_rng(6)
     worlds = np.repeat(np.arange(8), 6)
     repetitions = np.tile(np.arange(6), 8)
@@ -174,7 +174,7 @@ def test_rank_correlation_uses_the_worlds_that_both_have_done():
     assert math.isnan(two_worlds.estimate)
 
 
-def test_rank_correlation_and_its_interval_are_scipys_with_ties_too(monkeypatch):
+def test_rank_correlation_is_scipys_with_ties_too(monkeypatch):
     monkeypatch.setattr(
         statistics, "bootstrap_interval", partial(bootstrap_interval, resamples=200)
     )
@@ -247,7 +247,7 @@ def test_a_mean_of_symmetric_values_has_students_limits():
     )
 
 
-def test_the_limits_of_a_skewed_mean_are_where_halls_transform_is_students_quantile():
+def test_skewed_limits_follow_halls_transform():
     values = np.array([1.0, 1.1, 1.2, 1.3, 1.2, 1.1, 9.0])
     interval = mean_interval(values, np.arange(7))
     error = stats.sem(values)
@@ -281,7 +281,7 @@ def test_failures_that_were_not_seen_lower_the_lower_limit():
     assert interval.high == plain.high
 
 
-def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
+def test_cheap_failures_raise_the_mean_of_times():
     """As under the paper's rules, where giving up counts 30 s and a slow success up to 50 s."""
     interval = counted(
         [40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0
@@ -315,7 +315,7 @@ def test_matched_trials_are_in_the_order_of_worlds():
     assert matched.worlds.tolist() == [0, 1]
 
 
-def test_success_in_one_world_is_worth_the_best_and_in_two_what_it_was():
+def test_success_in_one_world_is_worth_the_best():
     costs = [
         counted([0.3, 0.3, 0.2], failures, range(3), 0.1).cost
         for failures in ([0, 1, 1], [0, 0, 1])
@@ -370,7 +370,7 @@ def test_one_that_always_fails_is_worse_than_one_that_never_does():
     assert test.p < 0.01
 
 
-def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_trials_are():
+def test_few_failing_worlds_count_as_one_trial_each():
     worlds = np.repeat(np.arange(20), 5)
     trial = np.arange(100)
     failing_once, single, alike = (
@@ -385,7 +385,7 @@ def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_tria
     assert effective == [20.0, 100.0, pytest.approx(19.0)]
 
 
-def test_a_share_beyond_its_limit_has_a_p_value_below_five_percent():
+def test_a_share_beyond_its_limit_is_significant():
     share = Share(0.08, 50.0)
     assert share.limits == pytest.approx(
         (0.0222, 0.1923), abs=1e-4
@@ -394,7 +394,7 @@ def test_a_share_beyond_its_limit_has_a_p_value_below_five_percent():
     assert share.p_above(1.0) == 0.0
 
 
-def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with_its_sides():
+def test_a_difference_is_clear_if_its_interval_excludes_zero():
     generator = np.random.default_rng(4)
     for mean in (0.30, 0.28, 0.26):
         effect = generator.normal(0.0, 0.04, 60)
@@ -407,7 +407,7 @@ def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with
         )
 
 
-def test_a_difference_that_failures_not_seen_would_turn_is_not_clear():
+def test_unobserved_failures_keep_a_difference_open():
     """B is better by 5 % in each of 50 worlds, but may fail in 7 %; in 100 worlds, in 4 %."""
     for worlds, clear in ((50, False), (100, True)):
         a, b = (
@@ -438,7 +438,7 @@ def test_failures_in_excess_are_a_share_of_the_trials_of_a_world():
     assert with_failure.excess(none).share == 0.5
 
 
-def test_failures_do_not_change_a_difference_where_only_one_side_counts_them():
+def test_one_sided_failures_do_not_change_a_difference():
     a, b = (counted([value] * 9, [0] * 9, range(9)) for value in (0.3, 0.2))
     plain = paired_difference(a.values - b.values, a.worlds)
     without = [replace(trials, failures=trials.failures[:0]) for trials in (a, b)]

@@ -66,9 +66,7 @@ def test_columns_caption_and_label_are_chosen_and_names_are_text(folder):
         barn.load(folder).latex(["succes"])
 
 
-def test_the_command_writes_the_table_of_the_columns_that_it_prints(
-    folder, tmp_path, command
-):
+def test_the_command_writes_the_table_that_it_prints(folder, tmp_path, command):
     code, output, _ = command(
         "compare",
         folder,

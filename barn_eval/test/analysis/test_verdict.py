@@ -61,7 +61,7 @@ def test_clear_differences_make_ranks_in_the_order_of_the_means():
     assert (ranking.names, ranking.ranks) == (("high", "low"), (1, 2))
 
 
-def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
+def test_two_clear_tests_may_be_open_after_holm():
     a = planner(0.0, 1)
     b = replace(a, values=a.values + 0.24 + np.repeat(np.linspace(-1.0, 1.0, 30), 2))
     alone = rank({"a": a, "b": b}, larger_is_better=False)
@@ -137,7 +137,7 @@ def sentence(offset, worlds=20, **options):
     )
 
 
-def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
+def test_a_conclusion_states_size_interval_p_and_counts():
     text = sentence(5.0)
     a = planner(10.0, 1, 20)
     b = planner(15.0, 2, 20)
@@ -153,7 +153,7 @@ def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
     assert f"or {share} of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
 
 
-def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():
+def test_an_open_conclusion_says_how_many_worlds_to_add():
     text = sentence(0.05)
     assert (
         "A and B cannot be told apart" in text or "B and A cannot be told apart" in text
@@ -177,7 +177,7 @@ def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():
     )
 
 
-def test_verdicts_on_several_planners_name_the_leader_or_the_group():
+def test_conclusions_name_the_leader_or_the_group():
     text = sentence(5.0, C=planner(40.0, 3, 20))
     assert text.startswith("A is better than all others:")
     assert "after Holm" in text
@@ -201,7 +201,7 @@ def test_a_verdict_is_by_the_metric_of_the_protocol():
     assert challenge.startswith("DWA is better than E-Band: challenge metric")
 
 
-def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
+def test_the_conclusion_on_a_pair_is_symmetric():
     a = results()
     b = [replace(row, planner="eband") for row in results("eband", slower_s=5.0)]
     first = conclude_comparison(compare(a, b))

@@ -513,7 +513,7 @@ def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
     assert list((tmp_path / "assets").glob("*.csv"))
 
 
-def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd):
+def test_a_replay_without_a_bag_reruns_the_trial_and_says_so(driven, capfd):
     page = driven.replay("Steady_w0060_r00")
     assert page.path == driven.folder / "replays" / "Steady_w0060_r00.html"
     output = capfd.readouterr().err

@@ -129,7 +129,7 @@ def test_every_command_has_its_function():
 
 
 @pytest.mark.timeout(900)
-def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_path):
+def test_a_users_script_passes_mypy_and_a_wrong_one_fails(tmp_path):
     for name, text in (("right.py", SCRIPT), ("wrong.py", WRONG)):
         (tmp_path / name).write_text(text)
     cache = (

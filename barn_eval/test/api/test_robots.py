@@ -84,7 +84,7 @@ def test_tasks_of_other_robots_have_fingerprints_of_their_own():
     assert identity.fingerprint(tasks[0]) == "d17b28a36f5f"
 
 
-def test_the_simulator_node_gets_robots_by_name_and_others_by_a_file(tmp_path):
+def test_the_simulator_node_gets_robots_by_name_or_file(tmp_path):
     husky = simulator_config(CHALLENGE, {}, barn.robots.load("husky"))
     assert name_robot(husky, tmp_path) == "husky"
     heavier = replace(husky, chassis=replace(husky.chassis, mass_kg=80.0))
@@ -144,7 +144,7 @@ def test_barn_tb4_is_what_its_command_makes(tmp_path):
         )
 
 
-def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide_to_narrow():
+def test_every_world_of_barn_tb4_has_a_path_for_its_robot():
     robot = load_robot("turtlebot4")
     dataset = open_dataset("barn_tb4")
     assert (
@@ -190,7 +190,7 @@ def test_worlds_kept_are_spread_over_the_order(tmp_path):
         generate(keep=13, **options)
 
 
-def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
+def test_robots_too_large_for_a_data_set_are_refused(
     rejected,
 ):
     message = rejected(
@@ -216,7 +216,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
         gymnasium.make("barn/Jackal-v0", dataset="barn_tb4", robot="husky")
 
 
-def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path):
+def test_resized_worlds_have_equal_grids_in_robot_cells(tmp_path):
     worlds = barn.worlds.load("barn300", "0,150,299")
     for robot, side_m in (("jackal", 0.15), ("turtlebot4", 0.101), ("husky", 0.293)):
         resized = resize(worlds, robot)

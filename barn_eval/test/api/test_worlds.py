@@ -73,9 +73,7 @@ def test_a_trial_drives_from_the_chosen_start_to_the_chosen_goal(
     assert check_folder(tmp_path / "out").problems == []
 
 
-def test_a_course_given_for_a_run_is_that_of_its_rows_and_of_its_pages(
-    room, command, tmp_path
-):
+def test_a_course_given_for_a_run_is_in_rows_and_pages(room, command, tmp_path):
     done = command(*run("out", room, "--course", "11,-1,0:14,1", "--json"))
     assert done[0] == 0
     (row,) = json.loads(done[1])["results"]
@@ -105,7 +103,7 @@ def test_a_course_given_for_a_run_is_that_of_its_rows_and_of_its_pages(
         ("11,-1:14,1", "--course '11,-1:14,1': must be X,Y,YAW:X,Y of start and goal"),
     ],
 )
-def test_courses_that_cannot_be_driven_are_refused_before_anything_is(
+def test_impossible_courses_are_refused_before_driving(
     room, rejected, tmp_path, course, message
 ):
     assert message in rejected(*run("out", room, "--course", course))
@@ -231,7 +229,7 @@ def test_the_bag_of_a_trial_has_the_true_poses_of_its_phase(tmp_path):
         np.testing.assert_allclose(positions, expected, atol=1e-9)
 
 
-def test_every_repetition_has_a_phase_of_its_own_and_every_planner_the_same():
+def test_repetitions_have_phases_that_planners_share():
     phases = [
         spec_of(30, DYNABARN, repetition=repetition).phase_s for repetition in range(5)
     ]

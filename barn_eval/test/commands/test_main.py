@@ -69,7 +69,7 @@ def test_help_lists_the_commands_and_imports_none():
     )
 
 
-def test_the_shell_completes_commands_without_importing_them_and_options():
+def test_shell_completion_imports_no_command():
     shell = {"_BARN_COMPLETE": "bash_complete"}
     lines, loaded = output_and_modules(
         [], **shell, COMP_WORDS="barn re", COMP_CWORD="1"
@@ -402,9 +402,7 @@ def test_mistakes_are_told_in_one_line(rejected, tiny, words, complaint):
     )
 
 
-def test_a_folder_with_something_else_or_a_damaged_run_in_it_is_left_alone(
-    rejected, tiny, tmp_path
-):
+def test_a_folder_of_something_else_is_left_alone(rejected, tiny, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("x")
     for extra in ([], ["--overwrite"]):

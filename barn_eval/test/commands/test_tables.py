@@ -148,15 +148,13 @@ def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
     ("width", "lines"),
     [(60, ["a 12.345 [11.111, 13.333] *"]), (30, ["a 12.345", "[11.111, 13.333] *"])],
 )
-def test_limits_go_whole_below_their_estimates_where_the_terminal_is_narrow(
-    width, lines
-):
+def test_limits_go_below_estimates_on_narrow_terminals(width, lines):
     fitted = table(("measure", ">E-Band"), [("a", "12.345 [11.111, 13.333] *")])
     body = draw_table(fitted, width).rpartition("─")[2].splitlines()
     assert [" ".join(line.split()) for line in body if line.strip()] == lines
 
 
-def test_a_word_that_is_wider_than_the_terminal_is_the_only_one_broken():
+def test_only_a_word_wider_than_the_terminal_is_broken():
     fitted = table(("name", "path"), [("dwa", "/" + "a" * 100)])
     output = draw_table(fitted, 60)
     assert max(map(len, output.splitlines())) <= 60
@@ -207,7 +205,7 @@ def take(progress, events, time, file):
     return file.getvalue(), text
 
 
-def test_rate_factor_remaining_time_and_outcomes_are_those_of_the_session(time):
+def test_progress_figures_are_those_of_the_session(time):
     _, text = show(100, [result(90)], [result(number) for number in range(9)], time)
     # nine trials of 12 simulated seconds in 18 seconds, 90 to go
     assert text == "30.0/min, 6.0 x real time, 0:03:00 left, success 10"
@@ -249,7 +247,7 @@ def test_what_is_waited_for_is_said_once(time):
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, width):
+def test_a_narrow_terminal_shows_progress_whole(time, width):
     file = io.StringIO()
     results = [
         replace(result(number), outcome=outcome)

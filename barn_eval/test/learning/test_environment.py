@@ -122,9 +122,7 @@ def steering_policy() -> Policy:
 @pytest.mark.parametrize(
     "protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda make_one: make_one.name
 )
-def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(
-    make, tmp_path, protocol, shield
-):
+def test_an_episode_is_the_trial_of_the_benchmark(make, tmp_path, protocol, shield):
     policy = steering_policy()
     world = 12
     write_policy(tmp_path / "policy.npz", policy)
@@ -276,7 +274,7 @@ def test_a_shield_keeps_from_a_collision_and_costs(make):
     assert min(rewards) < -0.04 and rewards[0] > -0.03
 
 
-def test_the_way_left_is_that_of_the_nearest_point_the_first_of_several():
+def test_the_remaining_path_starts_at_the_nearest_point():
     rng = np.random.default_rng(0)
     points, positions = (
         rng.integers(0, 5, shape) * 0.15 for shape in ((200, 30, 3), (200, 2))

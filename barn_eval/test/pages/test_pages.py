@@ -118,7 +118,7 @@ def test_the_keyboard_reaches_every_control(addresses, open_page, name):
     assert reached >= set(range(count))
 
 
-def test_a_wide_screen_has_two_columns_and_a_narrower_one_has_one(addresses, open_page):
+def test_a_wide_screen_has_two_columns_a_narrow_one_has_one(addresses, open_page):
     tops = "[...document.querySelectorAll('#outcomes, #paired')].map((one) => one.getBoundingClientRect().top)"
     page = open_page(addresses["report"])
     for width, columns in ((1500, 2), (1499, 1)):

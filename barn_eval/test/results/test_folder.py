@@ -155,7 +155,7 @@ def test_a_row_of_another_trial_is_refused(tmp_path, name, value, message):
         keep(tmp_path, GAP)
 
 
-def test_a_kill_before_there_was_anything_leaves_a_folder_that_can_be_used(tmp_path):
+def test_an_early_kill_leaves_a_usable_folder(tmp_path):
     (tmp_path / ".run.json.x1y2.partial").write_text("{")
     (tmp_path / ".lock").touch()
     assert len(keep(tmp_path, GAP)) == 4
@@ -165,7 +165,7 @@ def test_a_kill_before_there_was_anything_leaves_a_folder_that_can_be_used(tmp_p
 @pytest.mark.parametrize(
     ("name", "code"), [("fsync", errno.ENOSPC), ("replace", errno.EROFS)]
 )
-def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(
+def test_a_failing_disk_stops_the_run_and_loses_nothing(
     tmp_path, monkeypatch, name, code
 ):
     keep_whole(tmp_path / "whole")

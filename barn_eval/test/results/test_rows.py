@@ -163,7 +163,7 @@ def file_size_limit(size):
         signal.signal(signal.SIGXFSZ, handler)
 
 
-def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows):
+def test_a_write_that_fails_halfway_leaves_rows_unchanged(rows):
     rows.append(result(0))
     size = rows.path.stat().st_size
     failed = pytest.raises(

@@ -33,7 +33,7 @@ def samples(count, period_s=0.05):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 401, 1015, 100_000])
-def test_five_samples_a_second_with_first_last_and_the_smallest_clearance(count):
+def test_tracks_have_five_samples_a_second_and_extremes(count):
     rows = samples(count)
     contact = np.zeros(count, bool)
     contact[count // 2] = True

@@ -107,9 +107,7 @@ def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
 @pytest.mark.parametrize(
     ("frame", "expected"), [("/odom", [math.nan, 0.2, 0.2]), ("map", [math.nan] * 3)]
 )
-def test_a_plan_counts_from_the_reading_after_it_if_it_is_in_the_frame_of_plans(
-    adapter, frame, expected
-):
+def test_a_plan_counts_from_the_next_reading_in_its_frame(adapter, frame, expected):
     plan = Message(
         "/plan",
         PathEncoder(frame).encode(np.array([[-1.0, 0.2], [9.0, 0.2]]), ORIGIN),

@@ -96,14 +96,14 @@ def test_foreign_publishers(line, foreign, words):
     assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == words
 
 
-def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
+def test_an_impostor_of_the_simulator_is_identified():
     # The simulator itself is not seen yet: without a line its name is all that is known.
     forged = View([endpoint("/odom", PLANNER, "/simulator")])
     assert integrity(forged, Channel()).look() == "/simulator publishes /odom"
     assert integrity(forged, None).look() == ""
 
 
-def test_what_was_asked_of_the_simulator_is_said_with_who_can_have_asked():
+def test_simulator_calls_are_reported_with_their_callers():
     interference = Channel("called simulator/reset", "set seed of simulator")
     assert (
         integrity(View(ordinary(), clients=["/a", "/b"]), interference).look()
@@ -118,7 +118,7 @@ def test_what_was_asked_of_the_simulator_is_said_with_who_can_have_asked():
     assert watched.look() == ""
 
 
-def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_for_the_trial():
+def test_truth_readers_and_commanders_are_remarked_upon():
     view = View(
         [*ordinary(), endpoint("/cmd_vel", OTHER, "/joystick")],
         [endpoint("/truth", PLANNER, "/planner"), endpoint("/truth", OTHER, "/viewer")],
@@ -153,9 +153,7 @@ class Loop:
     [(Channel(), 0.0), (None, LEASE_S)],
     ids=["private line", "by hand"],
 )
-def test_only_a_simulator_started_by_hand_is_given_time_to_take_the_place_of_another(
-    line, limit_s
-):
+def test_only_a_manual_simulator_may_replace_another(line, limit_s):
     loop = Loop()
     with pytest.raises(TrialEnded, match="/gone publishes /odom") as ended:
         integrity(View([*ordinary(), endpoint("/odom", OTHER, "/gone")]), line).require(
@@ -165,7 +163,7 @@ def test_only_a_simulator_started_by_hand_is_given_time_to_take_the_place_of_ano
     assert loop.limits_s == [limit_s]
 
 
-def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_refused():
+def test_an_early_impostor_of_the_simulator_is_refused():
     foreign = endpoint("/clock", OTHER, "/gazebo")
     with pytest.raises(
         ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"

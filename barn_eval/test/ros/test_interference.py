@@ -52,9 +52,7 @@ def test_scores_cannot_be_forged(tmp_path):
 
 
 @pytest.mark.parametrize("is_public", [False, True])
-def test_the_truth_is_on_the_planners_domain_only_where_asked_for_and_readers_are_named(
-    tmp_path, is_public
-):
+def test_the_truth_is_public_only_on_request(tmp_path, is_public):
     (result,) = drive_kinds(
         tmp_path, "curious", setup=replace(EACH, ground_truth=is_public)
     )
@@ -80,9 +78,7 @@ def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
     )
 
 
-def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault(
-    tmp_path, monkeypatch
-):
+def test_an_earlier_simulator_is_not_the_planners_fault(tmp_path, monkeypatch):
     with reserve_domain({}) as domain:
         pass
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))

@@ -25,9 +25,7 @@ from barn_worlds.ros.domain import reserve_domain
 NEIGHBOUR = Path(__file__).parents[1].joinpath("neighbour_planner.py")
 
 
-def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(
-    tmp_path, with_extra_messages
-):
+def test_a_managed_planner_gets_its_goal_by_action(tmp_path, with_extra_messages):
     notes = tmp_path / "notes"
     setup = replace(ros.MANAGED, goal_by="action", lifecycle_nodes=("managed",))
     command = ros.foreign(NEIGHBOUR, "managed", notes)
@@ -107,7 +105,7 @@ def test_what_is_missing_is_said(tmp_path):
     )
 
 
-def test_a_planner_by_the_wall_clock_is_told_from_one_without_guarantee_of_delivery(
+def test_wall_clock_planners_and_best_effort_ones_differ(
     tmp_path,
 ):
     wall_clock, best_effort = ros.drive_kinds(tmp_path, "wall_clock", "best_effort")
@@ -192,7 +190,7 @@ def test_a_planner_of_others_in_a_namespace(tmp_path):
     assert "/robot1/map" not in heard
 
 
-def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceback(
+def test_an_interrupted_evaluator_ends_without_traceback(
     tmp_path,
 ):
     command = [
@@ -220,9 +218,7 @@ def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceba
     assert evaluator.returncode in (1, -signal.SIGINT)
 
 
-def test_the_rclpy_of_another_python_is_off_and_refused_before_anything_starts(
-    tmp_path, monkeypatch
-):
+def test_the_rclpy_of_another_python_is_refused(tmp_path, monkeypatch):
     other = tmp_path / "other" / "rclpy"
     other.mkdir(parents=True)
     (other / "__init__.py").touch()

@@ -47,7 +47,7 @@ def test_a_complete_planner_passes_and_its_command_type_is_found():
         )
 
 
-def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_something_missing():
+def test_a_missing_simulator_differs_from_a_missing_planner():
     needs = replace(NEEDS, known_nodes={"/simulator"}, surroundings="on ROS domain 5")
     endpoints = [replace(endpoint, node="/simulator") for endpoint in SIMULATOR]
     assert (
@@ -205,7 +205,7 @@ def test_an_action_for_the_goal():
     assert other.outcome is Outcome.WRONG_MESSAGE_TYPE
 
 
-def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
+def test_best_effort_commands_are_accepted_and_marked():
     for reliable in (True, False):
         finding = inspect(
             graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS

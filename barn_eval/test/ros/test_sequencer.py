@@ -70,7 +70,7 @@ def test_any_order_across_topics_gives_the_same_ticks(seed):
     assert sorted_out([*done, *sequencer.pop_all()]) == in_order
 
 
-def test_a_tick_that_repeats_the_time_begins_nothing_new_and_tells_so():
+def test_a_tick_that_repeats_the_time_is_reported():
     sequencer = TickSequencer("/scan")
     starts = []
     for sent_ns, stamp_ns in ((0, 7), (100, 8), (200, 8), (300, 9)):
@@ -84,7 +84,7 @@ def test_a_tick_that_repeats_the_time_begins_nothing_new_and_tells_so():
     assert contents == [(7, [1]), (8, [101, 201]), (9, [301])]
 
 
-def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
+def test_a_message_belongs_to_its_tick_in_any_order():
     sequencer = TickSequencer("/scan")
     sequencer.tick(0, 0)
     sequencer.add(message("/odom", 1000))
@@ -125,7 +125,7 @@ def test_a_message_later_than_all_patience_is_kept():
     ]
 
 
-def test_ticks_that_come_by_a_faster_way_complete_nothing_before_the_others_are_heard_as_far():
+def test_ticks_by_the_private_line_wait_for_messages():
     sequencer = TickSequencer("/scan", fenced=True)
     for stamp in (10, 20, 30, 40):
         sequencer.tick(stamp, stamp)

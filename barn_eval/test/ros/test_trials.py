@@ -124,7 +124,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     )
 
 
-def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_see_them(
+def test_a_free_running_trial_meets_movers_where_scans_do(
     tmp_path,
 ):
     protocol = replace(DYNABARN, limit_s=5.0, timeout_time_s=5.0)
@@ -240,7 +240,7 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     assert (folder / "logs" / "simulator.log").read_bytes() == before
 
 
-def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path):
+def test_every_planner_fault_is_an_outcome(tmp_path):
     kinds = {
         "wrong_type": Outcome.WRONG_MESSAGE_TYPE,
         "silent": Outcome.NO_FIRST_MOTION,
@@ -360,7 +360,7 @@ def listeners(pid):
     }
 
 
-def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(
+def test_nothing_listens_beyond_loopback_or_is_left_running(
     tmp_path,
     nothing_left,  # noqa: F811
 ):
@@ -508,9 +508,7 @@ def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
         ),
     ],
 )
-def test_a_planner_that_does_not_come_up_ends_the_run_with_the_reason(
-    tmp_path, command, words
-):
+def test_a_planner_that_does_not_start_ends_the_run(tmp_path, command, words):
     with pytest.raises(RunError, match=f"(?s){words}"):
         ros.run(
             tmp_path / "run", ros.make_plan(planner="broken", planner_command=command)

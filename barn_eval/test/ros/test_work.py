@@ -31,7 +31,7 @@ def comparable(out):
         ]
 
 
-def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(
+def test_a_killed_worker_gives_the_rows_of_a_direct_run(
     tmp_path,
 ):
     first, second, _ = runs.KINDS["moving"]["worlds"]
@@ -77,7 +77,7 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
     assert [row.repetition for row in read_results(out)] == [0, 1, 2]
 
 
-def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_path):
+def test_each_trial_may_have_its_own_planner(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]")
     planner = tmp_path / "planner.sh"
     starts = tmp_path / "starts"
@@ -106,7 +106,7 @@ def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_
     )
 
 
-def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path):
+def test_all_planners_share_worlds_before_the_next_ones(tmp_path):
     planners = tuple(map(PlannerChoice, ("gap", "dwa")))
     experiment = RunConfig(worlds="0-24", planners=planners, repetitions=2, mode="ros")
     trials = order_trials_fairly(experiment.trials())

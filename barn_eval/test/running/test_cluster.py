@@ -90,9 +90,7 @@ def test_a_job_over_its_time_is_lost(cluster, tmp_path):
     assert lost.reason == "no result within 12 s of wall-clock time"
 
 
-def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(
-    engine, cluster, tmp_path
-):
+def test_a_joining_node_gets_jobs_which_its_exit_loses(engine, cluster, tmp_path):
     meeting = tmp_path / "list"
     reports = []
 
@@ -115,7 +113,7 @@ def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(
     assert [type(report) for report in reports] == [JobLoss, JobResult, JobResult]
 
 
-def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tmp_path):
+def test_a_run_that_loses_a_node_gives_the_same_bytes(cluster, tmp_path):
     file = campaign_runs.write_campaign(
         tmp_path, "moving", planners="[gap]", repetitions=10
     )

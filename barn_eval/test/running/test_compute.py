@@ -74,7 +74,7 @@ def metric(results: barn.Results) -> float:
     return sum(trial.scores.challenge for trial in results.trials)
 
 
-def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(
+def test_a_slow_planner_without_declaration_is_marked(
     runs: dict[str, barn.Results],
 ) -> None:
     free = runs["free"].trials[0]
@@ -182,7 +182,7 @@ def test_no_cycle_begins_before_the_last_one_has_taken_effect() -> None:
     assert cycle_timer.delays_ns == [120_000_000] * 3
 
 
-def test_delays_are_drawn_from_the_seed_with_the_quantiles_declared() -> None:
+def test_delays_are_drawn_with_the_declared_quantiles() -> None:
     def draw_delays(seed: int) -> list[int]:
         cycle_timer = CycleTimer(Compute(delay_s=0.05, delay_p95_s=0.1), seed)
         return [cycle_timer.start_cycle(0) for _ in range(20_000)]
@@ -209,7 +209,7 @@ def test_a_planner_that_waits_is_charged_the_wait() -> None:
     assert stopwatch.elapsed_s() >= 0.02
 
 
-def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> None:
+def test_a_faster_machine_finds_the_same_planner_too_slow() -> None:
     clock = WallClock.from_answer_times(1.0, None, [0.04] * 20)
     assert (
         clock.with_pace(2.0, 0.05, "free").note

@@ -106,7 +106,7 @@ def test_a_planner_can_be_used_again(either_world):
     np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
 
 
-def test_a_trial_is_the_same_whatever_was_done_to_the_engine_before(walled_world):
+def test_a_trial_does_not_depend_on_its_engines_past(walled_world):
     first = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight())
     for number in range(10):
         with suppress(pybullet.error):
@@ -166,9 +166,7 @@ def test_a_planner_that_hangs_is_stopped(open_world, monkeypatch, fault):
     )
 
 
-def test_a_process_that_is_stopped_in_a_cycle_is_not_the_planners_fault(
-    open_world, monkeypatch
-):
+def test_a_process_stopped_in_a_cycle_is_the_machines_fault(open_world, monkeypatch):
     monkeypatch.setattr(direct, "STALL_LIMIT_S", 0.8)
 
     class Stopped(Straight):
@@ -309,7 +307,7 @@ def test_the_bag_tells_what_the_trial_was(either_world, tmp_path):
     )
 
 
-def test_the_map_of_a_world_of_other_cells_is_off_by_as_much_as_the_pose(open_world):
+def test_the_map_of_other_cells_is_off_like_the_pose(open_world):
     world = replace(open_world, resolution_m=0.1)
     maps = [
         spec_of(world, replace(PAPER_2020, historical_map=old)).map

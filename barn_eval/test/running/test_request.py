@@ -165,7 +165,7 @@ def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
     assert nested.config == experiment
 
 
-def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
+def test_suite_nodes_and_foreign_commands_drive_together(tmp_path):
     file = tmp_path / "mixed.yaml"
     file.write_text(
         "schema_version: 1\nmode: ros\nout: x\n"

@@ -170,9 +170,7 @@ def test_environments_have_the_robot(husky_worlds):
     env.close()
 
 
-def test_environments_that_advance_together_have_cells_of_one_size(
-    husky_worlds, tmp_path
-):
+def test_batched_environments_have_cells_of_one_size(husky_worlds, tmp_path):
     pytest.importorskip("gymnasium", reason="the environment is one of Gymnasium")
     from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
 

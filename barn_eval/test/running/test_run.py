@@ -70,9 +70,7 @@ def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     assert "lost" not in errors
 
 
-def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(
-    whole, tmp_path
-):
+def test_an_interrupted_run_resumes_to_the_same_table(whole, tmp_path):
     out = tmp_path / "out"
     rows_before = 0
     for number in (signal.SIGKILL, signal.SIGINT):
@@ -103,7 +101,7 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(
     assert len(json.loads((out / "run.json").read_text())["sessions"]) == 3
 
 
-def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_path):
+def test_killed_workers_do_not_change_the_bytes(whole, tmp_path):
     out = tmp_path / "out"
     # chance may kill the workers at the same trial each time
     campaign = runs.start(
@@ -136,9 +134,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(folder)], check=True)
 
 
-def test_a_full_disk_ends_the_campaign_in_one_line_and_nothing_is_lost(
-    whole, small_disk
-):
+def test_a_full_disk_is_one_line_and_loses_nothing(whole, small_disk):
     out = small_disk / "out"
     filler = small_disk / "filler"
     filler.write_bytes(bytes(72 * 1024))
@@ -186,9 +182,7 @@ def run_here(whole, monkeypatch):
         ({"bags": "all"}, "bags is 'none' there, 'all' here"),
     ],
 )
-def test_another_configuration_is_refused_by_the_key_that_differs(
-    whole, run_here, options, words
-):
+def test_another_configuration_is_refused_by_its_key(whole, run_here, options, words):
     before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
     with pytest.raises(
         ConfigError,

@@ -182,7 +182,7 @@ def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, spe
     ("overtime", "outcome"),
     [(False, Outcome.PLANNER_DIED), (True, Outcome.PLANNER_STALLED)],
 )
-def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(
+def test_a_trial_lost_at_every_attempt_is_a_failure(
     tmp_path, config, specs, overtime, outcome
 ):
     key = specs[1].trial_id
@@ -262,9 +262,7 @@ def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
     )
 
 
-def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(
-    tmp_path, config, specs
-):
+def test_a_users_mistake_stops_the_run_and_keeps_results(tmp_path, config, specs):
     key = specs[-1].trial_id
 
     def fate(name, attempt, result):
@@ -339,9 +337,7 @@ class PartByPart(Scripted):
         return [*reports, JobResult(key, "scripted", None, "")]
 
 
-def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(
-    tmp_path, config, specs
-):
+def test_a_job_of_several_trials_resumes_at_the_lost_one(tmp_path, config, specs):
     second, last = (spec.trial_id for spec in (specs[2], specs[-2]))
     engine = PartByPart(
         slots=1,

@@ -48,7 +48,7 @@ def test_a_workspace_is_sourced_and_known_by_what_is_installed(workspace):
     assert side(str(workspace), "ros2 run my_nav host").out != first.out
 
 
-def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
+def test_a_parameter_file_wins_and_is_known_by_content(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("a: 1\n")
     command = "run --ros-args --params-file nav.yaml"
@@ -60,7 +60,7 @@ def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
     assert side(str(file), command).out != first.out
 
 
-def test_both_commands_drive_under_the_name_of_base_so_that_seeds_are_the_same():
+def test_both_commands_drive_as_base_with_equal_seeds():
     requests = [
         side(text, base="python base.py")
         for text in ("python base.py", "python head.py")
@@ -109,9 +109,7 @@ def test_equal_sides_are_refused(tmp_path):
         )
 
 
-def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_code_4(
-    command, tmp_path
-):
+def test_unchanged_sides_are_not_driven_again(command, tmp_path):
     words = ("--worlds", "0:300:20", "--run", "engine=inline", "--out", "ab")
     code, out, err = command(
         "ab", "gap,max_speed_mps=0.9", "gap,max_speed_mps=0.4", *words

@@ -41,7 +41,7 @@ def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4")
 @pytest.mark.parametrize(
     "name", sorted(path.stem for path in tuning.RANGES_FOLDER.glob("*.yaml"))
 )
-def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_path):
+def test_shipped_ranges_are_read_and_hold_the_defaults(name, tmp_path):
     ranges = Ranges.read(name)
     params = "examples/nav2/params"
     options = {"out": tmp_path, "worlds": "0-5"}
@@ -83,9 +83,7 @@ def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
         tuned(tmp_path, by=["min_clearnce_m"])
 
 
-def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(
-    tmp_path, monkeypatch
-):
+def test_a_stopped_tuning_resumes_to_the_same_result(tmp_path, monkeypatch):
     whole = tuned(tmp_path)
     drive_scored = Run.drive_scored
 

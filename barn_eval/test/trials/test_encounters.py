@@ -196,7 +196,7 @@ def test_who_drove_towards_whom_has_the_share(
     )
 
 
-def test_the_time_to_collision_is_that_at_the_velocities_of_a_reading():
+def test_the_time_to_collision_is_at_current_velocities():
     world = world_of((0.0, *in_frame(1.55, 0.1)), (10.0, *in_frame(-3.45, 0.1)))
     encounters = figures(world, [FRAME], [1.5], turn_radps=0.3)
     assert (
@@ -252,7 +252,7 @@ def test_the_phase_shifts_the_obstacle():
     assert figures(world, still(1), [0.0]).moving_clearance_m == pytest.approx(8.25)
 
 
-def test_path_and_time_are_told_of_successes_by_the_straight_run_to_arrival():
+def test_path_and_time_of_successes_are_to_arrival():
     poses = [Pose2D(11.0 - 0.5 * k, 0.0, math.pi) for k in range(39)]
     world = world_of((0.0, 0.0, 9.0), (10.0, 0.0, 9.0))
     encounters = figures(world, poses, [0.0] * 39, traversal_s=19.0)
@@ -264,7 +264,7 @@ def test_path_and_time_are_told_of_successes_by_the_straight_run_to_arrival():
     assert (failed.path_over_straight, failed.time_over_straight) == (None, None)
 
 
-def test_a_trial_without_readings_and_a_world_without_motion_have_nothing_to_tell():
+def test_nothing_measured_without_readings_or_movers():
     encounters = figures(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), [], [])
     assert (
         encounters.moving_clearance_m,

@@ -43,7 +43,7 @@ class Swinging(Straight):
         return Decision(Velocity2D(self.speed_mps, max(-2.0, min(2.0, 5.0 * swung))))
 
 
-def test_straight_through_an_open_world_takes_hardly_more_than_the_least_time(
+def test_straight_driving_takes_hardly_more_than_the_bound(
     open_world,
 ):
     scores = run_direct_trial(spec_of(open_world), planner=Straight()).result.scores
@@ -107,7 +107,7 @@ def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
     assert spec.least_time_s < 0.26 * spec_of(open_world, declared_mps=0.5).least_time_s
 
 
-def test_obstacles_count_where_a_contact_ends_the_trial_and_truth_decides():
+def test_obstacles_bound_the_time_where_contact_ends_trials():
     world = max(
         (BARN300.load(number) for number in range(0, 300, 30)),
         key=lambda candidate: spec_of(candidate).least_time_s,

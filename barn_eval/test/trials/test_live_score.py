@@ -48,7 +48,7 @@ def messages_of(live, referee, time_s):
     ("share", "worth"),
     [(None, 0.5), (0.0, 0.5), (2.0, 0.5), (4.0, 0.25), (8.0, 0.125), (99.0, 0.125)],
 )
-def test_before_the_verdict_it_is_what_a_success_now_would_be_worth(spec, share, worth):
+def test_before_the_verdict_the_score_is_of_a_success_now(spec, share, worth):
     on_clock_s = None if share is None else share * spec.course.optimal_time_s
     assert running_score(
         Standing(None, on_clock_s, 0.0, 1.0), spec.course

@@ -31,7 +31,7 @@ from barn_worlds.worlds.world import World
 HUSKY = load_robot("husky").chassis
 
 
-def test_courses_of_the_challenge_have_the_published_optimal_times(original_folder):
+def test_challenge_courses_have_the_published_optimal_times(original_folder):
     dataset = open_dataset(original_folder)
     times = [
         CHALLENGE.course(dataset.load(index)).optimal_time_s
@@ -58,7 +58,7 @@ def test_path_lengths_are_those_of_the_published_trials(original_folder):
         )
 
 
-def test_courses_of_dynabarn_are_those_of_the_challenge_but_for_its_length():
+def test_courses_of_dynabarn_are_longer_challenge_courses():
     """The challenge's runner computes -31 m, by which every success scores 1/8."""
     for index in (0, 59):
         world = open_dataset("dynabarn60").load(index)
@@ -95,7 +95,7 @@ def test_dynabarn_is_no_protocol_for_worlds_that_are_no_arenas(open_world):
         DYNABARN.course(open_world)
 
 
-def test_the_phase_belongs_to_the_protocol_and_to_its_fingerprint(tmp_path):
+def test_the_phase_belongs_to_protocol_and_fingerprint(tmp_path):
     """Protocols from before there was one have the fingerprints that they had."""
     assert "random_phase" not in as_dict(CHALLENGE) and "arena" not in as_dict(
         CHALLENGE
@@ -148,7 +148,7 @@ def bent(open_world, columns=30):
     )
 
 
-def test_the_papers_start_is_by_the_first_cell_of_the_path_and_its_goal_by_the_last(
+def test_the_papers_start_and_goal_follow_the_path(
     open_world,
 ):
     course = PAPER_2020.course(bent(open_world))
@@ -159,7 +159,7 @@ def test_the_papers_start_is_by_the_first_cell_of_the_path_and_its_goal_by_the_l
     assert course.start.yaw == course.goal.yaw == math.pi / 2
 
 
-def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_world):
+def test_the_reference_length_is_along_the_path(open_world):
     course = PAPER_2020.course(bent(open_world))
     aslant_m = 3 * 0.15 * math.sqrt(2.0)
     straight_m = 26 * 0.15
@@ -212,7 +212,7 @@ def test_a_course_of_the_worlds_own_is_along_its_true_path(open_world):
     )
 
 
-def test_a_course_of_the_worlds_own_is_longer_than_the_distance_of_arrival(open_world):
+def test_a_worlds_course_exceeds_the_arrival_distance(open_world):
     with pytest.raises(
         ConfigError,
         match=r"^world bent: start and goal are 1\.00 m apart, which is arrival under",
@@ -242,13 +242,11 @@ def test_a_course_of_the_worlds_own_is_not_for_maps_that_are_off(open_world):
         ),
     ],
 )
-def test_a_rule_in_larger_cells_counts_from_the_first_column_or_its_anchor(
-    rule, expected
-):
+def test_a_rule_in_larger_cells_counts_from_its_anchor(rule, expected):
     assert rule.scaled_to(2.0, 6.0) == expected
 
 
-def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
+def test_distances_for_another_robot_are_in_its_cells(open_world):
     world = replace(open_world, resolution_m=0.2)
     rules = CHALLENGE_2022_03.scaled_to(world, HUSKY)
     assert world.cell_centers_m(np.array([[0, 0]]))[0, 1] == pytest.approx(
@@ -275,7 +273,7 @@ def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
     ],
     ids=["jackal", "standard cells", "arena"],
 )
-def test_rules_are_in_metres_unless_another_robot_drives_in_other_cells(
+def test_rules_are_in_meters_unless_cells_are_larger(
     open_world, protocol, chassis, changes
 ):
     assert protocol.scaled_to(replace(open_world, **changes), chassis) is protocol
@@ -353,7 +351,7 @@ def test_the_two_protocols_differ_as_published():
         )
 
 
-def test_a_protocol_without_a_base_is_judged_as_the_papers_on_a_map_that_is_right():
+def test_a_protocol_without_a_base_follows_the_paper():
     protocol = Protocol(name="own", start=PoseRule(x_m=-2.0), goal=PoseRule(y_m=5.0))
     assert protocol == replace(
         PAPER_2020,
@@ -365,7 +363,7 @@ def test_a_protocol_without_a_base_is_judged_as_the_papers_on_a_map_that_is_righ
     assert (protocol.clipped, protocol.look_period_s) == (True, 0.0)
 
 
-def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y():
+def test_a_pose_counts_from_the_map_and_heads_along_y():
     assert PoseRule().resolve({"map": (0.0, 0.0)}) == Pose2D(0.0, 0.0, math.pi / 2)
     for x_m in (-1000.0, 1000.0):
         assert PoseRule(x_m=x_m).resolve({"map": (0.0, 0.0)}).x == x_m
@@ -413,7 +411,7 @@ def test_a_pose_may_be_held_at_one_x():
     )
 
 
-def test_a_file_changes_what_it_names_of_start_and_goal_and_keeps_the_rest(tmp_path):
+def test_a_file_changes_only_the_start_and_goal_it_names(tmp_path):
     path = tmp_path / "near.yaml"
     path.write_text(
         "schema_version: 1\nbase: paper2020\nname: near\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n"

@@ -31,7 +31,7 @@ def drive(poses, speeds=None, contacts=(), commands=True, stamps_ns=None):
     return log.trajectory()
 
 
-def test_the_log_keeps_each_reading_with_the_command_that_answers_it():
+def test_the_log_keeps_readings_with_their_commands():
     log = TrajectoryLog()
     log.command(Velocity2D(9.0, 9.0))  # answers nothing
     log.reading(Odometry(5, Pose2D(1.0, 2.0, 3.0), Velocity2D(0.4, 0.5)), False)
@@ -165,7 +165,7 @@ def plainly(trajectory):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
+def test_smoothness_measures_equal_plain_loops(seed):
     rng = np.random.default_rng(seed)
     count = 30
     stamps_ns = np.cumsum(rng.integers(1, 100, count)) * 1_000_000
@@ -229,7 +229,7 @@ def test_no_two_commands_have_no_steps():
         ) == (None, None, None)
 
 
-def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an_earlier_reading():
+def test_the_plan_distance_is_to_the_last_published_plan():
     log = TrajectoryLog()
     for stamp_ns in range(0, 1_600_000_000, 250_000_000):
         log.reading(

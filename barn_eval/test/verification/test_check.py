@@ -174,15 +174,13 @@ def test_a_trial_that_there_is_not_is_named_as_it_was_typed(driven, rejected, tr
     )
 
 
-def test_whether_a_trial_is_reproduced_is_not_known_before_it_has_run_again(
-    folder, command
-):
+def test_reproducibility_is_unknown_before_a_rerun(folder, command):
     (folder / "results.parquet").unlink()
     code, out, _ = command("check", folder, "--rerun", "1", "--json")
     assert (code, json.loads(out)["reproduced"]) == (1, None)
 
 
-def test_a_trial_that_went_otherwise_is_told_by_what_differs_first(folder):
+def test_a_differing_trial_is_reported_by_its_first_change(folder):
     change_row(folder, 0, measures__rms_jerk_mps3=7.0)
     for file in ("results.parquet", "results.csv"):
         (folder / file).unlink()
@@ -252,9 +250,7 @@ FORGERIES = {
 
 @pytest.mark.parametrize("bags", ["all", "none"])
 @pytest.mark.parametrize("name", FORGERIES)
-def test_what_was_forged_is_found_though_checksums_tables_and_bag_were_forged_with_it(
-    collided, tmp_path, name, bags
-):
+def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, bags):
     changes, words = FORGERIES[name]
     folder = Path(shutil.copytree(collided, tmp_path / "out"))
     if bags == "none":
@@ -269,9 +265,7 @@ def test_what_was_forged_is_found_though_checksums_tables_and_bag_were_forged_wi
     assert any(words in problem for problem in problems), problems
 
 
-def test_a_bag_that_no_drive_can_have_left_is_found_by_driving_its_commands_again(
-    collided, tmp_path
-):
+def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
     folder = Path(shutil.copytree(collided, tmp_path / "out"))
     row = barn.load(folder).trials[0]
     (bag,) = (folder / "bags").iterdir()

@@ -200,9 +200,7 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
     assert "container 'me'" in rejected("submit", run, "--container", "me")
 
 
-def test_the_board_of_the_template_has_what_holds_and_names_what_does_not(
-    submitted, tmp_path
-):
+def test_the_template_board_names_what_does_not_hold(submitted, tmp_path):
     board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
     rules = json.loads((board / "board.json").read_text())
     (board / "board.json").write_text(json.dumps(rules | {"worlds": "0", "seed": 5}))

@@ -49,7 +49,7 @@ def make_trials(worlds, repetitions=4, noise=0.1):
     return Trials(np.array(numbers), planners, np.array(times), np.array(succeeded))
 
 
-def test_difficulty_weighs_planners_alike_whatever_their_repetitions():
+def test_difficulty_weighs_planners_equally():
     trials = Trials(
         np.array([1, 1, 1, 2, 2]),
         ("a", "a", "b", "a", "b"),
@@ -120,7 +120,7 @@ def test_a_route_goes_round_what_costs_more_than_the_detour():
     assert round_it.cost_m < direct.length_m + 1.0
 
 
-def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
+def test_ridge_regression_finds_a_plane():
     generator = np.random.default_rng(0)
     x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
     y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * generator.standard_normal(200)
@@ -217,7 +217,7 @@ def test_convolution_is_that_of_plain_loops():
         assert _convolve(values, weights, dilation) == pytest.approx(expected)
 
 
-def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(worlds):
+def test_a_worlds_output_depends_on_that_world_alone(worlds):
     network = make_network()
     inputs = inputs_of(list(worlds.values())[::2])
     together = network(inputs)

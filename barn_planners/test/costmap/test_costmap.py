@@ -123,7 +123,7 @@ def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     return cells
 
 
-def test_costs_beside_a_lethal_cell_are_those_of_the_published_set_up():
+def test_costs_beside_a_lethal_cell_are_the_published_ones():
     costs = costs_by_square(CostmapConfig(), 0.05)
     assert set(costs.tolist()) == {0, 177, 193, 210, 241, INSCRIBED, LETHAL}
     assert [costs[k * k] for k in range(8)] == [254, 253, 253, 253, 253, 253, 177, 0]
@@ -158,7 +158,7 @@ def test_inflation_of_a_window_equals_the_plain_one(config, share):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_marks_and_costs_equal_the_plain_ones_along_a_drive_that_the_grid_follows(seed):
+def test_marks_and_costs_equal_the_plain_ones(seed):
     """Marks stay where they are in the world; those that have left the grid are forgotten."""
     config = CostmapConfig(
         size_m=4.0, resolution_m=0.1, obstacle_range_m=3.5, raytrace_range_m=3.6
@@ -248,7 +248,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     assert kernels.edge_cost(costs, off, *grid) == -1
 
 
-def test_costmaps_shown_as_maps_tell_free_inscribed_and_lethal_apart():
+def test_costmaps_as_maps_tell_free_inscribed_and_lethal():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
     costmap.update(
         Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
@@ -364,7 +364,7 @@ def filled_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     return cells
 
 
-def test_as_costmap_2d_marks_equal_the_plain_ones_along_a_drive_to_the_edge_and_beyond():
+def test_as_costmap_2d_marks_equal_the_plain_ones():
     config = CostmapConfig(size_m=8.0, resolution_m=0.1, as_costmap_2d=True)
     costmap = Costmap(config, 50, 60, 0.1, (-3.0, -2.5))
     rng = np.random.default_rng(2)
@@ -394,7 +394,7 @@ def test_as_costmap_2d_marks_equal_the_plain_ones_along_a_drive_to_the_edge_and_
         )
 
 
-def test_as_costmap_2d_the_window_follows_once_it_is_a_cell_off_on_either_side():
+def test_as_costmap_2d_the_window_follows_by_whole_cells():
     costmap = RollingCostmap(CostmapConfig(size_m=4.0, as_costmap_2d=True))
     nothing = scan_of([np.inf])
     origin = 0.0
@@ -436,7 +436,7 @@ def plain_front(lethal: np.ndarray, by_square: np.ndarray, reach: int) -> np.nda
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_inflation_by_a_front_equals_the_plain_one_and_differs_from_the_nearest_in_few_cells(
+def test_inflation_by_a_front_equals_the_plain_one(
     seed,
 ):
     config = CostmapConfig(footprint_padding_m=0.04)

@@ -140,7 +140,7 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
-def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_looked_at(
+def test_edge_costs_are_the_costmaps_even_when_cached(
     outline,
 ):
     rng = np.random.default_rng(3)
@@ -180,7 +180,7 @@ def clearance(costs, window=(0, ROWS, 0, COLS)) -> np.ndarray:
     return clear
 
 
-def test_open_ground_is_measured_to_the_next_cost_or_to_the_edge_of_the_window():
+def test_open_ground_ends_at_the_next_cost_or_the_window():
     costs = random_costs(3, 0.0005)
     window = (4, 60, 10, 85)
     distances = clearance(costs, window)
@@ -331,7 +331,7 @@ def plain_search(rolled, table, weights, choice, plain_goal):
     return best
 
 
-def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherever_it_begins():
+def test_the_search_takes_the_sample_of_the_rules():
     winners = set()
     starts = [
         WEIGHTS,

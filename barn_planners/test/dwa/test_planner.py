@@ -105,7 +105,7 @@ def test_samples_are_added_up_in_single_precision():
     assert turns.tolist() == added
 
 
-def test_two_turns_to_one_side_forbid_the_other_until_the_robot_has_moved():
+def test_two_turns_to_one_side_forbid_the_other():
     memory = DwaMemory(QUIRKY)
     memory.chose(HERE, 0.0, 0.5)
     assert memory.allowed_turns() == (True, True)
@@ -130,7 +130,7 @@ def test_an_escape_ends_after_a_distance_or_a_turn():
         assert not memory.escaping
 
 
-def test_where_nothing_is_allowed_the_robot_escapes_backwards_only_if_the_quirk_is_on():
+def test_with_nothing_allowed_the_quirk_reverses():
     assert DwaController(QUIRKY).control(
         inputs(lethal=BLOCKED_ALL_AROUND)
     ).command == Velocity2D(-0.5, 0.0)
@@ -157,7 +157,7 @@ def test_while_it_escapes_the_robot_does_not_drive_forward():
     assert controller.control(away).command.linear > 0.0
 
 
-def test_the_robots_own_cells_block_the_way_to_the_goal_where_asked():
+def test_the_robots_own_cells_block_the_way_if_configured():
     inside = [(0.0, 0.0)]  # a mark under the robot, which its edges do not meet
     assert DwaController(QUIRKY).control(inputs(lethal=inside)).command.linear > 0.0
     quirky = DwaController(dataclasses.replace(QUIRKY, robot_blocks_goal=True)).control(
@@ -183,7 +183,7 @@ def test_at_the_goal_it_brakes_turns_and_says_so():
     assert reached.goal_reached and reached.command == STOP
 
 
-def test_the_goal_turn_goes_the_short_way_and_not_into_an_obstacle():
+def test_the_goal_turn_takes_the_short_and_free_side():
     goal = Pose2D(0.0, 0.0, -3.0)
     turning = DwaController(QUIRKY).control(
         inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal)
@@ -215,7 +215,7 @@ def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
     assert moving.command is None and "no room to brake" in moving.reason
 
 
-def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
+def test_displayed_samples_have_the_costs_of_the_choice():
     controller = DwaController(DwaConfig())
     control = inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
     assert controller.view().candidates is None

@@ -86,7 +86,7 @@ def test_stops_where_nothing_is_open(flat_world):
     assert decision == Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
 
 
-def test_reaches_the_goal_between_obstacles_without_touching_them(flat_world):
+def test_reaches_the_goal_between_obstacles(flat_world):
     world = flat_world(
         cylinders=[(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)]
     )

@@ -160,7 +160,7 @@ def test_the_potential_equals_the_plain_one_in_the_same_order(seed, goal):
     np.testing.assert_array_equal(grown(costs, start, goal), expected)
 
 
-def test_leaving_out_what_is_too_far_off_the_way_does_not_change_the_plan():
+def test_leaving_out_far_obstacles_does_not_change_the_plan():
     differing = 0
     planned = 0
     for seed in range(40):
@@ -265,7 +265,7 @@ def test_the_robots_own_cell_counts_as_free():
 
 @pytest.mark.parametrize("bounded", [True, False])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_plan_is_kept_just_as_long_as_a_new_one_would_be_the_same(seed, bounded):
+def test_a_plan_lasts_as_long_as_a_new_one_would_be_equal(seed, bounded):
     config = GlobalPlanConfig(bounded=bounded)
     costmap = grid_of(np.pad(random_costs(seed), 15))
     ends = (centre(costmap, 16, 16), centre(costmap, 52, 62))
@@ -287,7 +287,7 @@ def test_a_plan_is_kept_just_as_long_as_a_new_one_would_be_the_same(seed, bounde
     assert changed > 10 and unchanged > 10
 
 
-def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_moved():
+def test_a_new_goal_start_or_grid_needs_a_new_plan():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
     start = centre(costmap, 10, 10)
     goal = centre(costmap, 40, 30)
@@ -409,7 +409,7 @@ def plain_navfn_path(
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_arrive(
+def test_navfns_descent_equals_the_plain_one_bit_by_bit(
     seed,
 ):
     costs = random_costs(seed)
@@ -430,7 +430,7 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_a
 
 
 @pytest.mark.parametrize("unfinished", [False, True])
-def test_as_navfn_a_plan_that_does_not_arrive_is_none_or_begins_anywhere(unfinished):
+def test_as_navfn_an_incomplete_plan_is_optional(unfinished):
     narrow = grid_of(
         np.zeros((40, 4), np.uint8)
     )  # four columns: sixteen points do not lead along forty rows

@@ -208,7 +208,7 @@ def test_obstacle_costs(samples, near_goal):
     )
 
 
-def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(samples):
+def test_checking_the_footprint_rarely_changes_nothing(samples):
     _, poses, _, _ = samples
     body = {
         "footprint_half_length_m": 0.25,

@@ -89,7 +89,7 @@ def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
     assert open_field.step(world.observe()).command.linear > 0.0
 
 
-def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
+def test_without_a_task_or_with_time_reversed_it_stands(flat_world):
     planner = NavigationPlanner(NavigationConfig(), Scripted())
     world = flat_world(BOX)
     assert planner.step(world.observe()).reason == "no task yet"
@@ -101,7 +101,7 @@ def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
     assert decision.command == STOP and "older than the last one" in decision.reason
 
 
-def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world):
+def test_a_goal_inside_a_mapped_obstacle_is_refused(flat_world):
     world = flat_world(BOX)
     static_map = free_map()
     static_map.data[40, 60] = 100
@@ -116,7 +116,7 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
             assert decision.status is PlannerStatus.BLOCKED
 
 
-def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):
+def test_a_vanished_plan_is_followed_on_without_a_new_goal(flat_world):
     planner = started()
     world = flat_world(BOX)
     assert steps(planner, world, 2)[-1].reason == ""
@@ -128,7 +128,7 @@ def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat
         )
 
 
-def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
+def test_a_repeated_goal_costs_a_cycle_then_a_stop(
     flat_world,
 ):
     planner = started(goal_republish_period_s=0.1, hold_s=0.15)
@@ -160,7 +160,7 @@ def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
     assert {decision.reason for decision in lost[1:]} == {"gone"}
 
 
-def test_where_the_first_plan_waits_control_begins_in_the_next_cycle(flat_world):
+def test_a_late_first_plan_starts_control_in_the_next_cycle(flat_world):
     planner = started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True)
     world = flat_world(BOX)
     decisions = steps(planner, world, 5)
@@ -183,7 +183,7 @@ def test_observations_between_control_periods_are_skipped(flat_world):
     assert commands.count(FORWARD) == 40 and commands.count(None) == 60
 
 
-def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(
+def test_no_valid_command_leads_to_recovery_and_back(
     flat_world,
 ):
     failing = [Control(None, reason="stuck")] * 45
@@ -211,7 +211,7 @@ def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(
     assert statuses[-1] is PlannerStatus.RUNNING and decisions[-1].command == FORWARD
 
 
-def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_frame(
+def test_the_known_map_is_planned_on_in_the_odometry_frame(
     flat_world,
 ):
     goal = MAP_OF_ODOM @ GOAL
@@ -226,7 +226,7 @@ def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_fr
     assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
 
 
-def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(
+def test_in_the_map_frame_plans_follow_the_believed_pose(
     flat_world,
 ):
     goal = MAP_OF_ODOM @ GOAL
@@ -253,7 +253,7 @@ def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(
     assert planner.view().in_planning_frame
 
 
-def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_world):
+def test_without_a_map_the_only_frame_is_odometry(flat_world):
     planner = started(local_costmap_in_map=True)
     world = flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=Pose2D(0.4, 0.1, 0.0))
@@ -262,7 +262,7 @@ def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_wo
     assert not planner.view().in_planning_frame
 
 
-def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_again(
+def test_a_task_given_up_restarts_with_the_same_goal(
     flat_world,
 ):
     patience = {"recovery.controller_patience_s": 0.1}

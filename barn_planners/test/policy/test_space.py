@@ -215,7 +215,7 @@ def test_the_stop_leaves_commands_alone_that_hit_nothing():
         )
 
 
-def test_the_stop_brakes_before_a_wall_and_lets_the_robot_back_off():
+def test_the_stop_brakes_before_a_wall_and_allows_reverse():
     fast = Velocity2D(1.0, 0.0)
     assert avoid_collision(
         fast, fast, ahead(0.25), CollisionCheckConfig()

@@ -72,7 +72,7 @@ def test_with_a_map_both_must_have_come(map_first):
     assert each.planner.tasks[0][0].map.data.shape == (3, 3)
 
 
-def test_the_same_goal_and_map_again_change_nothing_and_others_begin_anew():
+def test_an_equal_task_changes_nothing_another_restarts():
     each = runtime(use_map=True)
     each.set_map(static_map())
     each.set_goal(GOAL)
@@ -82,7 +82,7 @@ def test_the_same_goal_and_map_again_change_nothing_and_others_begin_anew():
     assert len(each.planner.tasks) == 3
 
 
-def test_the_same_goal_begins_anew_only_after_the_task_is_over_and_after_a_pause():
+def test_an_equal_goal_restarts_only_after_end_and_pause():
     done = Decision(STOP, PlannerStatus.GOAL_REACHED)
     each = runtime(
         Decision(FORWARD), done, *[Decision(STOP, PlannerStatus.GOAL_REACHED)] * 100
@@ -95,7 +95,7 @@ def test_the_same_goal_begins_anew_only_after_the_task_is_over_and_after_a_pause
     assert each.set_goal(GOAL)
 
 
-def test_a_cycle_without_a_command_repeats_the_last_one_or_sends_nothing():
+def test_a_cycle_without_command_repeats_or_sends_nothing():
     decisions = [Decision(None), Decision(FORWARD), Decision(None)]
     repeating = runtime(*decisions)
     silent = runtime(*decisions, repeat_command=False)
@@ -178,7 +178,7 @@ def feed(sync: Synchronizer, *readings: tuple[str, int]):
     return observations
 
 
-def test_in_lockstep_equal_stamps_meet_in_whatever_order_they_come():
+def test_in_lockstep_equal_stamps_meet_in_any_order():
     for order in itertools.permutations(["odom", "pose", "scan"]):
         sync = Synchronizer(SyncConfig(), use_pose=True)
         readings = [(kind, ms) for ms in (0, 50, 100) for kind in order]
@@ -194,7 +194,7 @@ def test_without_a_map_the_pose_is_that_of_the_odometry():
     assert feed(sync, ("scan", 50), ("odom", 50)) == [(1, 50, 50, 0.05)]
 
 
-def test_odometry_at_other_times_is_taken_from_before_the_scan_once_it_is_overtaken():
+def test_odometry_between_scans_is_taken_from_before():
     sync = Synchronizer(SyncConfig(), use_pose=False)
     assert feed(sync, ("odom", 35), ("scan", 50), ("odom", 55)) == [(2, 50, 35, 0.035)]
     later = feed(sync, ("scan", 100), ("odom", 95), ("scan", 150), ("odom", 155))
@@ -210,7 +210,7 @@ def test_a_source_that_matches_again_is_waited_for_again():
     assert feed(sync, ("scan", 150), ("odom", 150)) == [(1, 150, 150, 0.15)]
 
 
-def test_a_scan_whose_odometry_is_lost_is_used_when_the_next_one_comes():
+def test_a_scan_with_lost_odometry_is_used_with_the_next():
     sync = Synchronizer(SyncConfig(), use_pose=False)
     assert feed(sync, ("odom", 0), ("scan", 0), ("scan", 50), ("scan", 100))[-2:] == [
         (3, 50, 0, 0.0),

@@ -194,7 +194,7 @@ def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
     ] == pytest.approx(0.187, abs=0.001)
 
 
-def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
+def test_products_are_rounded_once_and_inertias_turn() -> None:
     rng = np.random.default_rng(3)
     multiply_and_add = njit(lambda a, b, c: fused(a, b, c))  # noqa: PLW0108 (an intrinsic has no function to compile)
     for a, b, c in rng.normal(size=(200, 3)).tolist():

@@ -256,9 +256,7 @@ def drive(
         *itertools.product(range(6), ["turtlebot4", "husky"]),
     ],
 )
-def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(
-    seed, robot, clients
-) -> None:
+def test_free_motion_beside_movers_is_that_of_bullet(seed, robot, clients) -> None:
     expected, none = drive(seed, clients[0], free_motion=False, robot=robot)
     states, free = drive(seed, clients[1], free_motion=True, robot=robot)
     assert none == 0

@@ -234,7 +234,7 @@ def test_near_cylinders_are_found_by_distance_alone() -> None:
     assert free_m <= 0.0  # what is pushed may come near by itself
 
 
-def test_the_robot_may_go_as_far_as_is_said_before_others_are_near() -> None:
+def test_the_robot_moves_safely_within_the_free_distance() -> None:
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.0, 1.0, (60, 2))
     segments = np.hstack([points, points])

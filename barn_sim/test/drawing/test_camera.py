@@ -44,7 +44,7 @@ def yellow(picture):
     return np.argwhere((red > 120) & (green > 0.6 * red) & (blue < 0.4 * red))
 
 
-def test_from_above_the_robot_is_where_it_stands_and_drives_to_the_right(studio):
+def test_from_above_the_robot_is_at_its_place(studio):
     poses = [
         Pose2D(-2.5, 3.0, 0.5 * math.pi),
         Pose2D(-2.5, 6.0, 0.5 * math.pi),
@@ -65,7 +65,7 @@ def test_from_above_the_robot_is_where_it_stands_and_drives_to_the_right(studio)
     assert centers[1] == pytest.approx(middle + [0.0, -0.5 * per_metre], abs=3.0)
 
 
-def test_the_camera_that_follows_has_the_robot_in_its_middle_wherever_it_turns(studio):
+def test_the_chase_camera_keeps_the_robot_in_the_middle(studio):
     for yaw in (0.0, 2.0, -1.2):
         pose = Pose2D(-2.0, 3.0, yaw)
         pixels = yellow(
@@ -129,7 +129,7 @@ def test_an_unknown_camera_is_refused():
     )
 
 
-def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
+def test_the_jackal_stands_inside_its_outline():
     lidar = LidarConfig(mount_x_m=0.05)
     left, below, right, above = model_of(STANDARD_ROBOT.chassis).extent
     parts = jackal_parts(STANDARD_ROBOT.chassis, lidar)

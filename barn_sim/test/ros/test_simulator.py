@@ -56,7 +56,7 @@ def test_lockstep_equals_the_core_to_the_last_bit(peer: Driver, preset: str) -> 
     }  # so that contacts are compared as well
 
 
-def test_the_clock_never_runs_backwards_and_a_reset_goes_to_the_next_second(
+def test_the_clock_never_runs_back_across_a_reset(
     peer: Driver,
 ) -> None:
     peer.fresh_trial(**TRIAL)
@@ -106,7 +106,7 @@ def test_values_that_are_not_allowed_are_refused_with_the_reason(peer: Driver) -
     assert "amcl" in results[2].reason
 
 
-def test_a_reset_that_cannot_be_done_says_why_and_changes_nothing(peer: Driver) -> None:
+def test_a_failed_reset_says_why_and_changes_nothing(peer: Driver) -> None:
     peer.fresh_trial(**TRIAL)
     assert all(result.successful for result in peer.set(world=99999))
     answer = peer.reset()

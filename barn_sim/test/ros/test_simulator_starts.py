@@ -42,7 +42,7 @@ def started():
         yield start
 
 
-def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type(
+def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(
     started,
 ) -> None:
     rates = {"real_time_factor": 4.0, "lidar.rate_hz": 40.0, "lidar.beams": 100}

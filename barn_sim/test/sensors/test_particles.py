@@ -69,7 +69,7 @@ def drive(
     return np.array(errors)
 
 
-def test_distances_from_obstacles_are_between_centres_and_end_at_two_metres() -> None:
+def test_distances_end_at_two_meters_and_are_center_to_center() -> None:
     data = np.zeros((3, 30), np.int8)
     data[0, 0] = 100
     distances = obstacle_distances(data >= 65, 0.15)
@@ -154,7 +154,7 @@ def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) 
     assert errors[-1, :2] == pytest.approx([-0.075, -0.075], abs=0.05)
 
 
-def test_from_the_true_pose_the_estimate_drifts_towards_a_map_that_is_off(
+def test_the_estimate_drifts_toward_a_map_that_is_off(
     pillars: World,
 ) -> None:
     off_y = drive(AT_START, pillars, localization_map(pillars, True), 4.0)[:, 1]
@@ -196,7 +196,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
     assert looked_at == [driven[0], *driven[2:]]
 
 
-def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(
+def test_a_correction_is_late_if_configured_the_first_is_not(
     pillars: World,
 ) -> None:
     static_map = localization_map(pillars, True)
@@ -251,7 +251,7 @@ def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> N
 
 
 @pytest.mark.parametrize("alphas", [(0.0, 0.1), (0.001, 0.1), (0.0, 0.0)])
-def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_slow_one(
+def test_random_particles_are_drawn_while_the_average_falls(
     pillars: World, alphas: tuple[float, float]
 ) -> None:
     config = replace(
@@ -272,7 +272,7 @@ def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_s
     assert (max(shares) > 0.0) == (alphas[1] > 0.0)
 
 
-def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(
+def test_random_particles_lie_in_free_cells(
     pillars: World,
 ) -> None:
     static_map = localization_map(pillars, False)

@@ -56,7 +56,7 @@ def test_beams_drop_out_as_often_as_they_are_said_to():
     assert np.corrcoef(lost[:, 3], lost[:, 4])[0, 1] == pytest.approx(0.0, abs=0.11)
 
 
-def test_mixed_pixels_lie_between_the_sides_of_an_edge_and_nowhere_else():
+def test_mixed_pixels_lie_between_both_sides_of_an_edge():
     config = LidarConfig(beams=181, noise_m=0.0, mixed_share=0.3, range_max_m=10.0)
     true = np.minimum(scans(replace(config, mixed_share=0.0), 1)[0], 10.0)
     ranges = scans(config, 4000)
@@ -75,7 +75,7 @@ def test_mixed_pixels_lie_between_the_sides_of_an_edge_and_nowhere_else():
 
 
 @pytest.mark.parametrize("full_circle", [False, True])
-def test_beams_of_a_turning_mirror_agree_with_a_scan_from_each_pose(full_circle):
+def test_turning_beams_agree_with_a_scan_from_each_pose(full_circle):
     rng = np.random.default_rng(5)
     spread = (
         {"angle_min_rad": -math.pi, "angle_max_rad": math.pi} if full_circle else {}
@@ -107,9 +107,7 @@ def test_beams_of_a_turning_mirror_agree_with_a_scan_from_each_pose(full_circle)
         assert (same | np.isneginf(single_scans)).mean() > 0.99
 
 
-def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(
-    walled_world, simulators
-):
+def test_a_turning_lidar_casts_early_beams_from_earlier_poses(walled_world, simulators):
     config = replace(SLOW, lidar=replace(SLOW.lidar, sweeps=True, noise_m=0.0))
     simulator = simulators(walled_world, config, START, 0)
     for _ in range(40):
@@ -152,7 +150,7 @@ def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world):
     ("rate_hz", "steps"),
     [(50.0, 1), (40.0, 1), (20.0, 1), (5.5555555556, 4), (5.0, 4), (2.0, 10)],
 )
-def test_scans_come_with_readings_rounded_up_to_whole_control_periods(rate_hz, steps):
+def test_scans_come_in_whole_control_periods(rate_hz, steps):
     assert SimulatorConfig(lidar=LidarConfig(rate_hz=rate_hz)).scan_steps == steps
 
 
@@ -175,7 +173,7 @@ def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, clie
     assert abs(np.mean(drifts)) < 4.0 * 0.02 / math.sqrt(150)
 
 
-def test_wheels_of_another_radius_than_is_thought_misread_the_way(empty_world, clients):
+def test_wheels_of_another_radius_misread_the_distance(empty_world, clients):
     config = replace(
         SimulatorConfig(),
         odometry=OdometryConfig(yaw_noise_rad=0.0, wheel_radius_error=0.02),
@@ -198,7 +196,7 @@ def test_wheels_of_another_radius_than_is_thought_misread_the_way(empty_world, c
     assert abs(np.mean(shares)) < 4.0 * 0.02 / math.sqrt(150)
 
 
-def test_robots_have_the_lidars_of_their_data_sheets_and_the_jackal_the_papers():
+def test_robots_have_the_lidars_of_their_data_sheets():
     assert (
         SimulatorConfig().scan_steps == 1
         and Lidar(SimulatorConfig().lidar, np.random.default_rng(0)).is_plain

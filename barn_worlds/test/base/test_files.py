@@ -94,7 +94,7 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     assert [file.name for file in target.iterdir()] == ["whole"]
 
 
-def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
+def test_a_file_is_private_while_written_and_gone_on_failure(tmp_path):
     path = tmp_path / "a.gif"
     with pytest.raises(KeyboardInterrupt), replace_file(path) as temporary:
         temporary.write_bytes(b"half")

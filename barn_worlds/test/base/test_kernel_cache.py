@@ -50,7 +50,7 @@ def read_only(monkeypatch, *folders):
     )
 
 
-def test_where_the_package_cannot_be_written_kernels_go_to_the_users_cache(
+def test_a_read_only_package_caches_kernels_for_the_user(
     package, tmp_path, monkeypatch, capsys
 ):
     read_only(monkeypatch, package)
@@ -59,7 +59,7 @@ def test_where_the_package_cannot_be_written_kernels_go_to_the_users_cache(
     assert capsys.readouterr().err == ""
 
 
-def test_where_home_cannot_be_written_either_they_go_to_a_private_temporary_folder_and_a_line_says_so(
+def test_without_a_writable_home_kernels_go_to_a_temp_folder(
     package, tmp_path, monkeypatch, capsys
 ):
     read_only(monkeypatch, package, tmp_path / "cache")

@@ -107,7 +107,7 @@ def test_single_files_and_where_their_path_comes_from(layout, worlds, tmp_path):
     assert (alone.footprint_cells, turtle.footprint_cells) == (5, 3)
 
 
-def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_path):
+def test_unnumbered_files_are_numbered_by_name(worlds, tmp_path):
     for name in ("b", "a"):
         (tmp_path / f"{name}.npy").write_bytes(encode_npy(worlds[0].grid))
     dataset = open_dataset(tmp_path)

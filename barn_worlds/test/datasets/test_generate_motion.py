@@ -25,7 +25,7 @@ def arenas(request):
     )
 
 
-def test_arenas_have_as_many_obstacles_as_their_class_and_no_motion_twice(arenas):
+def test_arenas_have_as_many_obstacles_as_their_class(arenas):
     parameters, worlds = arenas
     counts = [len(world.moving) for world in worlds]
     assert (
@@ -37,7 +37,7 @@ def test_arenas_have_as_many_obstacles_as_their_class_and_no_motion_twice(arenas
         assert len({obstacle.motion for obstacle in world.moving}) == len(world.moving)
 
 
-def test_motions_go_from_border_to_border_of_the_arena_at_speeds_of_the_grid(arenas):
+def test_motions_cross_the_arena_at_grid_speeds(arenas):
     parameters, worlds = arenas
     for obstacle in {obstacle for world in worlds for obstacle in world.moving}:
         keys = np.array(obstacle.motion.keys)

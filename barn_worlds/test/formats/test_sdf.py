@@ -86,7 +86,7 @@ def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
 
 
 @pytest.mark.parametrize("obstacle", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
-def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(obstacle):
+def test_a_mesh_is_closed_outward_and_of_the_right_size(obstacle):
     lines = [line.split() for line in obj_mesh(obstacle).splitlines()]
     points = np.array(
         [[float(word) for word in line[1:]] for line in lines if line[0] == "v"]

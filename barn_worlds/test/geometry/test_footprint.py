@@ -48,7 +48,7 @@ def inside(outline, point):
     return bool((sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all())
 
 
-def test_distances_of_points_are_those_to_the_nearest_point_of_the_edge(outline):
+def test_point_distances_are_to_the_nearest_edge_point(outline):
     edge = boundary(outline)
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.9, 0.9, (200, 2)).tolist()

@@ -40,7 +40,7 @@ def by_force(start, goal, centres, radius):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
+def test_the_bound_is_below_the_shortest_path_on_a_fine_grid(seed):
     rng = np.random.default_rng(seed)
     radius = rng.uniform(0.1, 0.25)
     centres = rng.uniform(0.3, 1.7, (9, 2))
@@ -54,7 +54,7 @@ def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
     )  # what the grid's ways are longer by, and by which they keep off the discs
 
 
-def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
+def test_around_one_disc_the_bound_is_the_taut_string():
     away = 2.0
     radius = 0.5
     exact = 2.0 * (math.sqrt(away**2 - radius**2) + radius * math.asin(radius / away))

@@ -61,7 +61,7 @@ def profiles():
     }
 
 
-def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
+def test_dynabarn_motions_are_where_gazebo_puts_them(
     profiles,
 ):
     assert len(profiles) == 469
@@ -89,7 +89,7 @@ def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
     st.floats(-100, 100),
     st.floats(-100, 100),
 )
-def test_any_keys_a_rest_at_both_ends_and_a_phase_are_as_in_gazebo(
+def test_rests_and_phases_are_as_in_gazebo(
     points, steps, first, rest, closed, phase, time
 ):
     points = [*points, points[0]] if closed else points
@@ -110,7 +110,7 @@ def test_any_keys_a_rest_at_both_ends_and_a_phase_are_as_in_gazebo(
         )
 
 
-def test_a_linear_motion_is_straight_between_its_keys_and_rests_at_the_last():
+def test_a_linear_motion_is_straight_and_rests_at_the_end():
     tracks = Tracks([obstacle(Motion("linear", 6.0, KEYS))])
     positions, velocities = tracks.over(np.array([0.5, 2.5, 5.0, 6.5]))
     assert np.allclose(
@@ -121,7 +121,7 @@ def test_a_linear_motion_is_straight_between_its_keys_and_rests_at_the_last():
     )
 
 
-def test_a_closed_polynomial_is_its_value_at_the_share_of_its_period_and_has_no_jump():
+def test_a_closed_polynomial_has_no_jump():
     # x = 4 s (1 - s), y = 1 + s - s^3 over the share s
     motion = Motion(
         "polynomial",
@@ -157,7 +157,7 @@ def test_velocities_are_how_fast_positions_change(profiles):
         assert np.abs(slope - velocities)[smooth].max() < 1e-3
 
 
-def test_obstacles_of_all_kinds_are_found_together_and_none_at_all_too():
+def test_obstacles_of_all_kinds_are_placed_together():
     obstacles = [
         obstacle(Motion(kind, 6.0, KEYS), name=kind, phase_s=1.0)
         for kind in ("gazebo", "linear")
@@ -283,7 +283,7 @@ def test_a_wrong_obstacle_is_one_clear_line(arguments, message, refused):
         obstacle(Motion("linear", 6.0, KEYS), **arguments)
 
 
-def test_a_world_has_a_bounded_number_of_obstacles_with_names_of_their_own(small_world):
+def test_a_world_has_few_obstacles_with_unique_names(small_world):
     mover = obstacle(Motion("linear", 6.0, KEYS))
     for moving, message in (
         ((mover, mover), "w: two moving obstacles have the name 'one'"),
@@ -303,7 +303,7 @@ def test_a_world_has_a_bounded_number_of_obstacles_with_names_of_their_own(small
         assert str(caught.value) == message
 
 
-def test_what_moves_and_stands_is_in_the_checksum_but_not_its_names(small_world):
+def test_movers_are_in_the_checksum_but_not_their_names(small_world):
     def checksum(**fields):
         return World(
             "w", small_world.grid, small_world.path, footprint_cells=3, **fields
@@ -322,7 +322,7 @@ def test_what_moves_and_stands_is_in_the_checksum_but_not_its_names(small_world)
     assert checksum(moving=(obstacle(mover.motion, name="two"),)) == variants[1]
 
 
-def test_an_arena_has_its_cells_where_its_corner_says_and_no_containment():
+def test_an_arena_has_its_cells_at_its_corner():
     world = open_dataset("dynabarn60").load(0)
     assert len(world.cylinders_m) == 0 and world.path_length_m == 20.0
     assert world.path_m()[[0, -1]].tolist() == [[11.0, 0.0], [-9.0, 0.0]]

@@ -15,7 +15,7 @@ def test_domains_side_by_side_differ():
         assert {first, second} <= set(DOMAINS)
 
 
-def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile():
+def test_the_users_domain_is_respected_and_kept():
     environment = {
         "ROS_DOMAIN_ID": str(130 + os.getpid() % 100)
     }  # none that others choose by themselves

@@ -63,7 +63,7 @@ def test_a_late_listener_gets_map_and_path(peer):
     assert np.array_equal(places, world.path_m())
 
 
-def test_reload_serves_the_new_world_and_keeps_the_old_one_on_a_mistake(peer):
+def test_reload_serves_the_new_world_unless_it_is_wrong(peer):
     changes = [Parameter("world", value=8), Parameter("resolution_m", value=0.05)]
     assert all(result.successful for result in peer.server.set_parameters(changes))
     assert peer.call("map_server/reload").success

@@ -27,7 +27,7 @@ def test_readings_and_objects_arrive_whole_and_in_order():
     assert evaluator.receive() is None
 
 
-def test_a_simulator_that_is_not_listened_to_waits_and_loses_nothing():
+def test_an_unheard_simulator_waits_and_loses_nothing():
     simulator, evaluator = ends()
     sender = threading.Thread(
         target=lambda: [

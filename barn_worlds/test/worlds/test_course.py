@@ -46,7 +46,7 @@ def opened(path, robot=STANDARD_ROBOT):
     return open_dataset(path, robot).load(0)
 
 
-def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region(
+def test_a_map_without_a_course_gets_far_apart_ends(
     tmp_path,
 ):
     grid = hall()
@@ -158,7 +158,7 @@ def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
     assert fit_to_robot(world, STANDARD_ROBOT) is world
 
 
-def test_worlds_of_the_benchmark_have_no_start_of_their_own_and_stay_as_they_are():
+def test_benchmark_worlds_have_no_start_of_their_own():
     world = open_dataset("barn300").load(0)
     assert world.start is None
     assert fit_to_robot(world, load_robot("husky")) is world
@@ -245,7 +245,7 @@ def test_start_without_goal_is_refused(tmp_path):
         )
 
 
-def test_maps_of_moving_ai_are_read_with_the_first_row_at_the_top(tmp_path):
+def test_maps_of_moving_ai_have_their_first_row_on_top(tmp_path):
     path = tmp_path / "arena.map"
     rows = [
         "@" * 14,

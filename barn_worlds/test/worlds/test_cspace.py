@@ -15,7 +15,7 @@ GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 14), st.integers(1, 14)))
 
 
 @given(GRIDS, st.integers(0, 8).map(lambda k: 2 * k + 1))
-def test_the_cspace_is_filled_wherever_any_footprint_holds_a_filled_cell(grid, side):
+def test_the_cspace_is_filled_where_the_footprint_is(grid, side):
     assert np.array_equal(
         configuration_space(grid, side),
         ndimage.maximum_filter(grid, side, mode="constant"),
@@ -63,7 +63,7 @@ def test_the_region_through_is_the_largest_at_both_ends(cspace):
     assert region is None or np.array_equal(region, labels == first)
 
 
-def test_of_regions_of_one_size_the_first_in_reading_order_counts():
+def test_the_first_of_equal_regions_counts():
     free = np.zeros((8, 7), bool)
     free[0, 1:] = free[:, 6] = free[7] = True
     arch = free.copy()

@@ -113,7 +113,7 @@ def test_without_inflation_the_complete_search_is_shortest(cspace, data):
 
 
 @given(CSPACES)
-def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace):
+def test_inflation_falls_with_obstacle_distance(cspace):
     occupied = np.argwhere(cspace)
     costs = inflation(cspace)
     for cell in np.argwhere(~cspace):
@@ -184,7 +184,7 @@ def test_ends_that_are_occupied_or_outside():
         plan_path(cspace, (3, 0), (2, 2))
 
 
-def test_where_nothing_says_which_the_middle_of_the_passage_is_taken():
+def test_the_middle_of_the_passage_is_the_default():
     cspace = np.zeros((9, 6), bool)
     cspace[[0, -1]] = True
     path = plan_through(cspace)

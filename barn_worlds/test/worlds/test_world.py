@@ -166,9 +166,7 @@ def test_historical_maps_equal_the_original_ones(original_folder):
 
 
 @pytest.mark.parametrize("resolution_m", [None, 0.03, 0.05, 0.1, 0.4])
-def test_a_map_of_any_resolution_is_occupied_where_a_cylinder_reaches_into(
-    small_world, resolution_m
-):
+def test_a_map_is_occupied_where_a_cylinder_reaches(small_world, resolution_m):
     occupancy = small_world.occupancy_map(resolution_m)
     assert occupancy.resolution == (resolution_m or small_world.resolution_m)
     (height, width), resolution_m = occupancy.data.shape, occupancy.resolution

@@ -35,7 +35,7 @@ def stamps(heard, topic=SCORE):
     ]
 
 
-def test_a_bag_is_followed_second_by_second_and_then_the_next_one(tmp_path):
+def test_a_bag_is_followed_by_the_next_trials_bag(tmp_path):
     follower = TrialFollower(tmp_path)
     assert follower.read() == (False, [])
     with Recorder(tmp_path / "bags" / "one") as recorder:
@@ -99,7 +99,7 @@ def test_a_view_without_bags_is_refused(rejected):
     assert rejected("run", "--worlds", "0", "--view", "--out", "out") == message
 
 
-def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_path):
+def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
     pytest.importorskip(
         "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
     )

@@ -125,7 +125,7 @@ def test_nothing_is_written_and_a_taken_port_is_told(folder):
         PageServer(folder, host="nowhere.invalid", port=0)
 
 
-def test_a_client_that_leaves_before_its_answer_leaves_no_traceback(folder, capfd):
+def test_a_client_that_leaves_early_causes_no_traceback(folder, capfd):
     with PageServer(folder, port=0) as page:
         for _ in range(5):
             with socket.create_connection(
@@ -148,7 +148,7 @@ def test_the_command_says_where_and_ends_on_ctrl_c(folder):
         assert process.wait(600) == 130
 
 
-def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, open_page):
+def test_the_page_updates_and_failures_lead_to_replays(folder, open_page):
     lines = cut(folder, 12)
     with PageServer(folder, port=0) as served:
         page = open_page(served.url)

@@ -130,7 +130,7 @@ def collections_of(figure, kind):
     ]
 
 
-def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):
+def test_each_trial_is_drawn_in_its_planners_color(folder):
     trials, _ = select_trials(read_entries([folder]), 0, (), "")
     assert sorted(trial.result.planner for trial in trials) == ["dwa", "gap", "gap"]
     figure = overlay([folder], 0)

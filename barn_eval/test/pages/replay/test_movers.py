@@ -55,7 +55,7 @@ def standing(count):
     )
 
 
-def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_on():
+def test_between_poses_and_after_the_last_motion_is_straight():
     times_s = np.array([0.0, 0.1, 0.2, 0.3])
     places = np.stack(
         [
@@ -85,7 +85,7 @@ def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_
     )
 
 
-def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world):
+def test_poses_and_clearance_are_those_of_the_result(bag, world):
     recorded = read_recorded_trial(bag)
     moving = recorded.moving
     motion = recorded.result["motion"]
@@ -107,9 +107,7 @@ def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world
 
 
 @pytest.mark.parametrize("topic", ["/moving_obstacles", "/moving_obstacles/poses"])
-def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(
-    bag, tmp_path, topic
-):
+def test_without_shapes_or_poses_the_page_says_why(bag, tmp_path, topic):
     recorded = read_recorded_trial(
         some_of(bag, tmp_path / "bag", topic.__ne__, read_recorded_trial(bag).trial)
     )
@@ -151,7 +149,7 @@ def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_
     assert page.evaluate("replay.trials[0].movers.at(1).length") == 0
 
 
-def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
+def test_a_page_has_movers_in_millimeters_and_their_measures(bag):
     recorded = read_recorded_trial(bag)
     data = make_payload(recorded)
     raw = zlib.decompress(base64.b64decode(data["packed"]["zlib"]))
@@ -196,7 +194,7 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
         assert shares[0] > 0.001 and shares[1] == 0.0
 
 
-def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
+def test_a_report_has_moving_measures_and_clearances(folder, world):
     report = build_report([folder])
     data = trial_data(report.entries, report.trials, report.worlds)
     names = [column["name"] for column in data["columns"]]

@@ -41,7 +41,7 @@ def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
 
 
-def test_differences_are_drawn_of_the_metric_in_favour_of_who_is_named_there(report):
+def test_differences_favor_the_planner_named_on_their_side(report):
     with style():
         first, *rest = draw(CHARTS["paired"], report.data)
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *rest)]

@@ -133,7 +133,7 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     )
 
 
-def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
+def test_the_command_to_reproduce_gives_its_configuration(tmp_path):
     config = RunConfig(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
     planner = replace(config.planners[0], overrides={"dwa.sim_time_s": 1.5})
     config = replace(config, planners=(planner,))
@@ -170,9 +170,7 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(
         read_source(tmp_path / "strange")
 
 
-def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(
-    folder, run, tmp_path
-):
+def test_planners_of_one_name_have_distinct_labels(folder, run, tmp_path):
     entries = read_entries([folder, run])
     assert [entry.label for entry in entries] == ["gap (campaign)", "DWA", "gap (run)"]
     report = build_report([folder, run], hardest=1)
@@ -180,7 +178,7 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(
     assert "are not compared" in report_page(report, "two")
 
 
-def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
+def test_the_page_begins_with_the_conclusion_and_cautions(report):
     text = report_page(report, "whole")
     verdict = report.overview.conclusion
     assert re.fullmatch(
@@ -202,7 +200,7 @@ def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 
-def test_the_first_screen_has_bars_and_the_headline_the_metric_first(report):
+def test_the_first_screen_has_bars_and_the_headline(report):
     text = html.unescape(report_page(report, "whole"))
     gap, dwa = report.overview.summaries
     headline = report.tables[0]
@@ -221,7 +219,7 @@ def test_the_first_screen_has_bars_and_the_headline_the_metric_first(report):
     )
 
 
-def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_path):
+def test_bars_and_conclusion_use_the_common_worlds(folder, tmp_path):
     part = tmp_path / "part"
     shutil.copytree(folder, part, ignore=shutil.ignore_patterns("bags"))
     rewrite_rows(
@@ -239,9 +237,7 @@ def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_p
     assert bars.worlds == 5 and "Only 5 worlds" in report_page(report, "part")
 
 
-def test_where_and_why_name_every_planner_and_claim_nothing_beyond_the_tests(
-    run, tmp_path
-):
+def test_explanations_claim_nothing_beyond_the_tests(run, tmp_path):
     report = build_report(
         [campaign(tmp_path / "three", run, ("gap", "dwa", "eband"), worlds=8, bags=0)],
         hardest=0,

@@ -155,7 +155,7 @@ def test_an_unknown_command_is_told(tmp_path, kind):
     )
 
 
-def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
+def test_an_endless_output_keeps_its_beginning_and_end(tmp_path):
     log = tmp_path / "loud.log"
     script = (
         "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
@@ -221,7 +221,7 @@ def test_link_joins_lines_that_come_in_pieces():
     assert link.receive() == [{"event": "done"}]
 
 
-def test_a_foreign_command_gets_the_environment_without_our_wheels():
+def test_a_foreign_command_gets_no_wheels_of_ours():
     mark = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
     ours = str(Path(sys.prefix) / "lib")
     inherited = {
@@ -238,7 +238,7 @@ def test_a_foreign_command_gets_the_environment_without_our_wheels():
 
 
 @KEPT_APART
-def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_end_is_told(
+def test_an_isolated_planner_sees_only_its_own_processes(
     tmp_path,
 ):
     script = f"""
