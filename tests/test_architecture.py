@@ -162,6 +162,29 @@ def test_rooms_import_only_rooms_below_them():
     assert not wrong
 
 
+# The parts of barn_sim, likewise.
+SIMULATOR_PARTS = (
+    *("seeds", "config", "body", "contact", "sensors", "motion", "simulator"),
+    *("batch", "messages", "drawing", "ros"),
+)
+
+
+def test_parts_of_the_simulator_import_only_parts_below_them():
+    wrong = []
+    for source in sources():
+        if source.package != "barn_sim" or source.where.startswith("launch"):
+            continue
+        part = Path(source.where).with_suffix("").parts[1]
+        if part in ENTRANCES:
+            continue
+        below = SIMULATOR_PARTS[: SIMULATOR_PARTS.index(part) + 1]
+        for name in source.imports:
+            top, *others = name.split(".")
+            if top == "barn_sim" and others[0] not in below:
+                wrong.append(f"{source.where} imports {name}")
+    assert not wrong
+
+
 def test_the_documentation_has_the_rooms_in_their_order():
     page = ROOT / "docs" / "architecture.md"
     section = page.read_text("utf-8").partition("## The rooms of barn_eval")[2]

@@ -19,7 +19,6 @@ from rich.console import Console
 from rich.table import Table
 
 from barn_sim.config import PRESETS, with_robot
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
@@ -66,17 +65,13 @@ def self_test(robot: Robot) -> list[Measured]:
             raise ConfigError(
                 f"robot {robot.name}: drive.{name} must be above 0 to drive it, got 0"
             )
-    client = PhysicsClient()
-    try:
-        drives = _SelfTest(robot, client)
-        return [*drives.straight(), *drives.turn(), *drives.arcs()]
-    finally:
-        client.close()
+    drives = _SelfTest(robot)
+    return [*drives.straight(), *drives.turn(), *drives.arcs()]
 
 
 class _SelfTest:
-    def __init__(self, robot: Robot, client: PhysicsClient) -> None:
-        self._robot, self._client, self._theory = robot, client, Planar(robot)
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._theory = robot, Planar(robot)
         self._world = World(
             "self-test", np.zeros((3, 3), np.bool_), np.array([[1, 0], [1, 1], [1, 2]])
         )
@@ -153,7 +148,7 @@ class _SelfTest:
         yield Measured(manoeuvre, "yaw rate", "rad/s", turn, expected[1], driven[1])
 
     def _simulator(self) -> Simulator:
-        return Simulator(self._world, self._config, _START, 0, self._client)
+        return Simulator(self._world, self._config, _START, 0)
 
     def _settling_s(self, speed: float, turn: float = 0.0) -> float:
         """Return a time after which the robot follows a command, of whole control periods."""

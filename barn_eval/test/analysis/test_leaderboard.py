@@ -341,15 +341,12 @@ def test_a_key_that_a_parameter_file_has_not_is_refused(tmp_path, key, words):
     source = tmp_path / "given.yaml"
     source.write_text(yaml.safe_dump(FILE))
     with pytest.raises(BarnError, match=words):
-        grid(
-            {key: [1]},
-            None,
-            {
-                "out": tmp_path,
-                "mode": "ros",
-                "planner_command": f"m=r --params-file {source}",
-            },
-        )
+        options = {
+            "out": tmp_path,
+            "mode": "ros",
+            "planner_command": f"m=r --params-file {source}",
+        }
+        grid(read_request(None, options), {key: [1]})
 
 
 def test_each_setting_is_a_run_and_the_best_comes_first(command, tmp_path):

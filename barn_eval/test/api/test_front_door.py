@@ -338,7 +338,7 @@ def test_what_cannot_be_handed_to_a_worker_is_said(tmp_path):
     assert trial.outcome is Outcome.TIMEOUT
 
 
-def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd):
+def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog):
     def broken(observation):
         raise KeyError("speed")
 
@@ -355,7 +355,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd)
     assert details["talks"].startswith(
         "TypeError: a planner's function must return (m/s, rad/s), got 'left' ("
     )
-    output = capfd.readouterr().err
+    output = caplog.text
     where = (
         f'test_front_door.py", line {line}, in broken\n      raise KeyError("speed")'
     )
@@ -513,14 +513,14 @@ def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
     assert list((tmp_path / "assets").glob("*.csv"))
 
 
-def test_a_replay_without_a_bag_reruns_the_trial_and_says_so(driven, capfd):
+def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, caplog):
     page = driven.replay("Steady_w0060_r00")
     assert page.path == driven.folder / "replays" / "Steady_w0060_r00.html"
-    output = capfd.readouterr().err
-    assert "no bag of Steady_w0060_r00 was kept: it is driven once more" in output
-    assert "otherwise" not in output
+    assert "no bag of Steady_w0060_r00 was kept: it is driven once more" in caplog.text
+    assert "otherwise" not in caplog.text
+    caplog.clear()
     driven.replay("Steady_w0060_r00")
-    assert "once more" not in capfd.readouterr().err
+    assert "once more" not in caplog.text
     loaded = barn.load(driven.folder)
     loaded.replay("gap_w0000_r00")
     with pytest.raises(
@@ -542,14 +542,14 @@ def test_a_replay_without_a_bag_reruns_the_trial_and_says_so(driven, capfd):
         driven.replay("gap_w0001_r00")
 
 
-def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, capfd):
+def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, caplog):
     class Drifting(Steady):
         """Its source, by which it is known, stays the same."""
 
     results = barn.run(0, Drifting, SHORT, workers=1, out=tmp_path, progress=False)
     Drifting.step = lambda self, observation: barn.Decision(barn.Velocity2D(0.1, 0.0))
     results.replay("Drifting_w0000_r00")
-    assert "Drifting_w0000_r00 went otherwise this time" in capfd.readouterr().err
+    assert "Drifting_w0000_r00 went otherwise this time" in caplog.text
 
 
 def test_a_folder_that_is_not_finished_is_loaded(tmp_path):

@@ -8,7 +8,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed"
 from gymnasium.utils.env_checker import data_equivalence  # noqa: E402
 
 import barn_eval.gym  # noqa: E402
-from barn_sim.contact.bullet import PhysicsClient  # noqa: E402
+from barn_sim.contact.scene import ScenePool  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 
 NAME = barn_eval.gym.ENVIRONMENT_ID
@@ -115,7 +115,7 @@ def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
 
 def test_where_nothing_is_near_pybullet_is_not_used(pair, monkeypatch):
     monkeypatch.setattr(
-        PhysicsClient, "id", property(lambda _: pytest.fail("PyBullet is used"))
+        ScenePool, "acquire", lambda *_: pytest.fail("PyBullet is used")
     )
     batch, _ = pair(worlds="150", **SHORT)
     batch.reset(seed=0)

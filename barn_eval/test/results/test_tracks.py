@@ -19,10 +19,9 @@ from barn_eval.results.tracks import (
     thin_samples,
     unpack_arrays,
 )
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD_ROBOT
 
 
 def samples(count, period_s=0.05):
@@ -72,10 +71,8 @@ def test_a_trial_without_a_reading_has_no_track():
     nothing = Trajectory(
         np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
     )
-    assert (
-        make_track(nothing, empty, 0.075, contact_footprint(STANDARD_ROBOT.chassis))
-        is None
-    )
+    (spec,) = RunConfig(worlds="0").trials()
+    assert make_track(nothing, spec) is None
 
 
 def test_the_line_of_a_trial_is_what_its_bag_holds(run):

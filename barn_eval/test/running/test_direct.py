@@ -199,7 +199,7 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
     report = run_job(
         work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None
     )
-    assert report.stalled and not report.overtime
+    assert report.is_stall and not report.is_overtime
     assert "the machine stalled" in report.reason
 
 

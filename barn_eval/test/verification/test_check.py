@@ -72,7 +72,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: change_row(out, 1, trial_id="gap_w0009_r00"),
-            "gap_w0009_r00 is no trial of this experiment",
+            "gap_w0009_r00 is no trial of this run",
         ),
         (
             lambda out: change_row(out, 1, world_checksum="0"),

@@ -1,7 +1,7 @@
 """Walls and moving obstacles: rays and distances against plain references, contacts, and free motion beside them."""
 
-import itertools
 import math
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
+from barn_sim.motion import robot_motion
 from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
@@ -228,11 +229,10 @@ def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
     assert scans[0] == scans[1] != scans[2]
 
 
-def drive(
-    seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal"
-) -> tuple[list[tuple], int]:
-    """Return the states after every step, driven at random among moving obstacles, and steps that ended freely."""
-    rng = np.random.default_rng(seed)
+def wandering_robot(
+    seed: int, scenes: ScenePool, rng: np.random.Generator, robot: str
+) -> Simulator:
+    """Return a robot among moving obstacles; where the seed is odd, cylinders move, too."""
     config = with_robot(
         SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))),
         load_robot(robot),
@@ -244,31 +244,47 @@ def drive(
         still = open_dataset("barn300").load(int(rng.integers(300)))
         world = add_motion(still, motion_class("easy"), seed, 6)
         start = Pose2D(-2.25, 3.0, 1.57)
-    return wander(
-        Simulator(world, config, start, seed, client, free_motion=free_motion), rng, 160
-    )
+    return Simulator(world, config, start, seed, scenes)
 
 
-@pytest.mark.parametrize(
-    ("seed", "robot"),
-    [
-        *((seed, "jackal") for seed in range(18)),
-        *itertools.product(range(6), ["turtlebot4", "husky"]),
-    ],
-)
-def test_free_motion_beside_movers_is_that_of_bullet(seed, robot, clients) -> None:
-    expected, none = drive(seed, clients[0], free_motion=False, robot=robot)
-    states, free = drive(seed, clients[1], free_motion=True, robot=robot)
-    assert none == 0
-    assert states == expected
-    assert free > 0 or any(state[0] for state in states)
+def drive(
+    seed: int, scenes: ScenePool, robot: str = "jackal"
+) -> tuple[list[tuple], int]:
+    """Return the states after every step and how many steps ended freely."""
+    rng = np.random.default_rng(seed)
+    with closing(wandering_robot(seed, scenes, rng, robot)) as simulator:
+        return wander(simulator, rng, 160)
 
 
-def test_the_drives_touch_obstacles_and_leave_them(clients) -> None:
-    touched = [
-        [state[0] for state in drive(seed, clients[0], free_motion=True)[0]]
-        for seed in range(6)
-    ]
-    assert any(any(contacts) and not contacts[-1] for contacts in touched) and not all(
-        any(contacts) for contacts in touched
-    )
+@pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
+def test_contacts_with_movers_do_not_depend_on_what_the_client_did_before(
+    robot, scenes
+) -> None:
+    for seed in range(9):
+        with closing(ScenePool()) as new:
+            expected, _ = drive(seed, new, robot)
+        states, free = drive(seed, scenes, robot)
+        assert states == expected
+        assert free > 0 or any(state[0] for state in states)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_contact_is_missed(seed, scenes, monkeypatch) -> None:
+    """The robot moves as in PyBullet all the time, until they touch something together."""
+    states, _ = drive(seed, scenes)
+    monkeypatch.setattr(robot_motion, "contact_gap_m", lambda _: 1e3)
+    expected, free = drive(seed, scenes)
+    assert free == 0
+    for (touched, truth, *_), (is_touched, pose, *_) in zip(
+        states, expected, strict=True
+    ):
+        assert touched == is_touched
+        if touched:
+            break
+        assert truth.pose.distance(pose.pose) < 1e-9
+
+
+def test_the_drives_touch_obstacles_and_leave_them(scenes) -> None:
+    touched = [[state[0] for state in drive(seed, scenes)[0]] for seed in range(6)]
+    assert any(any(one) and not one[-1] for one in touched)
+    assert not all(any(one) for one in touched)

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.contact.cylinders import (
+    intersect_cylinders,
     near_cylinders,
     nearest_gap,
     robot_gap,
-    see_cylinders,
     segment_gap,
 )
 from barn_sim.simulator import Simulator
@@ -252,9 +252,8 @@ def test_the_robot_moves_safely_within_the_free_distance() -> None:
 def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
     q = [math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2)]  # about x: leans to -y
     states = np.array([[1.0, 2.0, 0.5, *q]])
-    centres = np.array([[1.0, 2.0]])
-    tilted = np.empty((1, 7))
-    count = see_cylinders(
+    centres, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))
+    count = intersect_cylinders(
         np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centres, tilted
     )
     if tilt < math.radians(0.5):

@@ -16,7 +16,9 @@ from barn_worlds.ros import topics
 
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
     monkeypatch.setattr(
-        topics, "message_class", lambda name: None if name == TF.type_name else object
+        topics,
+        "find_message_class",
+        lambda name: None if name == TF.type_name else object,
     )
     node = Mock()
     messages = SimulatorMessages(SimulatorConfig())

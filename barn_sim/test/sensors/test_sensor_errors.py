@@ -154,7 +154,7 @@ def test_scans_come_in_whole_control_periods(rate_hz, steps):
     assert SimulatorConfig(lidar=LidarConfig(rate_hz=rate_hz)).scan_steps == steps
 
 
-def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, clients):
+def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, scenes):
     config = replace(
         SimulatorConfig(),
         odometry=OdometryConfig(yaw_noise_rad=0.0, gyro_bias_rad_s=0.02),
@@ -162,7 +162,7 @@ def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, clie
     rates = []
     drifts = []
     for seed in range(150):
-        simulator = Simulator(empty_world, config, START, seed, clients[0])
+        simulator = Simulator(empty_world, config, START, seed, scenes)
         for _ in range(20):
             simulator.step(None)
         sensors = simulator.sense()
@@ -173,7 +173,7 @@ def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, clie
     assert abs(np.mean(drifts)) < 4.0 * 0.02 / math.sqrt(150)
 
 
-def test_wheels_of_another_radius_misread_the_distance(empty_world, clients):
+def test_wheels_of_another_radius_than_is_thought_misread_the_way(empty_world, scenes):
     config = replace(
         SimulatorConfig(),
         odometry=OdometryConfig(yaw_noise_rad=0.0, wheel_radius_error=0.02),
@@ -186,7 +186,7 @@ def test_wheels_of_another_radius_misread_the_distance(empty_world, clients):
             replace(config.odometry, wheel_radius_error=0.0),
         ):
             simulator = Simulator(
-                empty_world, replace(config, odometry=odometry), START, seed, clients[0]
+                empty_world, replace(config, odometry=odometry), START, seed, scenes
             )
             for _ in range(15):
                 sensors = simulator.step(Velocity2D(0.5, 0.0))
