@@ -257,9 +257,7 @@ def drive(
 
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
-def test_contacts_with_movers_do_not_depend_on_what_the_client_did_before(
-    robot, scenes
-) -> None:
+def test_contacts_do_not_depend_on_the_clients_past(robot, scenes) -> None:
     for seed in range(9):
         with closing(ScenePool()) as new:
             expected, _ = drive(seed, new, robot)
