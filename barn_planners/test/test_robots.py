@@ -186,10 +186,10 @@ def test_a_costmap_clears_and_checks_the_outline():
         Scan(0, ahead, -0.2, 0.05, 0.1, 30.0),
         Pose2D(0.0, 0.0, 0.0),
     )
-    first, spans = kernels.footprint_spans(costmap.outline, *costmap.grid)
+    cells = kernels.footprint_cells(costmap.outline, costmap.grid, *costmap.costs.shape)
     ends = (
-        costmap.origin_x + 0.05 * first,
-        costmap.origin_x + 0.05 * (first + len(spans)),
+        costmap.origin_x + 0.05 * cells[:, 1].min(),
+        costmap.origin_x + 0.05 * (cells[:, 1].max() + 1),
     )
     assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
     assert costmap.has_room(0.0, 0.0, 0.0)

@@ -9,14 +9,12 @@ from scipy.ndimage import distance_transform_edt, shift
 from barn_planners.costmap import inflation, kernels
 from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig, rectangle
 from barn_planners.costmap.costmap import (
-    INSCRIBED,
-    LETHAL,
     Costmap,
     RollingCostmap,
-    costs_by_square,
     global_costmap,
-    squares_for,
 )
+from barn_planners.costmap.inflation import costs_by_square
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Pose, Window
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
 
 AHEAD = Pose2D(10.0, 0.0, 0.0)
@@ -149,8 +147,11 @@ def test_inflation_of_a_window_equals_the_plain_one(config, share):
     before = costs.copy()
     expected = plain_inflation(lethal, config, 0.05)
     window = (7, 31, 0, 44)
-    by_square = costs_by_square(config, 0.05)
-    inflation.inflate(lethal, costs, by_square, squares_for(by_square), *window)
+    layers = inflation.new_layers(*lethal.shape, costs_by_square(config, 0.05))
+    layers.marks.cells[:] = lethal
+    layers.costs[:] = costs
+    inflation.inflate(layers, Window(*window))
+    costs = layers.costs
     inside = np.zeros(lethal.shape, bool)
     inside[7:31, 0:44] = True
     np.testing.assert_array_equal(costs[inside], expected[inside])
@@ -231,7 +232,7 @@ def test_clearing_keeps_a_square_about_the_robot():
 def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     costmap = Costmap(CostmapConfig(), 60, 60, 0.05, (0.0, 0.0))
     costs = costmap.costs
-    corners = kernels.placed(rectangle(0.31, 0.265), 1.5, 1.5, 0.4)
+    corners = kernels.corners_at(rectangle(0.31, 0.265), Pose(1.5, 1.5, 0.4))
     grid = (0.0, 0.0, 0.05)
     outline = set()
     for k in range(4):
@@ -244,7 +245,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
             costs[cell] = value
             assert kernels.edge_cost(costs, corners, *grid) == expected
             costs[cell] = 0
-    off = kernels.placed(rectangle(0.31, 0.265), 0.2, 1.5, 0.0)
+    off = kernels.corners_at(rectangle(0.31, 0.265), Pose(0.2, 1.5, 0.0))
     assert kernels.edge_cost(costs, off, *grid) == -1
 
 
@@ -442,10 +443,10 @@ def test_inflation_by_a_front_equals_the_plain_one(
     config = CostmapConfig(footprint_padding_m=0.04)
     lethal = (np.random.default_rng(seed).random((60, 70)) < 0.03).astype(np.uint8)
     by_square = costs_by_square(config, 0.05)
-    costs = np.zeros(lethal.shape, np.uint8)
-    inflation.inflate_by_front(
-        lethal, costs, by_square, squares_for(by_square), 0, 60, 0, 70
-    )
+    layers = inflation.new_layers(*lethal.shape, by_square)
+    layers.marks.cells[:] = lethal
+    inflation.inflate_by_front(layers, Window(0, 60, 0, 70))
+    costs = layers.costs
     np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
     differ = costs != plain_inflation(lethal, config, 0.05)
     assert differ.sum() < 40 and (costs <= plain_inflation(lethal, config, 0.05)).all()

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import LETHAL, RollingCostmap
+from barn_planners.costmap.costmap import RollingCostmap
+from barn_planners.costmap.kernels import LETHAL
 from barn_planners.dwa.config import DwaConfig
 from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
-from barn_planners.dwa.planner import DwaController, samples
+from barn_planners.dwa.planner import DwaController, sample_velocities
 from barn_planners.navigation.loop import ControlInput
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -42,12 +43,12 @@ def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
 
 
 def forward_samples(config, velocity, end_distance_m):
-    table, drives = samples(config, velocity, end_distance_m)
+    table, drives = sample_velocities(config, velocity, end_distance_m)
     return table[:drives, [SPEED, TURN]]
 
 
 def turn_samples(config, velocity):
-    table, drives = samples(config, velocity, 9.0, escaping=True)
+    table, drives = sample_velocities(config, velocity, 9.0, is_escaping=True)
     assert drives == 0 and not table[:, SPEED].any()
     return table[:, TURN]
 
@@ -107,27 +108,27 @@ def test_samples_are_added_up_in_single_precision():
 
 def test_two_turns_to_one_side_forbid_the_other():
     memory = DwaMemory(QUIRKY)
-    memory.chose(HERE, 0.0, 0.5)
+    memory.record_sample(HERE, 0.0, 0.5)
     assert memory.allowed_turns() == (True, True)
-    memory.chose(HERE, 0.0, 0.5)
+    memory.record_sample(HERE, 0.0, 0.5)
     assert memory.allowed_turns() == (True, False)
-    memory.chose(Pose2D(0.04, 0.0, 1.0), 0.3, 0.0)
+    memory.record_sample(Pose2D(0.04, 0.0, 1.0), 0.3, 0.0)
     assert memory.allowed_turns() == (True, False)
-    memory.chose(Pose2D(0.051, 0.0, 1.0), 0.3, 0.0)
+    memory.record_sample(Pose2D(0.051, 0.0, 1.0), 0.3, 0.0)
     assert memory.allowed_turns() == (True, True)
-    memory.chose(HERE, 0.0, -0.5)
-    memory.chose(HERE, 0.0, -0.5)
+    memory.record_sample(HERE, 0.0, -0.5)
+    memory.record_sample(HERE, 0.0, -0.5)
     assert memory.allowed_turns() == (False, True)
 
 
 def test_an_escape_ends_after_a_distance_or_a_turn():
     for end in (Pose2D(-0.11, 0.0, 0.0), Pose2D(0.0, 0.0, 0.11)):
         memory = DwaMemory(QUIRKY)
-        memory.escapes(HERE, begin=True)
-        memory.escapes(Pose2D(-0.05, 0.0, 0.05), begin=True)
-        assert memory.escaping
-        memory.chose(end, 0.0, 0.5)
-        assert not memory.escaping
+        memory.record_escape(HERE, may_begin=True)
+        memory.record_escape(Pose2D(-0.05, 0.0, 0.05), may_begin=True)
+        assert memory.is_escaping
+        memory.record_sample(end, 0.0, 0.5)
+        assert not memory.is_escaping
 
 
 def test_with_nothing_allowed_the_quirk_reverses():

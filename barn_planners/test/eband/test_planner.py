@@ -136,7 +136,7 @@ def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for():
     for relaxes in (False, True):
         steered = controller(relax_new_plan=relaxes)
         calls = []
-        for name in ("optimise", "advance"):
+        for name in ("optimize", "advance"):
             called = getattr(steered._band, name)
             setattr(
                 steered._band,

@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import label
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL
 from barn_planners.global_plan import descent, kernels
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,
@@ -76,27 +77,16 @@ def plain_rounds(
 
 def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     rows, cols = costs.shape
-    potential = np.full(rows * cols, UNREACHED)
-    pending = np.ones((rows, cols), np.uint8)
-    pending[1:-1, 1:-1] = 0
-    prices = (
-        cell_prices(GlobalPlanConfig()),
-        math.sqrt(0.5) * cell_prices(GlobalPlanConfig()),
-    )
-    ends = (start[0] * cols + start[1], goal[0] * cols + goal[1])
-    window = np.zeros(4, np.int64)
-    work = (potential, pending.ravel(), np.empty((3, rows * cols), np.int32), window)
-    kernels.grow(
-        costs.ravel(),
-        cols,
-        prices,
-        ends,
-        (0.0, 0.0),
-        math.inf,
-        (254.0, 100.0, 10**9),
-        *work,
-    )
+    prices = cell_prices(GlobalPlanConfig())
+    terrain = kernels.Terrain(costs.ravel(), cols, prices, math.sqrt(0.5) * prices)
+    ends = kernels.Ends(start[0] * cols + start[1], goal[0] * cols + goal[1])
+    growth = kernels.Growth(254.0, 100.0, 10**9, 50.0, 48.5, 800.0)
+    memory = kernels.new_memory(rows, cols, np.float64)
+    pending = memory.pending.reshape(rows, cols)
+    kernels.grow(terrain, ends, growth, kernels.Focus(0.0, 0.0, math.inf), memory, 1)
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
+    potential = memory.potentials[1]
+    window = memory.windows[1]
     reached = potential.copy().reshape(rows, cols)
     assert all(
         window[0] <= row < window[1] and window[2] <= col < window[3]
@@ -420,9 +410,9 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit(
         pytest.skip("there is no way in this world")
     for most in (200, 30):
         points = np.empty((most, 2), np.float32)
-        ends = (start[0] * 50 + start[1], goal[0] * 50 + goal[1])
+        ends = kernels.Ends(start[0] * 50 + start[1], goal[0] * 50 + goal[1])
         n, arrived = descent.descend_as_navfn(
-            potential.ravel(), 50, *ends, 50.0, 254.0, points
+            potential.ravel(), 50, ends, 50.0, 254.0, points
         )
         expected, expected_arrived = plain_navfn_path(potential, start, goal, most)
         assert arrived == expected_arrived and (most == 200 or not arrived)
