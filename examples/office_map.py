@@ -1,4 +1,7 @@
-"""Draw a small office as a map of map_server: python examples/office_map.py out/office.yaml."""
+"""Draw a small office as a map of map_server.
+
+python examples/office_map.py out/office.yaml
+"""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A planner in plain rclpy: it drives where it is most open, near the goal's direction."""
+"""A planner in plain rclpy: drive where it is open, near the goal's direction."""
 
 from math import atan2, cos, sin
 

@@ -1,10 +1,10 @@
 """Fixtures of the tests of the repository: its documentation, examples, images and the tools of its makers."""
 
 import pytest
-from extra_messages import more_messages, with_more_messages
+from extra_messages import extra_message_types, with_extra_messages
 from shared_fixtures import longest_first, original_folder
 
-__all__ = ["more_messages", "original_folder", "with_more_messages"]
+__all__ = ["extra_message_types", "original_folder", "with_extra_messages"]
 LONGEST = [
     "documented_commands",
     "way_in",

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_model import made_trials
+from test_model import make_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.evaluation import (
@@ -35,18 +35,21 @@ def worlds():
 
 def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     few = {number: worlds[number] for number in list(worlds)[::2]}
-    inputs, trials = inputs_of(few.values()), made_trials(few)
+    inputs = inputs_of(few.values())
+    trials = make_trials(few)
     targets = np.concatenate([trials.mean_times(), trials.failure_rates()], axis=1)
     config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
     first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
     assert (first(inputs) == again(inputs)).all()
-    assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
+    errors = (first(inputs) - targets)[:, 0]
+    assert np.mean(errors**2) < 0.3 * targets[:, 0].var()
     training = NetworkTraining(inputs, targets, config, 3)
     every = torch.arange(len(inputs))
     strips = (training.strips, training.mirrored_strips)
     with torch.no_grad():
         both = [training.outputs(way, every).numpy() for way in strips]
-    theirs = 0.5 * (both[0] + both[1]) * training.target_std + training.target_mean
+    mean_output = 0.5 * (both[0] + both[1])
+    theirs = mean_output * training.target_std + training.target_mean
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
@@ -54,24 +57,24 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
     worlds, tmp_path
 ):
     worlds = {number: worlds[number] for number in list(worlds)[::3]}
-    trials = made_trials(worlds)
+    trials = make_trials(worlds)
     model = train_model(worlds, trials)
     save_model(model, tmp_path / "w.npz")
     read = load_model(tmp_path / "w.npz")
     assert read.predict(worlds[0]) == model.predict(worlds[0])
     save_model(train_model(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
-    found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
-    assert (found.worlds, found.trials, model.about["training_worlds"]) == (
+    report = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
+    assert (report.worlds, report.trials, model.about["training_worlds"]) == (
         len(worlds),
         len(trials),
         len(worlds),
     )
-    assert found.score(WEIGHTS).mse.estimate == pytest.approx(
+    assert report.score(WEIGHTS).mse.estimate == pytest.approx(
         model.about["training_mse"]
     )
-    assert found.score(WEIGHTS).predictions == pytest.approx(
-        [model.predict(one).difficulty_s_per_m for one in worlds.values()]
+    assert report.score(WEIGHTS).predictions == pytest.approx(
+        [model.predict(world).difficulty_s_per_m for world in worlds.values()]
     )
     assert all(
         model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3]
@@ -79,7 +82,7 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
 
 
 def test_both_kinds_are_judged_on_the_same_folds(worlds):
-    trials = made_trials(worlds)
+    trials = make_trials(worlds)
     five, routes = judge_networks(worlds, trials, EvaluationConfig(folds=3, repeats=1))
     assert min(five.r2.estimate, routes.r2.estimate) > 0.5
     assert (
@@ -104,18 +107,18 @@ def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
         ModelError,
         match="mine_0 is a world of barn_test, which judges models and is never trained on",
     ):
-        train_model(renamed, made_trials(renamed))
+        train_model(renamed, make_trials(renamed))
     mixed = worlds | {1000: held_out.load(7)}
     with pytest.raises(ModelError, match="is a world of barn_test"):
-        train_model(mixed, made_trials(mixed))
+        train_model(mixed, make_trials(mixed))
     with pytest.raises(
         ModelError,
         match="is a world of barn_test, which judges models and is never trained on",
     ):
         judge_networks(
-            renamed, made_trials(renamed), EvaluationConfig(folds=2, repeats=1)
+            renamed, make_trials(renamed), EvaluationConfig(folds=2, repeats=1)
         )
-    (judged,) = evaluate(renamed, made_trials(renamed), load_model()).scores
+    (judged,) = evaluate(renamed, make_trials(renamed), load_model()).scores
     assert (judged.name, judged.gain, judged.training_mse) == (
         WEIGHTS,
         None,
@@ -124,7 +127,7 @@ def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
 
 
 def test_training_needs_worlds(worlds):
-    trials = made_trials(worlds)
+    trials = make_trials(worlds)
     few = trials.in_worlds(trials.world_numbers[:9])
     with pytest.raises(
         ModelError, match="at least 10 worlds with trials of every planner, got 9"

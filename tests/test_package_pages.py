@@ -47,7 +47,8 @@ def rows_of(text):
 
 @pytest.mark.parametrize("page", NODES, ids=lambda path: path.parent.name)
 def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
-    text, package = page.read_text("utf-8"), page.parent.name
+    text = page.read_text("utf-8")
+    package = page.parent.name
     rows = rows_of(text)
     used = topics_of(package)
     assert len(used) > 1

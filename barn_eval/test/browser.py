@@ -17,12 +17,12 @@ PHONE = {
 
 def launch(playwright):
     """The system's Chromium, or else Playwright's own; the test is skipped without either."""
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if not found and not Path(playwright.chromium.executable_path).exists():
+    browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if not browser_path and not Path(playwright.chromium.executable_path).exists():
         pytest.skip(
             f"no browser: none of {', '.join(BROWSERS)} on the path, nor what `playwright install` fetches"
         )
-    return playwright.chromium.launch(executable_path=found)
+    return playwright.chromium.launch(executable_path=browser_path)
 
 
 class Opened:
@@ -54,11 +54,11 @@ class Opened:
     def check(self):
         """No page has written to the console, nor asked for more than files and the machine's own server."""
         assert self.written == []
-        own = {"file", "data", "blob"}
+        inline_schemes = {"file", "data", "blob"}
         assert [
             url
             for url in self.asked
-            if urlsplit(url).scheme not in own and "//127.0.0.1:" not in url
+            if urlsplit(url).scheme not in inline_schemes and "//127.0.0.1:" not in url
         ] == []
 
     def close(self):
@@ -86,9 +86,9 @@ def violations(page):
     )
     spared = {"nonBmp", "shortTextContent", "elmPartiallyObscured"}
     return [
-        (one["id"], one["impact"], node["target"])
-        for one in answer["violations"] + answer["incomplete"]
-        for node in one["nodes"]
+        (violation["id"], violation["impact"], node["target"])
+        for violation in answer["violations"] + answer["incomplete"]
+        for node in violation["nodes"]
         if not any(
             (check["data"] or {}).get("messageKey") in spared for check in node["any"]
         )

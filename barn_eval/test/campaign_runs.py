@@ -93,8 +93,8 @@ def tables(out):
 def children(pid):
     """Return the pids of the workers of a campaign: its children that do its work."""
     return [
-        one
-        for one, parent, line in processes()
+        process_id
+        for process_id, parent, line in processes()
         if parent == pid and b"barn_eval.running.worker" in line
     ]
 

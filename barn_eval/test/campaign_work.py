@@ -92,7 +92,8 @@ class Deeds(Work):
 
 def all_reports(engine, jobs):
     """Run jobs and return the reports by key."""
-    waiting, reports = list(jobs.items()), {}
+    waiting = list(jobs.items())
+    reports = {}
     while len(reports) < len(jobs):
         while waiting and len(jobs) - len(waiting) - len(reports) < engine.slots:
             engine.submit(*waiting.pop(0))

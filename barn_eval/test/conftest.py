@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files of tests first; take a picture again where the browser of a busy machine could not."""
     longest_first(items, LONGEST)
     for item in (
-        one for one in items if "screenshots" in getattr(one, "fixturenames", ())
+        test for test in items if "screenshots" in getattr(test, "fixturenames", ())
     ):
         item.add_marker(
             pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot")

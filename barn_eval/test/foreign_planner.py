@@ -61,8 +61,8 @@ class ForeignPlanner(Node):
         self.create_subscription(Odometry, "odom", lambda _: None, 10)
         self.create_subscription(PoseStamped, "goal_pose", lambda _: None, 10)
         self.forged = [
-            (self.create_publisher(type(one), topic, 10), one)
-            for topic, one in FORGED.get(kind, [])
+            (self.create_publisher(type(message_type), topic, 10), message_type)
+            for topic, message_type in FORGED.get(kind, [])
         ]
         if kind == "one_shot":
             self.create_subscription(String, "outcome", self.retire, 10)
@@ -131,7 +131,8 @@ class Late(Node):
 
     def __init__(self, notes):
         super().__init__("late")
-        self.notes, self.asked = notes, 0
+        self.notes = notes
+        self.asked = 0
         self.create_service(Trigger, "~/ready", self.answer)
 
     def answer(self, _, response):
@@ -146,7 +147,8 @@ if __name__ == "__main__":
     starts = int(note.read_text()) if note.exists() else 0
     note.write_text(str(starts + 1))
     kinds = sys.argv[2:]
-    kind, heard = kinds[min(starts, len(kinds) - 1)], note.with_suffix(".heard")
+    kind = kinds[min(starts, len(kinds) - 1)]
+    heard = note.with_suffix(".heard")
     if kind == "elsewhere":
         os.environ["ROS_DOMAIN_ID"] = "0"
     rclpy.init()

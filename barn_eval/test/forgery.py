@@ -28,13 +28,13 @@ def forge(folder, **changes):
 
 def rewrite_bag(path, data_of, result):
     """Write a bag again with other messages and another result."""
-    there = BagFile(path)
-    messages = list(there.messages())
+    bag_file = BagFile(path)
+    messages = list(bag_file.messages())
     shutil.move(path, path.with_name("old"))
     with Recorder(path) as recorder:
-        for one in messages:
-            recorder.add_topic(one.topic, one.type_name)
-            recorder.write(one.topic, data_of(one), one.stamp_ns)
+        for message in messages:
+            recorder.add_topic(message.topic, message.type_name)
+            recorder.write(message.topic, data_of(message), message.stamp_ns)
         recorder.add_metadata("barn.result", {"result": result})
         recorder.finish()
     shutil.rmtree(path.with_name("old"))

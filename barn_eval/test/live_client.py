@@ -43,23 +43,27 @@ class LiveClient:
 
     def channels(self, count):
         """Wait until so many channels have been advertised; return them by topic."""
-        found = {}
-        while len(found) < count:
+        by_topic = {}
+        while len(by_topic) < count:
             message = self.receive()
             if isinstance(message, dict) and message["op"] == "advertise":
-                found |= {channel["topic"]: channel for channel in message["channels"]}
-        return found
+                by_topic |= {
+                    channel["topic"]: channel for channel in message["channels"]
+                }
+        return by_topic
 
     def subscribe(self, channels):
         """Subscribe to channels; the number of a subscription is that of its channel."""
-        asked = [{"id": one["id"], "channelId": one["id"]} for one in channels]
-        content = json.dumps({"op": "subscribe", "subscriptions": asked})
+        requests = [
+            {"id": channel["id"], "channelId": channel["id"]} for channel in channels
+        ]
+        content = json.dumps({"op": "subscribe", "subscriptions": requests})
         self._do(lambda: self._connection.write_message(content))
 
     def messages(self, count):
         """Receive so many messages."""
-        found = []
-        while len(found) < count:
+        received = []
+        while len(received) < count:
             message = self.receive()
-            found += [message] if isinstance(message, tuple) else []
-        return found
+            received += [message] if isinstance(message, tuple) else []
+        return received

@@ -46,7 +46,7 @@ RUNTIME = (
     "rmw",
     "fastcdr",
     "rcutils",
-    *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS),
+    *(f"rosidl_typesupport_{support}" for support in TYPE_SUPPORTS),
 )
 TRANSLATE = {
     "action": TranslateActionToIDL,
@@ -69,37 +69,39 @@ DEFINITIONS = {
 def generate(folder, package):
     """Write the definitions of a package, where an installation has them, and its sources."""
     share = folder / "share" / package
-    made, shared, interfaces = (
-        folder / package,
-        [str(PREFIX / "share"), str(folder / "share")],
-        [],
-    )
-    for path in [one for one in DEFINITIONS if one.startswith(f"{package}/")]:
+    package_folder = folder / package
+    shared = [str(PREFIX / "share"), str(folder / "share")]
+    interfaces = []
+    for path in [
+        definition for definition in DEFINITIONS if definition.startswith(f"{package}/")
+    ]:
         _, kind, name = path.split("/")
         (share / kind).mkdir(parents=True, exist_ok=True)
         (share / kind / f"{name}.{kind}").write_text(
             DEFINITIONS[path].replace(", ", "\n") + "\n"
         )
         interfaces += TRANSLATE[kind](kind).translate(
-            package, [f"{share}:{kind}/{name}.{kind}"], shared, made
+            package, [f"{share}:{kind}/{name}.{kind}"], shared, package_folder
         )
     hashes = HashTypeDescription("hash").generate_type_hashes(
-        package, interfaces, shared, made
+        package, interfaces, shared, package_folder
     )
     both = ["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]
     GenerateC("c").generate(
-        package, interfaces, shared, made, type_description_files=hashes
+        package, interfaces, shared, package_folder, type_description_files=hashes
     )
-    GenerateFastRTPSCTypesupport("fast").generate(package, interfaces, shared, made)
+    GenerateFastRTPSCTypesupport("fast").generate(
+        package, interfaces, shared, package_folder
+    )
     # two generators give a file the same name
     GenerateIntrospectionCTypesupport("seen").generate(
         package, interfaces, shared, folder / "introspection" / package
     )
     GenerateCTypesupport("c", typesupport_implementations=both).generate(
-        package, interfaces, shared, made
+        package, interfaces, shared, package_folder
     )
     python = GeneratePython("py", typesupport_implementations=["rosidl_typesupport_c"])
-    python.generate(package, interfaces, shared, made)
+    python.generate(package, interfaces, shared, package_folder)
 
 
 def build(folder, package):
@@ -140,7 +142,7 @@ def build(folder, package):
             "-fPIC",
             "-O0",
             "-w",
-            *(f"-I{one}" for one in headers),
+            *(f"-I{header_folder}" for header_folder in headers),
             *sources,
         ]
         command += [

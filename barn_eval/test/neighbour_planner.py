@@ -33,11 +33,9 @@ class Managed(LifecycleNode):
         self.costmap = Costmap(data=[1, 2, 3])
         self.costmap.metadata.layer = "master"
         self.costmaps = self.create_publisher(Costmap, "costmap_raw", 10)
-        self.kind, self.notes, self.stays_inactive = (
-            NavigateToPose,
-            notes,
-            stays_inactive,
-        )
+        self.kind = NavigateToPose
+        self.notes = notes
+        self.stays_inactive = stays_inactive
         self.scans = self.goals = self.refusals = 0
         self.working = self.live = False
         group = ReentrantCallbackGroup()

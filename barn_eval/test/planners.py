@@ -36,8 +36,9 @@ def spec_of(
     world=0, protocol=CHALLENGE, planner="gap", *, robot=None, repetition=0, **changes
 ):
     """A trial in a world, or in one of the protocol's data set by its number."""
-    name, simulator = dataset_of(protocol), simulator_config(protocol, robot=robot)
-    index, found = (
+    name = dataset_of(protocol)
+    simulator = simulator_config(protocol, robot=robot)
+    index, loaded_world = (
         (world, open_dataset(name).load(world))
         if isinstance(world, int)
         else (0, world)
@@ -46,7 +47,7 @@ def spec_of(
     return TrialSpec(
         name,
         index,
-        found,
+        loaded_world,
         planner,
         preset,
         {},

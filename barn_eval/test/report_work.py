@@ -76,14 +76,14 @@ def recorded_track(bag, world):
 
 def drive(path, protocol=CHALLENGE, planners=("gap",), worlds="0"):
     """Drive a trial of each planner in each world, with bags, and return the folder."""
-    asked = {
+    options = {
         "dataset": dataset_of(protocol),
         "seed": 5,
         "bags": "all",
         "engine": "inline",
         "progress": False,
     }
-    return barn.run(worlds, list(planners), protocol, out=path, **asked).folder
+    return barn.run(worlds, list(planners), protocol, out=path, **options).folder
 
 
 def campaign(
@@ -108,7 +108,9 @@ def campaign(
     dataset = open_dataset(rules["dataset"])
     path.mkdir()
     track = json.loads(next(iter(TrackFile(run).read().values())))
-    lines, tracks, left = [], [], bags
+    lines = []
+    tracks = []
+    left = bags
     for world in range(worlds):
         of_world = {
             "world": world,
@@ -129,13 +131,13 @@ def campaign(
                     "detail": EVIL if fails else "",
                 }
                 ended |= {"outcome": Outcome.TIMEOUT if fails else Outcome.SUCCESS}
-                drawn = {
+                rows = {
                     "planner": planner,
                     "repetition": repetition,
                     "simulator_seed": 100 * world + repetition,
                 }
                 row = replace(
-                    model, trial_id=name, **of_world, **drawn, **of_rules, **ended
+                    model, trial_id=name, **of_world, **rows, **of_rules, **ended
                 )
                 lines.append(seal_line(to_json_line(row)))
                 if left and world == 0:

@@ -13,7 +13,7 @@ from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfi
 from barn_eval.trials.spec import simulator_config
 
 
-def made_up(spec):
+def invent_result(spec):
     """Return the result of a trial that was not driven: slower with filled cells, more so for DWA; some fail."""
     generator = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     steepness = 8.0 if spec.planner == "dwa" else 4.0
@@ -23,7 +23,7 @@ def made_up(spec):
     )
     fails = generator.random() < 0.1
     scored_s = spec.protocol.failure_time_s if fails else time_s
-    one = a_result(spec.world_number)
+    result = a_result(spec.world_number)
     times = {
         "traversal_time_s": spec.protocol.limit_s if fails else time_s,
         "scored_time_s": scored_s,
@@ -45,10 +45,10 @@ def made_up(spec):
     of_spec |= {"protocol": spec.protocol.name, "metric": spec.protocol.metric}
     outcome = Outcome.TIMEOUT if fails else Outcome.SUCCESS
     return replace(
-        one,
+        result,
         **of_spec,
         outcome=outcome,
-        scores=replace(one.scores, success=not fails, **times),
+        scores=replace(result.scores, success=not fails, **times),
     )
 
 
@@ -65,11 +65,11 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
     )
 
 
-def write_made_up(out, experiment, change=lambda result: result):
+def write_invented(out, experiment, change=lambda result: result):
     """Write a folder of trials that were not driven, and return their results."""
     with ResultsFolder.open(
         out, experiment, ExecutionConfig(), experiment.trials()
     ) as folder:
         for spec in folder.remaining:
-            folder.append(TrialRecord(change(made_up(spec)), None))
+            folder.append(TrialRecord(change(invent_result(spec)), None))
         return folder.complete()

@@ -64,7 +64,7 @@ def nothing_left(monkeypatch):
 
 def marked(mark, text=""):
     """Return the processes other than this one that carry the mark and have the text in their command line."""
-    found = []
+    processes = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
             pid = int(entry.name)
@@ -76,8 +76,8 @@ def marked(mark, text=""):
             ):
                 continue
             if text in (entry / "cmdline").read_bytes().decode():
-                found.append(pid)
-    return found
+                processes.append(pid)
+    return processes
 
 
 def node_process(mark, module):
@@ -140,14 +140,14 @@ def foreign(script, *arguments):
 
 def messages(bag):
     """Return the decoded messages of a bag by topic, as (time from the first, message)."""
-    found = {}
+    messages_by_topic = {}
     with AnyReader([bag]) as reader:
         for connection, stamp, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append(
+            messages_by_topic.setdefault(connection.topic, []).append(
                 (stamp - reader.start_time, message)
             )
-    return found
+    return messages_by_topic
 
 
 def unstamped(bag):
@@ -155,16 +155,14 @@ def unstamped(bag):
 
     Of the reports on /diagnostics only those of the planner.
     """
-    found = {}
+    contents = {}
     for record in BagFile(bag).messages():
-        data, message = (
-            bytearray(record.data),
-            deserialize(record.data, record.type_name),
-        )
+        data = bytearray(record.data)
+        message = deserialize(record.data, record.type_name)
         if record.topic == "/diagnostics" and message.status[0].name != "planner":
             continue
         for name, slot in find_slots(message).items():
             if name.endswith(".sec"):
                 data[slot.offset : slot.offset + 4] = bytes(4)
-        found.setdefault(record.topic, []).append(bytes(data))
-    return found
+        contents.setdefault(record.topic, []).append(bytes(data))
+    return contents

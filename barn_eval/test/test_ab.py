@@ -61,12 +61,12 @@ def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
 
 
 def test_both_commands_drive_under_the_name_of_base_so_that_seeds_are_the_same():
-    asked = [
+    requests = [
         side(text, base="python base.py")
         for text in ("python base.py", "python head.py")
     ]
-    assert [one.config.planners[0].name for one in asked] == ["base", "base"]
-    assert asked[0].out != asked[1].out
+    assert [request.config.planners[0].name for request in requests] == ["base", "base"]
+    assert requests[0].out != requests[1].out
 
 
 def test_a_file_of_a_run_is_a_side(tmp_path):
@@ -122,22 +122,25 @@ def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_cod
     code, out, err = command(
         "ab", "gap,max_speed_mps=0.4", "gap,max_speed_mps=0.9", *words, "--json"
     )
-    found = json.loads(out)
-    assert (code, found["decision"]) == (0, "better")
-    assert found["worlds"] < found["planned"] == 15
+    content = json.loads(out)
+    assert (code, content["decision"]) == (0, "better")
+    assert content["worlds"] < content["planned"] == 15
     assert err.count("trials are there already") == 2 and "success in" not in err
     folders = {path.name for path in (tmp_path / "ab").iterdir()}
-    assert {found["base"], found["head"]} == {f"ab/{name}" for name in folders}
+    assert {content["base"], content["head"]} == {f"ab/{name}" for name in folders}
 
 
 def test_a_verdict_tells_how_far_it_went(tmp_path):
-    found = ab(
+    conclusion = ab(
         "gap",
         "gap,margin_m=0.031",
         "",
         OPTIONS | {"out": tmp_path},
         Reporter(),
     )
-    assert isinstance(found, AbResult) and found.decision in ("futile", "open")
-    assert f"after {found.worlds} of 6 worlds" in found.markdown()
-    assert "difference is clear" in found.markdown()
+    assert isinstance(conclusion, AbResult) and conclusion.decision in (
+        "futile",
+        "open",
+    )
+    assert f"after {conclusion.worlds} of 6 worlds" in conclusion.markdown()
+    assert "difference is clear" in conclusion.markdown()

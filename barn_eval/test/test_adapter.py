@@ -28,7 +28,8 @@ from barn_worlds.messages.encode import (
 from barn_worlds.messages.topics import CMD_VEL
 
 ORIGIN = 7_000_000_000
-PERIOD, SILENCE = 50_000_000, 500_000_000
+PERIOD = 50_000_000
+SILENCE = 500_000_000
 AHEAD = replace(
     CHALLENGE, start=PoseRule(yaw_rad=0.0), goal=PoseRule(x_m=10.0, yaw_rad=0.0)
 )
@@ -88,8 +89,8 @@ def tick(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()
 
 def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
     for k in range(5):
-        kept = adapter.take(tick(k, 0.03 * k, command=(0.1 * k, 0.2)))
-        assert [message.topic for message in kept] == [
+        reading = adapter.take(tick(k, 0.03 * k, command=(0.1 * k, 0.2)))
+        assert [message.topic for message in reading] == [
             "/odom",
             "/truth",
             "/collision",
@@ -115,9 +116,9 @@ def test_a_plan_counts_from_the_reading_after_it_if_it_is_in_the_frame_of_plans(
         0,
     )
     for k in range(3):
-        one = tick(k, 0.05 * k)
-        one.messages.insert(4, plan)  # before the command
-        adapter.take(one)
+        message = tick(k, 0.05 * k)
+        message.messages.insert(4, plan)  # before the command
+        adapter.take(message)
     trajectory = adapter.trial.log.trajectory()
     np.testing.assert_allclose(trajectory.off_plan_m, expected)
     adapter.take(tick(3, 0.15, extra=[("/plan", "no plan")]))
@@ -131,8 +132,8 @@ def test_only_the_simulator_publishes_the_time_and_all_readings():
 def test_nothing_after_the_verdict_is_kept(adapter):
     adapter.take(tick(0, 0.0))
     adapter.take(tick(1, 0.5))
-    kept = adapter.take(tick(2, 9.5, extra=[("/plan", 1)]))
-    assert [message.topic for message in kept] == [
+    reading = adapter.take(tick(2, 9.5, extra=[("/plan", 1)]))
+    assert [message.topic for message in reading] == [
         "/odom",
         "/truth",
         "/collision",
@@ -160,7 +161,8 @@ def test_odometry_and_true_pose_are_kept_apart(adapter):
 
 def test_two_readings_in_one_tick_are_judged_one_by_one(adapter):
     # a clock that ticks less often than the robot is measured
-    first, second = tick(0, 0.0, command=None), tick(1, 0.2)
+    first = tick(0, 0.0, command=None)
+    second = tick(1, 0.2)
     adapter.take(Tick(ORIGIN, 0, first.messages + second.messages))
     assert adapter.trial.log.trajectory().stamps_ns.tolist() == [0, PERIOD]
     adapter.take(tick(2, 9.5))
@@ -216,15 +218,15 @@ def test_response_time_is_from_scan_to_first_command(adapter):
 
 
 @pytest.mark.parametrize(
-    ("told", "count"),
+    ("statuses", "count"),
     [
         ([""], None),
         (["recovering"], 1),
         (["running", "recovering", "recovering", "", "running", "recovering"], 2),
     ],
 )
-def test_recoveries_are_counted_when_they_begin(adapter, told, count):
-    for k, status in enumerate(told):
+def test_recoveries_are_counted_when_they_begin(adapter, statuses, count):
+    for k, status in enumerate(statuses):
         adapter.take(tick(k, 0.0, extra=[("/diagnostics", status)]))
     assert adapter.trial.recoveries == count
 
@@ -266,11 +268,14 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
 def test_control_periods_without_a_command_are_counted(
     commands_ms, now_ms, missed, share
 ):
-    commands_ns, now_ns = [1_000_000 * now for now in commands_ms], 1_000_000 * now_ms
+    commands_ns = [1_000_000 * now for now in commands_ms]
+    now_ns = 1_000_000 * now_ms
     assert count_missed_periods(commands_ns, now_ns, PERIOD, SILENCE) == missed
     assert share_of_missed(missed, commands_ns, now_ns, PERIOD) == pytest.approx(share)
-    begun = bool(commands_ns) and now_ns - commands_ns[0] >= PERIOD
-    assert share_of_missed(1000, commands_ns, now_ns, PERIOD) == (1.0 if begun else 0.0)
+    is_counting = bool(commands_ns) and now_ns - commands_ns[0] >= PERIOD
+    assert share_of_missed(1000, commands_ns, now_ns, PERIOD) == (
+        1.0 if is_counting else 0.0
+    )
 
 
 def test_a_planner_that_skips_cycles_is_seen_to(adapter):

@@ -35,8 +35,8 @@ def test_a_change_is_how_many_times_as_good_a_figure_is():
         Measurement("time", 1.0, "ms", "lower"),
         Measurement("old", 1.0, "x"),
     ]
-    found = changes(now, before)
-    assert [(one.name, one.ratio, one.slower) for one in found] == [
+    differences = changes(now, before)
+    assert [(change.name, change.ratio, change.slower) for change in differences] == [
         ("rate", 2.0, False),
         ("time", 0.5, True),
     ]
@@ -55,7 +55,7 @@ def test_a_change_within_the_noise_is_none():
 def test_figures_come_back_from_their_file(tmp_path):
     figures = [best_of(rounds(4.0, 5.0)), Measurement("share", 40.0, "%", "lower")]
     (tmp_path / "bench.json").write_text(
-        json.dumps({"figures": [asdict(one) for one in figures]})
+        json.dumps({"figures": [asdict(figure) for figure in figures]})
     )
     assert read_figures(tmp_path / "bench.json") == figures
 

@@ -48,7 +48,9 @@ def test_one_row_per_trial_in_the_order_of_the_plan(whole):
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM], ids=lambda one: one.name
+    "number",
+    [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM],
+    ids=lambda signal_number: signal_number.name,
 )
 def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     out = tmp_path / "out"
@@ -71,19 +73,20 @@ def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
 def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(
     whole, tmp_path
 ):
-    out, kept = tmp_path / "out", 0
+    out = tmp_path / "out"
+    rows_before = 0
     for number in (signal.SIGKILL, signal.SIGINT):
         campaign = runs.start(whole[0], "--out", out, "--workers", 2)
-        until(lambda kept=kept: runs.rows(out) >= kept + 2)
+        until(lambda rows_before=rows_before: runs.rows(out) >= rows_before + 2)
         workers = runs.children(campaign.pid)
         runs.stop(campaign, number)
         _, errors = campaign.communicate(timeout=600)
         assert len(workers) == 2
         until(lambda workers=workers: not any(map(alive, workers)))
-        assert runs.rows(out) >= kept + 2
+        assert runs.rows(out) >= rows_before + 2
         assert not (out / "results.parquet").exists()
-        if kept:
-            assert f"{kept} of 12 trials are there already" in errors
+        if rows_before:
+            assert f"{rows_before} of 12 trials are there already" in errors
         if number != signal.SIGKILL:
             assert campaign.returncode == 130
             assert (
@@ -93,8 +96,8 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(
             assert (
                 errors.splitlines()[-1] == "interrupted" and "Traceback" not in errors
             )
-        kept = runs.rows(out)
-    assert kept < 12, "the campaign was complete before it could be disturbed"
+        rows_before = runs.rows(out)
+    assert rows_before < 12, "the campaign was complete before it could be disturbed"
     assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
     same_table(whole, out)
     assert len(json.loads((out / "run.json").read_text())["sessions"]) == 3
@@ -136,14 +139,15 @@ def small_disk(tmp_path):
 def test_a_full_disk_ends_the_campaign_in_one_line_and_nothing_is_lost(
     whole, small_disk
 ):
-    out, filler = small_disk / "out", small_disk / "filler"
+    out = small_disk / "out"
+    filler = small_disk / "filler"
     filler.write_bytes(bytes(72 * 1024))
     full = runs.run(whole[0], "--out", out, "--workers", 2)
     assert full.returncode == 1
     assert "No space left on device" in full.stderr
     assert full.stderr.count("error:") == 1
-    kept = runs.rows(out)
-    assert kept >= 1
+    rows = runs.rows(out)
+    assert rows >= 1
     filler.unlink()
     done = runs.run(whole[0], "--out", out, "--workers", 2)
     assert done.returncode == 0, done.stderr
@@ -205,14 +209,14 @@ def test_worlds_that_have_changed_are_refused(whole, run_here, tmp_path):
 
 
 def test_bags_are_kept_of_what_was_asked_for(run_here, tmp_path):
-    asked = {"worlds": "0", "planners": "gap", "engine": "inline"}
-    results = run_here(out=tmp_path / "failed", bags="failed", **asked)
+    options = {"worlds": "0", "planners": "gap", "engine": "inline"}
+    results = run_here(out=tmp_path / "failed", bags="failed", **options)
     failed = {row.trial_id for row in results if not row.scores.success}
     folder = tmp_path / "failed" / "bags"
     assert (
         {path.name for path in folder.iterdir()} if folder.exists() else set()
     ) == failed
-    run_here(out=tmp_path / "all", bags="all", **asked)
+    run_here(out=tmp_path / "all", bags="all", **options)
     assert {path.name for path in (tmp_path / "all" / "bags").iterdir()} == {
         "gap_w0000_r00",
         "gap_w0000_r01",

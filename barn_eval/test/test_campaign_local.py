@@ -33,15 +33,15 @@ def started(engine):
 def test_every_job_is_reported_once_and_workers_are_kept(engine):
     reports = all_reports(engine, {str(n): ("echo", n) for n in range(40)})
     assert [reports[str(n)].result for n in range(40)] == list(range(40))
-    seen = [
+    workers = [
         report.result
         for report in all_reports(
             engine, {str(n): ("whoami", None) for n in range(10)}
         ).values()
     ]
-    assert len({pid for pid, _, _ in seen}) <= 2
-    assert os.getpid() not in {pid for pid, _, _ in seen}
-    assert max(jobs for _, jobs, _ in seen) > 1
+    assert len({pid for pid, _, _ in workers}) <= 2
+    assert os.getpid() not in {pid for pid, _, _ in workers}
+    assert max(jobs for _, jobs, _ in workers) > 1
 
 
 def test_a_worker_that_is_stopped_is_given_up_as_the_machines_fault(monkeypatch):
@@ -152,8 +152,10 @@ def test_an_idle_worker_that_was_killed_costs_nothing(engine):
             os.P_PID, pid, os.WEXITED | os.WNOWAIT
         )  # until its last thread has let go of the pipe
     assert all(
-        isinstance(one, JobResult)
-        for one in all_reports(engine, {str(n): ("echo", n) for n in range(6)}).values()
+        isinstance(outcome, JobResult)
+        for outcome in all_reports(
+            engine, {str(n): ("echo", n) for n in range(6)}
+        ).values()
     )
 
 
@@ -196,8 +198,9 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
             engine.wait(600.0)
     """)
     log = tmp_path / "log"
-    command, here = [sys.executable, "-c", script, str(log)], Path(__file__).parent
-    with subprocess.Popen(command, cwd=here, start_new_session=True) as parent:
+    command = [sys.executable, "-c", script, str(log)]
+    folder = Path(__file__).parent
+    with subprocess.Popen(command, cwd=folder, start_new_session=True) as parent:
         until(lambda: log.exists() and log.read_text().count("started") == 2)
         pids = [int(line.split()[1]) for line in log.read_text().splitlines()]
         stop(parent, number)

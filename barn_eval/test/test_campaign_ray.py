@@ -93,7 +93,8 @@ def test_a_job_over_its_time_is_lost(cluster, tmp_path):
 def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(
     engine, cluster, tmp_path
 ):
-    meeting, reports = tmp_path / "list", []
+    meeting = tmp_path / "list"
+    reports = []
 
     def reported(count):
         reports.extend(engine.wait(1.0))
@@ -136,8 +137,8 @@ def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tm
     assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(
         tmp_path / "local"
     )
-    assert max(one.wall_clock.attempts for one in results) <= 2
-    assert len({one.wall_clock.worker for one in results}) >= 2
+    assert max(result.wall_clock.attempts for result in results) <= 2
+    assert len({result.wall_clock.worker for result in results}) >= 2
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):

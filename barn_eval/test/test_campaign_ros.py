@@ -63,9 +63,9 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[gap]", repetitions=3)
     out = tmp_path / "out"
     for number in (signal.SIGKILL, signal.SIGINT):
-        kept = runs.rows(out)
+        rows = runs.rows(out)
         campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 1)
-        until(lambda kept=kept: runs.rows(out) > kept)
+        until(lambda rows=rows: runs.rows(out) > rows)
         runs.stop(campaign, number)
         _, errors = campaign.communicate(timeout=600)
         until(lambda: not marked(os.environ[MARK]))
@@ -79,11 +79,9 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
 
 def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]")
-    planner, starts, out = (
-        tmp_path / "planner.sh",
-        tmp_path / "starts",
-        tmp_path / "out",
-    )
+    planner = tmp_path / "planner.sh"
+    starts = tmp_path / "starts"
+    out = tmp_path / "out"
     planner.write_text(
         f"echo >> {starts}\nexec {shlex.join([sys.executable, str(EXAMPLE)])}\n"
     )

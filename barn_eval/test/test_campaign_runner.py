@@ -37,7 +37,8 @@ def driven(spec, clock=0.0):
     draw = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     count = 50
     truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
-    stamps_ns, speeds = np.arange(count) * 50_000_000, draw.uniform(0, 0.5, (count, 2))
+    stamps_ns = np.arange(count) * 50_000_000
+    speeds = draw.uniform(0, 0.5, (count, 2))
     trajectory = Trajectory(
         stamps_ns, truth, speeds, np.ones((count, 2)), np.zeros(count, bool)
     )
@@ -61,9 +62,13 @@ class Scripted(WorkerPool):
     """Answers jobs in an order of its own; `fate` may turn an attempt into something else than a result."""
 
     def __init__(self, slots=3, seed=0, fate=lambda key, attempt, result: result):
-        self._slots, self.fate = slots, fate
+        self._slots = slots
+        self.fate = fate
         self.draw = np.random.default_rng(seed)
-        self.out, self.attempts, self.order, self.closed = {}, {}, [], False
+        self.out = {}
+        self.attempts = {}
+        self.order = []
+        self.closed = False
 
     @property
     def slots(self):

@@ -37,15 +37,15 @@ def folder(driven, tmp_path):
 
 
 def test_a_good_folder_has_nothing_wrong_with_it(driven, command):
-    found = barn.results.check(driven)
-    assert (found.trials, found.rows, found.tracks, found.bags, found.driven) == (
+    report = barn.results.check(driven)
+    assert (report.trials, report.rows, report.tracks, report.bags, report.driven) == (
         2,
         2,
         2,
         2,
         2,
     )
-    assert (found.problems, found.unchecked) == ([], [])
+    assert (report.problems, report.unchecked) == ([], [])
     assert command("check", driven) == (0, SAID, "")
     code, out, _ = command("check", driven, "--json")
     assert (code, json.loads(out)["problems"]) == (0, [])
@@ -72,7 +72,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: change_row(out, 1, trial_id="gap_w0009_r00"),
-            "gap_w0009_r00 is no trial of this experiment",
+            "gap_w0009_r00 is no trial of this run",
         ),
         (
             lambda out: change_row(out, 1, world_checksum="0"),
@@ -208,7 +208,7 @@ def collided(tmp_path_factory):
         engine="inline",
         progress=False,
     )
-    assert [one.outcome for one in run.trials] == ["collision"]
+    assert [trial.outcome for trial in run.trials] == ["collision"]
     return run.folder
 
 
@@ -259,14 +259,14 @@ def test_what_was_forged_is_found_though_checksums_tables_and_bag_were_forged_wi
     folder = Path(shutil.copytree(collided, tmp_path / "out"))
     if bags == "none":
         without_bags(folder)
-        told = barn.results.check(folder)
-        assert (told.problems, told.driven) == ([], 0)
-        assert told.unchecked[0].startswith(
+        report = barn.results.check(folder)
+        assert (report.problems, report.driven) == ([], 0)
+        assert report.unchecked[0].startswith(
             "1 trials: not driven again, as their commands are not"
         )
     forge(folder, **changes(barn.load(folder).trials[0]))
     problems = barn.results.check(folder).problems
-    assert any(words in one for one in problems), problems
+    assert any(words in problem for problem in problems), problems
 
 
 def test_a_bag_that_no_drive_can_have_left_is_found_by_driving_its_commands_again(
@@ -285,9 +285,9 @@ def test_a_bag_that_no_drive_can_have_left_is_found_by_driving_its_commands_agai
 
     rewrite_bag(bag, shifted, row.repeatable())
     (problem,) = (
-        one
-        for one in barn.results.check(folder).problems
-        if "give another trajectory" in one
+        line
+        for line in barn.results.check(folder).problems
+        if "give another trajectory" in line
     )
     assert problem.endswith(
         "its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away"

@@ -41,9 +41,9 @@ def tiny(tmp_path_factory, open_world) -> Path:
 
 def output_and_modules(arguments, **environment):
     """Return what `barn` prints in a process of its own, and the names of the modules that it has loaded."""
-    asked = f"import sys\nfrom barn_eval.commands.main import main\ntry: main({arguments})\nfinally: print(*sys.modules)"
+    script = f"import sys\nfrom barn_eval.commands.main import main\ntry: main({arguments})\nfinally: print(*sys.modules)"
     done = subprocess.run(
-        [sys.executable, "-c", asked],
+        [sys.executable, "-c", script],
         capture_output=True,
         text=True,
         check=True,
@@ -97,35 +97,35 @@ def test_campaign_is_another_name_of_run(command):
 
 
 def test_the_help_lists_the_keys_of_each_group(command):
-    shown = command("run", "--help")[1]
+    help_text = command("run", "--help")[1]
     for config in (SimulatorConfig(), RosConfig(), ExecutionConfig()):
-        assert [key for key, _, _ in fields_of(config) if key not in shown] == []
+        assert [key for key, _, _ in fields_of(config) if key not in help_text] == []
 
 
 def test_another_package_adds_a_command(tmp_path):
-    about = tmp_path / "stranger-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text(
+    metadata = tmp_path / "stranger-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(
         "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
     )
-    (about / "entry_points.txt").write_text(
+    (metadata / "entry_points.txt").write_text(
         "[barn_eval.commands]\nhello = stranger:hello\n"
     )
     code = (
         "import click\nhello = click.Command('hello', callback=lambda: print('hi'))\n"
     )
     (tmp_path / "stranger.py").write_text(code)
-    for arguments, said in ((["hello"], "hi"), (["--help"], "  hello ")):
+    for arguments, output in ((["hello"], "hi"), (["--help"], "  hello ")):
         lines, loaded = output_and_modules(arguments, PYTHONPATH=str(tmp_path))
-        assert any(said in line for line in lines)
+        assert any(output in line for line in lines)
         assert ("stranger" in loaded) == (arguments == ["hello"])
 
 
 def test_version_names_the_commit_that_the_records_name(command, monkeypatch):
-    known = commit()
+    current = commit()
     assert (
         command("--version")[1]
-        == f"barn {__version__}" + (f" (commit {known})" if known else "") + "\n"
+        == f"barn {__version__}" + (f" (commit {current})" if current else "") + "\n"
     )
     monkeypatch.setenv("PATH", "")  # no git
     assert command("--version")[1] == f"barn {__version__}\n"
@@ -162,9 +162,9 @@ def test_run(command, tiny, tmp_path):
     for result in results:
         with Reader(tmp_path / "run" / "bags" / result.trial_id) as reader:
             assert {"/scan", "/cmd_vel", "/plan"} <= set(reader.topics)
-    about = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert about["experiment"]["protocol"]["limit_s"] == 100.0
-    assert {"versions", "commit", "machine"} <= about["sessions"][0].keys()
+    content = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert content["experiment"]["protocol"]["limit_s"] == 100.0
+    assert {"versions", "commit", "machine"} <= content["sessions"][0].keys()
     assert (tmp_path / "run" / "results.csv").read_text().count("\n") == 3
 
 
@@ -186,11 +186,12 @@ def test_run_is_completed_and_not_mixed_with_another(command, tiny, tmp_path):
     code, out, err = command(*run, "--json")
     assert code == 0
     assert "1 of 1 trials are there already" in err
-    shown, row = json.loads(out), json.loads(lines)
+    summary = json.loads(out)
+    row = json.loads(lines)
     assert row.pop("crc32")
     assert (
-        shown["results"],
-        [one["scores"]["trials"] for one in shown["planners"]],
+        summary["results"],
+        [planner["scores"]["trials"] for planner in summary["planners"]],
     ) == ([row], [1])
     assert command(*run, "--seed", 1, "--overwrite")[0] == 0
     assert [result.campaign_seed for result in read_results(tmp_path / "run")] == [1]
@@ -288,9 +289,9 @@ def test_one_parameter_set_of_ones_own(command, tmp_path):
         "turtlebot3_burger",
     )
     assert command(*words, "--set", "initial_fill=0.35", "--set", "cols=20")[0] == 0
-    made = open_dataset(tmp_path / "layout")
-    assert len(made.world_numbers) == 2
-    world = made.load(0)
+    dataset = open_dataset(tmp_path / "layout")
+    assert len(dataset.world_numbers) == 2
+    world = dataset.load(0)
     assert (world.cols, world.footprint_cells, world.resolution_m) == (20, 5, 0.06)
     assert np.load(tmp_path / "layout" / "metrics_files" / "metrics_0.npy").shape == (
         5,
@@ -337,7 +338,10 @@ def test_bench(command, tiny, tmp_path):
         for figure in json.loads(out)["figures"]
         if figure["better"] != "neither"
     ]
-    assert code == 0 and [one["name"] for one in json.loads(later)["changes"]] == names
+    assert (
+        code == 0
+        and [change["name"] for change in json.loads(later)["changes"]] == names
+    )
     figures = {figure["name"]: figure for figure in json.loads(out)["figures"]}
     assert all(figure["value"] > 0.0 for figure in figures.values())
     assert json.loads(out)["machine"]["cores"] >= 1

@@ -36,11 +36,11 @@ from barn_worlds.base.text_files import make_json_safe
 def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
     """Return three trials in each world, slow worlds for both planners alike."""
     draw = np.random.default_rng(seed)
-    found = []
+    rows = []
     for world in range(worlds):
-        own_s = draw.uniform(10.0, 30.0)
+        world_s = draw.uniform(10.0, 30.0)
         for repetition in range(3):
-            time_s = own_s + slower_s + draw.normal(0.0, 0.5)
+            time_s = world_s + slower_s + draw.normal(0.0, 0.5)
             times = {
                 "traversal_time_s": time_s,
                 "scored_time_s": time_s,
@@ -50,21 +50,21 @@ def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
                 "trial_id": format_trial_id(planner, world, repetition),
                 "simulator_seed": 100 * world + repetition,
             }
-            one = replace(
+            row = replace(
                 a_result(world), planner=planner, repetition=repetition, **named
             )
-            found.append(scored(one, **times))
-    return found
+            rows.append(scored(row, **times))
+    return rows
 
 
-def scored(one, **scores):
+def scored(row, **scores):
     """A result with some of its scores changed."""
-    return replace(one, scores=replace(one.scores, **scores))
+    return replace(row, scores=replace(row.scores, **scores))
 
 
-def failed(one):
+def failed(row):
     return scored(
-        replace(one, outcome=Outcome.TIMEOUT),
+        replace(row, outcome=Outcome.TIMEOUT),
         success=False,
         scored_time_s=50.0,
         challenge=0.0,
@@ -72,13 +72,13 @@ def failed(one):
 
 
 def test_a_difference_that_worlds_hide_is_found_by_pairs():
-    found = compare(results(), results("eband", slower_s=1.0))
-    row = found.row("scored_time_s")
+    comparison = compare(results(), results("eband", slower_s=1.0))
+    row = comparison.row("scored_time_s")
     assert row.paired.trials == 60
     assert row.paired.difference.estimate == pytest.approx(-1.0, abs=1e-9)
     assert row.paired.improvement.estimate > 0.8
-    assert found.rank_correlation.estimate > 0.9
-    assert [row.key for row in found.rows] == list(COMPARED)
+    assert comparison.rank_correlation.estimate > 0.9
+    assert [row.key for row in comparison.rows] == list(COMPARED)
 
 
 def test_a_comparison_says_who_is_better_by_each_measure():
@@ -91,21 +91,21 @@ def test_a_comparison_says_who_is_better_by_each_measure():
         "challenge": 0.0,
     }
     worse = {"min_clearance_m": 0.05, "contact_s": 1.0, "rms_jerk_mps3": 2.0}
-    bad = [scored(one, **worse_scores) for one in results("eband", worlds=3)]
-    bad = [replace(one, measures=replace(one.measures, **worse)) for one in bad]
-    found = compare(good, bad)
+    bad = [scored(row, **worse_scores) for row in results("eband", worlds=3)]
+    bad = [replace(row, measures=replace(row.measures, **worse)) for row in bad]
+    comparison = compare(good, bad)
     better = {
-        key: found.row(key).paired.improvement.estimate
+        key: comparison.row(key).paired.improvement.estimate
         for key in (*worse_scores, *worse)
     }
     assert better == dict.fromkeys(better, 1.0)
     longer = [
-        replace(one, measures=replace(one.measures, driven_m=6.0, rotation_rad=2.0))
-        for one in good
+        replace(row, measures=replace(row.measures, driven_m=6.0, rotation_rad=2.0))
+        for row in good
     ]
-    found = compare(good, longer)
+    comparison = compare(good, longer)
     assert [
-        found.row(key).paired.improvement.estimate
+        comparison.row(key).paired.improvement.estimate
         for key in ("driven_m", "rotation_rad")
     ] == [1.0, 1.0]
 
@@ -122,22 +122,25 @@ def test_a_row_names_its_measure_with_unit_and_side():
 
 def test_one_trial_each_is_compared():
     (a, *_), (b, *_) = results(), results("eband")
-    found = compare([a], [b])
-    assert (found.a, found.b, found.protocol, found.task) == (
+    comparison = compare([a], [b])
+    assert (comparison.a, comparison.b, comparison.protocol, comparison.task) == (
         "dwa",
         "eband",
         "paper2020",
         "",
     )
-    assert (found.trials_a, found.trials_b, found.worlds, found.pairs) == (1, 1, 1, 1)
+    assert (
+        comparison.trials_a,
+        comparison.trials_b,
+        comparison.worlds,
+        comparison.pairs,
+    ) == (1, 1, 1, 1)
 
 
 def test_measures_of_motion_are_compared_where_both_have_met_something():
     met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
-    still, moved = (
-        results(worlds=1),
-        [replace(one, motion=met) for one in results(worlds=1)],
-    )
+    still = results(worlds=1)
+    moved = [replace(trial, motion=met) for trial in results(worlds=1)]
     keys = [
         [row.key for row in compare(a, b, keys=()).rows]
         for a, b in product((still, moved), repeat=2)
@@ -149,15 +152,18 @@ def test_measures_of_motion_are_compared_where_both_have_met_something():
 
 
 def test_a_comparison_tells_how_many_worlds_the_data_set_of_the_first_has():
-    unknown, known = (results(name, worlds=1) for name in ("dwa", "eband"))
-    known = [replace(one, dataset="barn300") for one in known]
-    assert (compare(known, unknown).available, compare(unknown, known).available) == (
+    unknown, of_barn300 = (results(name, worlds=1) for name in ("dwa", "eband"))
+    of_barn300 = [replace(row, dataset="barn300") for row in of_barn300]
+    assert (
+        compare(of_barn300, unknown).available,
+        compare(unknown, of_barn300).available,
+    ) == (
         300,
         0,
     )
     assert (
-        count_available_worlds(known[:1]),
-        count_available_worlds(known[:1] + unknown),
+        count_available_worlds(of_barn300[:1]),
+        count_available_worlds(of_barn300[:1] + unknown),
         count_available_worlds([]),
     ) == (
         300,
@@ -167,13 +173,14 @@ def test_a_comparison_tells_how_many_worlds_the_data_set_of_the_first_has():
 
 
 def test_a_comparison_is_a_row_of_a_table_by_measure():
-    a, b = results(worlds=2), results("eband", slower_s=2.0, worlds=2, seed=1)
-    found = compare(a, b)
-    rows = {row["measure"]: row for row in found.columns()}
+    a = results(worlds=2)
+    b = results("eband", slower_s=2.0, worlds=2, seed=1)
+    comparison = compare(a, b)
+    rows = {row["measure"]: row for row in comparison.columns()}
     row = rows["scored_time_s"]
-    paired = found.row("scored_time_s").paired
+    paired = comparison.row("scored_time_s").paired
     means = [
-        pytest.approx(np.mean([one.scores.scored_time_s for one in part]))
+        pytest.approx(np.mean([result.scores.scored_time_s for result in part]))
         for part in (a, b)
     ]
     difference = paired.difference
@@ -198,14 +205,14 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
     }
     assert row == expected
     assert list(rows) == list(COMPARED)
-    assert {tuple(one) for one in rows.values()} == {tuple(row)}
+    assert {tuple(result) for result in rows.values()} == {tuple(row)}
 
 
 def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
     a, b = (
         [
-            scored(one, normalised_time_s_per_m=float(times[one.world]))
-            for one in results(name, worlds=3)
+            scored(row, normalised_time_s_per_m=float(times[row.world]))
+            for row in results(name, worlds=3)
         ]
         for name, times in (("dwa", (1, 2, 3)), ("eband", (10, 30, 20)))
     )
@@ -213,18 +220,19 @@ def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
 
 
 def test_time_of_successes_needs_both_to_succeed():
-    a, b = results(), results("eband")
+    a = results()
+    b = results("eband")
     a[0], b[1] = failed(a[0]), failed(b[1])
-    found = compare(a, b)
-    assert found.row("success").paired.trials == 60
-    assert found.row("success").paired.difference.estimate == 0.0
-    assert found.row("traversal_time_s").paired.trials == 58
+    comparison = compare(a, b)
+    assert comparison.row("success").paired.trials == 60
+    assert comparison.row("success").paired.difference.estimate == 0.0
+    assert comparison.row("traversal_time_s").paired.trials == 58
 
 
 def test_only_what_both_have_is_compared():
-    found = compare(results()[:30], results("eband"))
-    assert (found.trials_a, found.trials_b) == (30, 60)
-    assert found.row("success").paired.trials == 30
+    comparison = compare(results()[:30], results("eband"))
+    assert (comparison.trials_a, comparison.trials_b) == (30, 60)
+    assert comparison.row("success").paired.trials == 30
 
 
 @pytest.mark.parametrize(
@@ -249,21 +257,23 @@ def test_nothing_in_common_and_mixed_planners_are_refused():
     with pytest.raises(BarnError, match="no trial of the same world and repetition"):
         compare(
             results(worlds=1),
-            [replace(one, world=5) for one in results("eband", worlds=1)],
+            [replace(row, world=5) for row in results("eband", worlds=1)],
         )
     with pytest.raises(BarnError, match="several planners cannot be compared as one"):
         compare(results() + results("eband"), results())
 
 
 def test_summary_of_a_campaign_has_each_planner_and_each_pair():
-    found = summarize_run(results("dwa") + results("eband", 1.0) + results("gap", 2.0))
-    assert [one.planner for one in found.planners] == ["dwa", "eband", "gap"]
-    assert [(one.a, one.b) for one in found.comparisons] == [
+    summary = summarize_run(
+        results("dwa") + results("eband", 1.0) + results("gap", 2.0)
+    )
+    assert [item.planner for item in summary.planners] == ["dwa", "eband", "gap"]
+    assert [(item.a, item.b) for item in summary.comparisons] == [
         ("dwa", "eband"),
         ("dwa", "gap"),
         ("eband", "gap"),
     ]
-    dwa = found.planners[0]
+    dwa = summary.planners[0]
     assert list(dwa.means) == [*SCORED, *DRIVEN]
     assert dwa["min_clearance_m"].estimate == pytest.approx(0.1)
     assert dwa["path_ratio"].estimate == pytest.approx(5.5 / 5.0)
@@ -272,9 +282,9 @@ def test_summary_of_a_campaign_has_each_planner_and_each_pair():
 
 
 def test_limits_hold_the_mean_of_what_has_no_best_value():
-    often = [replace(one, recoveries=3 + one.world) for one in results()]
-    found = summarize_run(often).planners[0]["recoveries"]
-    assert found.low < found.estimate == 12.5 < found.high
+    often = [replace(row, recoveries=3 + row.world) for row in results()]
+    recoveries = summarize_run(often).planners[0]["recoveries"]
+    assert recoveries.low < recoveries.estimate == 12.5 < recoveries.high
 
 
 def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
@@ -282,23 +292,24 @@ def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     path.mkdir()
     planners = tuple(
         PlannerChoice(name, **choice)
-        for name in dict.fromkeys(one.planner for one in content)
+        for name in dict.fromkeys(row.planner for row in content)
     )
-    repetitions = 1 + max(one.repetition for one in content)
+    repetitions = 1 + max(row.repetition for row in content)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
     RunFile.for_run(
         path,
         RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
         {},
     ).write()
-    for one in content:
-        RowFile(path).append(one)
+    for row in content:
+        RowFile(path).append(row)
     return path
 
 
 @pytest.fixture
 def folders(tmp_path):
-    dwa, eband = results(worlds=4), results("eband", 1.0, worlds=4)
+    dwa = results(worlds=4)
+    eband = results("eband", 1.0, worlds=4)
     for name, content in (("a", dwa), ("b", eband), ("both", dwa + eband)):
         write_folder(tmp_path / name, content)
     return tmp_path
@@ -306,7 +317,7 @@ def folders(tmp_path):
 
 def test_command_compares_folders(folders, command):
     content = json.loads(command("compare", folders / "a", folders / "b", "--json")[1])
-    assert [(one["a"], one["b"]) for one in content] == [("dwa", "eband")]
+    assert [(entry["a"], entry["b"]) for entry in content] == [("dwa", "eband")]
     assert content[0]["rows"][0]["paired"]["trials"] == 12
     content = json.loads(
         command("compare", folders / "a", f"{folders / 'both'}:eband", "--json")[1]
@@ -315,7 +326,7 @@ def test_command_compares_folders(folders, command):
     content = json.loads(
         command("compare", folders / "both", folders / "both", "--json")[1]
     )
-    assert [one["a"] for one in content] == [
+    assert [entry["a"] for entry in content] == [
         f"{name} ({folders / 'both'})" for name in ("DWA", "E-Band")
     ]
     assert content[0]["rows"][0]["paired"]["difference"]["estimate"] == 0.0
@@ -331,11 +342,13 @@ def test_command_compares_folders(folders, command):
 
 
 def test_folders_are_compared_in_the_order_given_under_their_short_names(folders):
-    (found,) = compare_folders(folders / "a", folders / "b")
-    assert found.row("scored_time_s").paired.difference.estimate == pytest.approx(-1.0)
+    (comparison,) = compare_folders(folders / "a", folders / "b")
+    assert comparison.row("scored_time_s").paired.difference.estimate == pytest.approx(
+        -1.0
+    )
     write_folder(folders / "copy", results(worlds=4) + results("eband", 1.0, worlds=4))
     pairs = [
-        (one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")
+        (pair.a, pair.b) for pair in compare_folders(folders / "both", folders / "copy")
     ]
     assert pairs == [("DWA (both)", "DWA (copy)"), ("E-Band (both)", "E-Band (copy)")]
 
@@ -350,10 +363,12 @@ def test_parameters_in_which_planners_differ_are_told(folders, command):
         return compare_folders(folders / "a", folders / "slow")[0].parameters
 
     assert changed("a") == ""
-    told = changed(
+    sentence = changed(
         "slow", ('"overrides": {}', '"overrides": {"dwa.max_speed_mps": 0.3}')
     )
-    assert told == "Parameters that differ: dwa dwa.max_speed_mps (0.5 against 0.3)."
+    assert (
+        sentence == "Parameters that differ: dwa dwa.max_speed_mps (0.5 against 0.3)."
+    )
     foreign = (
         ('"mode": "direct"', '"mode": "ros"'),
         ('"overrides": {"dwa.max_speed_mps": 0.3}', '"overrides": {}'),
@@ -368,11 +383,11 @@ def test_parameters_in_which_planners_differ_are_told(folders, command):
             json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}),
         )
         files = f'"files": {{"p.yaml": "{name * 64}", "{name}.yaml": "0"}}'
-        told = changed(
+        sentence = changed(
             name, *foreign, ('"command": ""', f'{files}, "command": "drive"')
         )
     expected = f"file p.yaml ({'a' * 12} against {('slow' * 3)[:12]}) and /nav speed (0.5 against 1.0)."
-    assert told == f"Parameters that differ: {expected}"
+    assert sentence == f"Parameters that differ: {expected}"
     assert expected in " ".join(
         command("compare", folders / "a", folders / "slow")[1].split()
     )
@@ -386,9 +401,9 @@ def test_the_first_five_parameters_that_differ_are_named(folders, count):
     ][:count]
     halved = {key: 0.5 * config["dwa"][key.removeprefix("dwa.")] for key in differ}
     write_folder(folders / "halved", results(worlds=4), overrides=halved)
-    told = compare_folders(folders / "a", folders / "halved")[0].parameters
-    assert [word for word in told.split() if word.startswith("dwa.")] == differ[:5]
-    assert (f"{count - 5} more" in told) == (count > 5)
+    sentence = compare_folders(folders / "a", folders / "halved")[0].parameters
+    assert [word for word in sentence.split() if word.startswith("dwa.")] == differ[:5]
+    assert (f"{count - 5} more" in sentence) == (count > 5)
 
 
 def test_of_a_planner_that_is_not_installed_here_no_parameter_is_told(folders):
@@ -442,12 +457,15 @@ def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
         + results("eband", 1.0, worlds=4)
         + results("gap", 2.0, worlds=4),
     )
-    pairs = [(one.a, one.b) for one in compare_folders(folders / "three")]
+    pairs = [
+        (comparison.a, comparison.b)
+        for comparison in compare_folders(folders / "three")
+    ]
     assert pairs == [("dwa", "eband"), ("dwa", "gap"), ("eband", "gap")]
-    (found,) = json.loads(command("compare", folders / "three:dwa,gap", "--json")[1])
-    assert (found["a"], found["b"]) == ("dwa", "gap")
+    (entry,) = json.loads(command("compare", folders / "three:dwa,gap", "--json")[1])
+    assert (entry["a"], entry["b"]) == ("dwa", "gap")
     pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
-    assert found["rows"] == json.loads(json.dumps(make_json_safe(pair["rows"])))
+    assert entry["rows"] == json.loads(json.dumps(make_json_safe(pair["rows"])))
     with pytest.raises(
         BarnError, match="has one planner only, dwa; name a second folder"
     ):
@@ -455,23 +473,23 @@ def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
 
 
 def test_an_unfinished_folder_is_told(folders):
-    begun = write_folder(
+    unfinished = write_folder(
         folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5"
     )
-    (found,) = compare_folders(folders / "a", begun)
-    assert found.notes == (f"{begun} is partial: 12 of 18 trials",)
-    assert found.notes[0] in comparison_table(found).caption
+    (comparison,) = compare_folders(folders / "a", unfinished)
+    assert comparison.notes == (f"{unfinished} is partial: 12 of 18 trials",)
+    assert comparison.notes[0] in comparison_table(comparison).caption
 
 
 def test_trials_with_late_commands_are_told(folders):
     missed = WallClock(missed_cycles=9, missed_share=0.03)
-    late = [replace(one, wall_clock=missed) for one in results("eband", 1.0, worlds=1)]
+    late = [replace(row, wall_clock=missed) for row in results("eband", 1.0, worlds=1)]
     folder = write_folder(
         folders / "late",
-        late + [one for one in results("eband", 1.0, worlds=4) if one.world],
+        late + [row for row in results("eband", 1.0, worlds=4) if row.world],
     )
-    (found,) = compare_folders(folders / "a", folder)
-    (note,) = found.notes
+    (comparison,) = compare_folders(folders / "a", folder)
+    (note,) = comparison.notes
     assert note.startswith(
         f"{len(late)} of 12 trials in {folder} are marked: more than 2% of their control periods"
     )
@@ -488,15 +506,16 @@ def test_the_table_marks_what_is_clear_after_holm(folders):
 
 
 def test_comparisons_by_other_measures_are_not_adjusted_together():
-    a, b = results(worlds=1), results("eband", worlds=1)
+    a = results(worlds=1)
+    b = results("eband", worlds=1)
     with pytest.raises(ValueError, match="shorter"):
         adjust_by_holm([compare(a, b), compare(a, b, keys=("success",))])
 
 
 def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
     (folders / "b").rename(folders / "b:today")
-    (found,) = compare_folders(folders / "a", folders / "b:today")
-    assert (found.a, found.b) == ("dwa", "eband")
+    (comparison,) = compare_folders(folders / "a", folders / "b:today")
+    assert (comparison.a, comparison.b) == ("dwa", "eband")
 
 
 def test_folders_without_a_common_planner_need_a_choice(folders):
@@ -510,8 +529,8 @@ def test_folders_without_a_common_planner_need_a_choice(folders):
 
 def test_command_names_what_is_missing(folders, rejected):
     assert "holds no results of a run" in rejected("compare", folders, folders / "a")
-    told = rejected("compare", folders / "a", f"{folders / 'both'}:ebnd")
-    assert "has no planner 'ebnd'; did you mean 'eband'" in told
+    message = rejected("compare", folders / "a", f"{folders / 'both'}:ebnd")
+    assert "has no planner 'ebnd'; did you mean 'eband'" in message
     (folders / "a" / "run.json").unlink()
     assert "a/run.json: No such file or directory" in rejected(
         "compare", folders / "a", folders / "b"
@@ -532,17 +551,18 @@ def test_a_planner_must_be_shown_not_to_be_worse(
     command, tmp_path, slower_s, margin, decision, code
 ):
     """Nobody fails here, but each may in up to 17 % of its trials."""
-    a, b = results(), results("eband", slower_s)
-    counted = [[scored(one, failure_time_s=20.0) for one in part] for part in (a, b)]
+    a = results()
+    b = results("eband", slower_s)
+    counted = [[scored(row, failure_time_s=20.0) for row in part] for part in (a, b)]
     folders = [
         write_folder(tmp_path / part[0].planner, part, worlds="0-19")
         for part in counted
     ]
     ended, out, _ = command("compare", *folders, "--fail-if-worse", margin, "--json")
     assert ended == code
-    (found,) = json.loads(out)[0]["decisions"]
-    assert (found["decision"], found["measure"]) == (decision, "scored_time_s")
-    assert found["loss"] == pytest.approx(slower_s, abs=0.5)
+    (test,) = json.loads(out)[0]["decisions"]
+    assert (test["decision"], test["measure"]) == (decision, "scored_time_s")
+    assert test["loss"] == pytest.approx(slower_s, abs=0.5)
     words = {
         0: "eband is not worse than dwa by more than",
         4: "eband is worse than",

@@ -71,13 +71,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, barn.Results]:
 
 
 def metric(results: barn.Results) -> float:
-    return sum(one.scores.challenge for one in results.trials)
+    return sum(trial.scores.challenge for trial in results.trials)
 
 
 def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(
     runs: dict[str, barn.Results],
 ) -> None:
-    free, gap = runs["free"].trials[0], runs["gap"].trials[0]
+    free = runs["free"].trials[0]
+    gap = runs["gap"].trials[0]
     assert free.scores.traversal_time_s == gap.scores.traversal_time_s
     assert (free.compute, gap.compute) == ("free", "declared")
     assert free.wall_clock.computer is not None and free.wall_clock.computer > 5.0
@@ -101,13 +102,13 @@ def test_a_measured_trial_is_repeated_to_the_bit(runs: dict[str, barn.Results]) 
 
 
 def test_a_board_does_not_mix_ways_of_computing(runs: dict[str, barn.Results]) -> None:
-    boards = make_boards([one.folder for one in runs.values()])
-    assert sorted(len(one.places) for one in boards) == [
+    boards = make_boards([item.folder for item in runs.values()])
+    assert sorted(len(item.places) for item in boards) == [
         1,
         1,
         2,
     ]  # what gap declares, and what was set for it
-    assert sum("faster computer" in one.title for one in boards) == 1
+    assert sum("faster computer" in item.title for item in boards) == 1
 
 
 def test_the_declaration_is_in_the_fingerprint(runs: dict[str, barn.Results]) -> None:
@@ -121,7 +122,7 @@ def test_the_declaration_is_in_the_fingerprint(runs: dict[str, barn.Results]) ->
 def test_the_shell_takes_a_declaration_and_measuring(
     command: Command, tmp_path: Path
 ) -> None:
-    given = [
+    arguments = [
         "run",
         "--planner",
         "gap",
@@ -133,13 +134,13 @@ def test_the_shell_takes_a_declaration_and_measuring(
         "out",
     ]
     settings = ["--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25"]
-    assert command(*given, *settings, "--execution", "engine=inline")[0] == 0
+    assert command(*arguments, *settings, "--execution", "engine=inline")[0] == 0
     (choice,) = RunFile.read(tmp_path / "out").config["planners"]
     assert (choice["delay_s"], choice["period_s"]) == (0.2, 0.25)
     assert (
-        command(*given, "--execution", "compute=measured", "--dry-run", "--overwrite")[
-            0
-        ]
+        command(
+            *arguments, "--execution", "compute=measured", "--dry-run", "--overwrite"
+        )[0]
         == 0
     )
 
@@ -171,23 +172,25 @@ def test_a_choice_overrides_what_the_registry_declares() -> None:
 
 def test_no_cycle_begins_before_the_last_one_has_taken_effect() -> None:
     cycle_timer = CycleTimer(Compute(delay_s=0.12, period_s=0.2), 1)
-    begun = [
+    starts_s = [
         k * 50_000_000
         for k in range(10)
         if cycle_timer.is_free(k * 50_000_000)
         and cycle_timer.start_cycle(k * 50_000_000)
     ]
-    assert begun == [0, 200_000_000, 400_000_000]
+    assert starts_s == [0, 200_000_000, 400_000_000]
     assert cycle_timer.delays_ns == [120_000_000] * 3
 
 
 def test_delays_are_drawn_from_the_seed_with_the_quantiles_declared() -> None:
-    def drawn(seed: int) -> list[int]:
+    def draw_delays(seed: int) -> list[int]:
         cycle_timer = CycleTimer(Compute(delay_s=0.05, delay_p95_s=0.1), seed)
         return [cycle_timer.start_cycle(0) for _ in range(20_000)]
 
-    assert drawn(1) == drawn(1) != drawn(2)
-    assert np.quantile(drawn(1), [0.5, 0.95]) == pytest.approx([5e7, 1e8], rel=0.03)
+    assert draw_delays(1) == draw_delays(1) != draw_delays(2)
+    assert np.quantile(draw_delays(1), [0.5, 0.95]) == pytest.approx(
+        [5e7, 1e8], rel=0.03
+    )
 
 
 def test_delays_are_kept_in_whole_microseconds() -> None:
@@ -220,7 +223,7 @@ def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> 
 def test_latency_drives_each_planner_at_each_delay(
     command: Command, tmp_path: Path
 ) -> None:
-    given = [
+    arguments = [
         "run",
         "--planners",
         "gap,dwa",
@@ -230,42 +233,42 @@ def test_latency_drives_each_planner_at_each_delay(
         str(tmp_path / "late"),
     ]
     code, out, _ = command(
-        *given, "--execution", "engine=inline", "--latency", "0,0.3", "--json"
+        *arguments, "--execution", "engine=inline", "--latency", "0,0.3", "--json"
     )
     assert code == 0
-    found = json.loads(out)["settings"]
-    assert [(one["planner"], one["latency"]) for one in found] == [
+    settings = json.loads(out)["settings"]
+    assert [(setting["planner"], setting["latency"]) for setting in settings] == [
         ("dwa", 0.0), ("dwa", 0.3), ("gap", 0.0), ("gap", 0.3),
     ]  # fmt: skip
-    asked = {
+    options = {
         "worlds": 60,
         "out": tmp_path / "late",
         "engine": "inline",
         "progress": False,
     }
-    again = barn.sweep({"latency": [0, 0.3]}, planners=["gap", "dwa"], **asked)
-    assert list(again["challenge"]) == [one["challenge"] for one in found]
+    again = barn.sweep({"latency": [0, 0.3]}, planners=["gap", "dwa"], **options)
+    assert list(again["challenge"]) == [setting["challenge"] for setting in settings]
     assert len(set(again["challenge"])) == 4
     panels = plot(
-        "sweep", (made := build_report([tmp_path / "late"], hardest=0)).entries
+        "sweep", (late_report := build_report([tmp_path / "late"], hardest=0)).entries
     )
     assert [axes.get_xlabel() for axes in panels] == ["delay of commands [s]"] * 3
     lines = [
         line.get_ydata() for line in panels[0].lines if line.get_linestyle() == "-"
     ]
-    assert made.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(
+    assert late_report.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(
         again["challenge"]
     )
-    assert command(*given, "--latency", "0,x")[0] == 1
+    assert command(*arguments, "--latency", "0,x")[0] == 1
 
 
 def test_lockstep_over_ros_charges_what_one_process_does(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     settings = {"gap.compute.delay_s": 0.12, "gap.compute.delay_p95_s": 0.3}
     short = replace(CHALLENGE, name="short", limit_s=4.0, timeout_time_s=4.0)
-    asked = {"protocol": short, "settings": settings, "workers": 1, "progress": False}
+    options = {"protocol": short, "settings": settings, "workers": 1, "progress": False}
     runs = [
-        barn.run(60, "gap", mode=mode, out=tmp_path / mode, **asked)
+        barn.run(60, "gap", mode=mode, out=tmp_path / mode, **options)
         for mode in ("direct", "ros")
     ]
     direct_row, ros_row = (run.trials[0].repeatable() for run in runs)

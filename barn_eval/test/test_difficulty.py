@@ -32,28 +32,33 @@ def test_the_page_on_metrics_quotes_the_card():
     if not page.is_file():
         pytest.skip("the repository's docs are not beside this package")
     card = default_weights().with_suffix(".md").read_text("utf-8")
-    folds, elsewhere = ({}, {})
+    folds = {}
+    elsewhere = {}
     for line in card.splitlines():
         cells = [cell.strip() for cell in line.split("|")]
         if len(cells) == 9 and re.match(r"-?\d", cells[6]):
             values = [float(number) for number in re.findall(r"-?[\d.]+", cells[6])]
             (folds if cells[1] not in folds else elsewhere).setdefault(cells[1], values)
-    told = " ".join(page.read_text("utf-8").split("## Difficulty, learned")[1].split())
+    section = " ".join(
+        page.read_text("utf-8").split("## Difficulty, learned")[1].split()
+    )
     assert (
         f"ridge regression on them explains {100 * folds['ridge'][0]:.0f} % of the variance"
-        in told
+        in section
     )
     assert (
         f"and {100 * elsewhere['ridge'][0]:.0f} % once it is trained in 9000 other worlds"
-        in told
+        in section
     )
     shipped, low, high = (round(100 * value) for value in elsewhere["routes"])
-    assert f"none of them of barn300, it explains {shipped} % [{low}, {high}]" in told
+    assert (
+        f"none of them of barn300, it explains {shipped} % [{low}, {high}]" in section
+    )
     assert (
         f"Trained in barn300 alone it would come to {100 * folds['routes'][0]:.0f} %"
-        in told
+        in section
     )
     ceiling = float(
         re.search(r"highest R2 that these trials allow is ([\d.]+)", card)[1]
     )
-    assert f"the trials themselves allow {100 * ceiling:.0f} %" in told
+    assert f"the trials themselves allow {100 * ceiling:.0f} %" in section

@@ -52,12 +52,14 @@ def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
     )
     bag = read_recorded_trial(tmp_path / "bag")
     assert bag.costmaps
-    assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {
+    assert {item.frame for item in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {
         frame
     }
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "protocol", [CHALLENGE, PAPER_2020], ids=lambda rules: rules.name
+)
 def test_an_open_world_is_crossed(open_world, protocol):
     finished = run_direct_trial(spec_of(open_world, protocol), planner=Straight())
     result = finished.result
@@ -80,13 +82,13 @@ def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
     trials = [
         (spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other")
     ]
-    one, other = (recorded(*trial, Straight()) for trial in trials)
+    first, other = (recorded(*trial, Straight()) for trial in trials)
     for name in ("bag_0.mcap", "metadata.yaml"):
         assert (tmp_path / "one/bag" / name).read_bytes() == (
             tmp_path / "other/bag" / name
         ).read_bytes()
-    assert one.result.repeatable() == other.result.repeatable()
-    np.testing.assert_array_equal(one.trajectory.truth, other.trajectory.truth)
+    assert first.result.repeatable() == other.result.repeatable()
+    np.testing.assert_array_equal(first.trajectory.truth, other.trajectory.truth)
 
 
 def test_recording_does_not_change_the_trial(either_world, tmp_path):
@@ -182,8 +184,8 @@ def test_a_process_that_is_stopped_in_a_cycle_is_not_the_planners_fault(
             return super().step(observation)
 
     stopped, straight = (
-        run_direct_trial(spec_of(open_world), planner=one).result
-        for one in (Stopped(), Straight())
+        run_direct_trial(spec_of(open_world), planner=planner).result
+        for planner in (Stopped(), Straight())
     )
     assert stopped.repeatable() == straight.repeatable()
 
@@ -199,7 +201,7 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
     report = run_job(
         work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None
     )
-    assert report.stalled and not report.overtime
+    assert report.is_stall and not report.is_overtime
     assert "the machine stalled" in report.reason
 
 
@@ -246,9 +248,9 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
     assert paper.measures.contact_s > 0.5
     moved_m = np.hypot(*(finished.cylinders_m - walled_world.cylinders_m).T)
     assert 1 <= (moved_m > 0.05).sum() <= 30
-    shown = read_recorded_trial(tmp_path / "bag")
-    assert shown.scene.cylinders_m.tolist() == walled_world.cylinders_m.tolist()
-    assert shown.pushed_m.tolist() == finished.cylinders_m[moved_m > PUSHED_M].tolist()
+    bag = read_recorded_trial(tmp_path / "bag")
+    assert bag.scene.cylinders_m.tolist() == walled_world.cylinders_m.tolist()
+    assert bag.pushed_m.tolist() == finished.cylinders_m[moved_m > PUSHED_M].tolist()
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):

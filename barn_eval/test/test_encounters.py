@@ -19,11 +19,13 @@ def world_of(*keys: tuple[float, float, float], **shape: object) -> World:
     body = shape or {"radius_m": 0.5}
     arena = open_dataset("dynabarn60").load(0)
     far = Motion("linear", 10.0, ((0.0, 50.0, 60.0), (10.0, 50.0, 60.0)))
-    others = (MovingObstacle(name, motion=far, radius_m=0.5) for name in ("one", "two"))
+    distant = (
+        MovingObstacle(name, motion=far, radius_m=0.5) for name in ("one", "two")
+    )
     return replace(
         arena,
         walls=(),
-        moving=(*others, MovingObstacle("walker", motion=motion, **body)),
+        moving=(*distant, MovingObstacle("walker", motion=motion, **body)),
     )
 
 
@@ -39,11 +41,11 @@ def figures(
 ):
     trajectory = drive(poses, speeds, contacts)
     trajectory.velocity[:, 1] = turn_radps
-    found = measure_encounters(
+    encounters = measure_encounters(
         trajectory, world, phase_s, EXTENT, DYNABARN, traversal_s
     )
-    assert found is not None
-    return found
+    assert encounters is not None
+    return encounters
 
 
 def still(count: int) -> list[Pose2D]:
@@ -52,19 +54,25 @@ def still(count: int) -> list[Pose2D]:
 
 def test_an_obstacle_runs_a_standing_robot_over():
     """It comes from ahead at 1 m/s; its edge is 0.8 m from the outline (0.25 m ahead) at first."""
-    found = figures(
+    encounters = figures(
         world_of((0.0, 1.55, 0.0), (10.0, -8.45, 0.0)), still(18), [0.0] * 18, {17}
     )
-    assert (found.touched, found.hit_robot_mps, found.moving_clearance_m) == (
+    assert (
+        encounters.touched,
+        encounters.hit_robot_mps,
+        encounters.moving_clearance_m,
+    ) == (
         "walker",
         0.0,
         0.0,
     )
-    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((1.0, 0.0))
-    assert found.near_s == pytest.approx(
+    assert (encounters.hit_closing_mps, encounters.hit_robot_share) == pytest.approx(
+        (1.0, 0.0)
+    )
+    assert encounters.near_s == pytest.approx(
         0.6
     )  # readings from 0.3 s to 0.85 s, each for the 0.05 s before it
-    assert found.time_to_collision_s == pytest.approx(0.0)
+    assert encounters.time_to_collision_s == pytest.approx(0.0)
 
 
 FRAME = Pose2D(2.0, -1.0, 0.6)  # so that x and y of the map are not those of the robot
@@ -181,19 +189,20 @@ def test_who_drove_towards_whom_has_the_share(
     speeds = [9.0] * len(poses)
     speeds[max(min(contacts) - 1, 0)] = speed_mps
     world = world_of((0.0, *in_frame(*first)), (10.0, *in_frame(*last)), **shape)
-    found = figures(world, poses, speeds, contacts, turn_radps=turn_radps)
-    assert (found.touched, found.hit_robot_mps) == ("walker", abs(speed_mps))
-    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx(
+    encounters = figures(world, poses, speeds, contacts, turn_radps=turn_radps)
+    assert (encounters.touched, encounters.hit_robot_mps) == ("walker", abs(speed_mps))
+    assert (encounters.hit_closing_mps, encounters.hit_robot_share) == pytest.approx(
         (closing_mps, share)
     )
 
 
 def test_the_time_to_collision_is_that_at_the_velocities_of_a_reading():
     world = world_of((0.0, *in_frame(1.55, 0.1)), (10.0, *in_frame(-3.45, 0.1)))
-    found = figures(world, [FRAME], [1.5], turn_radps=0.3)
-    assert (found.moving_clearance_m, found.time_to_collision_s) == pytest.approx(
-        (0.8, 0.8 / 2.0)
-    )
+    encounters = figures(world, [FRAME], [1.5], turn_radps=0.3)
+    assert (
+        encounters.moving_clearance_m,
+        encounters.time_to_collision_s,
+    ) == pytest.approx((0.8, 0.8 / 2.0))
 
 
 @pytest.mark.parametrize(
@@ -226,8 +235,13 @@ def test_a_contact_is_with_what_is_nearest_at_it_or_before(
         else ()
     )
     poses = [Pose2D(2.5 - ahead_m - back_m, -1.0, 0.0) for back_m in (0.1, 0.0, 0.0)]
-    found = figures(replace(world, grid=grid, walls=walls), poses, [0.0] * 3, {1, 2})
-    assert (found.touched, found.hit_robot_mps is None) == (touched, not touched)
+    encounters = figures(
+        replace(world, grid=grid, walls=walls), poses, [0.0] * 3, {1, 2}
+    )
+    assert (encounters.touched, encounters.hit_robot_mps is None) == (
+        touched,
+        not touched,
+    )
 
 
 def test_the_phase_shifts_the_obstacle():
@@ -241,21 +255,22 @@ def test_the_phase_shifts_the_obstacle():
 def test_path_and_time_are_told_of_successes_by_the_straight_run_to_arrival():
     poses = [Pose2D(11.0 - 0.5 * k, 0.0, math.pi) for k in range(39)]
     world = world_of((0.0, 0.0, 9.0), (10.0, 0.0, 9.0))
-    found = figures(world, poses, [0.0] * 39, traversal_s=19.0)
-    assert (found.path_over_straight, found.time_over_straight) == pytest.approx(
-        (1.0, 2.0)
-    )
+    encounters = figures(world, poses, [0.0] * 39, traversal_s=19.0)
+    assert (
+        encounters.path_over_straight,
+        encounters.time_over_straight,
+    ) == pytest.approx((1.0, 2.0))
     failed = figures(world, poses, [0.0] * 39)
     assert (failed.path_over_straight, failed.time_over_straight) == (None, None)
 
 
 def test_a_trial_without_readings_and_a_world_without_motion_have_nothing_to_tell():
-    found = figures(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), [], [])
+    encounters = figures(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), [], [])
     assert (
-        found.moving_clearance_m,
-        found.time_to_collision_s,
-        found.near_s,
-        found.touched,
+        encounters.moving_clearance_m,
+        encounters.time_to_collision_s,
+        encounters.near_s,
+        encounters.touched,
     ) == (None, None, 0.0, "")
     quiet = replace(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), moving=())
     assert (

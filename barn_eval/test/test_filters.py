@@ -7,12 +7,21 @@ from barn_eval.pages.report.page import build_report, report_page
 
 # What is set, and which results it leaves.
 FILTERS = {
-    "worlds": ({"filter-from": "2", "filter-to": "6"}, lambda one: 2 <= one.world <= 6),
-    "failures": ({"filter-outcome": "failed"}, lambda one: not one.scores.success),
-    "planner": ({"filter-planner": "DWA"}, lambda one: one.planner == "dwa"),
-    "search": ({"search": "r00"}, lambda one: one.repetition == 0),
-    "one world": ({"filter-from": "3", "filter-to": "3"}, lambda one: one.world == 3),
-    "nothing": ({"search": "no such"}, lambda one: False),
+    "worlds": (
+        {"filter-from": "2", "filter-to": "6"},
+        lambda result: 2 <= result.world <= 6,
+    ),
+    "failures": (
+        {"filter-outcome": "failed"},
+        lambda result: not result.scores.success,
+    ),
+    "planner": ({"filter-planner": "DWA"}, lambda result: result.planner == "dwa"),
+    "search": ({"search": "r00"}, lambda result: result.repetition == 0),
+    "one world": (
+        {"filter-from": "3", "filter-to": "3"},
+        lambda result: result.world == 3,
+    ),
+    "nothing": ({"search": "no such"}, lambda result: False),
 }
 NUMBERS = "map((one) => Number(one.id.split('-')[2]))"
 SHOWN = (
@@ -33,9 +42,9 @@ def file(report, tmp_path_factory):
     return path
 
 
-def choose(page, chosen):
+def choose(page, values):
     """Set filters as a user does."""
-    for name, value in chosen.items():
+    for name, value in values.items():
         if page.locator(f"select#{name}").count():
             page.select_option(f"#{name}", value)
         else:
@@ -54,9 +63,9 @@ def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open
     )
     before = figures.evaluate_all("(all) => all.map((one) => one.outerHTML)")
     assert len(before) > 10
-    for chosen, keep in FILTERS.values():
+    for values, keep in FILTERS.values():
         page.click("#filter-reset")
-        choose(page, chosen)
+        choose(page, values)
         left = {drive.position for drive in report.trials if keep(drive.result)}
         count = (
             f"{len(left)} of {len(report.trials)} trials" if left else "no such trial"
@@ -74,10 +83,10 @@ def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open
             & left
         )
         worlds = {report.trials[place].result.world for place in left}
-        drawn = {drive.result.world for drive in report.trials}
+        map_worlds = {drive.result.world for drive in report.trials}
         assert (
             set(page.locator("[id^=hardest-world-]").evaluate_all(FAINT))
-            == drawn - worlds
+            == map_worlds - worlds
         )
     assert figures.evaluate_all("(all) => all.map((one) => one.outerHTML)") == before
 
@@ -104,8 +113,8 @@ def test_a_band_of_difficulty_can_be_chosen(report, file, open_page):
     band = report.overview.bands[-1]
     choose(page, {"filter-band": band.name})
     assert {
-        int(one)
-        for one in page.locator("#trials tbody td:nth-child(2)").all_text_contents()
+        int(cell)
+        for cell in page.locator("#trials tbody td:nth-child(2)").all_text_contents()
     } == set(band.worlds)
 
 

@@ -67,9 +67,9 @@ def test_results_are_replaced_only_when_told_to(tmp_path):
     ):
         keep(tmp_path, other, 0)
     assert len(read_results(tmp_path)) == 4
-    assert [one.campaign_seed for one in keep(tmp_path, other, 1, overwrite=True)] == [
-        4
-    ]
+    assert [
+        result.campaign_seed for result in keep(tmp_path, other, 1, overwrite=True)
+    ] == [4]
     assert len(content(tmp_path)["sessions"]) == 1
 
 
@@ -85,11 +85,11 @@ def test_what_is_replaced_is_the_experiments_own(tmp_path):
 def test_sessions_are_kept_one_after_the_other(tmp_path):
     for count in (1, 1, None):
         keep(tmp_path, GAP, count)
-    found = content(tmp_path)
-    assert (found["schema_version"], len(found["sessions"])) == (2, 3)
+    run_file = content(tmp_path)
+    assert (run_file["schema_version"], len(run_file["sessions"])) == (2, 3)
     assert all(
-        {"started_at", "execution", "versions", "commit", "machine"} <= one.keys()
-        for one in found["sessions"]
+        {"started_at", "execution", "versions", "commit", "machine"} <= session.keys()
+        for session in run_file["sessions"]
     )
 
 
@@ -101,9 +101,9 @@ def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
         match="'mine': its source is unknown, so the run cannot be resumed",
     ):
         keep(tmp_path, live)
-    known = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
-    keep(tmp_path / "known", known, 1)
-    assert len(keep(tmp_path / "known", known)) == 4
+    with_source = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
+    keep(tmp_path / "known", with_source, 1)
+    assert len(keep(tmp_path / "known", with_source)) == 4
 
 
 def test_another_robot_is_not_mixed_in(tmp_path):
@@ -117,7 +117,7 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("{}", "schema_version must be 2, got None"),
         ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2, got 3"),
@@ -125,16 +125,16 @@ def test_another_robot_is_not_mixed_in(tmp_path):
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],
 )
-def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
+def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(ConfigError) as caught:
         RunFile.read(tmp_path).run_config()
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "message"),
     [
         ("campaign_seed", 10, "gap_w0000_r00 has campaign_seed 10, must have 3"),
         ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
@@ -148,10 +148,10 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
         ),
     ],
 )
-def test_a_row_of_another_trial_is_refused(tmp_path, name, value, told):
+def test_a_row_of_another_trial_is_refused(tmp_path, name, value, message):
     keep(tmp_path, GAP, 1)
     change_row(tmp_path, **{name: value})
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=message):
         keep(tmp_path, GAP)
 
 
@@ -194,7 +194,7 @@ def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(
             assert (out / table).read_bytes() == (
                 tmp_path / "whole" / table
             ).read_bytes()
-        assert sorted(one.trial_id for one in read_results(out)) == sorted(
+        assert sorted(result.trial_id for result in read_results(out)) == sorted(
             spec.trial_id for spec in trials()
         )
         assert not list(out.glob(".*.partial"))

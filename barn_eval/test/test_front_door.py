@@ -64,9 +64,12 @@ def driven(tmp_path_factory):
 def test_planners_of_all_kinds_drive_side_by_side(driven):
     assert driven.planners == ["gap", "ahead", "Steady", "slow"]
     assert len(driven) == 8
-    speeds = {one.planner: one.measures.mean_speed_mps for one in driven.trials}
+    speeds = {trial.planner: trial.measures.mean_speed_mps for trial in driven.trials}
     assert speeds["slow"] < speeds["Steady"] < speeds["ahead"]
-    assert {one.wall_clock.worker for one in driven.trials} == {"local-0", "local-1"}
+    assert {trial.wall_clock.worker for trial in driven.trials} == {
+        "local-0",
+        "local-1",
+    }
     assert (
         repr(driven)
         == f"Results({str(driven.folder)!r}: 8 trials, gap, ahead, Steady, slow)"
@@ -74,12 +77,15 @@ def test_planners_of_all_kinds_drive_side_by_side(driven):
 
 
 def test_tables_have_a_row_per_trial_planner_and_measure(driven):
-    table, summary = driven.table, driven.summary
+    table = driven.table
+    summary = driven.summary
     assert list(table) == results_table([]).column_names
-    assert list(table["trial_id"]) == [one.trial_id for one in driven.trials]
-    assert list(table["driven_m"]) == [one.measures.driven_m for one in driven.trials]
+    assert list(table["trial_id"]) == [trial.trial_id for trial in driven.trials]
+    assert list(table["driven_m"]) == [
+        trial.measures.driven_m for trial in driven.trials
+    ]
     assert list(driven.timing["worker"]) == [
-        one.wall_clock.worker for one in driven.trials
+        trial.wall_clock.worker for trial in driven.trials
     ]
     assert (list(summary["planner"]), list(summary["trials"])) == (
         driven.planners,
@@ -92,12 +98,12 @@ def test_tables_have_a_row_per_trial_planner_and_measure(driven):
     )
     compared = driven.compare().set_index(["a", "b", "measure"])
     assert len(compared.groupby(["a", "b"])) == 6
-    found = compared.loc["ahead", "slow", "min_clearance_m"]
+    clearance = compared.loc["ahead", "slow", "min_clearance_m"]
     gaps = table.groupby("planner")["min_clearance_m"].mean()
-    assert [found["mean_a"], found["mean_b"]] == pytest.approx(
+    assert [clearance["mean_a"], clearance["mean_b"]] == pytest.approx(
         [gaps["ahead"], gaps["slow"]]
     )
-    assert found["difference"] == pytest.approx(gaps["ahead"] - gaps["slow"])
+    assert clearance["difference"] == pytest.approx(gaps["ahead"] - gaps["slow"])
 
 
 def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
@@ -108,13 +114,13 @@ def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
         0, unmoved, SHORT, workers=1, out=tmp_path / "none", progress=False
     )
     assert crash.table["traversal_time_s"].isna().all()
-    for one, other in (
+    for first, other in (
         (driven.table, crash.table),
         (driven.timing, crash.timing),
         (driven.summary, crash.summary),
     ):
-        assert one.dtypes.to_dict() == other.dtypes.to_dict()
-        assert object not in set(one.dtypes)
+        assert first.dtypes.to_dict() == other.dtypes.to_dict()
+        assert object not in set(first.dtypes)
     kinds = driven.compare().dtypes
     assert kinds.to_dict() == crash.compare(f"{driven.folder}:gap").dtypes.to_dict()
     assert (kinds["difference_low"], kinds["worlds"], kinds["a"]) == (
@@ -127,7 +133,9 @@ def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
 def test_a_trial_has_its_trajectory(driven, tmp_path):
     trial = driven.trial("ahead_w0000_r00")
     assert trial.result is next(
-        one for one in driven.trials if one.trial_id == "ahead_w0000_r00"
+        trial_row
+        for trial_row in driven.trials
+        if trial_row.trial_id == "ahead_w0000_r00"
     )
     path = trial.trajectory
     assert path["time_s"].is_monotonic_increasing
@@ -162,7 +170,10 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     results = barn.run(
         [first, second], "gap", SHORT, engine="inline", out=out, progress=False
     )
-    driven = [(one.world, one.world_name, one.world_checksum) for one in results.trials]
+    driven = [
+        (trial.world, trial.world_name, trial.world_checksum)
+        for trial in results.trials
+    ]
     assert driven == [
         (0, first.name, first.checksum),
         (1, second.name, second.checksum),
@@ -171,18 +182,18 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     assert (
         barn.run({0: first, 1: second}, "gap", SHORT, out=out, dry_run=True).there == 2
     )
-    for others in ([second, first], [first], first, {1: first, 0: second}):
+    for choice in ([second, first], [first], first, {1: first, 0: second}):
         with pytest.raises(
             ConfigError,
             match=r"holds results of another (checksum of world|configuration)",
         ):
-            barn.run(others, "gap", SHORT, out=out, progress=False)
+            barn.run(choice, "gap", SHORT, out=out, progress=False)
     out = out.rename(tmp_path / "moved")
-    found = barn.load(out)
-    assert (barn.results.check(out).problems, found.rerun(1)) == ([], "")
-    assert found.replay("gap_w0001_r00", tmp_path / "end.png").path.exists()
-    assert second.name in Path(found.report(tmp_path / "report.html")).read_text()
-    (one,) = barn.run(
+    loaded = barn.load(out)
+    assert (barn.results.check(out).problems, loaded.rerun(1)) == ([], "")
+    assert loaded.replay("gap_w0001_r00", tmp_path / "end.png").path.exists()
+    assert second.name in Path(loaded.report(tmp_path / "report.html")).read_text()
+    (trial,) = barn.run(
         {7: second},
         "gap",
         SHORT,
@@ -191,7 +202,7 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
         engine="inline",
         progress=False,
     ).trials
-    assert (one.world, one.world_checksum) == (7, second.checksum)
+    assert (trial.world, trial.world_checksum) == (7, second.checksum)
     for wrong in (3.5, [], ["0"], {"a": first}, {0: 1}, [first, 1]):
         with pytest.raises(
             ConfigError, match="worlds must be numbers, a text or worlds, got"
@@ -219,16 +230,20 @@ def test_objects_are_recorded_by_a_hash_of_their_source(driven):
     choices = json.loads((driven.folder / "run.json").read_text())["experiment"][
         "planners"
     ]
-    assert [bool(one["source"]) for one in choices] == [False, True, True, True]
+    assert [bool(choice["source"]) for choice in choices] == [False, True, True, True]
     assert (
         fingerprint(Steady(0.2)) == fingerprint(Steady(0.2)) != fingerprint(Steady(0.3))
     )
     assert fingerprint(ahead) != fingerprint(at_the_goal)
 
-    def made(speed_mps):
+    def make_planner(speed_mps):
         return lambda observation: (speed_mps, 0.0)
 
-    assert fingerprint(made(0.1)) == fingerprint(made(0.1)) != fingerprint(made(0.2))
+    assert (
+        fingerprint(make_planner(0.1))
+        == fingerprint(make_planner(0.1))
+        != fingerprint(make_planner(0.2))
+    )
     namespace = {}
     exec("def f(observation): return 0.0, 0.0", namespace)
     assert fingerprint(namespace["f"]) == UNKNOWN_SOURCE
@@ -317,13 +332,13 @@ def test_what_cannot_be_handed_to_a_worker_is_said(tmp_path):
         barn.run(
             0, {"locked": locked}, SHORT, workers=2, out=tmp_path / "a", progress=False
         )
-    (one,) = barn.run(
+    (trial,) = barn.run(
         0, {"locked": locked}, SHORT, workers=1, out=tmp_path / "a", progress=False
     ).trials
-    assert one.outcome is Outcome.TIMEOUT
+    assert trial.outcome is Outcome.TIMEOUT
 
 
-def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd):
+def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, caplog):
     def broken(observation):
         raise KeyError("speed")
 
@@ -333,18 +348,18 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd)
     results = barn.run(
         0, [broken, talks], SHORT, workers=1, out=tmp_path, repetitions=2
     )
-    told = {one.planner: one.detail for one in results.trials}
+    details = {trial.planner: trial.detail for trial in results.trials}
     line = broken.__code__.co_firstlineno + 1
-    assert {one.outcome for one in results.trials} == {Outcome.PLANNER_DIED}
-    assert told["broken"] == f"KeyError: 'speed' (test_front_door.py, line {line})"
-    assert told["talks"].startswith(
+    assert {trial.outcome for trial in results.trials} == {Outcome.PLANNER_DIED}
+    assert details["broken"] == f"KeyError: 'speed' (test_front_door.py, line {line})"
+    assert details["talks"].startswith(
         "TypeError: a planner's function must return (m/s, rad/s), got 'left' ("
     )
-    shown = capfd.readouterr().err
+    output = caplog.text
     where = (
         f'test_front_door.py", line {line}, in broken\n      raise KeyError("speed")'
     )
-    assert shown.count(where) == 1
+    assert output.count(where) == 1
     assert where.replace("\n  ", "\n") in (
         tmp_path / "tracebacks" / "broken_w0000_r01.txt"
     ).read_text("utf-8")
@@ -410,29 +425,29 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
     assert planner.step(None).command == Velocity2D(0.4, 0.1)
     assert FunctionPlanner(lambda observation: None).step(None).command is None
     assert isinstance(PlannerObject("x", Straight).make_planner(), Straight)
-    chosen, live = split_planner_objects(
+    choices, live = split_planner_objects(
         ["dwa", {"name": "eband", "preset": "paper2020"}, {"mine": ahead}]
     )
-    assert (chosen[:2], list(live)) == (
+    assert (choices[:2], list(live)) == (
         ["dwa", {"name": "eband", "preset": "paper2020"}],
         ["mine"],
     )
 
 
 def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
-    shown = driven._repr_html_()
-    assert shown.count("<tr>") == 5
+    markup = driven._repr_html_()
+    assert markup.count("<tr>") == 5
     assert b"<svg" in b64decode(
-        re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1]
+        re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', markup)[1]
     )
-    assert "Steady" in shown
+    assert "Steady" in markup
     axes = Figure().subplots()
     assert driven.plot(ax=axes) == [axes]
-    one, other = (
+    first, other = (
         set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_()))
         for what in ("worlds", "outcomes")
     )
-    assert one and other and not one & other
+    assert first and other and not first & other
     assert (
         driven.plot("distributions")
         .save(tmp_path / "figure.png")
@@ -498,14 +513,14 @@ def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
     assert list((tmp_path / "assets").glob("*.csv"))
 
 
-def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd):
+def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, caplog):
     page = driven.replay("Steady_w0060_r00")
     assert page.path == driven.folder / "replays" / "Steady_w0060_r00.html"
-    said = capfd.readouterr().err
-    assert "no bag of Steady_w0060_r00 was kept: it is driven once more" in said
-    assert "otherwise" not in said
+    assert "no bag of Steady_w0060_r00 was kept: it is driven once more" in caplog.text
+    assert "otherwise" not in caplog.text
+    caplog.clear()
     driven.replay("Steady_w0060_r00")
-    assert "once more" not in capfd.readouterr().err
+    assert "once more" not in caplog.text
     loaded = barn.load(driven.folder)
     loaded.replay("gap_w0000_r00")
     with pytest.raises(
@@ -527,14 +542,14 @@ def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd
         driven.replay("gap_w0001_r00")
 
 
-def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, capfd):
+def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, caplog):
     class Drifting(Steady):
         """Its source, by which it is known, stays the same."""
 
     results = barn.run(0, Drifting, SHORT, workers=1, out=tmp_path, progress=False)
     Drifting.step = lambda self, observation: barn.Decision(barn.Velocity2D(0.1, 0.0))
     results.replay("Drifting_w0000_r00")
-    assert "Drifting_w0000_r00 went otherwise this time" in capfd.readouterr().err
+    assert "Drifting_w0000_r00 went otherwise this time" in caplog.text
 
 
 def test_a_folder_that_is_not_finished_is_loaded(tmp_path):
@@ -555,7 +570,7 @@ def test_a_comparison_needs_two(tmp_path):
 
 
 def test_a_dry_run_says_what_would_run_and_writes_nothing(tmp_path, driven):
-    found = barn.run(
+    estimate = barn.run(
         "0:300:60",
         ["gap", ahead],
         repetitions=2,
@@ -564,11 +579,19 @@ def test_a_dry_run_says_what_would_run_and_writes_nothing(tmp_path, driven):
         out=tmp_path / "out",
         dry_run=True,
     )
-    assert (found.planners, found.worlds) == (("gap", "ahead"), (0, 60, 120, 180, 240))
-    assert (found.trials, found.there, found.wall_s) == (20, 0, 20.0)
-    assert found.disk_bytes > 20 * 1_000_000
+    assert (estimate.planners, estimate.worlds) == (
+        ("gap", "ahead"),
+        (0, 60, 120, 180, 240),
+    )
+    assert (estimate.trials, estimate.there, estimate.wall_s) == (20, 0, 20.0)
+    assert estimate.disk_bytes > 20 * 1_000_000
     assert not (tmp_path / "out").exists()
     planners = ["gap", ahead, Steady, {"slow": Steady(0.2)}]
-    there = barn.run([0, 60], planners, SHORT, out=driven.folder, dry_run=True)
-    assert (there.trials, there.there, there.wall_s, there.disk_bytes) == (8, 8, 0.0, 0)
-    assert there.basis == "8 trials in the folder"
+    resumed = barn.run([0, 60], planners, SHORT, out=driven.folder, dry_run=True)
+    assert (resumed.trials, resumed.there, resumed.wall_s, resumed.disk_bytes) == (
+        8,
+        8,
+        0.0,
+        0,
+    )
+    assert resumed.basis == "8 trials in the folder"

@@ -56,9 +56,9 @@ barn.sweep({"dwa.path_weight": [1]}, worlds="0", planners="dwa", repetition=2)
 
 
 def test_importing_it_loads_nothing_and_offers_everything():
-    asked = "import sys, barn_eval as barn; print(*sys.modules); print(*dir(barn))"
+    script = "import sys, barn_eval as barn; print(*sys.modules); print(*dir(barn))"
     done = subprocess.run(
-        [sys.executable, "-c", asked], capture_output=True, text=True, check=True
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     loaded, offered = (set(line.split()) for line in done.stdout.splitlines())
     assert (
@@ -94,17 +94,19 @@ def test_importing_it_loads_nothing_and_offers_everything():
 
 def offered():
     """Return all that the front door offers, by name."""
-    found = {name: getattr(barn, name) for name in dir(barn) if name != "__version__"}
+    members = {name: getattr(barn, name) for name in dir(barn) if name != "__version__"}
     for noun, module in [
-        (name, one) for name, one in found.items() if inspect.ismodule(one)
+        (name, member) for name, member in members.items() if inspect.ismodule(member)
     ]:
         names = getattr(
             module,
             "__all__",
             [name for name in vars(module) if not name.startswith("_")],
         )
-        found |= {f"{noun}.{name}": getattr(module, name) for name in names}
-    return {name: one for name, one in found.items() if not inspect.ismodule(one)}
+        members |= {f"{noun}.{name}": getattr(module, name) for name in names}
+    return {
+        name: member for name, member in members.items() if not inspect.ismodule(member)
+    }
 
 
 def test_every_command_has_its_function():
@@ -119,7 +121,7 @@ def test_every_command_has_its_function():
         "tune": "sweep",
     }  # which choose what to run; these run it
     names = {name.rpartition(".")[2] for name in offered()} | {
-        one for one in vars(barn.Results) if one[0] != "_"
+        member for member in vars(barn.Results) if member[0] != "_"
     }
     assert [
         name for name in COMMANDS if not {*functions.get(name, name).split()} <= names
@@ -143,10 +145,10 @@ def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_pat
         "--no-pretty",
     ]
     command += ["right.py", "wrong.py"]
-    told = subprocess.run(
+    process = subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, check=False
     ).stdout
-    assert "right.py" not in told
+    assert "right.py" not in process
     for words in (
         'No overload variant of "run" matches',
         'did you mean "repetitions"?',
@@ -154,36 +156,36 @@ def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_pat
         'did you mean "per_set"?',
         "expected",
     ):
-        assert words in told
+        assert words in process
 
 
 def test_worlds_are_listed_opened_generated_and_written(tmp_path):
     assert "barn300" in barn.worlds.datasets()
     assert list(barn.worlds.load("barn300", "0,7")) == [0, 7]
-    made = barn.worlds.generate(
+    worlds = barn.worlds.generate(
         tmp_path / "own.npz", per_set=2, seed=3, parameters={"initial_fill": 0.2}
     )
-    assert list(made) == [0, 1]
-    assert barn.worlds.load(tmp_path / "own.npz")[1].checksum == made[1].checksum
+    assert list(worlds) == [0, 1]
+    assert barn.worlds.load(tmp_path / "own.npz")[1].checksum == worlds[1].checksum
     again = barn.worlds.generate(per_set=2, seed=3, parameters={"initial_fill": 0.2})
-    assert [one.checksum for one in again.values()] == [
-        one.checksum for one in made.values()
+    assert [world.checksum for world in again.values()] == [
+        world.checksum for world in worlds.values()
     ]
     with pytest.raises(BarnError, match="exists already"):
-        barn.worlds.save(made, tmp_path / "own.npz")
+        barn.worlds.save(worlds, tmp_path / "own.npz")
     with pytest.raises(
         ConfigError, match=r"unknown format 'sfd'; did you mean 'sdf'\?"
     ):
-        barn.worlds.save(made, tmp_path / "x", "sfd")
+        barn.worlds.save(worlds, tmp_path / "x", "sfd")
     with pytest.raises(
         ConfigError, match="movable obstacles are for Gazebo worlds, not for map"
     ):
-        barn.worlds.save(made, tmp_path / "x", "map", movable=True)
+        barn.worlds.save(worlds, tmp_path / "x", "map", movable=True)
 
 
 def test_metrics_and_difficulty_have_a_row_per_world():
-    found = barn.worlds.metrics("barn300", "0:300:100")
-    assert (found.columns[0], len(found.columns), list(found["world"])) == (
+    metrics = barn.worlds.metrics("barn300", "0:300:100")
+    assert (metrics.columns[0], len(metrics.columns), list(metrics["world"])) == (
         "world",
         6,
         [0, 100, 200],
@@ -202,21 +204,21 @@ def test_metrics_and_difficulty_have_a_row_per_world():
 
 def test_everything_offered_is_explained():
     methods = {
-        f"Results.{name}": one
-        for name, one in vars(barn.Results).items()
+        f"Results.{name}": member
+        for name, member in vars(barn.Results).items()
         if not name.startswith("_")
     }
-    for name, one in (offered() | methods).items():
-        text = inspect.getdoc(one)
+    for name, member in (offered() | methods).items():
+        text = inspect.getdoc(member)
         assert text, name
         if (
-            inspect.isfunction(one)
-            and one.__module__.startswith("barn_eval")
+            inspect.isfunction(member)
+            and member.__module__.startswith("barn_eval")
             and "; as `barn." not in text
         ):
             taken = {
                 parameter
-                for parameter in inspect.signature(one).parameters
+                for parameter in inspect.signature(member).parameters
                 if parameter != "self"
             }
             explained = set(
@@ -229,13 +231,13 @@ def test_everything_offered_is_explained():
 
 def test_the_page_shows_what_there_is():
     text = PAGE.read_text("utf-8")
-    told = set(re.findall(r"barn(?:\.\w+)+", text))
-    public = [name for name, one in offered().items() if inspect.isfunction(one)]
+    names_on_page = set(re.findall(r"barn(?:\.\w+)+", text))
+    public = [name for name, member in offered().items() if inspect.isfunction(member)]
     assert len(public) > 30
     assert [
         name
         for name in public
-        if not {f"barn.{name}", f"barn.{name.partition('.')[2]}"} & told
+        if not {f"barn.{name}", f"barn.{name.partition('.')[2]}"} & names_on_page
     ] == []
     for block in re.findall(r"(?ms)^```python\n(.*?)^```", text):
         compile(block, str(PAGE), "exec")

@@ -46,12 +46,12 @@ FORWARD, STILL, NO_NUMBER = (
 def make(request):
     """Make environments that are closed after the test."""
 
-    def one(**changes) -> JackalEnv:
+    def make_one(**changes) -> JackalEnv:
         env = JackalEnv(**changes)
         request.addfinalizer(env.close)
         return env
 
-    return one
+    return make_one
 
 
 @pytest.mark.parametrize(
@@ -93,13 +93,14 @@ def test_it_can_be_made_by_the_name_of_its_module_alone():
 def drive(env, seed, count=40):
     digest = hashlib.sha256(env.reset(seed=seed)[0].tobytes())
     for k in range(count):
-        seen, *rest = env.step(np.array([0.1, np.sin(0.3 * k)], np.float32))
-        digest.update(seen.tobytes() + repr(rest).encode())
+        observation, *rest = env.step(np.array([0.1, np.sin(0.3 * k)], np.float32))
+        digest.update(observation.tobytes() + repr(rest).encode())
     return digest.hexdigest()
 
 
 def test_an_environment_used_before_repeats_a_new_one(make):
-    env, other = make(worlds="0:60"), make(worlds="0:60")
+    env = make(worlds="0:60")
+    other = make(worlds="0:60")
     first = drive(env, 4)
     assert drive(env, 5) != first
     assert drive(env, 4) == first == drive(other, 4)
@@ -107,25 +108,25 @@ def test_an_environment_used_before_repeats_a_new_one(make):
 
 def steering_policy() -> Policy:
     """Return a policy that turns to the goal and away from the nearer side; it does not get through every world."""
-    observation, action = PolicyObservation(beams=8), PolicyAction(0.0, 1.0, 1.5)
+    observation = PolicyObservation(beams=8)
+    action = PolicyAction(0.0, 1.0, 1.5)
     weights = np.zeros((observation.size, 2), np.float32)
-    weights[1:4, 1], weights[4:7, 1], weights[10, 1], weights[3:5, 0] = (
-        -0.8,
-        0.8,
-        1.0,
-        0.7,
-    )
+    weights[1:4, 1] = -0.8
+    weights[4:7, 1] = 0.8
+    weights[10, 1] = 1.0
+    weights[3:5, 0] = 0.7
     return Policy(observation, action, (weights,), (np.array([-0.3, 0.0], np.float32),))
 
 
 @pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
 @pytest.mark.parametrize(
-    "protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda one: one.name
+    "protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda make_one: make_one.name
 )
 def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(
     make, tmp_path, protocol, shield
 ):
-    policy, world = steering_policy(), 12
+    policy = steering_policy()
+    world = 12
     write_policy(tmp_path / "policy.npz", policy)
     spaces = {"observation": policy.observation, "action": policy.action}
     env = make(
@@ -141,13 +142,14 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(
     experiment = RunConfig(planners=planners, repetitions=2, seed=3, **rules)
     finished = run_direct_trial(experiment.trials([world])[1])
     network = PolicyNetwork(policy)
-    seen, info = env.reset(
+    observation, info = env.reset(
         options={"world": world, "campaign_seed": 3, "repetition": 1}
     )
     truths = env._episodes.readings.truths
-    poses, ended = [truths[0].copy()], False
+    poses = [truths[0].copy()]
+    ended = False
     while not ended:
-        seen, _, terminated, truncated, info = env.step(network.act(seen))
+        observation, _, terminated, truncated, info = env.step(network.act(observation))
         poses.append(truths[0].copy())
         ended = terminated or truncated
     np.testing.assert_array_equal(finished.trajectory.truth, poses)
@@ -239,11 +241,10 @@ def test_a_success_terminates_and_the_progress_adds_up(
 
 def test_the_reward_of_a_step():
     config = RewardConfig(2.0, "path", -0.1, -0.5, 0.6, -1.0, 10.0, -20.0, -5.0)
-    left_m, nearest_m = (
-        np.array([1.0, 1.0, 1.0]),
-        np.array([[5.0, 5.0], [4.0, 0.3], [5.0, 5.0]], np.float32),
-    )
-    rewards, shielded = np.zeros(3), np.array([False, False, True])
+    left_m = np.array([1.0, 1.0, 1.0])
+    nearest_m = np.array([[5.0, 5.0], [4.0, 0.3], [5.0, 5.0]], np.float32)
+    rewards = np.zeros(3)
+    shielded = np.array([False, False, True])
     before_m = left_m + [0.05, -0.05, 0.05]
     reward_steps(
         reward_weights(config),
@@ -296,10 +297,13 @@ def test_the_way_left_leads_along_the_path(make):
     env = make(worlds="150")
     env.reset(seed=0)
     spec = env._episodes.trial(0).spec
-    path, goal, start = spec.world.path_m(), spec.course.goal, spec.course.start
+    path = spec.world.path_m()
+    goal = spec.course.goal
+    start = spec.course.start
 
     def metres(along, *places):
-        points, left_m = path_points(spec.world, spec.course, along)[None], np.zeros(1)
+        points = path_points(spec.world, spec.course, along)[None]
+        left_m = np.zeros(1)
         for place in places:
             measure_distances_left(
                 points,
@@ -322,8 +326,8 @@ def test_the_way_left_leads_along_the_path(make):
 
 def test_worlds_are_drawn_from_those_chosen(make):
     env = make(worlds="149-160")
-    drawn = {env.reset(seed=seed)[1]["world"] for seed in range(40)}
-    assert len(drawn) > 5 and drawn <= set(range(149, 161))
+    worlds = {env.reset(seed=seed)[1]["world"] for seed in range(40)}
+    assert len(worlds) > 5 and worlds <= set(range(149, 161))
 
 
 def test_a_picture_shows_the_robot_on_its_way(make):

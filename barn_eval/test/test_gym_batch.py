@@ -8,7 +8,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed"
 from gymnasium.utils.env_checker import data_equivalence  # noqa: E402
 
 import barn_eval.gym  # noqa: E402
-from barn_sim.contact.bullet import PhysicsClient  # noqa: E402
+from barn_sim.contact.scene import ScenePool  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 
 NAME = barn_eval.gym.ENVIRONMENT_ID
@@ -21,27 +21,33 @@ def pair(request):
     """Make a batch of environments and the same ones in Gymnasium's own vector environment."""
 
     def make(autoreset="NextStep", **changes):
-        one = gymnasium.make_vec(
+        batch = gymnasium.make_vec(
             NAME, COUNT, "vector_entry_point", autoreset_mode=autoreset, **changes
         )
         other = gymnasium.make_vec(
             NAME, COUNT, "sync", vector_kwargs={"autoreset_mode": autoreset}, **changes
         )
-        request.addfinalizer(one.close)
+        request.addfinalizer(batch.close)
         request.addfinalizer(other.close)
-        return one, other
+        return batch, other
 
     return make
 
 
 def drive(pair, steps, actions):
     """Drive both alike and compare all they return; return all outcomes and how often an environment began anew."""
-    one, other = pair
-    (seen, info), (seen_too, info_too) = one.reset(seed=3), other.reset(seed=3)
-    assert data_equivalence((seen, info), (seen_too, info_too), exact=True)
+    batch, other = pair
+    (observation, info), (single_observation, info_too) = (
+        batch.reset(seed=3),
+        other.reset(seed=3),
+    )
+    assert data_equivalence(
+        (observation, info), (single_observation, info_too), exact=True
+    )
     outcomes = []
     for step in range(steps):
-        results, expected = one.step(actions[step]), other.step(actions[step])
+        results = batch.step(actions[step])
+        expected = other.step(actions[step])
         assert data_equivalence(results, expected, exact=True), step
         infos = results[4].get("final_info", results[4])
         outcomes += [name for name in infos.get("outcome", ()) if name]
@@ -109,33 +115,34 @@ def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
 
 def test_where_nothing_is_near_pybullet_is_not_used(pair, monkeypatch):
     monkeypatch.setattr(
-        PhysicsClient, "id", property(lambda _: pytest.fail("PyBullet is used"))
+        ScenePool, "acquire", lambda *_: pytest.fail("PyBullet is used")
     )
-    one, _ = pair(worlds="150", **SHORT)
-    one.reset(seed=0)
+    batch, _ = pair(worlds="150", **SHORT)
+    batch.reset(seed=0)
     for _ in range(50):
-        _, _, ended, _, _ = one.step(np.full((COUNT, 2), [-0.6, 1.0], np.float32))
+        _, _, ended, _, _ = batch.step(np.full((COUNT, 2), [-0.6, 1.0], np.float32))
         assert not ended.any()
 
 
 def test_actions_of_another_shape_are_refused(pair):
-    one, _ = pair(worlds="150", **SHORT)
+    batch, _ = pair(worlds="150", **SHORT)
     with pytest.raises(gymnasium.error.ResetNeeded):
-        one.step(np.zeros((COUNT, 2), np.float32))
-    one.reset(seed=0)
+        batch.step(np.zeros((COUNT, 2), np.float32))
+    batch.reset(seed=0)
     with pytest.raises(
         BarnError, match=r"actions must be an array of shape \(5, 2\), got \(5, 3\)"
     ):
-        one.step(np.zeros((COUNT, 3), np.float32))
+        batch.step(np.zeros((COUNT, 3), np.float32))
 
 
 def test_it_is_reset_where_it_is_asked_to(pair):
-    one, other = pair(worlds="0:300:7", **SHORT)
-    drive((one, other), 10, forward(10))
+    batch, other = pair(worlds="0:300:7", **SHORT)
+    drive((batch, other), 10, forward(10))
     mask = np.array([True, False, False, True, False])
     first, second = (
-        envs.reset(seed=7, options={"reset_mask": mask.copy()}) for envs in (one, other)
+        envs.reset(seed=7, options={"reset_mask": mask.copy()})
+        for envs in (batch, other)
     )
     np.testing.assert_array_equal(first[0], second[0])
     for action in forward(20, 1):
-        np.testing.assert_array_equal(one.step(action)[0], other.step(action)[0])
+        np.testing.assert_array_equal(batch.step(action)[0], other.step(action)[0])

@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from reproduce_work import write_made_up
+from reproduce_work import write_invented
 
 from barn_eval.api.results import Results
 from barn_eval.results.rows import seal_line, unseal_line
@@ -16,7 +16,7 @@ TAG = "<img src=x onerror=alert(1)>"
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     out = tmp_path_factory.mktemp("hostile") / "out"
-    write_made_up(out, GAP)
+    write_invented(out, GAP)
     return out
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reproduce_work import write_made_up
+from reproduce_work import write_invented
 
 from barn_eval.analysis.compare import compare_folders
 from barn_eval.results.folder import order_trials_fairly
@@ -60,15 +60,15 @@ def test_a_built_in_name_stands_for_the_built_in_rules(name):
 
 def test_every_change_of_the_task_changes_its_fingerprint():
     base = experiment().trials()[0].task
-    others = [
+    variants = [
         experiment(replace(CHALLENGE, name="renamed")),
         experiment(replace(CHALLENGE, name="longer", limit_s=101.0)),
         experiment(simulator={"localisation.mode": "amcl"}),
         experiment(simulator={"lidar.noise_m": 0.02}),
         experiment(KNOWN_MAP),
     ]
-    found = [one.trials()[0].task for one in others]
-    assert len({base, *found}) == len(others) + 1
+    fingerprints = [variant.trials()[0].task for variant in variants]
+    assert len({base, *fingerprints}) == len(variants) + 1
     assert {
         spec.task for spec in experiment(worlds="0-3", seed=7, repetitions=2).trials()
     } == {base}
@@ -82,15 +82,15 @@ def test_a_planner_is_told_by_what_it_is_set_to():
         ]
 
     faster = PlannerChoice("dwa", overrides={"dwa.max_speed_mps": 0.4})
-    others = [
+    variants = [
         PlannerChoice("dwa"),
         faster,
         PlannerChoice("dwa", preset="fast_dwa"),
         PlannerChoice("eband"),
     ]
-    found = [configured(choice)[0] for choice in others]
-    assert len(set(found)) == 4
-    assert configured(PlannerChoice("dwa", preset="challenge")) == found[:1]
+    fingerprints = [configured(choice)[0] for choice in variants]
+    assert len(set(fingerprints)) == 4
+    assert configured(PlannerChoice("dwa", preset="challenge")) == fingerprints[:1]
 
 
 def test_the_planner_knows_where_the_lidar_is():
@@ -109,27 +109,27 @@ def test_the_planner_knows_where_the_lidar_is():
 
 def test_a_planners_node_is_told_the_same_as_a_direct_one():
     choice = PlannerChoice("gap", overrides={"max_speed_mps": 0.4})
-    asked = experiment(PAPER_2020, "0", planners=(choice,), mode="ros")
-    (spec,) = asked.trials()
-    told = nodes.planner(choice, asked).parameters
-    assert [told[name] for name in ("planner", "preset", "use_map")] == [
+    config = experiment(PAPER_2020, "0", planners=(choice,), mode="ros")
+    (spec,) = config.trials()
+    parameters = nodes.planner(choice, config).parameters
+    assert [parameters[name] for name in ("planner", "preset", "use_map")] == [
         "gap",
         spec.preset,
         True,
     ]
     assert spec.overrides == {"max_speed_mps": 0.4, "lidar_x_m": 0.12}
-    assert spec.overrides.items() <= told.items()
+    assert spec.overrides.items() <= parameters.items()
 
 
 def test_different_tasks_are_not_compared_and_the_key_is_named(tmp_path):
-    write_made_up(tmp_path / "a", experiment())
-    write_made_up(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
+    write_invented(tmp_path / "a", experiment())
+    write_invented(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
     with pytest.raises(
         BarnError,
         match=r"simulator\.localisation\.mode is 'exact' in .*a, 'amcl' in .*b",
     ):
         compare_folders(tmp_path / "a", tmp_path / "b")
-    write_made_up(tmp_path / "c", experiment())
+    write_invented(tmp_path / "c", experiment())
     assert compare_folders(tmp_path / "a", tmp_path / "c")[0].trials_a == 2
 
 
@@ -155,13 +155,16 @@ def test_the_map_that_is_given_holds_start_and_goal():
     spec, paper = (
         experiment(protocol, "100").trials()[0] for protocol in (KNOWN_MAP, PAPER_2020)
     )
-    known, own = spec.map, spec.world.occupancy_map()
-    rows, cols = own.data.shape
-    assert np.array_equal(known.data[:rows, :cols], own.data)
-    assert not known.data[rows:].any()
+    protocol_map = spec.map
+    world_map = spec.world.occupancy_map()
+    rows, cols = world_map.data.shape
+    assert np.array_equal(protocol_map.data[:rows, :cols], world_map.data)
+    assert not protocol_map.data[rows:].any()
     for pose in (spec.course.start, spec.course.goal):
         assert (
-            0 <= (pose.y - known.origin_y) / known.resolution < known.data.shape[0] - 1
+            0
+            <= (pose.y - protocol_map.origin_y) / protocol_map.resolution
+            < protocol_map.data.shape[0] - 1
         )
     assert np.array_equal(
         paper.map.data, paper.world.occupancy_map(historical=True).data

@@ -12,7 +12,9 @@ from barn_eval.ros.graph import LEASE_S, Integrity
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
-SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
+SIMULATOR = b"simulator..."
+PLANNER = b"planner....."
+OTHER = b"other......."
 TOPICS = TrialTopics(
     "/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics"
 )
@@ -22,11 +24,9 @@ class View:
     """A graph of plain data."""
 
     def __init__(self, publishers=(), subscriptions=(), clients=(), crowded=""):
-        self._publishers, self._subscriptions, self._clients = (
-            publishers,
-            subscriptions,
-            clients,
-        )
+        self._publishers = publishers
+        self._subscriptions = subscriptions
+        self._clients = clients
         self._crowded = crowded
 
     def publishers(self, topic):
@@ -55,12 +55,12 @@ def endpoint(topic, process, node):
 
 
 def ordinary():
-    own = [
+    endpoints = [
         endpoint(topic, SIMULATOR, "/simulator")
         for topic in ("/clock", "/odom", "/scan")
     ]
     return [
-        *own,
+        *endpoints,
         endpoint("/cmd_vel", PLANNER, "/planner"),
         endpoint("/tf", PLANNER, "/planner"),
     ]
@@ -71,8 +71,8 @@ def integrity(view, line):
 
 
 def test_a_graph_too_large_to_be_looked_at_is_interference():
-    told = "5000 topics are on the graph, more than 1000"
-    assert integrity(View(ordinary(), crowded=told), Channel()).look() == told
+    message = "5000 topics are on the graph, more than 1000"
+    assert integrity(View(ordinary(), crowded=message), Channel()).look() == message
 
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
@@ -84,7 +84,7 @@ def test_an_ordinary_graph_is_in_order(line):
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
 @pytest.mark.parametrize(
-    ("foreign", "said"),
+    ("foreign", "words"),
     [
         (("/odom", PLANNER, "/planner"), "/planner publishes /odom"),
         (("/scan", OTHER, ""), "an unnamed node publishes /scan"),
@@ -92,8 +92,8 @@ def test_an_ordinary_graph_is_in_order(line):
         (("/clock", OTHER, "/simulator"), "2 nodes are named /simulator"),
     ],
 )
-def test_foreign_publishers(line, foreign, said):
-    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == said
+def test_foreign_publishers(line, foreign, words):
+    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == words
 
 
 def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
@@ -127,8 +127,8 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
     assert watched.look() == ""
     view._publishers, view._subscriptions = ordinary(), ()
     assert watched.look() == ""
-    said = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
-    assert watched.remarks == said
+    remark = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
+    assert watched.remarks == remark
     watched.begin()
     assert watched.remarks == ""
 

@@ -44,10 +44,10 @@ def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path
 def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_boards_of_their_own(
     run, tmp_path
 ):
-    one = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
+    first = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
     two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
-    (board,) = make_boards([one, fewer, two], "time")
+    (board,) = make_boards([first, fewer, two], "time")
     assert {row.entry.planner: row.summary.worlds for row in board.places} == {
         "gap": 4,
         "twin": 4,
@@ -64,7 +64,7 @@ def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_board
             row | {"campaign_seed": row["campaign_seed"] + 1} for row in rows
         ],
     )
-    boards = make_boards([one, fewer, two], "time")
+    boards = make_boards([first, fewer, two], "time")
     assert [[row.entry.planner for row in board.places] for board in boards] == [
         ["gap", "twin"],
         ["dwa"],
@@ -91,7 +91,7 @@ def test_planners_of_another_class_of_speed_caps_have_a_board_of_their_own(
 
 
 def test_two_settings_of_a_planner_are_named_by_what_differs(run, tmp_path):
-    one = campaign(tmp_path / "one", run, planners=("dwa",), bags=0)
+    first = campaign(tmp_path / "one", run, planners=("dwa",), bags=0)
     two = campaign(tmp_path / "two", run, planners=("dwa",), faster=0.5, bags=0)
     file = two / "run.json"
     content = json.loads(file.read_text())
@@ -100,13 +100,13 @@ def test_two_settings_of_a_planner_are_named_by_what_differs(run, tmp_path):
         "dwa.path_weight": 3.0,
     }
     file.write_text(json.dumps(content))
-    (board,) = make_boards([one, two])
+    (board,) = make_boards([first, two])
     assert {place.entry.label for place in board.places} == {
         "DWA",
         "DWA (obstacle_weight=0.0, path_weight=3.0)",
     }
     three = campaign(tmp_path / "three", run, planners=("dwa",), faster=0.7, bags=0)
-    (board,) = make_boards([one, two, three])
+    (board,) = make_boards([first, two, three])
     assert {place.entry.label for place in board.places} == {
         "DWA (one)",
         "DWA (two)",
@@ -116,21 +116,21 @@ def test_two_settings_of_a_planner_are_named_by_what_differs(run, tmp_path):
 
 def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, command):
     folder = campaign(tmp_path / "one", run, faster=2.0, bags=0)
-    found = json.loads(command("leaderboard", folder, "--worlds", "0-3", "--json")[1])
-    rows = [(row["tied"], row["planner"], row["worlds"]) for row in found["places"]]
+    content = json.loads(command("leaderboard", folder, "--worlds", "0-3", "--json")[1])
+    rows = [(row["tied"], row["planner"], row["worlds"]) for row in content["places"]]
     assert rows == [(True, "gap", 4), (True, "DWA", 4)]
     assert (
-        "cannot be told apart" in found["verdicts"][0]
-        and "4 worlds" in found["places"][0]["board"]
+        "cannot be told apart" in content["verdicts"][0]
+        and "4 worlds" in content["places"][0]["board"]
     )
     with pytest.raises(BarnError, match="no world 900 among the 8"):
         make_boards([folder], worlds="900")
 
 
 def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
-    one = campaign(tmp_path / "one", run, bags=0)
+    first = campaign(tmp_path / "one", run, bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
-    boards = make_boards([fewer, one])
+    boards = make_boards([fewer, first])
     marks = [
         {(place.entry.label, place.entry.color) for place in board.places}
         for board in boards
@@ -142,7 +142,7 @@ def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
     assert len(marks[0]) == len({colour for _, colour in marks[0]}) == 3
     assert dwa in {colour for _, colour in marks[0]}
     again = campaign(tmp_path / "again", run, bags=0)
-    (board,) = make_boards([one, again])
+    (board,) = make_boards([first, again])
     assert {place.entry.label for place in board.places} == {
         "gap (one)",
         "DWA (one)",
@@ -174,15 +174,15 @@ def test_the_terminal_gets_the_verdict_and_a_table_without_markup(
     run, tmp_path, command
 ):
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
-    code, shown, _ = command("leaderboard", folder)
-    assert code == 0 and "Only 8 worlds" in shown and "rank" in shown
+    code, output, _ = command("leaderboard", folder)
+    assert code == 0 and "Only 8 worlds" in output and "rank" in output
     assert (
-        " ".join(shown.split()).count(
+        " ".join(output.split()).count(
             "gap and DWA cannot be told apart: challenge metric 0."
         )
         == 1
     )
-    assert not set("\\|#") & set(shown)
+    assert not set("\\|#") & set(output)
 
 
 def test_texts_are_escaped_in_both_forms(run, tmp_path):
@@ -228,12 +228,12 @@ def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_p
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
     (board,) = make_boards([folder])
     text = markdown([board])
-    short, verdict, few, about = text.split("\n\n")[2:6]
+    short, verdict, few, caption = text.split("\n\n")[2:6]
     assert short.startswith("gap and DWA cannot be told apart: challenge metric 0.")
     failures = r"Failures in up to \d+\.\d % of gap's and \d+\.\d % of DWA's trials cannot be ruled out\."
     assert re.search(failures, verdict)
     assert few.startswith("Only 8 worlds: with fewer than 10")
-    assert about.startswith("Ranked by challenge metric")
+    assert caption.startswith("Ranked by challenge metric")
     assert verdict in html.unescape(page([board]))
     assert few in page([board])
     assert board.places[0].better_than == ()
@@ -293,10 +293,10 @@ def test_texts_that_are_none_are_refused(text):
 
 
 def test_a_ros_parameter_goes_into_the_command(tmp_path):
-    asked = {"out": tmp_path, "mode": "ros", "planner_command": "mine=run me"}
+    options = {"out": tmp_path, "mode": "ros", "planner_command": "mine=run me"}
     commands = [
-        one.request.config.planners[0].command
-        for one in grid(read_request(None, asked), {"a.b": [1, 0.5]})
+        setting.request.config.planners[0].command
+        for setting in grid(read_request(None, options), {"a.b": [1, 0.5]})
     ]
     assert commands == ["run me --ros-args -p a.b:=1", "run me --ros-args -p a.b:=0.5"]
 
@@ -304,19 +304,22 @@ def test_a_ros_parameter_goes_into_the_command(tmp_path):
 def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
     source = tmp_path / "given.yaml"
     source.write_text(yaml.safe_dump(FILE))
-    asked = {
+    options = {
         "out": tmp_path / "out",
         "mode": "ros",
         "planner_command": f"mine=run --ros-args --params-file {source}",
     }
     sweep = {"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}
-    made = grid(read_request(None, asked), sweep)
-    assert [one.name for one in made] == ["speed=0.3,rate=7", "speed=0.4,rate=7"]
-    for speed, one in zip((0.3, 0.4), made, strict=True):
-        one.write_parameter_files()
-        (path,) = one.parameter_files
+    settings = grid(read_request(None, options), sweep)
+    assert [setting.name for setting in settings] == [
+        "speed=0.3,rate=7",
+        "speed=0.4,rate=7",
+    ]
+    for speed, setting in zip((0.3, 0.4), settings, strict=True):
+        setting.write_parameter_files()
+        (path,) = setting.parameter_files
         assert (
-            one.request.config.planners[0].command
+            setting.request.config.planners[0].command
             == f"run --ros-args --params-file {path}"
         )
         changed = yaml.safe_load(path.read_text())
@@ -328,9 +331,9 @@ def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
             changed[node]["ros__parameters"]["rate"]
             for node in ("planner", "controller")
         ] == [7, 20]
-    again = grid(read_request(None, asked), sweep)
-    assert [one.request for one in again] == [
-        one.request for one in made
+    again = grid(read_request(None, options), sweep)
+    assert [setting.request for setting in again] == [
+        setting.request for setting in settings
     ]  # so that it can be resumed
     assert yaml.safe_load(source.read_text()) == FILE
 
@@ -346,30 +349,25 @@ def test_a_key_that_a_parameter_file_has_not_is_refused(tmp_path, key, words):
     source = tmp_path / "given.yaml"
     source.write_text(yaml.safe_dump(FILE))
     with pytest.raises(BarnError, match=words):
-        grid(
-            {key: [1]},
-            None,
-            {
-                "out": tmp_path,
-                "mode": "ros",
-                "planner_command": f"m=r --params-file {source}",
-            },
-        )
+        options = {
+            "out": tmp_path,
+            "mode": "ros",
+            "planner_command": f"m=r --params-file {source}",
+        }
+        grid(read_request(None, options), {key: [1]})
 
 
 def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
     command, tmp_path
 ):
-    out, words = (
-        tmp_path / "sweep",
-        ("--worlds", "0", "--planner", "gap", "--execution", "engine=inline"),
-    )
+    out = tmp_path / "sweep"
+    words = ("--worlds", "0", "--planner", "gap", "--execution", "engine=inline")
     code, printed, _ = command(
         "run", *words, "--sweep", "max_speed_mps=0.4,0.8", "--out", str(out), "--json"
     )
     assert code == 0
     settings = json.loads(printed)["settings"]
-    assert [one["max_speed_mps"] for one in settings] == [0.8, 0.4]
+    assert [setting["max_speed_mps"] for setting in settings] == [0.8, 0.4]
     command(
         "run", *words, "--set", "max_speed_mps=0.4", "--out", str(tmp_path / "alone")
     )
@@ -377,7 +375,7 @@ def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
         assert (out / "max_speed_mps=0.4" / name).read_bytes() == (
             tmp_path / "alone" / name
         ).read_bytes()
-    assert [parse_folder_name(one) for one in find_setting_folders(out)] == [
+    assert [parse_folder_name(setting) for setting in find_setting_folders(out)] == [
         {"max_speed_mps": 0.4},
         {"max_speed_mps": 0.8},
     ]
@@ -388,9 +386,14 @@ def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
 
 
 def test_python_has_a_column_per_parameter_and_a_figure(tmp_path):
-    asked = {"max_speed_mps": [0.5, 1.0], "k_prop_per_s": [1.0, 2.0]}
+    parameters = {"max_speed_mps": [0.5, 1.0], "k_prop_per_s": [1.0, 2.0]}
     frame = barn.sweep(
-        asked, worlds=0, planners="gap", engine="inline", out=tmp_path, progress=False
+        parameters,
+        worlds=0,
+        planners="gap",
+        engine="inline",
+        out=tmp_path,
+        progress=False,
     )
     assert list(frame["max_speed_mps"][:2]) == [1.0, 1.0]
     assert set(frame["k_prop_per_s"]) == {1.0, 2.0}

@@ -56,15 +56,15 @@ def test_straight_through_an_open_world_takes_hardly_more_than_the_least_time(
 )
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_no_robot_beats_the_least_time_by_swinging(open_world, robot, share):
-    found = load_robot(robot)
-    speed_mps = share * found.drive.max_speed_m_s
+    loaded = load_robot(robot)
+    speed_mps = share * loaded.drive.max_speed_m_s
     slow = replace(
         CHALLENGE,
         name="slow",
         start=replace(CHALLENGE.start, y_m=8.0),
         goal_distance_m=4.0,
     )
-    spec = spec_of(open_world, slow, speed_mps, robot=found)
+    spec = spec_of(open_world, slow, speed_mps, robot=loaded)
     scores = run_direct_trial(spec, planner=Swinging(speed_mps)).result.scores
     assert scores.success
     assert 0.8 < scores.efficiency <= 1.0
@@ -96,8 +96,8 @@ def test_a_command_above_the_declared_cap_ends_the_trial(open_world):
     result = run_direct_trial(
         spec_of(open_world, declared_mps=0.4), planner=Straight()
     ).result
-    told = "command of 0.5 m/s is above the planner's declared speed cap of 0.4 m/s"
-    assert (result.outcome, result.detail) == (Outcome.INVALID_COMMAND, told)
+    message = "command of 0.5 m/s is above the planner's declared speed cap of 0.4 m/s"
+    assert (result.outcome, result.detail) == (Outcome.INVALID_COMMAND, message)
 
 
 def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
@@ -110,12 +110,10 @@ def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
 def test_obstacles_count_where_a_contact_ends_the_trial_and_truth_decides():
     world = max(
         (BARN300.load(number) for number in range(0, 300, 30)),
-        key=lambda one: spec_of(one).least_time_s,
+        key=lambda candidate: spec_of(candidate).least_time_s,
     )
-    period_s, fastest = (
-        CHALLENGE.control_period_s,
-        0.5 * (1.0 + WHEEL_SLIP["skid_steer"]),
-    )
+    period_s = CHALLENGE.control_period_s
+    fastest = 0.5 * (1.0 + WHEEL_SLIP["skid_steer"])
     straight_s = (
         10.0 - CHALLENGE.goal_distance_m - CHALLENGE.clock_start_distance_m
     ) / fastest - period_s
@@ -152,8 +150,8 @@ def test_a_planner_of_ones_own_declares_its_cap_as_a_setting():
     }
     settings = ({}, {"mine.max_speed_mps": 0.7}, {"max_speed_mps": 1})
     specs = [
-        read_request(None, options | {"settings": one}).config.trials()[0]
-        for one in settings
+        read_request(None, options | {"settings": setting}).config.trials()[0]
+        for setting in settings
     ]
     assert [spec.declared_mps for spec in specs] == [0.0, 0.7, 1.0]
     assert len({spec.planner_config for spec in specs}) == 3

@@ -95,8 +95,8 @@ def test_without_the_sdk_one_line_says_so(rejected, monkeypatch):
 
 
 def test_a_view_without_bags_is_refused(rejected):
-    told = "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
-    assert rejected("run", "--worlds", "0", "--view", "--out", "out") == told
+    message = "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
+    assert rejected("run", "--worlds", "0", "--view", "--out", "out") == message
 
 
 def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_path):

@@ -39,7 +39,7 @@ def drive(referee, spec, collision=False):
     read(referee, spec, 2.0, spec.protocol.clock_start_distance_m + 0.1, collision)
 
 
-def told(live, referee, time_s):
+def messages_of(live, referee, time_s):
     taken = live.take(referee.standing, nanoseconds(time_s))
     return {topic.path: deserialize(data, topic.type_name) for topic, data in taken}
 
@@ -64,21 +64,21 @@ def test_twice_a_second_and_once_at_the_verdict(referee, spec):
     times = []
     for step in range(41):
         read(referee, spec, 0.05 * step, 0.02 * step)
-        times += [step] if told(live, referee, 0.05 * step) else []
+        times += [step] if messages_of(live, referee, 0.05 * step) else []
     assert times == [0, 10, 20, 30, 40]
     read(referee, spec, 2.05, 0.9, collision=True)
-    said = told(live, referee, 2.05)
-    assert said.keys() == {topic.path for topic in TOPICS}
-    assert (said["/outcome"].data, said["/score"].data) == ("collision", 0.0)
-    assert told(live, referee, 2.1) == told(live, referee, 9.0) == {}
+    messages = messages_of(live, referee, 2.05)
+    assert messages.keys() == {topic.path for topic in TOPICS}
+    assert (messages["/outcome"].data, messages["/score"].data) == ("collision", 0.0)
+    assert messages_of(live, referee, 2.1) == messages_of(live, referee, 9.0) == {}
 
 
 def test_what_is_said_in_the_scene(referee, spec):
     live = ScoreReporter(spec)
     drive(referee, spec)
-    said = told(live, referee, 2.25)
-    assert (said["/outcome"].data, said["/score"].data) == (RUNNING, 0.5)
-    (marker,) = said["/score_text"].markers
+    messages = messages_of(live, referee, 2.25)
+    assert (messages["/outcome"].data, messages["/score"].data) == (RUNNING, 0.5)
+    (marker,) = messages["/score_text"].markers
     left = f"{referee.standing.goal_distance_m:.2f} m to the goal"
     assert marker.text.split("\n") == [
         "dwa, world_0", "0.00 s on the clock", left, "0.00 s in contact", "worth 0.500 if there now",
@@ -94,10 +94,10 @@ def test_the_last_score_is_that_of_the_result(referee, spec):
     drive(referee, spec)
     goal = spec.course.start.inverse() @ spec.course.goal
     verdict = referee.observe(nanoseconds(30.0), goal, spec.course.goal, False)
-    said = told(live, referee, 30.0)
-    assert said["/outcome"].data == "success"
+    messages = messages_of(live, referee, 30.0)
+    assert messages["/outcome"].data == "success"
     assert (
-        said["/score"].data
+        messages["/score"].data
         == score_trial(verdict, spec.course, spec.protocol).challenge
     )
-    assert 0.0 < said["/score"].data < 0.5
+    assert 0.0 < messages["/score"].data < 0.5

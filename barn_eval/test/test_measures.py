@@ -40,21 +40,21 @@ def moved():
 
 
 def test_keys_are_columns_of_the_tables_and_values_are_theirs():
-    one = moved()
+    moving_result = moved()
     columns = {
-        **timing_table([one]).to_pylist()[0],
-        **results_table([one]).to_pylist()[0],
+        **timing_table([moving_result]).to_pylist()[0],
+        **results_table([moving_result]).to_pylist()[0],
     }
     columns["path_ratio"] = columns["driven_m"] / columns["path_length_m"]
     assert [measure.key for measure in MEASURES.values()] == list(MEASURES)
-    assert {key: measure.value(one) for key, measure in MEASURES.items()} == {
+    assert {key: measure.value(moving_result) for key, measure in MEASURES.items()} == {
         key: columns[key] for key in MEASURES
     }
 
 
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
     sides = {
-        side: {key for key, one in MEASURES.items() if one.better == side}
+        side: {key for key, measure in MEASURES.items() if measure.better == side}
         for side in ("larger", "smaller", "")
     }
     assert sides["larger"] == {
@@ -84,15 +84,15 @@ def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoo
 
 
 def test_what_a_robot_drives_counts_where_it_arrives():
-    of_successes = {key for key, one in MEASURES.items() if one.successes_only}
+    of_successes = {key for key, measure in MEASURES.items() if measure.successes_only}
     of_arrivals = {"traversal_time_s", "driven_m", "path_ratio", "rotation_rad"}
     assert of_successes == of_arrivals | {"path_over_straight", "time_over_straight"}
 
 
 def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
-    one = moved()
+    moving_result = moved()
     timed = replace(
-        one,
+        moving_result,
         recoveries=2,
         wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, missed_cycles=4),
     )
@@ -163,51 +163,62 @@ def test_the_best_is_the_highest_there_can_be_or_no_time():
 
 
 def test_failures_count_nothing_or_the_time_of_a_failure():
-    one = result(3)
+    success = result(3)
     counted_as = {
-        key: measure.as_failure(one)
+        key: measure.as_failure(success)
         for key, measure in MEASURES.items()
         if measure.as_failure
     }
     nothing = dict.fromkeys(
         ("success", "challenge", "challenge_2022", "efficiency"), 0.0
     )
-    times = {"scored_time_s": one.scores.failure_time_s}
+    times = {"scored_time_s": success.scores.failure_time_s}
     times["normalised_time_s_per_m"] = (
-        one.scores.failure_time_s / one.scores.path_length_m
+        success.scores.failure_time_s / success.scores.path_length_m
     )
     assert counted_as == nothing | times
 
 
 def test_values_of_successes_leave_failed_trials_out():
-    one = result(3)
-    failed = replace(one, scores=replace(one.scores, success=False))
+    success = result(3)
+    failed = replace(success, scores=replace(success.scores, success=False))
     np.testing.assert_array_equal(
-        MEASURES["driven_m"].values([one, failed]), [one.measures.driven_m, np.nan]
+        MEASURES["driven_m"].values([success, failed]),
+        [success.measures.driven_m, np.nan],
     )
     np.testing.assert_array_equal(
-        MEASURES["contact_s"].values([one, failed]), [one.measures.contact_s] * 2
+        MEASURES["contact_s"].values([success, failed]),
+        [success.measures.contact_s] * 2,
     )
-    np.testing.assert_array_equal(MEASURES["success"].values([one, failed]), [1.0, 0.0])
     np.testing.assert_array_equal(
-        MEASURES["recoveries"].values([replace(one, recoveries=None)]), [np.nan]
+        MEASURES["success"].values([success, failed]), [1.0, 0.0]
+    )
+    np.testing.assert_array_equal(
+        MEASURES["recoveries"].values([replace(success, recoveries=None)]), [np.nan]
     )
 
 
 def test_only_trials_among_moving_obstacles_have_their_measures():
-    one, still = moved(), result(3)
+    moving_result = moved()
+    still = result(3)
     assert "phase_s" not in results_table([still]).column_names
-    assert results_table([still, one])["phase_s"].to_pylist() == [None, 7.0]
+    assert results_table([still, moving_result])["phase_s"].to_pylist() == [None, 7.0]
     assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()
-    assert with_moving_measures(("success",), [one, still]) == ("success", *MOVING)
-    assert with_moving_measures(("success",), [one], [still]) == ("success",)
-    assert list(summarize_run([one]).planners[0].means) == [
+    assert with_moving_measures(("success",), [moving_result, still]) == (
+        "success",
+        *MOVING,
+    )
+    assert with_moving_measures(("success",), [moving_result], [still]) == ("success",)
+    assert list(summarize_run([moving_result]).planners[0].means) == [
         *SCORED,
         *DRIVEN,
         *MOVING,
     ]
-    other = replace(one, planner="gap")
-    assert [row.key for row in compare([one], [other]).rows] == [*COMPARED, *MOVING]
+    other = replace(moving_result, planner="gap")
+    assert [row.key for row in compare([moving_result], [other]).rows] == [
+        *COMPARED,
+        *MOVING,
+    ]
 
 
 def test_safety_is_told_by_what_moves_where_all_trials_are_among_such():

@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from PIL import Image
 from planners import spec_of
 from report_work import drive
-from test_pictures import drawn
+from test_pictures import collections_of
 from test_replay import some_of
 
 from barn_eval.pages.replay.files import write_replay
@@ -65,11 +65,11 @@ def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_
     )
     moving = RecordedMotions(times_s, places, standing(2), standing(0))
     assert moving.jumps.tolist() == [[False, False]] * 3 + [[False, True]]
-    found = moving.at(np.array([-1.0, 0.05, 0.25, 0.299, 0.3, 0.35, 9.0]))
-    assert found[:, 0, 0].tolist() == pytest.approx(
+    positions = moving.at(np.array([-1.0, 0.05, 0.25, 0.299, 0.3, 0.35, 9.0]))
+    assert positions[:, 0, 0].tolist() == pytest.approx(
         [0.0, 0.05, 0.25, 0.299, 0.3, 0.35, 0.4]
     )
-    assert found[:, 1, 1].tolist() == pytest.approx(
+    assert positions[:, 1, 1].tolist() == pytest.approx(
         [0.0, 0.1, 0.4, 0.4, -5.0, -5.0, -5.0]
     )
     straight, jumped = moving.trails(0.3)
@@ -87,7 +87,8 @@ def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_
 
 def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world):
     recorded = read_recorded_trial(bag)
-    moving, motion = recorded.moving, recorded.result["motion"]
+    moving = recorded.moving
+    motion = recorded.result["motion"]
     exact = world.tracks.over(recorded.times_s + motion["phase_s"])[0]
     off_m = np.linalg.norm(moving.at(recorded.times_s) - exact, axis=2)
     assert np.median(off_m) < 1e-3
@@ -116,8 +117,8 @@ def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(
     why = [
         "moving obstacles are not drawn: /moving_obstacles with their shapes is missing"
     ]
-    told = [note for note in recorded.notes if "moving" in note]
-    assert told == (why if topic == "/moving_obstacles" else [])
+    notes = [note for note in recorded.notes if "moving" in note]
+    assert notes == (why if topic == "/moving_obstacles" else [])
     assert "class RecordedMovers" not in replay_page(recorded)
 
 
@@ -129,7 +130,8 @@ def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_
         recorded.moving.walls.poses, wall_bodies(still.walls).poses, atol=1e-12
     )
     assert recorded.moving.places.shape[1:] == (0, 2)
-    moving, times_s = recorded.moving, recorded.times_s
+    moving = recorded.moving
+    times_s = recorded.times_s
     near = compute_gaps(
         moving.bodies,
         moving.walls,
@@ -159,14 +161,15 @@ def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
     )
     assert kind == "Int16Array" and data["moving"]["step"] == 0.001
     assert np.abs(places * 0.001 - recorded.moving.places).max() <= 0.0005 + 1e-9
-    shown, motion = dict(list_facts(recorded)), recorded.result["motion"]
-    assert shown["first contact with"] == motion["touched"]
+    facts = dict(list_facts(recorded))
+    motion = recorded.result["motion"]
+    assert facts["first contact with"] == motion["touched"]
     assert (
-        shown["smallest clearance to what moves [m]"]
+        facts["smallest clearance to what moves [m]"]
         == f"{motion['moving_clearance_m']:.3f}"
     )
-    assert shown["time within 0.5 m of what moves [s]"] == f"{motion['near_s']:.2f}"
-    assert shown["phase of what moves [s]"] == f"{motion['phase_s']:.2f}"
+    assert facts["time within 0.5 m of what moves [s]"] == f"{motion['near_s']:.2f}"
+    assert facts["phase of what moves [s]"] == f"{motion['phase_s']:.2f}"
 
 
 def violet(pixels):
@@ -183,11 +186,13 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
         read_recorded_trial(bag).trial,
     )
     for camera in ("chase", "top"):
-        seen = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
-        for one, source in zip(seen, (bag, still), strict=True):
-            write_replay([source], [one], camera=camera)
-        pixels = [np.asarray(Image.open(one).convert("RGB"), int) for one in seen]
-        shares = [violet(one).mean() for one in pixels]
+        pictures = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
+        for picture, source in zip(pictures, (bag, still), strict=True):
+            write_replay([source], [picture], camera=camera)
+        pixels = [
+            np.asarray(Image.open(picture).convert("RGB"), int) for picture in pictures
+        ]
+        shares = [violet(picture).mean() for picture in pixels]
         assert shares[0] > 0.001 and shares[1] == 0.0
 
 
@@ -211,17 +216,19 @@ def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, w
             result.motion.near_s, abs=1e-4
         )
     assert data["worlds"][world.checksum]["moving"]["powers"] == 4
-    for one in report.trials:
-        nearest = one.track.samples[:, -1].min()
-        assert nearest == pytest.approx(one.result.motion.moving_clearance_m, abs=0.1)
+    for driven_trial in report.trials:
+        nearest = driven_trial.track.samples[:, -1].min()
+        assert nearest == pytest.approx(
+            driven_trial.result.motion.moving_clearance_m, abs=0.1
+        )
     assert "class MotionMovers" in report_page(report, "A title")
 
 
 def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
     figure = overlay([folder], WORLD)
-    results = [one for one in read_results(folder) if one.motion.touched]
+    results = [item for item in read_results(folder) if item.motion.touched]
     assert results
-    ways = drawn(figure, LineCollection)[0].get_segments()
+    ways = collections_of(figure, LineCollection)[0].get_segments()
     assert len(ways) >= len(world.moving)
     begin = world.tracks.at(results[0].motion.phase_s)[0]
     assert {tuple(way[0].round(6)) for way in ways} >= {
@@ -229,15 +236,15 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
     }
     middles = [
         path.vertices[:-1].mean(axis=0)
-        for one in drawn(figure, PolyCollection)
-        for path in one.get_paths()
+        for item in collections_of(figure, PolyCollection)
+        for path in item.get_paths()
     ]
-    for one in results:
-        places = world.tracks.at(one.motion.phase_s + one.scores.duration_s)[0]
-        place = places[world.tracks.names.index(one.motion.touched)]
+    for item in results:
+        places = world.tracks.at(item.motion.phase_s + item.scores.duration_s)[0]
+        place = places[world.tracks.names.index(item.motion.touched)]
         assert np.linalg.norm(np.array(middles) - place, axis=1).min() < 0.1
     assert "way of what moves" in [
-        one.get_text() for one in figure.legends[0].get_texts()
+        item.get_text() for item in figure.legends[0].get_texts()
     ]
 
 
@@ -272,32 +279,32 @@ def test_pages_move_obstacles_as_the_world_does(
     pixels = "document.getElementById('scene').toDataURL()"
     page = open_page(tmp_path / "two.html")
     for time_s in (0.0, 0.55, float(recorded.times_s[-1])):
-        found = page.evaluate(
+        positions = page.evaluate(
             "(time) => Array.from(replay.trials[0].movers.at(time))", time_s
         )
-        assert found == pytest.approx(
+        assert positions == pytest.approx(
             recorded.moving.at(np.array([time_s])).ravel().tolist(), abs=2e-3
         )
     for arrangement in ("beside", "overlay"):
         page.select_option("#arrange", arrangement)
         page.evaluate("replay.player.seek(1)")
-        shown = page.evaluate(pixels)
+        pixel_counts = page.evaluate(pixels)
         page.click("#layer-moving")
-        assert page.evaluate(pixels) != shown
+        assert page.evaluate(pixels) != pixel_counts
         page.click("#layer-moving")
     page.click("#to-closest")
     closest_s = recorded.times_s[recorded.clearance_m.argmin()]
-    found_s = page.evaluate("replay.trials[0].times[replay.trials[0].closest]")
-    assert found_s == pytest.approx(closest_s, abs=1e-3)
+    closest_time_s = page.evaluate("replay.trials[0].times[replay.trials[0].closest]")
+    assert closest_time_s == pytest.approx(closest_s, abs=1e-3)
     page = open_page(tmp_path / "report.html")
     page.evaluate(
         f"report.view.open(report.data.trials.findIndex((one) => one.id === '{bag.name}'))"
     )
     page.wait_for_function(f"document.body.dataset.opened === '{bag.name}'")
     for time_s in (0.0, 3.21, 77.7):
-        found = page.evaluate(
+        positions = page.evaluate(
             "(time) => Array.from(report.view.movers.at(time))", time_s
         )
-        assert found == pytest.approx(
+        assert positions == pytest.approx(
             world.tracks.at(phase_s + time_s)[0].ravel().tolist(), abs=5e-3
         )

@@ -116,20 +116,21 @@ def test_the_environment_starts_episodes_where_the_map_says(room):
     environment = pytest.importorskip(
         "barn_eval.learning.environment", reason="needs Gymnasium"
     )
-    world, reward = open_dataset(room).load(0), {"reward.progress_along": "straight"}
-    made = environment.JackalEnv(dataset=str(room), **reward)
-    _, info = made.reset(seed=1)
+    world = open_dataset(room).load(0)
+    reward = {"reward.progress_along": "straight"}
+    env = environment.JackalEnv(dataset=str(room), **reward)
+    _, info = env.reset(seed=1)
     assert info["way_left_m"] == pytest.approx(world.start.distance(world.goal))
-    made.close()
+    env.close()
 
 
 def test_arenas_are_generated_drawn_and_exported(command, tmp_path):
     which = {"classes": ["easy", "hard"], "per_class": 2, "seed": 5}
     worlds = barn.worlds.generate_moving(tmp_path / "own.npz", **which)
-    made = open_dataset(tmp_path / "own.npz")
-    assert made.world_numbers == (0, 1, 2, 3)
+    dataset = open_dataset(tmp_path / "own.npz")
+    assert dataset.world_numbers == (0, 1, 2, 3)
     assert {k: w.checksum for k, w in worlds.items()} == {
-        k: made.load(k).checksum for k in made.world_numbers
+        k: dataset.load(k).checksum for k in dataset.world_numbers
     }
     assert [w.checksum for w in barn.worlds.generate_moving(**which).values()] == [
         w.checksum for w in worlds.values()
@@ -153,18 +154,19 @@ def test_arenas_are_generated_drawn_and_exported(command, tmp_path):
             == 0
         )
         assert (tmp_path / form / file).is_file()
-    assert open_dataset(tmp_path / "yaml").load(1).checksum == made.load(1).checksum
+    assert open_dataset(tmp_path / "yaml").load(1).checksum == dataset.load(1).checksum
 
 
 @pytest.mark.parametrize("crossing", [False, True])
 def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
     which = {"source": "barn300", "select": "3,7", "crossing": crossing, "obstacles": 3}
     barn.worlds.generate_moving(tmp_path / "own.npz", ["easy"], **which)
-    made, still = open_dataset(tmp_path / "own.npz"), open_dataset("barn300")
-    assert made.world_numbers == (3, 7)
-    for index in made.world_numbers:
-        assert len(made.load(index).moving) == 3
-        assert (made.load(index).grid == still.load(index).grid).all()
+    moving = open_dataset(tmp_path / "own.npz")
+    still = open_dataset("barn300")
+    assert moving.world_numbers == (3, 7)
+    for index in moving.world_numbers:
+        assert len(moving.load(index).moving) == 3
+        assert (moving.load(index).grid == still.load(index).grid).all()
     assert command("metrics", "own.npz")[0] == 0  # of what stands
 
 
@@ -195,7 +197,7 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(rejected, arguments, com
 
 
 def test_from_python_a_mistake_is_an_error_of_the_suite():
-    for wrong, said in (
+    for wrong, message in (
         ({"source": "barn300"}, "one class of motion must be named"),
         (
             {"crossing": True},
@@ -204,7 +206,7 @@ def test_from_python_a_mistake_is_an_error_of_the_suite():
         ({"classes": ["esy"]}, "unknown class 'esy'; did you mean 'easy'?"),
         ({"parameters": {"radius": 1}}, "did you mean 'radius_m'?"),
     ):
-        with pytest.raises(ConfigError, match=re.escape(said)):
+        with pytest.raises(ConfigError, match=re.escape(message)):
             barn.worlds.generate_moving(**wrong)
     with pytest.raises(BarnError, match="exists already"):
         barn.worlds.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)
@@ -215,18 +217,18 @@ def test_the_bag_of_a_trial_has_the_true_poses_of_its_phase(tmp_path):
     result = recorded(spec, tmp_path / "bag").result
     assert result.motion.phase_s == spec.phase_s == spec.description()["phase_s"] > 0.0
     poses = [
-        one
-        for one in BagFile(tmp_path / "bag").messages()
-        if one.topic == MOVING_POSES.path
+        item
+        for item in BagFile(tmp_path / "bag").messages()
+        if item.topic == MOVING_POSES.path
     ]
     assert len(poses) >= 10 * result.scores.duration_s - 1
-    for one in poses:
-        expected = spec.world.tracks.at(spec.phase_s + one.stamp_ns * 1e-9)[0]
-        found = [
+    for item in poses:
+        expected = spec.world.tracks.at(spec.phase_s + item.stamp_ns * 1e-9)[0]
+        positions = [
             (pose.position.x, pose.position.y)
-            for pose in deserialize(one.data, MOVING_POSES.type_name).poses
+            for pose in deserialize(item.data, MOVING_POSES.type_name).poses
         ]
-        np.testing.assert_allclose(found, expected, atol=1e-9)
+        np.testing.assert_allclose(positions, expected, atol=1e-9)
 
 
 def test_every_repetition_has_a_phase_of_its_own_and_every_planner_the_same():

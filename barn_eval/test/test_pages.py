@@ -63,8 +63,10 @@ def test_a_page_is_whole_readable_and_alone(
     if view == "desk":
         right = "Math.max(...[...document.querySelectorAll('main *')].map((one) => one.getBoundingClientRect().right))"
         assert page.evaluate(right) > 1700
-    asked = {url for url in open_page.asked if not url.startswith(("data:", "blob:"))}
-    assert asked <= {
+    requests = {
+        url for url in open_page.asked if not url.startswith(("data:", "blob:"))
+    }
+    assert requests <= {
         addresses[name],
         addresses[name] + "state",
     }  # which is the campaign's page's own

@@ -21,33 +21,29 @@ def cells(text):
 
 
 def test_the_best_and_what_is_not_clearly_worse_is_bold():
-    fast, even, slow = (
-        results(worlds=20),
-        results("twin", worlds=20),
-        results("eband", slower_s=5.0, worlds=20),
-    )
-    found = cells(
+    fast = results(worlds=20)
+    even = results("twin", worlds=20)
+    slow = results("eband", slower_s=5.0, worlds=20)
+    bold_cells = cells(
         paper_table(
             {"fast": fast, "twin": even, "slow": slow}, ["normalised_time_s_per_m"]
         )
     )
-    assert {name: r"\textbf" in cell for name, (cell,) in found.items()} == {
+    assert {name: r"\textbf" in cell for name, (cell,) in bold_cells.items()} == {
         "fast": True,
         "twin": True,
         "slow": False,
     }
-    found = cells(paper_table({"fast": fast}, ["normalised_time_s_per_m"]))
-    assert r"\textbf" not in found["fast"][0]
+    bold_cells = cells(paper_table({"fast": fast}, ["normalised_time_s_per_m"]))
+    assert r"\textbf" not in bold_cells["fast"][0]
 
 
 def test_figures_are_those_of_the_trials_that_all_have():
-    whole, part = (
-        results(worlds=20),
-        [one for one in results("eband", worlds=20) if one.world < 12],
-    )
+    whole = results(worlds=20)
+    part = [row for row in results("eband", worlds=20) if row.world < 12]
     text = paper_table({"a": whole, "b": part})
     assert "over 12 worlds of" in text
-    shared = [one for one in whole if one.world < 12]
+    shared = [row for row in whole if row.world < 12]
     assert cells(text)["a"][1].startswith(
         cells(paper_table({"a": shared, "b": part}))["a"][1]
     )
@@ -73,7 +69,7 @@ def test_columns_caption_and_label_are_chosen_and_names_are_text(folder):
 def test_the_command_writes_the_table_of_the_columns_that_it_prints(
     folder, tmp_path, command
 ):
-    code, shown, _ = command(
+    code, output, _ = command(
         "compare",
         folder,
         "--columns",
@@ -83,7 +79,7 @@ def test_the_command_writes_the_table_of_the_columns_that_it_prints(
     )
     text = (tmp_path / "t.tex").read_text()
     assert code == 0 and text == barn.load(folder).latex(["success", "contact_s"])
-    assert [name in shown for name in ("success", "contact", "jerk")] == [
+    assert [name in output for name in ("success", "contact", "jerk")] == [
         True,
         True,
         False,

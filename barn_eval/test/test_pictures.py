@@ -60,15 +60,18 @@ def test_pictures_and_animations(bag, tmp_path):
     assert [path.name for path in tmp_path.glob("*.partial")] == []
     write_replay([bag, bag], [tmp_path / "both.png"])
     with (
-        Image.open(tmp_path / "end.png") as one,
+        Image.open(tmp_path / "end.png") as image,
         Image.open(tmp_path / "both.png") as both,
     ):
-        assert one.size == SIZES["top"] and both.size == (2 * one.size[0], one.size[1])
+        assert image.size == SIZES["top"] and both.size == (
+            2 * image.size[0],
+            image.size[1],
+        )
         halves = [
-            np.asarray(both.crop((left, 0, left + one.size[0], one.size[1])))
-            for left in (0, one.size[0])
+            np.asarray(both.crop((left, 0, left + image.size[0], image.size[1])))
+            for left in (0, image.size[0])
         ]
-        assert all((half == np.asarray(one)).all() for half in halves)
+        assert all((half == np.asarray(image)).all() for half in halves)
     write_replay([bag], [tmp_path / "chase.png"], camera="chase")
     with Image.open(tmp_path / "chase.png") as picture:
         assert picture.size == SIZES["chase"]
@@ -119,37 +122,43 @@ def test_a_film(bag, tmp_path):
     assert (tmp_path / "trial.mp4").read_bytes()[4:8] == b"ftyp"
 
 
-def drawn(figure, kind):
-    return [one for one in figure.axes[0].collections if type(one) is kind]
+def collections_of(figure, kind):
+    return [
+        collection
+        for collection in figure.axes[0].collections
+        if type(collection) is kind
+    ]
 
 
 def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):
-    chosen, _ = select_trials(read_entries([folder]), 0, (), "")
-    assert sorted(one.result.planner for one in chosen) == ["dwa", "gap", "gap"]
+    trials, _ = select_trials(read_entries([folder]), 0, (), "")
+    assert sorted(trial.result.planner for trial in trials) == ["dwa", "gap", "gap"]
     figure = overlay([folder], 0)
-    lines = drawn(figure, LineCollection)
+    lines = collections_of(figure, LineCollection)
     assert len(lines) == 3
     shades = dict(zip(("gap", "dwa"), assign_colors(["gap", "dwa"]), strict=True))
-    for line, one in zip(lines, chosen, strict=True):
-        assert to_hex(line.get_color()[0]).upper() == shades[one.result.planner]
-        kept = parse_track_line(one.entry.source.tracks[one.result.trial_id], "")[
+    for line, trial in zip(lines, trials, strict=True):
+        assert to_hex(line.get_color()[0]).upper() == shades[trial.result.planner]
+        track = parse_track_line(trial.entry.source.tracks[trial.result.trial_id], "")[
             1
         ].samples
-        assert np.array(line.get_segments())[:, 0].tolist() == kept[:-1, 1:3].tolist()
-        assert np.isfinite(kept[:, 1:3]).all()
+        assert np.array(line.get_segments())[:, 0].tolist() == track[:-1, 1:3].tolist()
+        assert np.isfinite(track[:, 1:3]).all()
     outlines = [
         path.vertices
-        for one in drawn(figure, PolyCollection)
-        for path in one.get_paths()
+        for trial in collections_of(figure, PolyCollection)
+        for path in trial.get_paths()
     ]
     assert len(outlines) == 6
-    ends = [one.track.samples[index, 1:3] for one in chosen for index in (0, -1)]
+    ends = [trial.track.samples[index, 1:3] for trial in trials for index in (0, -1)]
     middles = [outline[:4].mean(axis=0) for outline in outlines]
     assert np.allclose(middles, ends, atol=0.05)
     world = open_dataset("barn300").load(0)
-    stands = [len(one.get_offsets()) for one in drawn(figure, EllipseCollection)]
+    stands = [
+        len(trial.get_offsets()) for trial in collections_of(figure, EllipseCollection)
+    ]
     assert stands == [len(world.containment_m), len(world.obstacles_m)]
-    texts = [one.get_text() for one in figure.legends[0].get_texts()]
+    texts = [trial.get_text() for trial in figure.legends[0].get_texts()]
     assert texts == [
         "gap\n2 success",
         "DWA\n1 success",
@@ -161,7 +170,7 @@ def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder)
 
 def test_colours_by_speed_have_a_scale(folder):
     figure = overlay([folder], 0, by="speed", planners=["dwa"])
-    (line,) = drawn(figure, LineCollection)
+    (line,) = collections_of(figure, LineCollection)
     assert line.get_array().max() > 0.2
     assert line.get_clim() == (0.0, pytest.approx(max(0.5, line.get_array().max())))
     assert figure.axes[1].get_ylabel() == "speed [m/s]"
@@ -202,11 +211,11 @@ def test_the_command_and_python_draw_the_same(folder, tmp_path, command, rejecte
     for out in ([], ["--out", "speed.svg", "--by", "speed", "--planner", "gap"]):
         assert command("show", 0, "--trials", folder, *out)[0] == 0
     barn.load(folder).overlay(0).save(tmp_path / "python.png")
-    with Image.open("trials_w0000.png") as one, Image.open("python.png") as other:
-        assert one.size == other.size
-        assert np.array_equal(np.asarray(one), np.asarray(other))
+    with Image.open("trials_w0000.png") as first, Image.open("python.png") as other:
+        assert first.size == other.size
+        assert np.array_equal(np.asarray(first), np.asarray(other))
     assert EVIL not in (tmp_path / "speed.svg").read_text()
-    for wrong, told in (
+    for wrong, message in (
         (["--trials", str(folder)], "Missing argument 'WORLDS'"),
         (["3", "--by", "speed"], "--by needs --trials"),
         (
@@ -218,4 +227,4 @@ def test_the_command_and_python_draw_the_same(folder, tmp_path, command, rejecte
             "a.gif: must end in .png, .svg or .pdf",
         ),
     ):
-        assert told in rejected("show", *wrong)
+        assert message in rejected("show", *wrong)

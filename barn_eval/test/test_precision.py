@@ -27,32 +27,37 @@ from barn_eval.commands.compare import precision as command
 from barn_worlds.base.errors import ConfigError
 
 
-def values(found):
-    time = MEASURES["normalised_time_s_per_m"].values(found)
-    return time, np.array([one.world for one in found])
+def values(rows):
+    time = MEASURES["normalised_time_s_per_m"].values(rows)
+    return time, np.array([row.world for row in rows])
 
 
 def test_needs_are_those_of_the_components_of_variance():
-    dwa, eband = results(), results("eband", 1.0, seed=3)
-    found = estimate_precision({"dwa": dwa, "eband": eband}, 0.1, 0.2)
-    assert found.measure == "normalised_time_s_per_m"
-    assert [one.of for one in found.figures] == ["DWA", "E-Band", "DWA - E-Band"]
+    dwa = results()
+    eband = results("eband", 1.0, seed=3)
+    precision = estimate_precision({"dwa": dwa, "eband": eband}, 0.1, 0.2)
+    assert precision.measure == "normalised_time_s_per_m"
+    assert [figure.of for figure in precision.figures] == [
+        "DWA",
+        "E-Band",
+        "DWA - E-Band",
+    ]
     parts = [variance_components(*values(dwa)), variance_components(*values(eband))]
     parts.append(variance_components(values(dwa)[0] - values(eband)[0], values(dwa)[1]))
-    assert [len(one.parts.unseen) for one in found.figures] == [
+    assert [len(figure.parts.unseen) for figure in precision.figures] == [
         1,
         1,
         2,
     ]  # nobody has failed
     parts = [
-        replace(one, unseen=other.parts.unseen)
-        for one, other in zip(parts, found.figures, strict=True)
+        replace(figure, unseen=other.parts.unseen)
+        for figure, other in zip(parts, precision.figures, strict=True)
     ]
-    assert [one.parts for one in found.figures] == parts
-    assert found.figures[0].half_width == half_width(parts[0], 20, 3)
+    assert [figure.parts for figure in precision.figures] == parts
+    assert precision.figures[0].half_width == half_width(parts[0], 20, 3)
     assert [
-        (one.of, one.kind, one.wanted, one.repetitions, one.worlds)
-        for one in found.needs
+        (figure.of, figure.kind, figure.wanted, figure.repetitions, figure.worlds)
+        for figure in precision.needs
     ] == [
         *(
             (
@@ -85,7 +90,7 @@ def test_needs_are_those_of_the_components_of_variance():
             for c in REPETITIONS
         ),
     ]
-    assert found.notes == ()
+    assert precision.notes == ()
 
 
 def test_five_percent_of_the_mean_is_wanted_unless_something_else_is():
@@ -95,17 +100,17 @@ def test_five_percent_of_the_mean_is_wanted_unless_something_else_is():
 
 
 def test_what_the_results_cannot_say_is_said():
-    single = [one for one in results(worlds=4) if one.repetition == 0]
+    single = [row for row in results(worlds=4) if row.repetition == 0]
     few, alone = estimate_precision({"dwa": single}).notes
     assert few.startswith("Only 4 worlds")
     assert alone.startswith("With one trial per world nothing is known of how alike")
-    assert {one.repetitions for one in estimate_precision({"dwa": single}).needs} == {1}
+    assert {row.repetitions for row in estimate_precision({"dwa": single}).needs} == {1}
     with pytest.raises(
         ConfigError, match="DWA: 1 world with time per metre as counted cannot say"
     ):
         estimate_precision({"dwa": results(worlds=1)})
-    said = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
-    with pytest.raises(ConfigError, match=said):
+    message = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
+    with pytest.raises(ConfigError, match=message):
         estimate_precision({"dwa": results()}, size=0.1)
     with pytest.raises(
         ConfigError, match="unknown measure 'succes'; did you mean 'success'"
@@ -114,15 +119,15 @@ def test_what_the_results_cannot_say_is_said():
 
 
 def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
-    found = estimate_precision(
+    precision = estimate_precision(
         {"dwa": results(), "eband": results("eband", 1.0, seed=3)}, 0.1, 1e-9
     )
-    assert [row[0] for row in figures_table(found).rows] == [
+    assert [row[0] for row in figures_table(precision).rows] == [
         "DWA",
         "E-Band",
         "DWA - E-Band",
     ]
-    table = needs_table(found)
+    table = needs_table(precision)
     assert table.columns[1:3] == ("DWA to +- 0.100", "E-Band to +- 0.100")
     assert [row[0] for row in table.rows] == [
         "1 trial",
@@ -133,16 +138,16 @@ def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
     ]
     assert {row[3] for row in table.rows} == {"over a million"}
     assert [row[1] for row in table.rows] == [
-        str(one.worlds) for one in found.needs if one.of == "DWA"
+        str(need.worlds) for need in precision.needs if need.of == "DWA"
     ]
 
 
 def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixture)
-    of_300 = [replace(one, dataset="barn300") for one in results()]
-    found = estimate_precision({"dwa": of_300}, width=0.001)
-    assert found.available == 300
-    assert found.notes[-1].startswith("The set has 300 worlds")
-    assert {row[1] for row in needs_table(found).rows} == {"over 300"}
+    of_300 = [replace(trial, dataset="barn300") for trial in results()]
+    precision = estimate_precision({"dwa": of_300}, width=0.001)
+    assert precision.available == 300
+    assert precision.notes[-1].startswith("The set has 300 worlds")
+    assert {row[1] for row in needs_table(precision).rows} == {"over 300"}
     three = {"dwa": results(), "eband": results("eband"), "gap": results("gap")}
     assert (
         estimate_precision(three).notes[0]
@@ -158,16 +163,16 @@ def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
         "second": 0.0,
         "third": np.random.default_rng(2).normal(0.12, 0.3, 60),
     }
-    made = {  # a failure counts little more than a success
+    groups = {  # a failure counts little more than a success
         name: [
-            scored(one, failure_time_s=5.0 * 4.1)
-            for one in timed(name, times + ahead, 60)
+            scored(trial, failure_time_s=5.0 * 4.1)
+            for trial in timed(name, times + ahead, 60)
         ]
         for name, ahead in lead.items()
     }
-    (pair,) = ranking_power({name: made[name] for name in ("best", "second")})
+    (pair,) = ranking_power({name: groups[name] for name in ("best", "second")})
     assert (pair.planners, pair.shares[10], pair.enough) == (("best", "second"), 1.0, 1)
-    (three,) = ranking_power(made)
+    (three,) = ranking_power(groups)
     assert three.differing == (
         ("best", "second"),
         ("best", "third"),
@@ -183,18 +188,18 @@ def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
     with pytest.raises(
         ConfigError, match="unknown measure 'sucess'; did you mean 'success'"
     ):
-        ranking_power(made, ["sucess"])
+        ranking_power(groups, ["sucess"])
     with pytest.raises(
         ConfigError, match="a ranking needs two planners; there is best only"
     ):
-        ranking_power({"best": made["best"]})
+        ranking_power({"best": groups["best"]})
 
 
 def test_planners_that_do_not_differ_have_no_right_order():
     same = {"dwa": results(), "eband": results("eband")}
-    (found,) = ranking_power(same)
-    assert (found.differing, found.shares, found.enough) == ((), {}, None)
-    assert ranking_table([found]).rows[0][-1] == "over 20"
+    (power,) = ranking_power(same)
+    assert (power.differing, power.shares, power.enough) == ((), {}, None)
+    assert ranking_table([power]).rows[0][-1] == "over 20"
 
 
 def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F811
@@ -207,12 +212,16 @@ def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F8
     content = json.loads(
         invoke(both, "--difference", "0.1", "--repetitions", "3", "--json").output
     )
-    assert [one["of"] for one in content["needs"]] == ["DWA", "E-Band", "DWA - E-Band"]
+    assert [entry["of"] for entry in content["needs"]] == [
+        "DWA",
+        "E-Band",
+        "DWA - E-Band",
+    ]
     assert content["needs"][2]["wanted"] == 0.1
     content = json.loads(
         invoke(f"{both}:eband", "--measure", "success", "--json").output
     )
-    assert (content["measure"], [one["of"] for one in content["figures"]]) == (
+    assert (content["measure"], [entry["of"] for entry in content["figures"]]) == (
         "success",
         ["E-Band"],
     )
@@ -221,7 +230,7 @@ def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F8
     assert "Worlds needed" in invoke(both).output
     measures = ("--measure", "success", "--measure", "challenge")
     powers = json.loads(invoke("--ranking", both, both, *measures, "--json").output)
-    assert [one["measure"] for one in powers] == ["success", "challenge"] * 2
+    assert [entry["measure"] for entry in powers] == ["success", "challenge"] * 2
     assert "DWA and E-Band 0 of 1 over 4" in " ".join(
         invoke("--ranking", both).output.split()
     )

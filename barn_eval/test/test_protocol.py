@@ -111,8 +111,10 @@ def test_the_phase_belongs_to_the_protocol_and_to_its_fingerprint(tmp_path):
         and simulator_config(DYNABARN).obstacles.random_phase
     )
     fingerprints = {
-        identity.fingerprint(identity.task_content(one, simulator_config(one)))
-        for one in (zero, DYNABARN)
+        identity.fingerprint(
+            identity.task_content(protocol, simulator_config(protocol))
+        )
+        for protocol in (zero, DYNABARN)
     }
     assert len(fingerprints) == 2
     with pytest.raises(
@@ -159,7 +161,8 @@ def test_the_papers_start_is_by_the_first_cell_of_the_path_and_its_goal_by_the_l
 
 def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_world):
     course = PAPER_2020.course(bent(open_world))
-    aslant_m, straight_m = 3 * 0.15 * math.sqrt(2.0), 26 * 0.15
+    aslant_m = 3 * 0.15 * math.sqrt(2.0)
+    straight_m = 26 * 0.15
     assert course.path_length_m == pytest.approx(aslant_m + straight_m)
     # the path begins 1 m before the start and ends 0.30 m before the goal; both stand beside their ends of it
     assert course.reference_length_m == pytest.approx(
@@ -167,7 +170,8 @@ def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_
     )
     beside = CHALLENGE.course(bent(open_world))
     # from (-2.25, 3) to the first cell at (-3.075, 5.075); from the last at (-2.625, 9.425) to (-2.25, 13)
-    to_path_m, from_path_m = math.hypot(0.825, 2.075), math.hypot(0.375, 3.575)
+    to_path_m = math.hypot(0.825, 2.075)
+    from_path_m = math.hypot(0.375, 3.575)
     assert beside.reference_length_m == pytest.approx(
         to_path_m + aslant_m + straight_m + from_path_m
     )
@@ -201,7 +205,8 @@ def test_a_course_of_the_worlds_own_is_along_its_true_path(open_world):
         world.path_length_m,
     )
     # from (-2.5, 7) to the first cell at (-2.925, 5.175); from the last at (-2.475, 9.525) to (-2.5, 11)
-    to_path_m, from_path_m = math.hypot(0.425, 1.825), math.hypot(0.025, 1.475)
+    to_path_m = math.hypot(0.425, 1.825)
+    from_path_m = math.hypot(0.025, 1.475)
     assert course.reference_length_m == pytest.approx(
         to_path_m + world.path_length_m + from_path_m
     )
@@ -278,14 +283,10 @@ def test_rules_are_in_metres_unless_another_robot_drives_in_other_cells(
 
 def test_another_robot_starts_clear_of_the_back_wall(open_world):
     """With the rear 0.5 m behind its start, at 5.25 m - 4.5 m, it touches the wall of one cell."""
-    world, corners = (
-        replace(open_world, resolution_m=0.25),
-        ((-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4)),
-    )
-    robot, near = (
-        replace(HUSKY, footprint_m=corners),
-        replace(CHALLENGE, start=PoseRule(y_m=2.4)),
-    )
+    world = replace(open_world, resolution_m=0.25)
+    corners = ((-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4))
+    robot = replace(HUSKY, footprint_m=corners)
+    near = replace(CHALLENGE, start=PoseRule(y_m=2.4))
     assert near.scaled_to(world, robot).start.y_m == 0.75
     with pytest.raises(
         ConfigError,
@@ -353,11 +354,15 @@ def test_the_two_protocols_differ_as_published():
 
 
 def test_a_protocol_without_a_base_is_judged_as_the_papers_on_a_map_that_is_right():
-    own = Protocol(name="own", start=PoseRule(x_m=-2.0), goal=PoseRule(y_m=5.0))
-    assert own == replace(
-        PAPER_2020, name="own", start=own.start, goal=own.goal, historical_map=False
+    protocol = Protocol(name="own", start=PoseRule(x_m=-2.0), goal=PoseRule(y_m=5.0))
+    assert protocol == replace(
+        PAPER_2020,
+        name="own",
+        start=protocol.start,
+        goal=protocol.goal,
+        historical_map=False,
     )
-    assert (own.clipped, own.look_period_s) == (True, 0.0)
+    assert (protocol.clipped, protocol.look_period_s) == (True, 0.0)
 
 
 def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y():
@@ -414,7 +419,8 @@ def test_a_file_changes_what_it_names_of_start_and_goal_and_keeps_the_rest(tmp_p
         "schema_version: 1\nbase: paper2020\nname: near\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n"
     )
     near = load_protocol(str(path))
-    start, goal = replace(PAPER_2020.start, x_m=0.1), replace(PAPER_2020.goal, y_m=-0.5)
+    start = replace(PAPER_2020.start, x_m=0.1)
+    goal = replace(PAPER_2020.goal, y_m=-0.5)
     assert near == replace(PAPER_2020, name="near", start=start, goal=goal)
 
 
@@ -523,8 +529,13 @@ def test_names_lead_to_the_protocols():
 def test_the_challenge_by_its_years(open_world):
     years = (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)
     assert [
-        (one.course(open_world).start.x, one.goal_distance_m, one.metric, one.clipped)
-        for one in years
+        (
+            protocol.course(open_world).start.x,
+            protocol.goal_distance_m,
+            protocol.metric,
+            protocol.clipped,
+        )
+        for protocol in years
     ] == [
         (-2.25, 1.0, "challenge", True),
         (-2.0, 1.0, "challenge_2022", True),

@@ -29,36 +29,36 @@ def planner(offset, seed, worlds=30, noise=1.0):
     """Values, worlds and repetitions of a planner: worlds are the same for all, the noise is its own."""
     world = np.repeat(np.arange(worlds), 2)
     shared = np.random.default_rng(99).normal(0.0, 5.0, worlds)[world]
-    own = np.random.default_rng(seed).normal(offset, noise, len(world))
-    return TrialValues(shared + own, world, np.tile([0, 1], worlds))
+    means = np.random.default_rng(seed).normal(offset, noise, len(world))
+    return TrialValues(shared + means, world, np.tile([0, 1], worlds))
 
 
 def timed(name, values, worlds):
     """Results of a planner with these times per metre, one trial in each world."""
-    firsts = (one for one in results(name, worlds=worlds) if one.repetition == 0)
+    firsts = (row for row in results(name, worlds=worlds) if row.repetition == 0)
     return tuple(
-        scored(one, normalised_time_s_per_m=float(value))
-        for one, value in zip(firsts, values, strict=True)
+        scored(row, normalised_time_s_per_m=float(value))
+        for row, value in zip(firsts, values, strict=True)
     )
 
 
 def test_clear_differences_make_ranks_in_the_order_of_the_means():
-    found = rank(
+    ranking = rank(
         {"slow": planner(9.0, 1), "quick": planner(0.0, 2), "middle": planner(4.0, 3)},
         larger_is_better=False,
     )
-    assert (found.names, found.ranks, found.leaders) == (
+    assert (ranking.names, ranking.ranks, ranking.leaders) == (
         ("quick", "middle", "slow"),
         (1, 2, 3),
         (0,),
     )
-    assert found.differences[0, 2].interval.estimate == pytest.approx(
-        found.means[0] - found.means[2]
+    assert ranking.differences[0, 2].interval.estimate == pytest.approx(
+        ranking.means[0] - ranking.means[2]
     )
-    found = rank(
+    ranking = rank(
         {"low": planner(0.0, 1), "high": planner(9.0, 2)}, larger_is_better=True
     )
-    assert (found.names, found.ranks) == (("high", "low"), (1, 2))
+    assert (ranking.names, ranking.ranks) == (("high", "low"), (1, 2))
 
 
 def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
@@ -76,17 +76,15 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
     """The middle one cannot be told from either end, so that no rank may part it from them."""
     a = planner(0.0, 1)
     noise = np.random.default_rng(5).normal(0.0, 4.0, len(a.values))
-    b, c = (
-        replace(a, values=a.values + 0.6 + noise - noise.mean()),
-        replace(a, values=a.values + 1.2),
-    )
-    found = rank({"a": a, "b": b, "c": c}, larger_is_better=False)
-    assert (found.names, found.ranks, found.leaders) == (
+    b = replace(a, values=a.values + 0.6 + noise - noise.mean())
+    c = replace(a, values=a.values + 1.2)
+    ranking = rank({"a": a, "b": b, "c": c}, larger_is_better=False)
+    assert (ranking.names, ranking.ranks, ranking.leaders) == (
         ("a", "b", "c"),
         (1, 1, 1),
         (0, 1),
     )
-    assert [found.is_clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [
+    assert [ranking.is_clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [
         False,
         False,
         True,
@@ -94,10 +92,10 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
 
 
 def test_nobody_is_ahead_where_all_means_are_equal():
-    found = rank(
+    ranking = rank(
         {name: planner(0.0, 1) for name in ("a", "b", "c")}, larger_is_better=False
     )
-    text = str(conclude_ranking(found, TIME))
+    text = str(conclude_ranking(ranking, TIME))
     assert (
         text.startswith("a, b and c have the same time per metre as counted, ")
         and "30 worlds" in text
@@ -106,14 +104,15 @@ def test_nobody_is_ahead_where_all_means_are_equal():
 
 
 def test_ranks_are_of_the_trials_that_all_have():
-    a, b = planner(0.0, 1), planner(3.0, 2)
+    a = planner(0.0, 1)
+    b = planner(3.0, 2)
     spoilt = replace(b, values=np.where(b.worlds == 7, np.nan, b.values))
-    found = rank({"a": a, "b": spoilt}, larger_is_better=False)
-    assert (found.worlds, found.trials) == (29, 58)
+    ranking = rank({"a": a, "b": spoilt}, larger_is_better=False)
+    assert (ranking.worlds, ranking.trials) == (29, 58)
     rest = a.worlds != 7
-    assert found.means[0] == pytest.approx(a.values[rest].mean())
+    assert ranking.means[0] == pytest.approx(a.values[rest].mean())
     expected = paired_difference((a.values - b.values)[rest], a.worlds[rest])
-    assert found.differences[0, 1].p == expected.p
+    assert ranking.differences[0, 1].p == expected.p
 
 
 def test_even_a_big_board_can_find_a_difference():
@@ -121,34 +120,36 @@ def test_even_a_big_board_can_find_a_difference():
     planners = {
         f"p{number:02}": planner(0.0, number, worlds=20) for number in range(32)
     }
-    found = rank(
+    ranking = rank(
         planners | {"winner": planner(-50.0, 33, worlds=20)}, larger_is_better=False
     )
-    assert found.names[0] == "winner"
-    assert found.is_clear(0, 1)
-    assert found.ranks[:2] == (1, 2)
+    assert ranking.names[0] == "winner"
+    assert ranking.is_clear(0, 1)
+    assert ranking.ranks[:2] == (1, 2)
 
 
-def sentence(offset, worlds=20, **more):
+def sentence(offset, worlds=20, **options):
     """The verdict on A, and on B that is so much slower."""
-    a, b = planner(10.0, 1, worlds), planner(10.0 + offset, 2, worlds)
+    a = planner(10.0, 1, worlds)
+    b = planner(10.0 + offset, 2, worlds)
     return str(
-        conclude_ranking(rank({"A": a, "B": b} | more, larger_is_better=False), TIME)
+        conclude_ranking(rank({"A": a, "B": b} | options, larger_is_better=False), TIME)
     )
 
 
 def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
     text = sentence(5.0)
-    a, b = planner(10.0, 1, 20), planner(15.0, 2, 20)
-    one = paired_difference(b.values - a.values, a.worlds).interval
+    a = planner(10.0, 1, 20)
+    b = planner(15.0, 2, 20)
+    interval = paired_difference(b.values - a.values, a.worlds).interval
     assert text.startswith(
         f"A is better than B: time per metre as counted {a.values.mean():.3f} s/m against"
     )
     assert (
-        f"The difference is {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m"
+        f"The difference is {interval.estimate:.3f} [{interval.low:.3f}, {interval.high:.3f}] s/m"
         in text
     )
-    share = f"{100.0 * one.estimate / b.values.mean():.1f} %"
+    share = f"{100.0 * interval.estimate / b.values.mean():.1f} %"
     assert f"or {share} of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
 
 
@@ -190,47 +191,45 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
 
 def test_a_verdict_is_by_the_metric_of_the_protocol():
     good = results(worlds=12)
-    worse = [scored(one, challenge=0.0) for one in results("eband", worlds=12)]
+    worse = [scored(row, challenge=0.0) for row in results("eband", worlds=12)]
     paper = conclude_results({"DWA": good, "E-Band": worse}).short
     assert "cannot be told apart: time per metre as counted" in paper
     good, worse = (
-        [replace(one, protocol="challenge") for one in part] for part in (good, worse)
+        [replace(row, protocol="challenge") for row in part] for part in (good, worse)
     )
     challenge = conclude_results({"DWA": good, "E-Band": worse}).short
     assert challenge.startswith("DWA is better than E-Band: challenge metric")
 
 
 def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
-    a, b = (
-        results(),
-        [replace(one, planner="eband") for one in results("eband", slower_s=5.0)],
-    )
-    first, second = (
-        conclude_comparison(compare(a, b)),
-        conclude_comparison(compare(b, a)),
-    )
+    a = results()
+    b = [replace(row, planner="eband") for row in results("eband", slower_s=5.0)]
+    first = conclude_comparison(compare(a, b))
+    second = conclude_comparison(compare(b, a))
     assert first == second
     assert first.short.startswith("DWA is better than E-Band")
     assert conclude_results({"DWA": a, "E-Band": b}) == first
 
 
 def test_pairs_that_are_shown_together_are_corrected_together():
-    a, b, c = results(), results("eband", slower_s=1.0), results("gap", slower_s=2.0)
+    a = results()
+    b = results("eband", slower_s=1.0)
+    c = results("gap", slower_s=2.0)
     alone = compare(a, b)
     assert (alone.pairs, alone.row("scored_time_s").p_holm) == (
         1,
         alone.row("scored_time_s").paired.p,
     )
-    found = adjust_by_holm([alone, compare(a, c), compare(b, c)])
-    assert [one.pairs for one in found] == [3, 3, 3]
-    p = [one.row("scored_time_s").paired.p for one in found]
-    assert min(one.row("scored_time_s").p_holm for one in found) == pytest.approx(
-        3.0 * min(p)
-    )
+    comparisons = adjust_by_holm([alone, compare(a, c), compare(b, c)])
+    assert [comparison.pairs for comparison in comparisons] == [3, 3, 3]
+    p = [comparison.row("scored_time_s").paired.p for comparison in comparisons]
+    assert min(
+        comparison.row("scored_time_s").p_holm for comparison in comparisons
+    ) == pytest.approx(3.0 * min(p))
 
 
 def test_what_is_not_the_same_task_is_not_ranked():
-    other = [replace(one, world_checksum="ff") for one in results("eband")]
+    other = [replace(row, world_checksum="ff") for row in results("eband")]
     with pytest.raises(
         ConfigError,
         match=r"DWA and E-Band cannot be ranked against each other: .* have different",
@@ -251,9 +250,10 @@ def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
 
 
 def test_a_set_that_is_too_small_to_tell_is_said_to_be():
-    a, b = planner(10.0, 1, 20), planner(10.05, 2, 20)
-    found = replace(rank({"A": a, "B": b}, larger_is_better=False), available=21)
-    said = (
+    a = planner(10.0, 1, 20)
+    b = planner(10.05, 2, 20)
+    ranking = replace(rank({"A": a, "B": b}, larger_is_better=False), available=21)
+    sentence = (
         "The 21 worlds of this set cannot tell such a difference: it would take about"
     )
-    assert said in conclude_ranking(found, TIME).details
+    assert sentence in conclude_ranking(ranking, TIME).details

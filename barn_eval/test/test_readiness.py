@@ -49,33 +49,34 @@ def test_a_complete_planner_passes_and_its_command_type_is_found():
 
 def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_something_missing():
     needs = replace(NEEDS, known_nodes={"/simulator"}, surroundings="on ROS domain 5")
-    own = [replace(endpoint, node="/simulator") for endpoint in SIMULATOR]
+    endpoints = [replace(endpoint, node="/simulator") for endpoint in SIMULATOR]
     assert (
-        inspect(Graph(own), needs).missing[-1]
+        inspect(Graph(endpoints), needs).missing[-1]
         == "no node of a planner is seen on ROS domain 5"
     )
     talker = Endpoint("/chatter", "std_msgs/msg/String", b"t", "/talker")
     assert (
-        inspect(Graph([*own, talker]), needs).missing[-1] == "no subscription to /odom"
+        inspect(Graph([*endpoints, talker]), needs).missing[-1]
+        == "no subscription to /odom"
     )
 
 
-COMMAND, OTHER_SCAN = (
-    Endpoint("/cmd_vel", TWIST, b"c"),
-    Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s"),
-)
+COMMAND = Endpoint("/cmd_vel", TWIST, b"c")
+OTHER_SCAN = Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s")
 STAMPED, TEXT = (
     Endpoint("/cmd_vel", kind, b"2") for kind in (TWIST_STAMPED, "std_msgs/msg/String")
 )
 ELSEWHERE = replace(COMMAND, topic="/nav/cmd_vel")
-NOT_READY, WRONG_TYPE = Outcome.PLANNER_NOT_READY, Outcome.WRONG_MESSAGE_TYPE
-NO_COMMAND, THERE = "no publisher on /cmd_vel", "publisher exists on /cmd_vel"
+NOT_READY = Outcome.PLANNER_NOT_READY
+WRONG_TYPE = Outcome.WRONG_MESSAGE_TYPE
+NO_COMMAND = "no publisher on /cmd_vel"
+THERE = "publisher exists on /cmd_vel"
 NO_SCAN = "no subscription to /scan; one of PointCloud2 exists, it carries LaserScan"
 NOBODY = "no node of a planner is seen"
 
 
 @pytest.mark.parametrize(
-    ("seen", "command_type", "said", "outcome"),
+    ("endpoints", "command_type", "message", "outcome"),
     [
         (
             Graph(),
@@ -116,10 +117,10 @@ NOBODY = "no node of a planner is seen"
     ],
 )
 def test_what_is_missing_is_named_with_what_is_there_instead(
-    seen, command_type, said, outcome
+    endpoints, command_type, message, outcome
 ):
-    finding = inspect(seen, replace(NEEDS, command_type=command_type))
-    assert (finding.text(), finding.outcome) == (said, outcome)
+    finding = inspect(endpoints, replace(NEEDS, command_type=command_type))
+    assert (finding.text(), finding.outcome) == (message, outcome)
 
 
 def test_incompatible_quality_of_service():
@@ -263,17 +264,18 @@ def test_a_trial_without_end():
 
 def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
     watch = Watchdog(WaitLimits(), 0.0)
-    found, second = None, 0
+    verdict = None
+    second = 0
     while (
-        found is None
+        verdict is None
     ):  # 5 s for each step of 0.05 s, all of them spent waiting for its answer
         second += 5
         quiet(watch, float(second))
-        found = watch.judge(
+        verdict = watch.judge(
             float(second), moved=True, simulated_s=second * 0.01, waited_s=float(second)
         )
     assert second == 60
-    assert found == (
+    assert verdict == (
         Outcome.PLANNER_STALLED,
         "60 s of wall-clock time for 0.60 simulated seconds: more than 50 s per simulated second",
     )

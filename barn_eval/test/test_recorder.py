@@ -61,7 +61,9 @@ def test_rosbags_reads_it(tmp_path):
             deserialize(data, CMD_VEL.type_name)
             for _, _, data in reader.messages(commands)
         ]
-        assert [one.linear.x for one in twists] == [0.1 * cycle for cycle in range(50)]
+        assert [twist.linear.x for twist in twists] == [
+            0.1 * cycle for cycle in range(50)
+        ]
         profiles = {
             connection.topic: connection.ext.offered_qos_profiles[0]
             for connection in reader.connections
@@ -103,21 +105,25 @@ def test_mcap_reads_it_with_schemas_metadata_and_index(tmp_path):
 
 
 def test_metadata_file_has_what_rosbag2_wants(tmp_path):
-    about = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())[
+    metadata = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())[
         "rosbag2_bagfile_information"
     ]
-    assert (about["version"], about["storage_identifier"], about["ros_distro"]) == (
+    assert (
+        metadata["version"],
+        metadata["storage_identifier"],
+        metadata["ros_distro"],
+    ) == (
         9,
         "mcap",
         "jazzy",
     )
-    assert about["relative_file_paths"] == ["bag_0.mcap"]
-    assert about["duration"] == {"nanoseconds": 49 * PERIOD_NS}
-    assert about["files"][0]["message_count"] == about["message_count"] == 100
-    assert about["custom_data"]["barn.result.outcome"] == "success"
+    assert metadata["relative_file_paths"] == ["bag_0.mcap"]
+    assert metadata["duration"] == {"nanoseconds": 49 * PERIOD_NS}
+    assert metadata["files"][0]["message_count"] == metadata["message_count"] == 100
+    assert metadata["custom_data"]["barn.result.outcome"] == "success"
     topics = {
         topic["topic_metadata"]["name"]: topic
-        for topic in about["topics_with_message_count"]
+        for topic in metadata["topics_with_message_count"]
     }
     assert topics["/clock"]["message_count"] == 50
     assert topics["/clock"]["topic_metadata"]["type"] == "rosgraph_msgs/msg/Clock"
@@ -190,14 +196,14 @@ def record_and_die(path: Path) -> None:
 
 def partial_messages(path: Path) -> list[Message]:
     """Return what can be read of a file that ends anywhere."""
-    found = []
+    messages = []
     with path.open("rb") as file, suppress(EndOfFile):
-        found += (
+        messages += (
             record
             for record in StreamReader(file, skip_magic=False).records
             if isinstance(record, Message)
         )
-    return found
+    return messages
 
 
 def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
@@ -246,7 +252,7 @@ def test_a_chunk_that_is_not_what_it_states_ends_the_reading(
 def test_a_chunk_of_almost_nothing_is_not_unpacked(tmp_path, monkeypatch):
     size = 20_000_000
     file = BagFile(with_chunk(tmp_path / "bomb.mcap", "zstd", bytes(size), size))
-    monkeypatch.delattr("barn_eval.results.bags.bagfile.ZstdDecompressor")
+    monkeypatch.delattr("barn_eval.results.bags.mcap_file.ZstdDecompressor")
     assert list(file.messages()) == []
     assert f"a chunk of {size} bytes in " in file.problem
 
@@ -280,7 +286,8 @@ def test_a_chunk_that_does_not_fit_its_checksum_ends_the_reading(tmp_path):
 @pytest.mark.parametrize("compression", CompressionType)
 def test_whatever_a_chunk_is_packed_with_its_messages_are_read(tmp_path, compression):
     file = words_of(tmp_path / "good.mcap", compression)
-    assert [(one.topic, one.stamp_ns, len(one.data)) for one in file.messages()] == [
-        ("/words", time, 1004) for time in range(200)
-    ]
+    assert [
+        (message.topic, message.stamp_ns, len(message.data))
+        for message in file.messages()
+    ] == [("/words", time, 1004) for time in range(200)]
     assert file.problem == ""

@@ -86,7 +86,8 @@ def test_motion_of_exactly_the_distance_does_not_start_the_clock():
 @pytest.mark.parametrize("source", ["odometry", "truth"])
 @pytest.mark.parametrize(("x", "y"), [(0.4, 0.0), (0.0, 0.4), (-0.4, 0.0), (0.0, -0.4)])
 def test_the_first_motion_is_in_any_direction_by_what_the_protocol_says(source, x, y):
-    first, still = Pose2D(3.0, -2.0, 0.0), Pose2D(-1.0, 4.0, 0.0)
+    first = Pose2D(3.0, -2.0, 0.0)
+    still = Pose2D(-1.0, 4.0, 0.0)
     for moves in ("odometry", "truth"):
         referee = Referee(
             replace(CHALLENGE, clock_start_source=source, clock_start_distance_m=0.3),
@@ -102,22 +103,21 @@ def test_the_first_motion_is_in_any_direction_by_what_the_protocol_says(source, 
 
 
 def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
-    states, referees = (
-        np.zeros(3, rules.STATE),
-        [Referee(CHALLENGE, COURSE) for _ in range(3)],
-    )
+    states = np.zeros(3, rules.STATE)
+    referees = [Referee(CHALLENGE, COURSE) for _ in range(3)]
     for index, referee in enumerate(referees):
         referee.observe(*reading(0, 0.0))
         referee.move_to(states[index : index + 1])
     poses = np.array([[0.0, y, 0.0] for y in (0.0, 2.0, 4.5)])
-    stamps_ns, contacts = np.full(3, 2 * PERIOD_NS), np.array([True, False, False])
+    stamps_ns = np.full(3, 2 * PERIOD_NS)
+    contacts = np.array([True, False, False])
     rules.observe(states, np.arange(2), stamps_ns, poses, poses, contacts)
-    assert [one.verdict and one.verdict.outcome for one in referees] == [
+    assert [judge.verdict and judge.verdict.outcome for judge in referees] == [
         Outcome.COLLISION,
         None,
         None,
     ]
-    assert [one.standing.goal_distance_m for one in referees] == [5.0, 3.0, 5.0]
+    assert [judge.standing.goal_distance_m for judge in referees] == [5.0, 3.0, 5.0]
     assert referees[2].observe(*reading(1, 4.5)).outcome is Outcome.SUCCESS
 
 
@@ -125,7 +125,8 @@ def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
 def test_the_goal_is_measured_by_what_the_protocol_says(source):
     referee = Referee(replace(CHALLENGE, goal_source=source), COURSE)
     referee.observe(*reading(0, 0.0))
-    far, near = 1.0, 4.5
+    far = 1.0
+    near = 4.5
     by_odometry = Reading(
         PERIOD_NS, Pose2D(near, 0.0, 0.0), Pose2D(0.0, far, 0.0), False
     )
@@ -150,8 +151,10 @@ def test_time_in_contact_is_that_since_the_reading_before_each_contact():
         (1700, True),
         (2500, False),
     ):
-        one = reading(0, 0.0, collision)._replace(stamp_ns=stamp_ms * 1_000_000)
-        assert referee.observe(*one) is None
+        contact_reading = reading(0, 0.0, collision)._replace(
+            stamp_ns=stamp_ms * 1_000_000
+        )
+        assert referee.observe(*contact_reading) is None
     # 0.1 s up to the contact at 1.1 s and 0.4 s up to that at 1.7 s; before the first reading nothing is known
     assert referee.standing.contact_s == pytest.approx(0.5)
     verdict = referee.fail(Outcome.PLANNER_DIED, "")
@@ -197,7 +200,7 @@ def test_the_goal_counts_until_the_limit_and_not_after():
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "message"),
     [
         (Velocity2D(math.nan, 0.2), "command (nan m/s, 0.2 rad/s) is not finite"),
         (Velocity2D(0.3, math.inf), "command (0.3 m/s, inf rad/s) is not finite"),
@@ -207,12 +210,12 @@ def test_the_goal_counts_until_the_limit_and_not_after():
         ),
     ],
 )
-def test_a_command_that_cannot_be_given_ends_the_trial(command, told):
+def test_a_command_that_cannot_be_given_ends_the_trial(command, message):
     referee = Referee(CHALLENGE, COURSE, 0.5)
     referee.observe(*reading(0, 0.0))
     assert referee.command(Velocity2D(0.5, 9.0)) is None
     verdict = referee.command(command)
-    assert (verdict.outcome, verdict.detail) == (Outcome.INVALID_COMMAND, told)
+    assert (verdict.outcome, verdict.detail) == (Outcome.INVALID_COMMAND, message)
 
 
 @pytest.mark.parametrize(
@@ -307,19 +310,20 @@ steps = st.lists(
 def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offset_ns):
     def run(first_ns: int):
         referee = Referee(protocol, COURSE)
-        now_ns, verdicts = first_ns, []
+        now_ns = first_ns
+        verdicts = []
         for wait_ns, y, collision in steps:
             now_ns += wait_ns
-            one = Reading(now_ns, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, 0.0), collision)
-            verdicts.append(referee.observe(*one))
+            item = Reading(now_ns, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, 0.0), collision)
+            verdicts.append(referee.observe(*item))
         return verdicts
 
     verdicts = run(0)
     assert verdicts == run(offset_ns)
-    verdict = next((one for one in verdicts if one is not None), None)
+    verdict = next((item for item in verdicts if item is not None), None)
     if verdict is None:
         return
-    assert all(one is verdict for one in verdicts[verdicts.index(verdict) :])
+    assert all(item is verdict for item in verdicts[verdicts.index(verdict) :])
     assert 0.0 <= verdict.contact_s <= verdict.duration_s
     if verdict.traversal_time_s is None:
         assert verdict.outcome in (Outcome.NO_FIRST_MOTION, Outcome.COLLISION)

@@ -46,7 +46,8 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
     def share_on_obstacles(off_y_m):
         hits = []
         for scan, pose in zip(recorded.scans[::20], recorded.poses[::20], strict=True):
-            ranges, angles = np.asarray(scan.content.ranges), scan.content.angles()
+            ranges = np.asarray(scan.content.ranges)
+            angles = scan.content.angles()
             near = np.isfinite(ranges) & (ranges < 8.0)
             # half a cylinder's radius behind its surface
             reach = ranges[near, None] + 0.04
@@ -107,7 +108,7 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
     assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
     assert all(
-        len(shown.content.lines) == MAX_CANDIDATES for shown in recorded.candidates
+        len(item.content.lines) == MAX_CANDIDATES for item in recorded.candidates
     )
     assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
     assert [note.split(" ")[0] for note in recorded.notes] == [
@@ -131,24 +132,25 @@ def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(
     either_bag, tmp_path
 ):
     (file,) = either_bag.glob("*.mcap")
-    data, cut = file.read_bytes(), tmp_path / "cut.mcap"
-    told = set()
+    data = file.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    problems = set()
     for length in range(
         len(data) - 36, len(data) - 8
     ):  # the record before the last eight bytes has three numbers
         cut.write_bytes(data[:length])
-        found = BagFile(cut)
-        assert sum(1 for _ in found.messages()) > 1000
-        told.add(found.problem.partition(" after ")[0])
-    assert told == {"the bag is cut off"}
+        bag_file = BagFile(cut)
+        assert sum(1 for _ in bag_file.messages()) > 1000
+        problems.add(bag_file.problem.partition(" after ")[0])
+    assert problems == {"the bag is cut off"}
 
 
 def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
     whole = read_recorded_trial(either_bag)
     (file,) = either_bag.glob("*.mcap")
-    there = file.read_bytes()[file.stat().st_size // 2 :][:64]
+    middle = file.read_bytes()[file.stat().st_size // 2 :][:64]
     damaged = copy_of(
-        either_bag, tmp_path / "damaged", lambda data: data.replace(there, bytes(64))
+        either_bag, tmp_path / "damaged", lambda data: data.replace(middle, bytes(64))
     )
     hurt = read_recorded_trial(damaged)
     assert 0.1 < len(hurt.times_s) / len(whole.times_s) < 0.9
@@ -156,7 +158,7 @@ def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (b"", ", or cut off at its beginning"),
         (b"no bag at all", ""),
@@ -166,10 +168,10 @@ def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
     ],
 )
 def test_files_that_are_no_bags_are_refused_in_one_line(
-    content, told, tmp_path, rejected
+    content, message, tmp_path, rejected
 ):
     (tmp_path / "thing.mcap").write_bytes(content)
-    assert f"thing.mcap: not an MCAP file{told}\n" in rejected(
+    assert f"thing.mcap: not an MCAP file{message}\n" in rejected(
         "replay", "thing.mcap", "--out", "out.html"
     )
 
@@ -210,7 +212,11 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
             wrong, 0, serialize(make_message("std_msgs/msg/String", data=EVIL))
         )
         for _, stamp, data in reader.messages(
-            [one for one in reader.connections if one.topic == "/odom"]
+            [
+                connection
+                for connection in reader.connections
+                if connection.topic == "/odom"
+            ]
         ):
             writer.write(odometry, stamp, data)
     recorded = read_recorded_trial(path)
@@ -221,15 +227,15 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     assert len(recorded.times_s) == len(read_recorded_trial(bag).times_s)
 
 
-def some_of(bag, path, wanted, about):
+def some_of(bag, path, topics, metadata):
     """A copy of a bag with the topics that are wanted, and what is known about its trial, if anything is."""
     with Reader(bag) as reader, Recorder(path) as recorder:
         for connection, stamp, data in reader.messages():
-            if wanted(connection.topic):
+            if topics(connection.topic):
                 recorder.add_topic(connection.topic, connection.msgtype)
                 recorder.write(connection.topic, data, stamp)
-        if about:
-            recorder.add_metadata("barn.trial", {"specification": json.dumps(about)})
+        if metadata:
+            recorder.add_metadata("barn.trial", {"specification": json.dumps(metadata)})
         recorder.finish()
     return path
 
@@ -239,10 +245,13 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
     bag, tmp_path, specified
 ):
     """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
-    about = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
+    metadata = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
     recorded = read_recorded_trial(
         some_of(
-            bag, tmp_path / "bare", {"/ground_truth/odom", "/scan"}.__contains__, about
+            bag,
+            tmp_path / "bare",
+            {"/ground_truth/odom", "/scan"}.__contains__,
+            metadata,
         )
     )
     assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
@@ -250,7 +259,8 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
 
 
 def test_the_world_is_that_of_the_bag(bag, tmp_path):
-    world, recorded = open_dataset("barn300").load(0), read_recorded_trial(bag)
+    world = open_dataset("barn300").load(0)
+    recorded = read_recorded_trial(bag)
     assert recorded.scene.cylinders_m.tolist() == world.cylinders_m.tolist()
     assert (recorded.scene.start.x, recorded.scene.start.y) == pytest.approx(
         tuple(recorded.poses[0, :2]), abs=1e-3
@@ -346,9 +356,9 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path
     assert page.evaluate(time) == pytest.approx(2.0, abs=0.01)
     assert text("clock").startswith("2.00 /")
     for layer in ("scan", "candidates"):
-        drawn = pixels()
+        pixels_before = pixels()
         page.click(f"#layer-{layer}")
-        assert pixels() != drawn
+        assert pixels() != pixels_before
     assert text("score") == "0.500, running"
     assert paused < 2.0  # a quarter of real time
     page.evaluate("window.replay.player.seek(1e9)")
@@ -384,7 +394,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
             "['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())"
         )
 
-    def told():
+    def read_status():
         return page.locator("#told").text_content()
 
     assert page.evaluate(
@@ -399,7 +409,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     for name, expected in (("c", 2.05), ("r", 3.0), ("Shift+c", 2.05), ("c", 2.05)):
         key(name)
         assert clock() == pytest.approx(expected, abs=0.051)
-    assert told().startswith("gap: contact at 2.0")
+    assert read_status().startswith("gap: contact at 2.0")
     assert page.evaluate("replay.view.zoom") > 2.0
     page.click("#to-closest")
     assert clock() == pytest.approx(
@@ -427,7 +437,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     # A ruler of two points a metre apart, and by keys one of no length.
     page.click("#measure")
     page.evaluate("replay.view.put([-2, 5]); replay.view.put([-2, 6])")
-    assert told() == "1.00 m"
+    assert read_status() == "1.00 m"
     for name in ("m", "m", "p", "p"):
         key(name)
     assert page.evaluate("replay.view.length") == 0.0

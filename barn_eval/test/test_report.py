@@ -124,9 +124,9 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     whole = np.frombuffer(data, "<i2", length, offset).reshape(9, -1)
     whole = np.cumsum(whole, axis=1, dtype=np.int16).T
     np.testing.assert_array_equal(whole == MISSING_SAMPLE, np.isnan(track.samples))
-    known = ~np.isnan(track.samples)
+    is_sample = ~np.isnan(track.samples)
     apart = np.abs(whole * np.array(packed["steps"]) - track.samples)
-    assert (apart <= 0.5001 * np.array(packed["steps"]))[known].all()
+    assert (apart <= 0.5001 * np.array(packed["steps"]))[is_sample].all()
     (result,) = read_results(run)
     assert np.nanmin(track.samples[:, 8]) == pytest.approx(
         result.measures.min_clearance_m, abs=1e-9
@@ -142,13 +142,13 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     )
     words = shlex.split(reproduce(source).command)
     assert words[:2] == ["barn", "run"]
-    asked = {
+    options = {
         key: value
         for key, value in run_command.make_context("run", words[2:]).params.items()
         if value
     }
-    assert asked["settings"] == {"dwa.dwa.sim_time_s": 1.5}
-    again = read_request(None, asked)
+    assert options["settings"] == {"dwa.dwa.sim_time_s": 1.5}
+    again = read_request(None, options)
     assert again.config == config
 
 
@@ -158,13 +158,13 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(
     (tmp_path / "empty").mkdir()
     (tmp_path / "strange").mkdir()
     (tmp_path / "strange" / "run.json").write_text('{"hello": 1}')
-    for paths, told in (
+    for paths, message in (
         ([tmp_path / "nowhere"], "run.json: No such file"),
         ([tmp_path / "empty"], "run.json: No such file"),
         ([tmp_path / "strange"], "describes no run"),
         ([folder, folder], "is named twice"),
     ):
-        assert told in rejected("report", *paths, "--out", "out.html")
+        assert message in rejected("report", *paths, "--out", "out.html")
     with pytest.raises(ConfigError, match="not JSON"):
         (tmp_path / "strange" / "run.json").write_text("{")
         read_source(tmp_path / "strange")
@@ -175,9 +175,9 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(
 ):
     entries = read_entries([folder, run])
     assert [entry.label for entry in entries] == ["gap (campaign)", "DWA", "gap (run)"]
-    made = build_report([folder, run], hardest=1)
-    assert made.overview.refusals  # worlds of the one number had other seeds there
-    assert "are not compared" in report_page(made, "two")
+    report = build_report([folder, run], hardest=1)
+    assert report.overview.refusals  # worlds of the one number had other seeds there
+    assert "are not compared" in report_page(report, "two")
 
 
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
@@ -193,12 +193,12 @@ def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     )
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)
-    said = (
+    message = (
         "Protocol challenge, robot Jackal",
         verdict.short,
         f"Task {task}: a checksum",
     )
-    assert sorted(said, key=text.index) == list(said)
+    assert sorted(message, key=text.index) == list(message)
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 
@@ -213,7 +213,7 @@ def test_the_first_screen_has_bars_and_the_headline_the_metric_first(report):
     ]
     assert all(time.endswith(f" of {gap.outcomes['success']}") for time in times)
     widths = re.findall(r'class="bar" style="width: ([0-9.]+)%', text)
-    expected = [100.0 * one["challenge"].estimate / 0.5 for one in (gap, dwa)]
+    expected = [100.0 * summary["challenge"].estimate / 0.5 for summary in (gap, dwa)]
     assert list(map(float, widths)) == pytest.approx(expected, abs=0.01)
     assert (
         "challenge metric (of 0.5), from 0 to 0.5: means over the 8 worlds that all planners have"
@@ -230,49 +230,54 @@ def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_p
             row for row in rows if row["planner"] == "gap" or row["world"] < 5
         ],
     )
-    made = build_report([part], hardest=0)
-    shown = make_bars(made.entries)
+    report = build_report([part], hardest=0)
+    bars = make_bars(report.entries)
     means = re.search(
-        r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.conclusion.short
+        r"metric ([0-9.]+) against ([0-9.]+)\.", report.overview.conclusion.short
     )
-    assert [row["text"].split()[0] for row in shown.rows] == list(means.groups())
-    assert shown.worlds == 5 and "Only 5 worlds" in report_page(made, "part")
+    assert [row["text"].split()[0] for row in bars.rows] == list(means.groups())
+    assert bars.worlds == 5 and "Only 5 worlds" in report_page(report, "part")
 
 
 def test_where_and_why_name_every_planner_and_claim_nothing_beyond_the_tests(
     run, tmp_path
 ):
-    made = build_report(
+    report = build_report(
         [campaign(tmp_path / "three", run, ("gap", "dwa", "eband"), worlds=8, bags=0)],
         hardest=0,
     )
-    assert made.overview.where.keys() == {band.name for band in made.overview.bands}
-    for text in made.overview.where.values():
+    assert report.overview.where.keys() == {band.name for band in report.overview.bands}
+    for text in report.overview.where.values():
         assert all(name in text for name in ("gap", "DWA", "E-Band"))
-    assert len(made.overview.why) == 3
-    for text, found in zip(made.overview.why, made.overview.comparisons, strict=True):
-        assert text.startswith(f"{found.a} and {found.b} ")
+    assert len(report.overview.why) == 3
+    for text, comparison in zip(
+        report.overview.why, report.overview.comparisons, strict=True
+    ):
+        assert text.startswith(f"{comparison.a} and {comparison.b} ")
         clear, unclear = (*re.split(", not in | do not differ clearly in ", text), "")[
             :2
         ]
-        for row in found.rows:
+        for row in comparison.rows:
             if row.key in ("success", "traversal_time_s", "challenge"):
                 assert row.measure in (clear if row.p_holm <= 0.05 else unclear)
-    page = html.unescape(report_page(made, "three"))
+    page = html.unescape(report_page(report, "three"))
     assert all(
-        text in page for text in (*made.overview.where.values(), *made.overview.why)
+        text in page for text in (*report.overview.where.values(), *report.overview.why)
     )
 
 
 def test_columns_of_tables_are_those_chosen(folder, rejected):
-    made = build_report([folder], hardest=0, columns=["mean_speed_mps", "success"])
-    assert made.tables[0].columns[2:5] == (
+    report = build_report([folder], hardest=0, columns=["mean_speed_mps", "success"])
+    assert report.tables[0].columns[2:5] == (
         "challenge metric (of 0.5)",
         "mean speed [m/s]",
         "success [%]",
     )
-    data = trial_data(made.entries, made.trials, {}, keys=made.columns)
-    assert [one["name"] for one in data["columns"]][4:] == ["mean_speed_mps", "success"]
+    data = trial_data(report.entries, report.trials, {}, keys=report.columns)
+    assert [column["name"] for column in data["columns"]][4:] == [
+        "mean_speed_mps",
+        "success",
+    ]
     with pytest.raises(
         ConfigError,
         match="unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'",
@@ -330,7 +335,7 @@ def failed(row):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda rows: rows[:1], "odd is partial: 1 of 32 trials"),
         (
@@ -362,20 +367,20 @@ def failed(row):
         "evil planner",
     ],
 )
-def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
+def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, message):
     odd = tmp_path / "odd"
     shutil.copytree(folder, odd, ignore=shutil.ignore_patterns("bags"))
     rows = rewrite_rows(odd, change)
-    made = build_report([odd])
-    page = report_page(made, "odd")
-    assert told in page
+    report = build_report([odd])
+    page = report_page(report, "odd")
+    assert message in page
     assert EVIL not in page
-    assert len(made.trials) == len(rows)
-    write_assets(made, tmp_path / "assets")
+    assert len(report.trials) == len(rows)
+    write_assets(report, tmp_path / "assets")
     files = list((tmp_path / "assets").iterdir())
-    assert len(files) == 2 * len(made.tables) + 2 * len(made.figures)
+    assert len(files) == 2 * len(report.tables) + 2 * len(report.figures)
     assert all(file.stat().st_size > 0 for file in files)
-    for table in made.tables:
+    for table in report.tables:
         assert all(cell and "nan" not in cell for row in table.rows for cell in row[1:])
         latex_shape(table.latex())
 
@@ -383,7 +388,8 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
 def test_a_report_does_not_tell_which_worker_was_faster(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "other")
     rewrite_rows(tmp_path / "other", lambda rows: rows[::-1])
-    first, second = read_entries([folder]), read_entries([tmp_path / "other"])
+    first = read_entries([folder])
+    second = read_entries([tmp_path / "other"])
     assert [entry.label for entry in second] == ["gap", "DWA"]
     assert [entry.results for entry in second] == [entry.results for entry in first]
 
@@ -432,67 +438,70 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(
 ):
     file = tmp_path / "report.html"
     file.write_text(page, "utf-8")
-    shown = open_page(file)
+    browser_page = open_page(file)
 
     def column(number):
-        return shown.locator(
+        return browser_page.locator(
             f"#trials tbody td:nth-child({number})"
         ).all_text_contents()
 
     def opened(trial):
-        shown.wait_for_selector(f"body[data-opened={trial}]")
+        browser_page.wait_for_selector(f"body[data-opened={trial}]")
 
     assert len(column(1)) == 32
-    shown.click("#trials th:nth-child(5) button")
+    browser_page.click("#trials th:nth-child(5) button")
     times = [float(text) for text in column(5)]
     assert times == sorted(times)
-    shown.click("#trials th:nth-child(5) button")
+    browser_page.click("#trials th:nth-child(5) button")
     assert [float(text) for text in column(5)] == times[::-1]
-    shown.select_option("#filter-outcome", "timeout")
+    browser_page.select_option("#filter-outcome", "timeout")
     assert set(column(4)) == {"timeout"}
-    shown.locator("#search").press_sequentially("dwa_w0004")
+    browser_page.locator("#search").press_sequentially("dwa_w0004")
     assert column(2) == ["4"]
-    shown.fill("#search", "gap_w0000")
+    browser_page.fill("#search", "gap_w0000")
     assert column(2) == []
-    assert shown.locator("#count").text_content() == "no such trial"
-    shown.select_option("#filter-outcome", "")
-    shown.fill("#search", "")
-    put(shown, "filter-from", "3")
-    put(shown, "filter-to", "5")
-    shown.select_option("#filter-planner", "DWA")
-    shown.select_option("#filter-outcome", "failed")
+    assert browser_page.locator("#count").text_content() == "no such trial"
+    browser_page.select_option("#filter-outcome", "")
+    browser_page.fill("#search", "")
+    put(browser_page, "filter-from", "3")
+    put(browser_page, "filter-to", "5")
+    browser_page.select_option("#filter-planner", "DWA")
+    browser_page.select_option("#filter-outcome", "failed")
     assert set(column(4)) == {"timeout"}
     assert column(2) == ["3", "4"]
-    shown.focus("tr[data-trial=dwa_w0004_r00]")
-    shown.keyboard.press("Enter")
+    browser_page.focus("tr[data-trial=dwa_w0004_r00]")
+    browser_page.keyboard.press("Enter")
     opened("dwa_w0004_r00")
-    shown.keyboard.press("Escape")
-    shown.wait_for_function("!document.getElementById('trial').open")
-    shown.click("#filter-reset")
-    shown.fill("#search", "gap_w0000")
-    shown.click("tr[data-trial=gap_w0000_r00]")
+    browser_page.keyboard.press("Escape")
+    browser_page.wait_for_function("!document.getElementById('trial').open")
+    browser_page.click("#filter-reset")
+    browser_page.fill("#search", "gap_w0000")
+    browser_page.click("tr[data-trial=gap_w0000_r00]")
     opened("gap_w0000_r00")
-    shown.screenshot(path=screenshots / "report_trial.png")
-    assert violations(shown) == []
-    assert shown.evaluate("window.report.view.player.time") > 5.0
+    browser_page.screenshot(path=screenshots / "report_trial.png")
+    assert violations(browser_page) == []
+    assert browser_page.evaluate("window.report.view.player.time") > 5.0
     canvases = "['trial-scene', 'trial-chart-speed', 'trial-chart-clearance']"
     pixels = f"{canvases}.map((id) => document.getElementById(id).toDataURL())"
-    at_end = shown.evaluate(pixels)
-    put(shown, "trial-scrub", "1")
+    at_end = browser_page.evaluate(pixels)
+    put(browser_page, "trial-scrub", "1")
     assert all(
         before != after
-        for before, after in zip(at_end, shown.evaluate(pixels), strict=True)
+        for before, after in zip(at_end, browser_page.evaluate(pixels), strict=True)
     )
-    shown.click("#trial-play")
-    shown.wait_for_function("window.report.view.player.time > 2")
-    shown.click("#close")
-    shown.fill("#search", "dwa_w0004")
-    shown.click("tr[data-trial=dwa_w0004_r00]")
+    browser_page.click("#trial-play")
+    browser_page.wait_for_function("window.report.view.player.time > 2")
+    browser_page.click("#close")
+    browser_page.fill("#search", "dwa_w0004")
+    browser_page.click("tr[data-trial=dwa_w0004_r00]")
     opened("dwa_w0004_r00")
-    assert "no track of this trial" in shown.locator("#trial-problem").text_content()
-    assert EVIL in shown.locator("#trial-ending").text_content()
-    assert shown.evaluate("window.evil") is None
-    assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert (
+        "no track of this trial"
+        in browser_page.locator("#trial-problem").text_content()
+    )
+    assert EVIL in browser_page.locator("#trial-ending").text_content()
+    assert browser_page.evaluate("window.evil") is None
+    assert browser_page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkeypatch):
@@ -504,7 +513,8 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
                 "run_forked",
                 lambda jobs, progress: [job() for job in jobs],
             )
-        shares, place = [], tmp_path / name
+        shares = []
+        place = tmp_path / name
         write_folders(
             [folder],
             place / "report.html",

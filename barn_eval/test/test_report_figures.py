@@ -19,16 +19,16 @@ from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import PLANNERS
 
 SHOWN = [
-    one for one in CHARTS.values() if one.name != "sweep"
+    chart for chart in CHARTS.values() if chart.name != "sweep"
 ]  # which is of sweeps alone
 
 
 def test_trials_without_a_track_say_so(report):
-    told = "no track of this trial was kept, so there is no trajectory to show"
+    message = "no track of this trial was kept, so there is no trajectory to show"
     problems = Counter(
         (drive.track is not None, drive.problem) for drive in report.trials
     )
-    assert problems == {(True, ""): 3, (False, told): len(report.trials) - 3}
+    assert problems == {(True, ""): 3, (False, message): len(report.trials) - 3}
 
 
 def test_planners_have_the_colours_of_the_page_in_its_figures(report):
@@ -43,36 +43,37 @@ def test_planners_have_the_colours_of_the_page_in_its_figures(report):
 
 def test_differences_are_drawn_of_the_metric_in_favour_of_who_is_named_there(report):
     with style():
-        first, *others = draw(CHARTS["paired"], report.data)
-    titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *others)]
+        first, *rest = draw(CHARTS["paired"], report.data)
+    titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *rest)]
     assert titles == [
         "challenge metric",
         "success",
         "time per metre as counted",
         "better in a trial",
     ]
-    (found,) = report.overview.comparisons
-    assert found.row("traversal_time_s").paired.difference.estimate == pytest.approx(
-        -0.3
-    )  # gap is faster
+    (comparison,) = report.overview.comparisons
+    assert comparison.row(
+        "traversal_time_s"
+    ).paired.difference.estimate == pytest.approx(-0.3)  # gap is faster
     assert [label.get_text() for label in first.get_yticklabels()] == [
         "DWA \u25c2 \u25b8 gap"
-    ] and found.a == "gap"
-    assert [axes.xaxis_inverted() for axes in (first, *others)] == [
+    ] and comparison.a == "gap"
+    assert [axes.xaxis_inverted() for axes in (first, *rest)] == [
         False,
         False,
         True,
         False,
     ]
-    drawn = first.lines[1].get_xydata().tolist()
-    assert drawn == [[found.row("challenge").paired.difference.estimate, 0.0]]
+    points = first.lines[1].get_xydata().tolist()
+    assert points == [[comparison.row("challenge").paired.difference.estimate, 0.0]]
 
 
 def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
     (axes,) = draw(CHARTS["trade"], report.data)
     for place, summary in enumerate(report.overview.summaries):
         (line, _, (across, up)) = axes.containers[place]
-        time, clearance = summary["normalised_time_s_per_m"], summary["min_clearance_m"]
+        time = summary["normalised_time_s_per_m"]
+        clearance = summary["min_clearance_m"]
         assert line.get_xydata().tolist() == [[clearance.estimate, time.estimate]]
         np.testing.assert_allclose(
             across.get_segments()[0][:, 0], [clearance.low, clearance.high]
@@ -81,7 +82,7 @@ def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
 
 
 @pytest.mark.parametrize("width_mm", [88.0, 180.0])
-@pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
+@pytest.mark.parametrize("chart", SHOWN, ids=lambda item: item.name)
 def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(
     report, chart, width_mm
 ):
@@ -102,27 +103,28 @@ def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
         report_module.plot("trade", report.entries, width_mm=8)
 
 
-@pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
+@pytest.mark.parametrize("chart", SHOWN, ids=lambda item: item.name)
 def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
-    own = plot(chart.name, report.entries)
-    panels = Figure().subplots(1, len(own), squeeze=False)[0]
+    figure_panels = plot(chart.name, report.entries)
+    panels = Figure().subplots(1, len(figure_panels), squeeze=False)[0]
     assert plot(
-        chart.name, report.entries, ax=panels[0] if len(own) == 1 else panels
+        chart.name, report.entries, ax=panels[0] if len(figure_panels) == 1 else panels
     ) == list(panels)
-    for one, other in zip(own, panels, strict=True):
+    for item, other in zip(figure_panels, panels, strict=True):
         assert (
-            other.get_title() == one.get_title()
-            and other.get_xlabel() == one.get_xlabel()
+            other.get_title() == item.get_title()
+            and other.get_xlabel() == item.get_xlabel()
         )
         lines = [
-            [line.get_xydata().tolist() for line in axes.lines] for axes in (one, other)
+            [line.get_xydata().tolist() for line in axes.lines]
+            for axes in (item, other)
         ]
         assert repr(lines[0]) == repr(lines[1])
     with pytest.raises(
         ConfigError,
-        match=f"'{chart.name}' has {len(own)} panels, got {len(own) + 1} axes",
+        match=f"'{chart.name}' has {len(figure_panels)} panels, got {len(figure_panels) + 1} axes",
     ):
-        plot(chart.name, report.entries, ax=[panels[0]] * (len(own) + 1))
+        plot(chart.name, report.entries, ax=[panels[0]] * (len(figure_panels) + 1))
 
 
 def test_a_figure_that_there_is_nothing_for_is_refused(report):

@@ -33,7 +33,7 @@ IN_THE_SCENE = {
 @pytest.fixture(scope="module")
 def topics(tmp_path_factory):
     """Topics with type and profile that a trial's bag has: DWA's and E-Band's, and one among moving obstacles."""
-    found = {}
+    types = {}
     for planner, protocol in (
         ("dwa", PAPER_2020),
         ("eband", PAPER_2020),
@@ -45,28 +45,28 @@ def topics(tmp_path_factory):
             "rosbag2_bagfile_information"
         ]
         for entry in listed["topics_with_message_count"]:
-            about = entry["topic_metadata"]
+            metadata = entry["topic_metadata"]
             if entry["message_count"]:
-                found[about["name"]] = (
-                    about["type"],
-                    yaml.safe_load(str(about["offered_qos_profiles"]))[0],
+                types[metadata["name"]] = (
+                    metadata["type"],
+                    yaml.safe_load(str(metadata["offered_qos_profiles"]))[0],
                 )
-    return found
+    return types
 
 
 def test_rviz_shows_what_there_is_and_can_receive_it(topics):
     content = yaml.safe_load((CONFIG / "barn.rviz").read_text())
-    shown = {}
+    displays = {}
     for display in content["Visualization Manager"]["Displays"]:
         for key in ("Topic", "Description Topic"):
             if key in display:
                 assert display["Enabled"] is display["Value"] is True
-                shown[display[key]["Value"]] = (
+                displays[display[key]["Value"]] = (
                     display["Class"].split("/")[1],
                     display[key],
                 )
-    assert shown.keys() == IN_THE_SCENE
-    for name, (kind, profile) in shown.items():
+    assert displays.keys() == IN_THE_SCENE
+    for name, (kind, profile) in displays.items():
         offered_type, offered = topics[name]
         assert DISPLAYS[kind] == offered_type, name
         # A subscription may not ask for more than the publisher offers.
@@ -89,7 +89,7 @@ def test_foxglove_shows_what_there_is(topics):
         if layer.get("sourceType") == "topic"
     }
     assert {
-        name for name, one in scene["topics"].items() if one["visible"]
+        name for name, topic in scene["topics"].items() if topic["visible"]
     } | robot == IN_THE_SCENE
     assert topics.keys() >= IN_THE_SCENE
     panels = set(
@@ -107,7 +107,7 @@ def test_panels_of_foxglove_have_settings_that_its_own_sdk_knows():
     def strangers(content, kind):
         names = [field.name for field in dataclasses.fields(getattr(layouts, kind))]
         return set(content) - {
-            re.sub("_(.)", lambda found: found[1].upper(), name) for name in names
+            re.sub("_(.)", lambda match: match[1].upper(), name) for name in names
         }
 
     kinds = {

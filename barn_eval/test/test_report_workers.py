@@ -27,8 +27,10 @@ run_forked([tell], print)
 
 
 def test_a_killed_process_is_one_line():
-    said = r"^a process that computed a part of the report was killed; was there enough"
-    with pytest.raises(BarnError, match=said):
+    message = (
+        r"^a process that computed a part of the report was killed; was there enough"
+    )
+    with pytest.raises(BarnError, match=message):
         run_forked([partial(signal.raise_signal, signal.SIGKILL)], print)
 
 

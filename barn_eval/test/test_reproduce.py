@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reproduce_work import experiment_of, made_up
+from reproduce_work import experiment_of, invent_result
 
 from barn_eval.studies.reproduction.findings import (
     ReproduceConfig,
@@ -37,7 +37,7 @@ WORLDS = "0:300:15"
 @pytest.fixture(scope="module")
 def results():
     """Made-up trials in twenty worlds."""
-    return [made_up(spec) for spec in experiment_of(WORLDS).trials()]
+    return [invent_result(spec) for spec in experiment_of(WORLDS).trials()]
 
 
 @pytest.fixture(scope="module")
@@ -47,23 +47,23 @@ def finding(results):
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
     indices = list(range(100, 400))
-    chosen = draw_worlds(indices, 40, 0)
+    sample = draw_worlds(indices, 40, 0)
     parts = np.array_split(np.array(indices), 40)
-    assert len(chosen) == 40
-    assert all(world in part for world, part in zip(chosen, parts, strict=True))
-    assert chosen == draw_worlds(indices, 40, 0) != draw_worlds(indices, 40, 1)
+    assert len(sample) == 40
+    assert all(world in part for world, part in zip(sample, parts, strict=True))
+    assert sample == draw_worlds(indices, 40, 0) != draw_worlds(indices, 40, 1)
     assert draw_worlds(indices, 0, 0) == draw_worlds(indices, 300, 0) == tuple(indices)
 
 
 def test_deviation():
     values = np.random.default_rng(3).normal(0.0, 2.0, 400)
-    found = deviation(values, 0)
+    estimate = deviation(values, 0)
     assert (
-        found.estimate == values.std()
-        and found.low < 2.0 < found.high
-        and found.high - found.low < 0.6
+        estimate.estimate == values.std()
+        and estimate.low < 2.0 < estimate.high
+        and estimate.high - estimate.low < 0.6
     )
-    assert found == deviation(values, 0) != deviation(values, 1)
+    assert estimate == deviation(values, 0) != deviation(values, 1)
 
 
 def test_verdicts_follow_the_interval():
@@ -85,22 +85,26 @@ def test_verdicts_follow_the_interval():
 
 def test_trials_are_counted_as_the_paper_does(results, finding):
     for planner in PLANNERS:
-        own = [one for one in results if one.planner == planner]
-        times = np.array([one.scores.scored_time_s for one in own])
-        failed = np.array([not one.scores.success for one in own])
-        one = finding.of(planner)
-        assert one.trials == len(own) == 60
-        per_m = np.mean([trial.scores.normalised_time_s_per_m for trial in own])
+        rows = [result for result in results if result.planner == planner]
+        times = np.array([result.scores.scored_time_s for result in rows])
+        failed = np.array([not result.scores.success for result in rows])
+        result = finding.of(planner)
+        assert result.trials == len(rows) == 60
+        per_m = np.mean([trial.scores.normalised_time_s_per_m for trial in rows])
         means = [
             figure.estimate
-            for figure in (one.normalised_s_per_m, one.time_s, one.success_time_s)
+            for figure in (
+                result.normalised_s_per_m,
+                result.time_s,
+                result.success_time_s,
+            )
         ]
         assert means == pytest.approx([per_m, times.mean(), times[~failed].mean()])
         assert (
-            one.failure_share.estimate == failed.mean()
-            and one.outcomes["timeout"] == failed.sum() > 0
+            result.failure_share.estimate == failed.mean()
+            and result.outcomes["timeout"] == failed.sum() > 0
         )
-        assert one.failure_time_s == 30.0
+        assert result.failure_time_s == 30.0
         published = PAPER["trials"][planner]
         failed_s = 30.0 * published["failures_30_s"] + 50.0 * published["failures_50_s"]
         succeeded = (
@@ -132,7 +136,11 @@ def test_the_trials_are_run_under_the_papers_rules():
         PAPER_2020,
         simulator_config(PAPER_2020),
     )
-    assert ([one.name for one in config.planners], config.repetitions, config.seed) == (
+    assert (
+        [choice.name for choice in config.planners],
+        config.repetitions,
+        config.seed,
+    ) == (
         ["dwa", "eband"],
         5,
         3,
@@ -142,9 +150,9 @@ def test_the_trials_are_run_under_the_papers_rules():
 
 def test_missing_trials_are_named(results):
     lacking = [
-        one
-        for one in results
-        if (one.planner, one.world, one.repetition) != ("eband", 30, 1)
+        result
+        for result in results
+        if (result.planner, result.world, result.repetition) != ("eband", 30, 1)
     ]
     with pytest.raises(
         ConfigError,
@@ -152,7 +160,7 @@ def test_missing_trials_are_named(results):
     ):
         group_trials(lacking, "there")
     with pytest.raises(ConfigError, match="planner 'eband' lacks two trials per world"):
-        group_trials([one for one in results if one.planner == "dwa"], "there")
+        group_trials([result for result in results if result.planner == "dwa"], "there")
 
 
 def test_table_ii_is_that_of_the_data_set():

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 import reproduce_work
-from reproduce_work import write_made_up
+from reproduce_work import write_invented
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
@@ -27,19 +27,19 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """What ten worlds say, and the page."""
-    return made_up(TINY, tmp_path_factory.mktemp("out"))
+    return reproduce_invented(TINY, tmp_path_factory.mktemp("out"))
 
 
 @contextmanager
-def made_up_run(request, _reporter):
+def invent_run(request, _reporter):
     """A run whose trials are made up."""
-    yield SimpleNamespace(drive=lambda: write_made_up(request.out, request.config))
+    yield SimpleNamespace(drive=lambda: write_invented(request.out, request.config))
 
 
-def made_up(config, out):
+def reproduce_invented(config, out):
     """Reproduce without driving."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(findings, "open_run", made_up_run)
+        patch.setattr(findings, "open_run", invent_run)
         return reproduce(config, out)
 
 
@@ -51,28 +51,30 @@ def reproduce(config, out):
 
 
 def test_only_trials_that_are_missing_are_driven(tmp_path):
-    experiment, rows = paper_run(TINY), tmp_path / "campaign" / "results.jsonl"
+    experiment = paper_run(TINY)
+    rows = tmp_path / "campaign" / "results.jsonl"
     with ResultsFolder.open(
         rows.parent, experiment, ExecutionConfig(), experiment.trials()
     ) as folder:
         for spec in folder.remaining[2:]:
-            folder.append(TrialRecord(reproduce_work.made_up(spec), None))
+            folder.append(TrialRecord(reproduce_work.invent_result(spec), None))
     before = rows.read_bytes()
-    found = reproduce(TINY, tmp_path)[0]
+    findings = reproduce(TINY, tmp_path)[0]
     after = rows.read_bytes()
     assert (
         after.startswith(before) and after.count(b"\n") == before.count(b"\n") + 2 == 40
     )
     assert (
-        found.trials.of("dwa").trials == 20 and (rows.parent / "results.csv").is_file()
+        findings.trials.of("dwa").trials == 20
+        and (rows.parent / "results.csv").is_file()
     )
-    assert reproduce(TINY, tmp_path)[0] == found
+    assert reproduce(TINY, tmp_path)[0] == findings
     assert rows.read_bytes() == after
 
 
 def test_a_second_run_writes_the_same_bytes(tiny, tmp_path):
     findings, path = tiny
-    again, elsewhere = made_up(TINY, tmp_path / "again")
+    again, elsewhere = reproduce_invented(TINY, tmp_path / "again")
     assert again == findings
     names = [
         "results.md",
@@ -120,8 +122,8 @@ def test_verdicts_follow_the_numbers(tiny):
     origin = read_results(path.parent)[1]
     first, second = findings.trials.planners
 
-    def row(one, name):
-        trials = replace(findings.trials, planners=(one, second))
+    def row(planner, name):
+        trials = replace(findings.trials, planners=(planner, second))
         return rows(page(replace(findings, trials=trials), origin), name)[0]
 
     mean = "time per metre as counted [s/m]"
@@ -137,29 +139,33 @@ def test_verdicts_follow_the_numbers(tiny):
         "",
     ]
     assert row(first, "timeout")[1:] == [
-        f"{one.outcomes['timeout']}" for one in (first, second)
+        f"{planner.outcomes['timeout']}" for planner in (first, second)
     ]
 
 
 def test_models_are_judged_by_the_interval_of_their_gain(tiny):
     findings, path = tiny
     origin = read_results(path.parent)[1]
-    ridge, one = findings.learning.scores
+    ridge, network = findings.learning.scores
     for gain, verdict in (
         (Interval(1.0, 0.5, 2.0), "better"),
         (Interval(-1.0, -2.0, -0.5), "worse"),
     ):
-        learning = replace(findings.learning, scores=(ridge, replace(one, gain=gain)))
+        learning = replace(
+            findings.learning, scores=(ridge, replace(network, gain=gain))
+        )
         text = page(replace(findings, learning=learning), origin)
-        assert rows(text, f"the suite's model: {one.title}")[0][-2:] == [
+        assert rows(text, f"the suite's model: {network.title}")[0][-2:] == [
             gain.text(),
             verdict,
         ]
 
 
 def test_the_command_refuses_in_one_line(rejected):
-    said = rejected("reproduce", "--quick", "--set", "dataset=barn301", "--out", "here")
-    assert said.startswith(
+    message = rejected(
+        "reproduce", "--quick", "--set", "dataset=barn301", "--out", "here"
+    )
+    assert message.startswith(
         "error: barn301: no such file, folder or data set; did you mean 'barn300'"
     )
 
@@ -167,14 +173,14 @@ def test_the_command_refuses_in_one_line(rejected):
 def test_the_page_in_docs_is_what_its_numbers_give():
     if not (DOCS / "results.json").is_file():
         pytest.skip("the repository's docs are not beside this package")
-    shown = (DOCS / "results.md").read_text("utf-8")
-    assert page(*read_results(DOCS)) == shown, (
+    published = (DOCS / "results.md").read_text("utf-8")
+    assert page(*read_results(DOCS)) == published, (
         "run python -m barn_eval.studies.reproduction.page docs"
     )
-    assert all((DOCS / name).is_file() for name in _figures(shown))
+    assert all((DOCS / name).is_file() for name in _figures(published))
 
 
 def _figures(text):
-    found = [part.split(")")[0] for part in text.split("](")[1:]]
-    assert len(found) == 2
-    return found
+    targets = [part.split(")")[0] for part in text.split("](")[1:]]
+    assert len(targets) == 2
+    return targets

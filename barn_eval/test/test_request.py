@@ -111,9 +111,9 @@ def test_trials_share_everything_but_the_planner(file):
 
 
 def test_what_nobody_says_has_its_default():
-    asked = read_request(None, {})
-    assert (asked.config, asked.execution) == (RunConfig(), ExecutionConfig())
-    assert asked.out.parent == Path("out")
+    request = read_request(None, {})
+    assert (request.config, request.execution) == (RunConfig(), ExecutionConfig())
+    assert request.out.parent == Path("out")
 
 
 @pytest.mark.parametrize(
@@ -134,9 +134,9 @@ def test_what_nobody_says_has_its_default():
 def test_a_setting_names_its_planner_where_there_are_several(
     planners, settings, overrides
 ):
-    asked = read_request(None, {"planners": planners, "settings": settings})
-    assert [one.overrides for one in asked.config.planners] == overrides
-    assert len(asked.config.trials()) == 300 * len(overrides)
+    request = read_request(None, {"planners": planners, "settings": settings})
+    assert [planner.overrides for planner in request.config.planners] == overrides
+    assert len(request.config.trials()) == 300 * len(overrides)
 
 
 def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
@@ -314,7 +314,8 @@ def test_mistakes_are_told_in_one_line(file, options, words):
 
 
 def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
-    parameters, script = tmp_path / "p.yaml", tmp_path / "planner.py"
+    parameters = tmp_path / "p.yaml"
+    script = tmp_path / "planner.py"
     parameters.write_text("a: 1")
     script.touch()
     command = f"python {script} --params-file {parameters} params_file:={parameters} other.yaml --fast=yes"
@@ -324,19 +325,21 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
         f"schema_version: 1\nmode: ros\nplanners: [{{name: mine, command: '{command}'}}]\n"
     )
 
-    def made():
-        asked = [
+    def read_configs():
+        requests = [
             read_request(file, {}),
             read_request(None, {"planner_command": command, "mode": "ros"}),
         ]
-        return [one.config for one in asked]
+        return [item.config for item in requests]
 
-    before = [one.planners[0].files for one in made()]
+    before = [item.planners[0].files for item in read_configs()]
     assert before[0] == before[1]
     assert set(before[0]) == {str(parameters), str(script)}
-    earlier = [one.resolve_planner(one.planners[0]).fingerprint for one in made()]
+    earlier = [
+        item.resolve_planner(item.planners[0]).fingerprint for item in read_configs()
+    ]
     parameters.write_text("a: 2")
-    changed = made()[0]
+    changed = read_configs()[0]
     assert changed.planners[0].files[str(script)] == before[0][str(script)]
     assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
     assert changed.resolve_planner(changed.planners[0]).fingerprint not in earlier

@@ -31,7 +31,7 @@ def test_list(command):
     assert code == 0
     assert all(name in out for name in ROBOTS)
     entries = json.loads(command("robots", "--json")[1])
-    assert [one["robot"] for one in entries] == list(ROBOTS)
+    assert [entry["robot"] for entry in entries] == list(ROBOTS)
     husky = entries[0]
     assert (husky["drive"], husky["length [m]"], husky["speed [m/s]"]) == (
         "skid_steer",
@@ -60,7 +60,7 @@ def test_show_draws_vectors(command, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["none.yaml"], "none.yaml: No such file or directory"),
         (["husk"], "unknown robot 'husk'; did you mean 'husky'?"),
@@ -70,8 +70,8 @@ def test_show_draws_vectors(command, tmp_path):
         ),
     ],
 )
-def test_mistakes_are_one_line(rejected, arguments, said):
-    assert said in rejected("robots", *arguments)
+def test_mistakes_are_one_line(rejected, arguments, message):
+    assert message in rejected("robots", *arguments)
 
 
 def test_tasks_of_other_robots_have_fingerprints_of_their_own():
@@ -113,11 +113,12 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
         for line in page().splitlines()
         if line.startswith("| `")
     ]
-    shown = {line[0].split("`")[1]: line[1:] for line in lines if len(line) == 7}
-    assert set(shown) == set(ROBOTS)
-    for name, (_, size, mass, speed, turn, _) in shown.items():
+    table = {line[0].split("`")[1]: line[1:] for line in lines if len(line) == 7}
+    assert set(table) == set(ROBOTS)
+    for name, (_, size, mass, speed, turn, _) in table.items():
         robot = ROBOTS[name]
-        long, wide = f"{robot.length_m:.3f}", f"{robot.width_m:.3f}"
+        long = f"{robot.length_m:.3f}"
+        wide = f"{robot.width_m:.3f}"
         assert size == (
             f"round, {long}" if robot.chassis.is_round else f"{long} x {wide}"
         )
@@ -133,27 +134,26 @@ def test_barn_tb4_is_what_its_command_makes(tmp_path):
         "regenerate", reason="the repository's qa folder is not beside this package"
     )
     for name in tool.DATA_SETS:
-        made, there = (
-            open_dataset(tool.write_data_set(name, tmp_path)),
-            open_dataset(name),
-        )
-        assert made.checksum == there.checksum
-        assert {**made.manifest, "made_by": ""} == {**there.manifest, "made_by": ""}
+        copy = open_dataset(tool.write_data_set(name, tmp_path))
+        shipped = open_dataset(name)
+        assert copy.checksum == shipped.checksum
+        assert {**copy.manifest, "made_by": ""} == {**shipped.manifest, "made_by": ""}
         assert (
             json.loads(dataset_files()[name].with_suffix(".manifest.json").read_text())
-            == there.manifest
+            == shipped.manifest
         )
 
 
 def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide_to_narrow():
-    robot, dataset = load_robot("turtlebot4"), open_dataset("barn_tb4")
+    robot = load_robot("turtlebot4")
+    dataset = open_dataset("barn_tb4")
     assert (
         dataset.world_numbers == tuple(range(100))
         and dataset.manifest["robot"] == "turtlebot4"
     )
-    found = [dataset.load(index) for index in dataset.world_numbers]
-    assert len({world.checksum for world in found}) == 100
-    for world in found:
+    worlds = [dataset.load(index) for index in dataset.world_numbers]
+    assert len({world.checksum for world in worlds}) == 100
+    for world in worlds:
         cells = robot.footprint_cells(world.resolution_m)
         assert (cells, world.resolution_m) == (
             world.footprint_cells,
@@ -163,9 +163,9 @@ def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide
         assert (
             through_region(cspace) is not None and not cspace[tuple(world.path.T)].any()
         )
-    order = [narrowness(world) for world in found]
+    order = [narrowness(world) for world in worlds]
     assert order == sorted(order)
-    closest = np.array([world_metrics(world).closest_obstacle for world in found])
+    closest = np.array([world_metrics(world).closest_obstacle for world in worlds])
     usual = [
         world_metrics(open_dataset("barn300").load(index)).closest_obstacle
         for index in range(300)
@@ -176,24 +176,24 @@ def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide
 
 
 def test_worlds_kept_are_spread_over_the_order(tmp_path):
-    asked = {"per_set": 1, "seed": 3, "robot": "turtlebot4"}
-    whole = [world.checksum for world in generate(**asked).values()]
-    kept = [
+    options = {"per_set": 1, "seed": 3, "robot": "turtlebot4"}
+    whole = [world.checksum for world in generate(**options).values()]
+    selection = [
         world.checksum
-        for world in generate(tmp_path / "few.npz", keep=4, **asked).values()
+        for world in generate(tmp_path / "few.npz", keep=4, **options).values()
     ]
-    assert kept == [whole[k] for k in (0, 4, 7, 11)]
-    assert len(generate(keep=1, **asked)) == 1
+    assert selection == [whole[k] for k in (0, 4, 7, 11)]
+    assert len(generate(keep=1, **options)) == 1
     with pytest.raises(
         ConfigError, match="keep must be at most the 12 worlds made, got 13"
     ):
-        generate(keep=13, **asked)
+        generate(keep=13, **options)
 
 
 def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
     rejected,
 ):
-    said = rejected(
+    message = rejected(
         "run",
         "--dataset",
         "barn_tb4",
@@ -205,7 +205,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
         "unused",
     )
     ways = "with paths for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
-    assert f"barn_tb4 is made for robot turtlebot4, {ways}" in said
+    assert f"barn_tb4 is made for robot turtlebot4, {ways}" in message
     dataset = open_dataset("barn_tb4")
     for fits in ("turtlebot4", "turtlebot3_burger", "turtlebot3_waffle"):
         dataset.require_fit(load_robot(fits), dataset.world_numbers)
@@ -217,21 +217,21 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
 
 
 def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path):
-    chosen = barn.worlds.load("barn300", "0,150,299")
+    worlds = barn.worlds.load("barn300", "0,150,299")
     for robot, side_m in (("jackal", 0.15), ("turtlebot4", 0.101), ("husky", 0.293)):
-        made = resize(chosen, robot)
-        for index, world in made.items():
+        resized = resize(worlds, robot)
+        for index, world in resized.items():
             assert world.resolution_m == side_m and world.footprint_cells == 5
-            assert (world.grid == chosen[index].grid).all() and (
-                world.path == chosen[index].path
+            assert (world.grid == worlds[index].grid).all() and (
+                world.path == worlds[index].path
             ).all()
-    assert [one.checksum for one in resize(chosen, "jackal").values()] == [
-        one.checksum for one in chosen.values()
+    assert [item.checksum for item in resize(worlds, "jackal").values()] == [
+        item.checksum for item in worlds.values()
     ]
-    written = open_dataset(barn.worlds.save(made, tmp_path / "husky.npz"))
+    written = open_dataset(barn.worlds.save(resized, tmp_path / "husky.npz"))
     assert (
         written.world_numbers == (0, 150, 299)
-        and written.load(150).checksum == made[150].checksum
+        and written.load(150).checksum == resized[150].checksum
     )
     with pytest.raises(
         BarnError,

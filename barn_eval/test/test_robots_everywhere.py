@@ -24,7 +24,7 @@ from barn_worlds.robots.files import find_robot_files, load_robot
 HUSKY = load_robot("husky")
 
 
-def asked(**options):
+def config_for(**options):
     return read_request(None, {"out": "unused", "worlds": "0", **options}).config
 
 
@@ -55,7 +55,7 @@ def folders(husky_worlds, tmp_path_factory):
 
 
 def test_the_jackal_by_name_is_what_it_is_without():
-    assert asked(robot="jackal") == asked()
+    assert config_for(robot="jackal") == config_for()
 
 
 def test_robots_by_name_file_and_object(tmp_path):
@@ -63,13 +63,15 @@ def test_robots_by_name_file_and_object(tmp_path):
     mine.write_text(
         find_robot_files()["husky"].read_text().replace("name: husky", "name: mine")
     )
-    assert asked(robot="husky").simulator.chassis == HUSKY.chassis
-    assert asked(robot=HUSKY).simulator == asked(robot="husky").simulator
-    found = asked(robot=str(mine), simulator={"drive.max_speed_m_s": 0.5}).simulator
-    assert (found.chassis.name, found.drive.max_speed_m_s) == ("mine", 0.5)
+    assert config_for(robot="husky").simulator.chassis == HUSKY.chassis
+    assert config_for(robot=HUSKY).simulator == config_for(robot="husky").simulator
+    simulator = config_for(
+        robot=str(mine), simulator={"drive.max_speed_m_s": 0.5}
+    ).simulator
+    assert (simulator.chassis.name, simulator.drive.max_speed_m_s) == ("mine", 0.5)
     for wrong in ("huski", 7):
         with pytest.raises(ConfigError, match="robot"):
-            asked(robot=wrong)
+            config_for(robot=wrong)
 
 
 def test_presets_keep_their_noise_for_other_robots():
@@ -80,23 +82,24 @@ def test_presets_keep_their_noise_for_other_robots():
         ideal.odometry.yaw_noise_rad,
     ) == (0.0, 0.0, 0.0)
     assert ideal.lidar.mount_x_m == HUSKY.lidar.mount_x_m
-    known = with_robot(PRESETS["known_map"], HUSKY)
-    assert known.localisation == PRESETS["known_map"].localisation
-    assert robot_of(known) == replace(HUSKY, summary="", sources={})
+    preset = with_robot(PRESETS["known_map"], HUSKY)
+    assert preset.localisation == PRESETS["known_map"].localisation
+    assert robot_of(preset) == replace(HUSKY, summary="", sources={})
 
 
 def test_tasks_and_planners_differ_by_robot():
-    husky, jackal = asked(robot="husky", planners="dwa"), asked(planners="dwa")
-    (one,), (other,) = husky.trials([0]), jackal.trials([0])
-    assert one.task != other.task
-    assert one.planner_config != other.planner_config
+    husky = config_for(robot="husky", planners="dwa")
+    jackal = config_for(planners="dwa")
+    (husky_trial,), (other,) = husky.trials([0]), jackal.trials([0])
+    assert husky_trial.task != other.task
+    assert husky_trial.planner_config != other.planner_config
     larger = math.hypot(0.495, 0.335) / math.hypot(0.254, 0.215)
-    assert one.overrides["dwa.max_speed_mps"] == pytest.approx(0.5 * larger)
+    assert husky_trial.overrides["dwa.max_speed_mps"] == pytest.approx(0.5 * larger)
     assert other.overrides == {}
 
 
 def test_a_planner_that_cannot_drive_it_is_refused(rejected):
-    said = rejected(
+    message = rejected(
         "run",
         "--worlds",
         "0",
@@ -107,7 +110,7 @@ def test_a_planner_that_cannot_drive_it_is_refused(rejected):
         "--out",
         "unused",
     )
-    assert "the shipped policy was trained for the Jackal alone" in said
+    assert "the shipped policy was trained for the Jackal alone" in message
 
 
 def test_results_say_which_robot(folders):
@@ -130,20 +133,25 @@ def test_results_say_which_robot(folders):
 
 @pytest.mark.parametrize("verb", ["compare", "report", "leaderboard"])
 def test_robots_are_not_mixed(verb, folders, rejected):
-    said = rejected(verb, *folders, *(["--out", "x.html"] if verb == "report" else []))
+    message = rejected(
+        verb, *folders, *(["--out", "x.html"] if verb == "report" else [])
+    )
     assert (
         f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}"
-        in said
+        in message
     )
 
 
 def test_metrics_are_those_of_the_robot(rejected):
-    own = barn.worlds.metrics("barn300", "0")
-    assert barn.worlds.metrics("barn300", "0", robot="jackal").equals(own)
-    assert not barn.worlds.metrics("barn300", "0", robot="turtlebot4").equals(own)
-    said = rejected("metrics", "barn300", "--worlds", "290", "--robot", "husky")
+    jackal_metrics = barn.worlds.metrics("barn300", "0")
+    assert barn.worlds.metrics("barn300", "0", robot="jackal").equals(jackal_metrics)
+    assert not barn.worlds.metrics("barn300", "0", robot="turtlebot4").equals(
+        jackal_metrics
+    )
+    message = rejected("metrics", "barn300", "--worlds", "290", "--robot", "husky")
     assert (
-        "no path from the first to the last column for a robot of 7 x 7 cells" in said
+        "no path from the first to the last column for a robot of 7 x 7 cells"
+        in message
     )
 
 

@@ -27,7 +27,7 @@ from barn_worlds.ros.domain import reserve_domain
 
 
 def test_scores_cannot_be_forged(tmp_path):
-    said = {
+    messages = {
         "poses": "/foreign publishes /odom",
         "older_stamps": "/foreign publishes /clock",
         "no_contact": "/foreign publishes /collision",
@@ -37,10 +37,10 @@ def test_scores_cannot_be_forged(tmp_path):
         "reset": "/foreign called simulator/reset",
         "pause": "/foreign called simulator/pause",
     }
-    *results, last = drive_kinds(tmp_path, *said, "drives")
+    *results, last = drive_kinds(tmp_path, *messages, "drives")
     assert {
-        kind: result.detail for kind, result in zip(said, results, strict=True)
-    } == said
+        kind: result.detail for kind, result in zip(messages, results, strict=True)
+    } == messages
     ends = {
         (result.outcome, result.fault, result.scores.success, result.scores.challenge)
         for result in results
@@ -52,15 +52,15 @@ def test_scores_cannot_be_forged(tmp_path):
     assert 0.5 < last.measures.driven_m < 1.3
 
 
-@pytest.mark.parametrize("asked_for", [False, True])
+@pytest.mark.parametrize("is_public", [False, True])
 def test_the_truth_is_on_the_planners_domain_only_where_asked_for_and_readers_are_named(
-    tmp_path, asked_for
+    tmp_path, is_public
 ):
     (result,) = drive_kinds(
-        tmp_path, "curious", setup=replace(EACH, ground_truth=asked_for)
+        tmp_path, "curious", setup=replace(EACH, ground_truth=is_public)
     )
     assert result.outcome is Outcome.TIMEOUT
-    assert (tmp_path / "starts.heard").exists() is asked_for
+    assert (tmp_path / "starts.heard").exists() is is_public
     assert (
         result.remarks
         == "/foreign subscribed to /ground_truth/odom; 2 publishers on /cmd_vel: /foreign, /foreign"
@@ -144,5 +144,5 @@ def test_an_evaluator_without_processor_time_is_waited_for(
     assert cycles > 200
     topics = ("/scan", "/amcl_pose", "/clock")
     assert {topic: len(bag[topic]) for topic in topics} == dict.fromkeys(topics, cycles)
-    own = [len(bag[topic]) for topic in ("/cmd_vel", "/thoughts")]
-    assert [count for count in own if count not in (cycles - 1, cycles)] == []
+    counts = [len(bag[topic]) for topic in ("/cmd_vel", "/thoughts")]
+    assert [count for count in counts if count not in (cycles - 1, cycles)] == []

@@ -40,8 +40,8 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(
     folder = tmp_path / "run"
     results = ros.run(folder, plan)
     verdicts = ["executing", "aborted (error 104)", "succeeded"]
-    assert [(one.outcome, one.planner_verdict) for one in results] == [
-        (Outcome.TIMEOUT, told) for told in verdicts
+    assert [(item.outcome, item.planner_verdict) for item in results] == [
+        (Outcome.TIMEOUT, action_result) for action_result in verdicts
     ]
     assert read_results(folder) == results
     goals = [f"goal {number} in odom: 10.0" for number in (1, 2, 3)]
@@ -59,7 +59,7 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(
     assert (costmap.metadata.layer, list(costmap.data)) == ("master", [1, 2, 3])
     # transforms are published, and recorded, where tf2_msgs is installed
     transforms = recorded["/tf"][-1][1].transforms
-    assert [(one.header.frame_id, one.child_frame_id) for one in transforms] == [
+    assert [(item.header.frame_id, item.child_frame_id) for item in transforms] == [
         ("map", "odom"),
         ("odom", "base_link"),
     ]
@@ -130,8 +130,8 @@ def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
     assert (
         int((tmp_path / "starts.heard").read_text()) >= 2
     )  # asked again where an answer is slow to come
-    told = "the node /late (planner_node) is not there (waited 5 s)"
-    assert (absent.outcome, absent.detail) == (Outcome.PLANNER_NOT_READY, told)
+    message = "the node /late (planner_node) is not there (waited 5 s)"
+    assert (absent.outcome, absent.detail) == (Outcome.PLANNER_NOT_READY, message)
 
 
 def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path):
@@ -208,14 +208,14 @@ def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceba
         with subprocess.Popen(
             command, env=environment, stderr=subprocess.PIPE, text=True
         ) as evaluator:
-            said = next(
+            output = next(
                 line for line in evaluator.stderr if "waiting for the service" in line
             )
             while evaluator.poll() is None:
                 evaluator.send_signal(signal.SIGINT)
                 time.sleep(0.005)
-            said += evaluator.stderr.read()
-    assert "Traceback" not in said
+            output += evaluator.stderr.read()
+    assert "Traceback" not in output
     # a signal that comes after Python's own handlers have gone ends what is left of the process
     assert evaluator.returncode in (1, -signal.SIGINT)
 

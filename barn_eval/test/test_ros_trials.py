@@ -55,7 +55,7 @@ SHOWN_AFTER_COMMANDS = {
 }
 
 
-def own_robot(folder):
+def write_robot(folder):
     """A robot of one's own, from a file: a TurtleBot 3 Waffle that is slower."""
     content = yaml.safe_load(find_robot_files()["turtlebot3_waffle"].read_text("utf-8"))
     content["drive"]["max_speed_m_s"] = 0.2
@@ -72,7 +72,7 @@ def own_robot(folder):
         (DYNABARN, "jackal", "dwa"),
         (CHALLENGE, "own_robot", "mppi"),
     ],
-    ids=lambda one: getattr(one, "name", one),
+    ids=lambda messages: getattr(messages, "name", messages),
 )
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     tmp_path, protocol, robot, planner
@@ -80,7 +80,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     # Eight seconds with and without a map, and among moving obstacles: every reading, scan and command, to a bit.
     dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
-    driven = own_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
+    driven = write_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
     simulator = simulator_config(protocol, robot=driven)
     plan = ros.make_plan(
         protocol, planner=planner, worlds=worlds, dataset=dataset, simulator=simulator
@@ -89,10 +89,8 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     (spec,) = plan.trials()
     direct = recorded(spec, tmp_path / "direct").result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
-    over_ros, one = (
-        ros.messages(tmp_path / "ros" / "bags" / spec.trial_id),
-        ros.messages(tmp_path / "direct"),
-    )
+    over_ros = ros.messages(tmp_path / "ros" / "bags" / spec.trial_id)
+    messages = ros.messages(tmp_path / "direct")
     for topic in (
         "/odom",
         "/ground_truth/odom",
@@ -103,18 +101,22 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
         "/score_text",
     ):
         stamps, expected = (
-            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, one)
+            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, messages)
         )
         assert stamps == expected  # and their bytes: see below
     assert (
-        len(one["/odom"]) > 100 and len(one["/score"]) > 10 and len(one["/world"]) == 1
+        len(messages["/odom"]) > 100
+        and len(messages["/score"]) > 10
+        and len(messages["/world"]) == 1
     )
-    assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
-    assert [one["/outcome"][place][1].data for place in (0, -1)] == [
+    assert [len(messages.get(topic, [])) > 50 for topic in MOVING] == [
+        protocol.arena
+    ] * 2
+    assert [messages["/outcome"][place][1].data for place in (0, -1)] == [
         "running",
         result.outcome.value,
     ]
-    assert one["/score"][-1][1].data == result.scores.challenge
+    assert messages["/score"][-1][1].data == result.scores.challenge
     assert len(over_ros["/goal_pose"]) > 10 or not protocol.map_given
     assert_equal_bytes(
         ros.unstamped(tmp_path / "ros" / "bags" / spec.trial_id),
@@ -135,25 +137,25 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION)
     assert result.motion.phase_s == spec.phase_s
     bag = read_recorded_trial(tmp_path / "ros" / "bags" / spec.trial_id)
-    tracks, moving = spec.world.tracks, bag.moving
+    tracks = spec.world.tracks
+    moving = bag.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(
         moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9
     )
-    walls, point = wall_bodies(spec.world.walls), Footprint(np.zeros((1, 2)), 1e-9)
-    for one in bag.scans[::10]:
-        pose = Pose2D(*bag.poses[bag.index_at(one.time_s)].tolist()) @ bag.lidar
-        seen = np.isfinite(one.content.ranges)
-        angles, ranges = (
-            one.content.angles()[seen],
-            one.content.ranges[seen].astype(float),
-        )
+    walls = wall_bodies(spec.world.walls)
+    point = Footprint(np.zeros((1, 2)), 1e-9)
+    for item in bag.scans[::10]:
+        pose = Pose2D(*bag.poses[bag.index_at(item.time_s)].tolist()) @ bag.lidar
+        is_hit = np.isfinite(item.content.ranges)
+        angles = item.content.angles()[is_hit]
+        ranges = item.content.ranges[is_hit].astype(float)
         hits = pose.transform(
             np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
         )
         points = np.column_stack([hits, np.zeros(len(hits))])
         places = np.repeat(
-            tracks.at(spec.phase_s + one.time_s)[0][None], len(hits), axis=0
+            tracks.at(spec.phase_s + item.time_s)[0][None], len(hits), axis=0
         )
         assert (
             np.quantile(compute_gaps(moving.bodies, walls, places, points, point), 0.95)
@@ -215,7 +217,7 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     transforms = (
         {"/tf", "/tf_static"} if importlib.util.find_spec("tf2_msgs") else set()
     )
-    shown = {
+    display_topics = {
         "/plan",
         "/local_plan",
         "/local_costmap/costmap",
@@ -224,14 +226,14 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
         "/outcome",
         "/score_text",
     }
-    others = {
+    other_topics = {
         "/goal_pose",
         "/joint_states",
         "/amcl_pose",
         "/ground_truth/odom",
         "/diagnostics",
     }
-    assert shown | others | transforms <= set(counts)
+    assert display_topics | other_topics | transforms <= set(counts)
     # what was put away is not run again
     before = (folder / "logs" / "simulator.log").read_bytes()
     assert ros.run(folder, plan) == [result]
@@ -288,7 +290,8 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         protocol, planner="drives", planner_command=command, repetitions=3
     )
     folder = tmp_path / "run"
-    simulator, evaluator = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
+    simulator = "barn_sim.ros.simulator"
+    evaluator = "barn_eval.ros.evaluator"
 
     def kill(pids):
         for pid in pids:
@@ -389,7 +392,7 @@ def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(
         )
     )
     pids = until(
-        lambda: len(found := ros.marked(nothing_left)) >= 7 and found
+        lambda: len(processes := ros.marked(nothing_left)) >= 7 and processes
     )  # nodes, their launchers, the command
     addresses = {address for pid in pids for address in listeners(pid)}
     assert len(addresses) >= 6  # two ports of each node, at least

@@ -53,9 +53,9 @@ def members(note):
     return pids
 
 
-def ended(log, *command, **more):
+def ended(log, *command, **options):
     """Wait for the end of a command and return its process, which nothing is left of."""
-    process = SupervisedProcess("one", command, os.environ, log, **more)
+    process = SupervisedProcess("one", command, os.environ, log, **options)
     process.wait(600.0)
     process.stop()
     return process
@@ -222,7 +222,8 @@ def test_link_joins_lines_that_come_in_pieces():
 
 
 def test_a_foreign_command_gets_the_environment_without_our_wheels():
-    mark, ours = "_ROS_WHEELS_BOOTSTRAP_COMPLETE", str(Path(sys.prefix) / "lib")
+    mark = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+    ours = str(Path(sys.prefix) / "lib")
     inherited = {
         "PATH": "/bin",
         mark: "1",

@@ -144,10 +144,10 @@ def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
         time.sleep(0.05)
         writer.kill()
         writer.join()
-        found = [row.world for row in RowFile(tmp_path).read()]
-        assert found == list(range(len(found)))
-        assert len(found) >= reported.value + 1
-        reported.value = len(found) - 1
+        worlds = [row.world for row in RowFile(tmp_path).read()]
+        assert worlds == list(range(len(worlds)))
+        assert len(worlds) >= reported.value + 1
+        reported.value = len(worlds) - 1
 
 
 @contextmanager

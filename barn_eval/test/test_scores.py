@@ -30,8 +30,8 @@ def verdict(outcome: Outcome, time_s: float | None) -> Verdict:
     ],
 )
 def test_the_challenge_metric_is_clipped(time_s, metric, metric_2022):
-    found = score_trial(verdict(Outcome.SUCCESS, time_s), COURSE, CHALLENGE)
-    assert (found.challenge, found.challenge_2022) == pytest.approx(
+    scored = score_trial(verdict(Outcome.SUCCESS, time_s), COURSE, CHALLENGE)
+    assert (scored.challenge, scored.challenge_2022) == pytest.approx(
         (metric, metric_2022)
     )
 
@@ -55,8 +55,8 @@ def test_scores_hold_what_the_verdict_and_the_course_say():
 
 
 def test_a_success_without_a_time_counts_as_a_failure():
-    found = score_trial(verdict(Outcome.SUCCESS, None), COURSE, PAPER_2020)
-    assert (found.scored_time_s, found.challenge) == (PAPER_2020.failure_time_s, 0.0)
+    scored = score_trial(verdict(Outcome.SUCCESS, None), COURSE, PAPER_2020)
+    assert (scored.scored_time_s, scored.challenge) == (PAPER_2020.failure_time_s, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -75,11 +75,11 @@ def test_who_failed_follows_from_the_outcome_unless_it_is_known(outcome, blamed,
 
 def test_before_times_were_clipped_the_metric_had_no_limit():
     rules = replace(CHALLENGE, clipped=False)
-    found = [
+    metrics = [
         score_trial(verdict(Outcome.SUCCESS, time_s), COURSE, rules).challenge
         for time_s in (0.05, 90.0)
     ]
-    assert found == pytest.approx([5.0 / 0.05, 5.0 / 90.0])
+    assert metrics == pytest.approx([5.0 / 0.05, 5.0 / 90.0])
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,8 @@ def test_before_times_were_clipped_the_metric_had_no_limit():
 def test_efficiency_is_the_least_time_by_that_of_a_success(
     outcome, time_s, least_time_s, efficiency
 ):
-    found = score_trial(verdict(outcome, time_s), COURSE, CHALLENGE, least_time_s)
-    assert (found.efficiency, found.least_time_s) == (
+    scored = score_trial(verdict(outcome, time_s), COURSE, CHALLENGE, least_time_s)
+    assert (scored.efficiency, scored.least_time_s) == (
         efficiency and pytest.approx(efficiency),
         least_time_s,
     )
@@ -105,10 +105,10 @@ def test_efficiency_is_the_least_time_by_that_of_a_success(
     ("outcome", "counted_s"), [(Outcome.TIMEOUT, 50.0), (Outcome.COLLISION, 30.0)]
 )
 def test_a_timeout_may_count_with_more_than_another_failure(outcome, counted_s):
-    found = score_trial(
+    scored = score_trial(
         verdict(outcome, 12.0), COURSE, replace(PAPER_2020, timeout_time_s=50.0)
     )
-    assert (found.scored_time_s, found.failure_time_s) == (counted_s, 50.0)
+    assert (scored.scored_time_s, scored.failure_time_s) == (counted_s, 50.0)
 
 
 @pytest.mark.parametrize(
@@ -135,9 +135,9 @@ def test_only_a_success_earns_the_challenge_metric(outcome):
 def test_the_paper_counts_a_success_by_its_time_and_a_failure_as_30_s_and_keeps_the_time(
     outcome, time_s, counted_s
 ):
-    found = score_trial(verdict(outcome, time_s), COURSE, PAPER_2020)
-    assert (found.scored_time_s, found.traversal_time_s) == (counted_s, time_s)
-    assert found.normalised_time_s_per_m == pytest.approx(counted_s / 4.5)
+    scored = score_trial(verdict(outcome, time_s), COURSE, PAPER_2020)
+    assert (scored.scored_time_s, scored.traversal_time_s) == (counted_s, time_s)
+    assert scored.normalised_time_s_per_m == pytest.approx(counted_s / 4.5)
 
 
 def test_seeds_depend_on_what_a_trial_is_and_on_nothing_else():

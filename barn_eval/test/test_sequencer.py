@@ -22,11 +22,11 @@ def sorted_out(ticks):
     """Stamp, topics and the thousand of sending times, of each tick."""
     return [
         (
-            one.stamp_ns,
-            [m.topic for m in one.messages],
-            {m.sent_ns // 1000 for m in one.messages},
+            tick.stamp_ns,
+            [m.topic for m in tick.messages],
+            {m.sent_ns // 1000 for m in tick.messages},
         )
-        for one in ticks
+        for tick in ticks
     ]
 
 
@@ -41,9 +41,9 @@ def test_a_command_may_come_as_late_as_the_scan_after_its_own():
         if number < 8:
             assert not list(sequencer.pop_complete())
     sequencer.add(message("/cmd_vel", 900))
-    first, *others = sorted_out(sequencer.pop_complete())
+    first, *rest = sorted_out(sequencer.pop_complete())
     assert first == (0, ["/scan", "/cmd_vel"], {0})
-    assert others == [(50 * number, [], set()) for number in range(1, 7)]
+    assert rest == [(50 * number, [], set()) for number in range(1, 7)]
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -72,16 +72,16 @@ def test_any_order_across_topics_gives_the_same_ticks(seed):
 
 def test_a_tick_that_repeats_the_time_begins_nothing_new_and_tells_so():
     sequencer = TickSequencer("/scan")
-    begun = []
+    starts = []
     for sent_ns, stamp_ns in ((0, 7), (100, 8), (200, 8), (300, 9)):
-        begun.append(sequencer.tick(stamp_ns, sent_ns))
+        starts.append(sequencer.tick(stamp_ns, sent_ns))
         sequencer.add(message("/odom", sent_ns + 1))
-    assert (begun, sequencer.latest_ns) == ([True, True, False, True], 9)
-    found = [
+    assert (starts, sequencer.latest_ns) == ([True, True, False, True], 9)
+    contents = [
         (tick.stamp_ns, [one.sent_ns for one in tick.messages])
         for tick in sequencer.pop_all()
     ]
-    assert found == [(7, [1]), (8, [101, 201]), (9, [301])]
+    assert contents == [(7, [1]), (8, [101, 201]), (9, [301])]
 
 
 def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():

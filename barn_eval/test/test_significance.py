@@ -29,14 +29,14 @@ VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max
 
 @given(VALUES)
 def test_few_worlds_are_enumerated(values):
-    found = paired_difference(np.array(values), np.arange(len(values)))
+    test = paired_difference(np.array(values), np.arange(len(values)))
     sums = np.abs(
         list(itertools.product((1, -1), repeat=len(values))) @ np.array(values)
     )  # of all patterns of signs
     as_far = sums >= abs(sum(values)) - 1e-9 * sum(map(abs, values))
-    assert found.p == pytest.approx(as_far.mean())
-    assert found.interval.estimate == pytest.approx(np.mean(values))
-    assert found.worlds == len(values)
+    assert test.p == pytest.approx(as_far.mean())
+    assert test.interval.estimate == pytest.approx(np.mean(values))
+    assert test.worlds == len(values)
 
 
 @example(
@@ -63,48 +63,46 @@ def test_trials_of_a_world_flip_together_and_in_any_order():
     generator = np.random.default_rng(1)
     worlds = np.repeat(np.arange(40), 3)
     values = generator.normal(0.3, 1.0, 40)[worlds] + generator.normal(0.0, 0.1, 120)
-    found = paired_difference(values, worlds)
+    test = paired_difference(values, worlds)
     order = generator.permutation(120)
-    assert paired_difference(values[order], worlds[order]) == found
+    assert paired_difference(values[order], worlds[order]) == test
     means = np.array([values[worlds == world].mean() for world in range(40)])
-    assert found.p == pytest.approx(stats.ttest_1samp(means, 0.0).pvalue, abs=0.02)
+    assert test.p == pytest.approx(stats.ttest_1samp(means, 0.0).pvalue, abs=0.02)
     student = stats.t.interval(0.95, 39, means.mean(), stats.sem(means))
-    assert (found.interval.low, found.interval.high) == pytest.approx(student, abs=0.03)
+    assert (test.interval.low, test.interval.high) == pytest.approx(student, abs=0.03)
     single = paired_difference(values, np.arange(120))
     assert single.interval.high - single.interval.low < 0.7 * (
-        found.interval.high - found.interval.low
+        test.interval.high - test.interval.low
     )
 
 
 def test_fewer_than_six_worlds_leave_a_difference_open():
     for worlds, limit in ((5, None), (6, 1.0)):
-        found = paired_difference(np.full(worlds, 1.0), np.arange(worlds))
-        assert found.p == pytest.approx(2.0 / 2**worlds)
-        assert (found.interval.low, found.interval.high) == (limit, limit)
+        test = paired_difference(np.full(worlds, 1.0), np.arange(worlds))
+        assert test.p == pytest.approx(2.0 / 2**worlds)
+        assert (test.interval.low, test.interval.high) == (limit, limit)
     none = paired_difference(np.array([]), np.array([], int))
     assert math.isnan(none.p) and none.worlds == 0
 
 
 def test_a_world_with_more_trials_counts_more():
     worlds = np.array([0, 0, 0, *range(1, 8)])
-    found = paired_difference(np.array([2.0, 2.0, 2.0, *[1.0] * 7]), worlds)
-    assert found.interval.estimate == pytest.approx(1.3)
+    test = paired_difference(np.array([2.0, 2.0, 2.0, *[1.0] * 7]), worlds)
+    assert test.interval.estimate == pytest.approx(1.3)
 
 
 def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
     successes = np.array([1] * 40 + [0] * 10)
-    found = proportion(successes, np.arange(50))
+    share = proportion(successes, np.arange(50))
     n, p, z = (
         50 - 1,
         0.8,
         stats.t.ppf(0.975, 49),
     )  # the variance over worlds has the divisor n - 1
-    middle, half = (
-        p + z * z / (2 * n),
-        z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2),
-    )
+    middle = p + z * z / (2 * n)
+    half = z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
     limits = np.array([middle - half, middle + half]) / (1 + z * z / n)
-    assert (found.estimate, found.low, found.high) == pytest.approx((0.8, *limits))
+    assert (share.estimate, share.low, share.high) == pytest.approx((0.8, *limits))
 
 
 def test_shares_know_that_trials_of_a_world_are_alike():
@@ -129,8 +127,8 @@ def test_holm_by_hand():
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.6, 0.9]) == pytest.approx([1.0, 1.0])
     assert holm([]) == []
-    one, none, other = holm([0.04, math.nan, 0.03])
-    assert (one, other) == pytest.approx((0.06, 0.06))
+    first, none, other = holm([0.04, math.nan, 0.03])
+    assert (first, other) == pytest.approx((0.06, 0.06))
     assert math.isnan(none)
 
 
@@ -157,8 +155,8 @@ def test_a_difference_knows_its_variance_between_and_within_worlds():
 
 
 def test_components_by_hand():
-    found = variance_components(np.array([1.0, 3.0, 5.0, 7.0]), np.array([0, 0, 1, 1]))
-    assert found == Components(pytest.approx((16.0 - 2.0) / 2.0), pytest.approx(2.0))
+    parts = variance_components(np.array([1.0, 3.0, 5.0, 7.0]), np.array([0, 0, 1, 1]))
+    assert parts == Components(pytest.approx((16.0 - 2.0) / 2.0), pytest.approx(2.0))
     assert variance_components(np.array([1.0, 3.0]), np.array([0, 1])) == Components(
         pytest.approx(2.0), 0.0
     )
@@ -176,37 +174,37 @@ def test_components_by_hand():
 def test_components_of_uneven_worlds_are_unbiased():
     generator = np.random.default_rng(3)
     worlds = np.repeat(np.arange(200), generator.integers(1, 6, 200))
-    between, within = (
-        generator.normal(0.0, 2.0, (200, 200)),
-        generator.normal(0.0, 1.0, (200, len(worlds))),
-    )
-    found = [
+    between = generator.normal(0.0, 2.0, (200, 200))
+    within = generator.normal(0.0, 1.0, (200, len(worlds)))
+    estimates = [
         variance_components(values, worlds) for values in between[:, worlds] + within
     ]
-    means = np.mean([(one.between, one.within) for one in found], axis=0)
+    means = np.mean([(parts.between, parts.within) for parts in estimates], axis=0)
     assert means == pytest.approx([4.0, 1.0], rel=0.03)
 
 
 def test_counts_just_suffice():
-    found = Components(0.04, 0.02)
+    parts = Components(0.04, 0.02)
     for worlds_for, reached in (
         (worlds_for_half_width, half_width),
         (worlds_for_difference, detectable_difference),
     ):
         for repetitions in (1, 5):
-            enough = worlds_for(found, 0.03, repetitions)
+            enough = worlds_for(parts, 0.03, repetitions)
             assert (
-                reached(found, enough, repetitions)
+                reached(parts, enough, repetitions)
                 <= 0.03
-                < reached(found, enough - 1, repetitions)
+                < reached(parts, enough - 1, repetitions)
             )
-    assert worlds_for_half_width(found, 1e-9, 1) is None
-    assert half_width(found, 1, 5) == math.inf
+    assert worlds_for_half_width(parts, 1e-9, 1) is None
+    assert half_width(parts, 1, 5) == math.inf
 
 
 def test_a_detectable_difference_is_found_as_often_as_promised():
     generator = np.random.default_rng(4)
-    truth, worlds, repetitions = Components(0.09, 0.18), 40, 2
+    truth = Components(0.09, 0.18)
+    worlds = 40
+    repetitions = 2
     shift = detectable_difference(truth, worlds, repetitions)
     world = np.repeat(np.arange(worlds), repetitions)
     draws = shift + generator.normal(0.0, 0.3, (400, worlds))[:, world]
@@ -216,7 +214,8 @@ def test_a_detectable_difference_is_found_as_often_as_promised():
     ) == pytest.approx(0.8, abs=0.06)
 
 
-WORLDS, LOOKS = 100, (20, 40, 60, 80, 100)
+WORLDS = 100
+LOOKS = (20, 40, 60, 80, 100)
 
 
 def builds(better, noise=0.02, worlds=WORLDS):
@@ -224,9 +223,9 @@ def builds(better, noise=0.02, worlds=WORLDS):
     generator = np.random.default_rng(6)
     effect = generator.normal(0.28, 0.04, WORLDS)
     pair = (
-        effect + more + generator.normal(0.0, noise, WORLDS) for more in (0.0, better)
+        effect + gain + generator.normal(0.0, noise, WORLDS) for gain in (0.0, better)
     )
-    return [counted(one[:worlds], [0] * worlds, range(worlds)) for one in pair]
+    return [counted(values[:worlds], [0] * worlds, range(worlds)) for values in pair]
 
 
 def decided(a, b, order=range(WORLDS), larger=True):
@@ -235,31 +234,31 @@ def decided(a, b, order=range(WORLDS), larger=True):
 
 def test_a_clear_difference_stops_the_plan_early_on_its_side():
     a, b = builds(0.08)
-    found = decided(a, b)
-    assert found.decision == "better"
-    assert 0 < found.worlds < WORLDS
-    assert found.difference.low > 0.0
+    look = decided(a, b)
+    assert look.decision == "better"
+    assert 0 < look.worlds < WORLDS
+    assert look.difference.low > 0.0
     assert decided(b, a).decision == "worse"
     assert decided(a, b, larger=False).decision == "worse"
 
 
 def test_a_clear_difference_waits_until_failures_not_seen_would_not_turn_it():
     """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth of a score."""
-    found = decided(*builds(0.03, noise=0.001))
-    assert found.decision == "better"
-    assert found.worlds >= 40
+    look = decided(*builds(0.03, noise=0.001))
+    assert look.decision == "better"
+    assert look.worlds >= 40
 
 
 def test_equal_builds_are_given_up_from_half_of_the_plan_on():
-    found = decided(*builds(0.0))
-    assert found.decision in ("futile", "open")
-    assert found.worlds >= 60
+    look = decided(*builds(0.0))
+    assert look.decision in ("futile", "open")
+    assert look.worlds >= 60
 
 
 def test_what_is_to_come_is_waited_for():
     assert decided(*builds(0.08, worlds=19)).worlds == 0
-    found = decided(*builds(0.004, worlds=25))
-    assert (found.decision, found.worlds) == ("continue", 20)
+    look = decided(*builds(0.004, worlds=25))
+    assert (look.decision, look.worlds) == ("continue", 20)
 
 
 def test_the_first_decision_stands_whatever_comes_after_it():
@@ -276,7 +275,9 @@ def test_the_first_decision_stands_whatever_comes_after_it():
 def test_worlds_count_in_the_order_in_which_they_come():
     a, b = builds(0.08)
     order = [*range(50, 100), *range(50)]
-    there = np.arange(50, 90)
-    assert decided(a, b, order) == decided(a.at(there), b.at(there), order)
+    later_worlds = np.arange(50, 90)
+    assert decided(a, b, order) == decided(
+        a.at(later_worlds), b.at(later_worlds), order
+    )
     with pytest.raises(KeyError):
         decided(a, b, range(50))

@@ -47,10 +47,10 @@ def test_order_of_trials_changes_no_bit():
 def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
     values = np.array([1.0, 2.0, 3.0, 10.0, np.nan, np.nan])
     worlds = np.array([7, 7, 7, 8, 8, 9])
-    found = TrialValues(values, worlds, np.zeros(6, np.int64)).mean()
-    assert found.estimate == 4.0
-    assert found.low == 0.0  # what two worlds say is little, but no value is below 0
-    assert found.high > 10.0
+    mean = TrialValues(values, worlds, np.zeros(6, np.int64)).mean()
+    assert mean.estimate == 4.0
+    assert mean.low == 0.0  # what two worlds say is little, but no value is below 0
+    assert mean.high > 10.0
 
 
 def test_one_world_has_an_estimate_without_limits_and_equal_worlds_have_no_width():
@@ -69,23 +69,24 @@ def test_repetition_spread_is_the_papers():
 def test_paired_comparison_removes_what_the_worlds_share():
     values, worlds, repetitions = trials_of(worlds=30)
     shift = np.random.default_rng(5).normal(-1.0, 0.1, len(values))
-    found = compare_pairs(
+    paired = compare_pairs(
         TrialValues(values + shift, worlds, repetitions),
         TrialValues(values, worlds, repetitions),
         larger_is_better=False,
     )
-    assert (found.worlds, found.trials) == (30, 150)
-    assert found.difference.estimate == pytest.approx(shift.mean(), rel=1e-9)
-    assert -1.1 < found.difference.low < found.difference.high < -0.9
-    assert found.improvement.estimate > 0.5
+    assert (paired.worlds, paired.trials) == (30, 150)
+    assert paired.difference.estimate == pytest.approx(shift.mean(), rel=1e-9)
+    assert -1.1 < paired.difference.low < paired.difference.high < -0.9
+    assert paired.improvement.estimate > 0.5
 
 
 def test_probability_of_improvement_equals_the_mann_whitney_statistic():
     draw = np.random.default_rng(6)
     worlds = np.repeat(np.arange(8), 6)
     repetitions = np.tile(np.arange(6), 8)
-    a, b = draw.integers(0, 5, 48).astype(float), draw.integers(1, 6, 48).astype(float)
-    found = compare_pairs(
+    a = draw.integers(0, 5, 48).astype(float)
+    b = draw.integers(1, 6, 48).astype(float)
+    paired = compare_pairs(
         TrialValues(a, worlds, repetitions),
         TrialValues(b, worlds, repetitions),
         larger_is_better=True,
@@ -94,7 +95,7 @@ def test_probability_of_improvement_equals_the_mann_whitney_statistic():
         stats.mannwhitneyu(a[worlds == w], b[worlds == w]).statistic / 36.0
         for w in range(8)
     ]
-    assert found.improvement.estimate == pytest.approx(np.mean(chances), rel=1e-12)
+    assert paired.improvement.estimate == pytest.approx(np.mean(chances), rel=1e-12)
     other = compare_pairs(
         TrialValues(b, worlds, repetitions),
         TrialValues(a, worlds, repetitions),
@@ -112,10 +113,10 @@ def test_only_shared_worlds_and_repetitions_are_compared():
     b = TrialValues(
         np.array([4.0, 4.0, 60.0]), np.array([0, 1, 2]), np.array([0, 0, 1])
     )
-    found = compare_pairs(a, b, larger_is_better=False)
-    assert (found.worlds, found.trials) == (2, 2)
-    assert found.difference.estimate == -2.5
-    assert found.improvement.estimate == 1.0
+    paired = compare_pairs(a, b, larger_is_better=False)
+    assert (paired.worlds, paired.trials) == (2, 2)
+    assert paired.difference.estimate == -2.5
+    assert paired.improvement.estimate == 1.0
     none = compare_pairs(a, replace(b, worlds=b.worlds + 100), larger_is_better=False)
     assert (none.worlds, none.trials) == (0, 0)
     assert math.isnan(none.p) and math.isnan(none.improvement.estimate)
@@ -124,10 +125,8 @@ def test_only_shared_worlds_and_repetitions_are_compared():
 
 def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
     values, worlds, repetitions = trials_of()
-    planner, other = (
-        TrialValues(values, worlds, repetitions),
-        TrialValues(values[::-1].copy(), worlds, repetitions),
-    )
+    planner = TrialValues(values, worlds, repetitions)
+    other = TrialValues(values[::-1].copy(), worlds, repetitions)
     correlation = partial(
         rank_correlation, (planner.values, worlds), (other.values, worlds)
     )
@@ -140,23 +139,28 @@ def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
 
 
 def test_paired_comparison_gives_the_mean_of_each_over_the_pairs():
-    worlds, repetitions = np.array([0, 1, 2, 3]), np.zeros(4, np.int64)
-    a, b = np.array([1.0, 2.0, 6.0, 90.0]), np.array([10.0, 11.0, 15.0, np.nan])
-    found = compare_pairs(
+    worlds = np.array([0, 1, 2, 3])
+    repetitions = np.zeros(4, np.int64)
+    a = np.array([1.0, 2.0, 6.0, 90.0])
+    b = np.array([10.0, 11.0, 15.0, np.nan])
+    paired = compare_pairs(
         TrialValues(a, worlds, repetitions),
         TrialValues(b, worlds, repetitions),
         larger_is_better=False,
     )
-    assert (found.worlds, found.trials, found.mean_a, found.mean_b) == (3, 3, 3.0, 12.0)
+    assert (paired.worlds, paired.trials, paired.mean_a, paired.mean_b) == (
+        3,
+        3,
+        3.0,
+        12.0,
+    )
 
 
 def test_an_improvement_however_small_counts_whole():
-    a, b = (
-        counted([1.0, 1.0, 1.0], [0] * 3, range(3)),
-        counted([0.999, 1.0, 1.001], [0] * 3, range(3)),
-    )
-    found = compare_pairs(a, b, larger_is_better=True)
-    assert found.improvement.estimate == pytest.approx((1.0 + 0.5 + 0.0) / 3.0)
+    a = counted([1.0, 1.0, 1.0], [0] * 3, range(3))
+    b = counted([0.999, 1.0, 1.001], [0] * 3, range(3))
+    paired = compare_pairs(a, b, larger_is_better=True)
+    assert paired.improvement.estimate == pytest.approx((1.0 + 0.5 + 0.0) / 3.0)
 
 
 def test_rank_correlation_uses_the_worlds_that_both_have_done():
@@ -176,23 +180,24 @@ def test_rank_correlation_and_its_interval_are_scipys_with_ties_too(monkeypatch)
     )
     draw = np.random.default_rng(9)
     worlds = np.arange(12)
-    x, y = draw.integers(0, 3, 12).astype(float), draw.integers(0, 8, 12).astype(float)
+    x = draw.integers(0, 3, 12).astype(float)
+    y = draw.integers(0, 8, 12).astype(float)
     apart = draw.integers(0, 9, 12)  # trials of a world, whose means are x and y
     trials = [
-        (np.concatenate([one - apart, one + apart]), np.tile(worlds, 2))
-        for one in (x, y)
+        (np.concatenate([values - apart, values + apart]), np.tile(worlds, 2))
+        for values in (x, y)
     ]
-    found = rank_correlation(*trials, seed=2)
+    correlation = rank_correlation(*trials, seed=2)
 
-    def spearman(drawn):
+    def spearman(sample):
         each = [
             stats.spearmanr(x[row], y[row]).statistic
-            for row in drawn.reshape(-1, drawn.shape[-1])
+            for row in sample.reshape(-1, sample.shape[-1])
         ]
-        return np.reshape(each, drawn.shape[:-1])
+        return np.reshape(each, sample.shape[:-1])
 
     plain = bootstrap_interval(spearman, 12, seed=2, resamples=200)
-    assert (found.estimate, found.low, found.high) == pytest.approx(
+    assert (correlation.estimate, correlation.low, correlation.high) == pytest.approx(
         (plain.estimate, plain.low, plain.high), rel=1e-9
     )
 
@@ -207,8 +212,8 @@ def test_published_trials_give_the_known_agreement_of_planners(original_folder):
         ).ravel()
         for name in ("dwa", "eband")
     )
-    found = rank_correlation((dwa, worlds), (eband, worlds))
-    assert found.low < 0.37 < found.high
+    correlation = rank_correlation((dwa, worlds), (eband, worlds))
+    assert correlation.low < 0.37 < correlation.high
     assert mean_interval(dwa, worlds).low < 3.30 < mean_interval(dwa, worlds).high
     assert mean_interval(eband, worlds).low < 3.24 < mean_interval(eband, worlds).high
     assert repetition_spread(eband, worlds) == pytest.approx(0.38, abs=0.02)
@@ -233,33 +238,31 @@ def draw(generator, mean, effect):
 
 def test_a_mean_of_symmetric_values_has_students_limits():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    found = mean_interval(values, np.arange(5))
+    interval = mean_interval(values, np.arange(5))
     half = 2.7764451051977987 * math.sqrt(
         2.5 / 5
     )  # Student's quantile of 4 degrees of freedom
-    assert (found.estimate, found.low, found.high) == pytest.approx(
+    assert (interval.estimate, interval.low, interval.high) == pytest.approx(
         (3.0, 3.0 - half, 3.0 + half)
     )
 
 
 def test_the_limits_of_a_skewed_mean_are_where_halls_transform_is_students_quantile():
     values = np.array([1.0, 1.1, 1.2, 1.3, 1.2, 1.1, 9.0])
-    found, error, skewness = (
-        mean_interval(values, np.arange(7)),
-        stats.sem(values),
-        stats.skew(values) / math.sqrt(7),
-    )
-    t = (found.estimate - np.array([found.low, found.high])) / error
+    interval = mean_interval(values, np.arange(7))
+    error = stats.sem(values)
+    skewness = stats.skew(values) / math.sqrt(7)
+    t = (interval.estimate - np.array([interval.low, interval.high])) / error
     transformed = t + skewness * t**2 / 3.0 + skewness**2 * t**3 / 27.0 + skewness / 6.0
     assert transformed == pytest.approx(stats.t.ppf([0.975, 0.025], 6))
 
 
 def test_the_limits_of_a_mean_are_those_of_the_means_of_worlds():
-    found = mean_interval(
+    interval = mean_interval(
         np.array([1.0, 1.1, 5.0, 5.2, 9.0, 9.1]), np.array([3, 3, 7, 7, 8, 8])
     )
     means = mean_interval(np.array([1.05, 5.1, 9.05]), np.arange(3))
-    assert (found.low, found.high) == pytest.approx((means.low, means.high))
+    assert (interval.low, interval.high) == pytest.approx((means.low, means.high))
 
 
 @pytest.mark.parametrize("values", [[], [math.nan, math.nan]])
@@ -272,22 +275,24 @@ def test_nothing_has_no_mean(values):
 def test_failures_that_were_not_seen_lower_the_lower_limit():
     """By the limit of none in four: 1 - 0.025^(1/4)."""
     trials = counted([0.30, 0.31, 0.29, 0.30], [0] * 4, range(4))
-    found, seen = trials.mean(), mean_interval(trials.values, trials.worlds)
-    assert found.low == pytest.approx(0.30 * 0.025**0.25)
-    assert found.high == seen.high
+    interval = trials.mean()
+    plain = mean_interval(trials.values, trials.worlds)
+    assert interval.low == pytest.approx(0.30 * 0.025**0.25)
+    assert interval.high == plain.high
 
 
 def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
     """As under the paper's rules, where giving up counts 30 s and a slow success up to 50 s."""
-    found = counted(
+    interval = counted(
         [40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0
     ).mean()
-    assert found.estimate - found.low > found.high - found.estimate > 0.0
+    assert interval.estimate - interval.low > interval.high - interval.estimate > 0.0
 
 
 @pytest.mark.parametrize(("least", "cut"), [(-0.05, False), (0.0, True), (0.05, True)])
 def test_only_where_no_value_is_below_zero_are_limits_not_either(least, cut):
-    values, trials = np.array([least, 1.0, 3.0]), np.arange(3)
+    values = np.array([least, 1.0, 3.0])
+    trials = np.arange(3)
     plain = mean_interval(values, trials).low
     assert TrialValues(values, trials, trials).mean().low == (0.0 if cut else plain)
     assert plain < 0.0
@@ -304,10 +309,10 @@ def test_parts_of_a_mean_are_those_of_a_difference_from_zero():
 
 
 def test_matched_trials_are_in_the_order_of_worlds():
-    (found,) = matched_trials(
+    (matched,) = matched_trials(
         [TrialValues(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))]
     )
-    assert found.worlds.tolist() == [0, 1]
+    assert matched.worlds.tolist() == [0, 1]
 
 
 def test_success_in_one_world_is_worth_the_best_and_in_two_what_it_was():
@@ -319,36 +324,38 @@ def test_success_in_one_world_is_worth_the_best_and_in_two_what_it_was():
 
 
 def test_what_a_failure_costs_is_unseen_only_where_none_was_seen():
-    none, one = (
+    none, with_failure = (
         counted([0.3, 0.3], failures, range(2), 0.4) for failures in ([0, 0], [0, 1])
     )
     assert (
         none.parts().unseen,
-        one.unseen,
-        replace(none, failures=one.failures[:0]).unseen,
+        with_failure.unseen,
+        replace(none, failures=with_failure.failures[:0]).unseen,
     ) == (
         (none.cost * -1,),
         (),
         (),
     )
     assert (
-        compare_pairs(none, one, larger_is_better=True).parts.unseen
-        == difference(one, none).parts.unseen
+        compare_pairs(none, with_failure, larger_is_better=True).parts.unseen
+        == difference(with_failure, none).parts.unseen
         == none.unseen
     )
 
 
 def test_paired_comparison_gives_the_share_of_failures_of_each():
-    found = compare_pairs(
+    paired = compare_pairs(
         *(counted([0.3], [failure], [0]) for failure in (0, 1)), larger_is_better=True
     )
     shares = [Share(share, 1.0) for share in (0.0, 1.0)]
-    assert found.failures == tuple(Interval(one.share, *one.limits) for one in shares)
+    assert paired.failures == tuple(
+        Interval(failure_share.share, *failure_share.limits) for failure_share in shares
+    )
 
 
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
-    found = counted([0.0] * 10, [1] * 10, range(10)).mean()
-    assert (found.estimate, found.low, found.high) == pytest.approx(
+    interval = counted([0.0] * 10, [1] * 10, range(10)).mean()
+    assert (interval.estimate, interval.low, interval.high) == pytest.approx(
         (0.0, 0.0, 0.5 * (1.0 - 0.025**0.1))
     )
 
@@ -358,22 +365,22 @@ def test_one_that_always_fails_is_worse_than_one_that_never_does():
         counted([value] * 12, [1 - int(value)] * 12, range(12), best=1.0)
         for value in (1.0, 0.0)
     )
-    found = difference(never, always)
-    assert found.interval.low > 0.3
-    assert found.p < 0.01
+    test = difference(never, always)
+    assert test.interval.low > 0.3
+    assert test.p < 0.01
 
 
 def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_trials_are():
     worlds = np.repeat(np.arange(20), 5)
     trial = np.arange(100)
-    one, single, alike = (
+    failing_once, single, alike = (
         trial < 3,
         trial % 20 == 0,
         trial < 25,
     )  # single: in five worlds, as if trials were independent
     effective = [
         share_of(failures.astype(np.int64), worlds).effective
-        for failures in (one, single, alike)
+        for failures in (failing_once, single, alike)
     ]
     assert effective == [20.0, 100.0, pytest.approx(19.0)]
 
@@ -391,11 +398,12 @@ def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with
     generator = np.random.default_rng(4)
     for mean in (0.30, 0.28, 0.26):
         effect = generator.normal(0.0, 0.04, 60)
-        a, b = (draw(generator, one, effect) for one in (0.30, mean))
-        found, turned = difference(a, b), difference(b, a)
-        assert (found.p <= 0.05) == found.interval.excludes(0.0)
+        a, b = (draw(generator, level, effect) for level in (0.30, mean))
+        test = difference(a, b)
+        turned = difference(b, a)
+        assert (test.p <= 0.05) == test.interval.excludes(0.0)
         assert (turned.p, turned.interval.negate().low) == pytest.approx(
-            (found.p, found.interval.low)
+            (test.p, test.interval.low)
         )
 
 
@@ -407,9 +415,9 @@ def test_a_difference_that_failures_not_seen_would_turn_is_not_clear():
             for value in (0.285, 0.30)
         )
         assert paired_difference(a.values - b.values, a.worlds).p < 0.001
-        found = difference(a, b)
-        assert (found.p <= 0.05) is clear
-        assert found.interval.high == pytest.approx(
+        test = difference(a, b)
+        assert (test.p <= 0.05) is clear
+        assert test.interval.high == pytest.approx(
             -0.015 + 0.30 * (1.0 - 0.025 ** (1.0 / worlds))
         )
 
@@ -424,14 +432,16 @@ def test_failures_that_both_have_in_the_same_worlds_cancel():
 
 
 def test_failures_in_excess_are_a_share_of_the_trials_of_a_world():
-    one, none = (counted([0.3] * 2, failures, [0, 0]) for failures in ([1, 0], [0, 0]))
-    assert one.excess(none).share == 0.5
+    with_failure, none = (
+        counted([0.3] * 2, failures, [0, 0]) for failures in ([1, 0], [0, 0])
+    )
+    assert with_failure.excess(none).share == 0.5
 
 
 def test_failures_do_not_change_a_difference_where_only_one_side_counts_them():
     a, b = (counted([value] * 9, [0] * 9, range(9)) for value in (0.3, 0.2))
     plain = paired_difference(a.values - b.values, a.worlds)
-    without = [replace(one, failures=one.failures[:0]) for one in (a, b)]
+    without = [replace(trials, failures=trials.failures[:0]) for trials in (a, b)]
     assert (
         difference(a, without[1]).interval
         == difference(without[0], b).interval

@@ -26,21 +26,21 @@ def submitted(run, tmp_path_factory):
     return path
 
 
-def rewritten(submitted, path, change, **about):
+def rewritten(submitted, path, change, **changes):
     """Write a submission again with its files changed, and what is said about them; its hashes are right."""
     with zipfile.ZipFile(submitted) as archive:
-        files = {one: archive.read(one) for one in archive.namelist()}
+        files = {name: archive.read(name) for name in archive.namelist()}
     content = json.loads(files.pop("submission.json"))
     change(files)
     content["files"] = {
-        one: hashlib.sha256(data).hexdigest() for one, data in files.items()
+        name: hashlib.sha256(data).hexdigest() for name, data in files.items()
     }
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for one, data in {
-            "submission.json": json.dumps(content | about).encode(),
+        for name, data in {
+            "submission.json": json.dumps(content | changes).encode(),
             **files,
         }.items():
-            archive.writestr(one, data)
+            archive.writestr(name, data)
     return path
 
 
@@ -48,9 +48,14 @@ def test_what_was_submitted_holds_and_is_a_folder_again(
     run, submitted, command, tmp_path
 ):
     code, out, _ = command("verify", submitted, "--out", tmp_path / "kept", "--json")
-    told = json.loads(out)
-    assert (code, told["holds"], told["problems"], told["driven"]) == (0, True, [], 1)
-    assert (told["planners"], told["protocol"], told["container"]) == (
+    content = json.loads(out)
+    assert (code, content["holds"], content["problems"], content["driven"]) == (
+        0,
+        True,
+        [],
+        1,
+    )
+    assert (content["planners"], content["protocol"], content["container"]) == (
         ["gap"],
         "challenge",
         DIGEST,
@@ -128,7 +133,7 @@ def in_run(old, new):
 
 
 @pytest.mark.parametrize(
-    ("change", "about", "words"),
+    ("change", "changes", "words"),
     [
         (
             lambda files: files.update({"../evil.txt": b""}),
@@ -167,10 +172,10 @@ def in_run(old, new):
     ],
 )
 def test_what_is_no_submission_is_refused_in_one_line(
-    submitted, rejected, tmp_path, change, about, words
+    submitted, rejected, tmp_path, change, changes, words
 ):
     assert words in rejected(
-        "verify", rewritten(submitted, tmp_path / "again.barn.zip", change, **about)
+        "verify", rewritten(submitted, tmp_path / "again.barn.zip", change, **changes)
     )
 
 
@@ -220,8 +225,8 @@ def test_the_board_of_the_template_has_what_holds_and_names_what_does_not(
         capture_output=True,
         text=True,
     )
-    said = dict(line.split(".barn.zip: ", 1) for line in done.stdout.splitlines())
+    reports = dict(line.split(".barn.zip: ", 1) for line in done.stdout.splitlines())
     assert done.returncode == 1
-    assert [name for name, told in said.items() if told == "holds"] == ["honest"]
-    assert said.keys() == {"honest", *(f"x_{name}" for name in changes)}
+    assert [name for name, report in reports.items() if report == "holds"] == ["honest"]
+    assert reports.keys() == {"honest", *(f"x_{name}" for name in changes)}
     assert "gap" in (board / "site" / "index.html").read_text()

@@ -36,34 +36,34 @@ WIDTHS = (60, 80, 120)
 
 @pytest.fixture(scope="module")
 def folder(run, tmp_path_factory):
-    made = campaign(
+    campaign_folder = campaign(
         tmp_path_factory.mktemp("campaigns") / "a_campaign",
         run,
         planners=("gap", "dwa", "eband"),
         bags=1,
     )
-    shutil.copytree(made, made.with_name("b"))
-    return made
+    shutil.copytree(campaign_folder, campaign_folder.with_name("b"))
+    return campaign_folder
 
 
-def drawn(made, width):
+def draw_table(fitted, width):
     file = io.StringIO()
-    Console(file=file, width=width).print(made)
+    Console(file=file, width=width).print(fitted)
     return file.getvalue()
 
 
-def check_whole(made):
+def check_whole(fitted):
     """Nothing is in the drawn table but the words of its cells and heads, and all of them are."""
     texts = [
-        made.title,
-        made.caption,
-        *(text for column in made.columns for text in column),
+        fitted.title,
+        fitted.caption,
+        *(text for column in fitted.columns for text in column),
     ]
     words = set(" ".join(texts).split())
     for width in WIDTHS:
-        shown = drawn(made, width)
-        assert max(map(len, shown.splitlines())) <= width
-        assert set(re.sub("─+", " ", shown).split()) == words, width
+        output = draw_table(fitted, width)
+        assert max(map(len, output.splitlines())) <= width
+        assert set(re.sub("─+", " ", output).split()) == words, width
 
 
 @pytest.mark.parametrize(
@@ -96,10 +96,11 @@ def test_tables_of_commands_are_whole(folder, monkeypatch, command):
     monkeypatch.chdir(
         folder.parent
     )  # names of files are short: one that is wider than the terminal has to be broken
-    tables, printed = [], options.console.print
+    tables = []
+    printed = options.console.print
 
     def record(*content, **look):
-        tables.extend(one for one in content if isinstance(one, FittedTable))
+        tables.extend(item for item in content if isinstance(item, FittedTable))
         printed(*content, **look)
 
     monkeypatch.setattr(options.console, "print", record)
@@ -107,20 +108,20 @@ def test_tables_of_commands_are_whole(folder, monkeypatch, command):
         main(command)
     assert ended.value.code == 0
     assert tables
-    for made in tables:
-        check_whole(made)
+    for fitted in tables:
+        check_whole(fitted)
 
 
 def test_tables_of_runs_and_campaigns_are_whole(folder):
     results = read_results(folder)
-    found = summarize_run(results)
-    made = [
+    summary = summarize_run(results)
+    tables = [
         trials_table(results, "all"),
-        summary_table(found.planners),
-        *map(comparison_table, found.comparisons),
+        summary_table(summary.planners),
+        *map(comparison_table, summary.comparisons),
     ]
-    for one in made:
-        check_whole(rich_table(one))
+    for fitted in tables:
+        check_whole(rich_table(fitted))
 
 
 def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
@@ -129,12 +130,16 @@ def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
         ("dwa", *["-12.345 [-13.456, -11.234]"] * 12),
         ("eband", *["<0.001 *"] * 12),
     ]
-    made = table(columns, rows)
-    check_whole(made)
-    assert drawn(made, 60).count("eband") > drawn(made, 120).count("eband") > 1
+    fitted = table(columns, rows)
+    check_whole(fitted)
+    assert (
+        draw_table(fitted, 60).count("eband")
+        > draw_table(fitted, 120).count("eband")
+        > 1
+    )
     assert all(
         "*" not in line.split("<0.001")[0]
-        for line in drawn(made, 60).splitlines()
+        for line in draw_table(fitted, 60).splitlines()
         if "*" in line
     )
 
@@ -146,23 +151,23 @@ def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
 def test_limits_go_whole_below_their_estimates_where_the_terminal_is_narrow(
     width, lines
 ):
-    made = table(("measure", ">E-Band"), [("a", "12.345 [11.111, 13.333] *")])
-    body = drawn(made, width).rpartition("─")[2].splitlines()
+    fitted = table(("measure", ">E-Band"), [("a", "12.345 [11.111, 13.333] *")])
+    body = draw_table(fitted, width).rpartition("─")[2].splitlines()
     assert [" ".join(line.split()) for line in body if line.strip()] == lines
 
 
 def test_a_word_that_is_wider_than_the_terminal_is_the_only_one_broken():
-    made = table(("name", "path"), [("dwa", "/" + "a" * 100)])
-    shown = drawn(made, 60)
-    assert max(map(len, shown.splitlines())) <= 60
-    assert shown.count("a") == 100 + sum(
+    fitted = table(("name", "path"), [("dwa", "/" + "a" * 100)])
+    output = draw_table(fitted, 60)
+    assert max(map(len, output.splitlines())) <= 60
+    assert output.count("a") == 100 + sum(
         text.count("a") for text in ("dwa", "name", "path")
     )
 
 
 def test_an_empty_table_has_its_head():
     assert "nothing there" in " ".join(
-        drawn(table(("nothing there", ">b"), []), 60).split()
+        draw_table(table(("nothing there", ">b"), []), 60).split()
     )
 
 
@@ -210,13 +215,13 @@ def test_rate_factor_remaining_time_and_outcomes_are_those_of_the_session(time):
 
 def test_lines_come_now_and_then_and_at_the_end(time):
     total = MAX_TRIAL_LINES + 1
-    shown, _ = show(
+    output_lines, _ = show(
         total,
         [result(0)] * (total - 31),
         [result(number) for number in range(31)],
         time,
     )
-    lines = shown.splitlines()
+    lines = output_lines.splitlines()
     assert [line.split()[0] for line in lines] == ["85/101", "100/101", "101/101"]
     assert (
         lines[-1]
@@ -231,16 +236,16 @@ def test_trials_of_a_small_experiment_have_a_line_each(time):
         detail="too slow",
         scores=replace(result(2).scores, success=False),
     )
-    shown, _ = show(3, [result(0)], [result(1), slow], time)
-    first, second, _ = shown.splitlines()
+    output_lines, _ = show(3, [result(0)], [result(1), slow], time)
+    first, second, _ = output_lines.splitlines()
     assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
     assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
 
 
 def test_what_is_waited_for_is_said_once(time):
     waiting = [Notice("dwa", "local-0", "waiting for /scan")] * 3
-    shown, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
-    assert shown.count("waiting for /scan") == 1
+    output_lines, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
+    assert output_lines.count("waiting for /scan") == 1
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
@@ -252,22 +257,22 @@ def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, w
     ]
     reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=width))
     progress = RunProgress(3000, results, reporter)
-    shown, text = take(progress, [result(100)], time, file)
-    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", shown)
+    output_lines, text = take(progress, [result(100)], time, file)
+    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", output_lines)
     words = set(" ".join(last).replace(",", " ").split())
-    assert "\x1b[" in shown
+    assert "\x1b[" in output_lines
     assert {f"{len(Outcome) + 1}/3000", "30.0/min", "left"} <= words
     assert set(text.replace(",", " ").split()) <= words
 
 
 def test_losses_are_told_at_once(time):
-    shown, _ = show(
+    output_lines, _ = show(
         2,
         [],
         [TrialLoss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
         time,
     )
-    assert shown.startswith(
+    assert output_lines.startswith(
         "dwa_w0001_r00: attempt 1 lost, its worker process was killed by SIGKILL\n"
     )
 

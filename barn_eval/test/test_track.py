@@ -19,10 +19,9 @@ from barn_eval.results.tracks import (
     thin_samples,
     unpack_arrays,
 )
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD_ROBOT
 
 
 def samples(count, period_s=0.05):
@@ -34,7 +33,8 @@ def samples(count, period_s=0.05):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 401, 1015, 100_000])
 def test_five_samples_a_second_with_first_last_and_the_smallest_clearance(count):
-    rows, contact = samples(count), np.zeros(count, bool)
+    rows = samples(count)
+    contact = np.zeros(count, bool)
     contact[count // 2] = True
     track = thin_samples(rows, contact)
     assert len(track.samples) <= MAX_SAMPLES + 1
@@ -71,29 +71,27 @@ def test_a_trial_without_a_reading_has_no_track():
     nothing = Trajectory(
         np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
     )
-    assert (
-        make_track(nothing, empty, 0.075, contact_footprint(STANDARD_ROBOT.chassis))
-        is None
-    )
+    (spec,) = RunConfig(worlds="0").trials()
+    assert make_track(nothing, spec) is None
 
 
 def test_the_line_of_a_trial_is_what_its_bag_holds(run):
     source = read_source(run)
     (result,) = source.results
-    name, kept = parse_track_line(source.tracks[result.trial_id], "line")
+    name, track = parse_track_line(source.tracks[result.trial_id], "line")
     assert name == result.trial_id
     (spec,) = RunFile.read(run).run_config().trials()
     recorded = recorded_track(source.bag(name), spec.world)
-    steps = np.array(kept.packed["steps"])
-    np.testing.assert_array_equal(np.isnan(kept.samples), np.isnan(recorded.samples))
-    known = ~np.isnan(kept.samples)
-    assert (np.abs(kept.samples - recorded.samples) <= 0.51 * steps)[known].all()
-    np.testing.assert_array_equal(kept.contact, recorded.contact)
-    assert kept.samples[:, 8].min() == pytest.approx(
+    steps = np.array(track.packed["steps"])
+    np.testing.assert_array_equal(np.isnan(track.samples), np.isnan(recorded.samples))
+    is_sample = ~np.isnan(track.samples)
+    assert (np.abs(track.samples - recorded.samples) <= 0.51 * steps)[is_sample].all()
+    np.testing.assert_array_equal(track.contact, recorded.contact)
+    assert track.samples[:, 8].min() == pytest.approx(
         result.measures.min_clearance_m, abs=0.001
     )
     assert (
-        len(source.tracks[name]) < 18 * len(kept.samples) + 300
+        len(source.tracks[name]) < 18 * len(track.samples) + 300
     )  # of 26 if it were not compressed
 
 
@@ -105,9 +103,9 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
         {"trial_id": name, "note": note}
         for name, note in (("b", "1"), ("a", ""), ("b", "2"))
     ]
-    lines = [json.dumps(json.loads(line) | about) for about in named]
-    for one in lines:
-        rows.append(one)
+    lines = [json.dumps(json.loads(line) | changes) for changes in named]
+    for entry in lines:
+        rows.append(entry)
     with rows.path.open("a") as file:
         file.write(lines[1][:50])
     assert rows.read() == {"b": lines[2], "a": lines[1]}
@@ -170,8 +168,8 @@ def test_packed_arrays_come_back():
     packed = pack_arrays(arrays)
     assert packed["arrays"]["d"][1] % 8 == 0
     back = unpack_arrays(packed, 1000)
-    assert [(name, one.tolist()) for name, one in back.items()] == [
-        (name, one.tolist()) for name, one in arrays.items()
+    assert [(name, array.tolist()) for name, array in back.items()] == [
+        (name, array.tolist()) for name, array in arrays.items()
     ]
     with pytest.raises(ValueError, match="cut off"):
         unpack_arrays(packed | {"zlib": packed["zlib"][:8]}, 1000)

@@ -38,12 +38,12 @@ def test_the_log_keeps_each_reading_with_the_command_that_answers_it():
     log.reading(Odometry(7, Pose2D(1.5, 2.5, 3.5), Velocity2D(0.6, 0.7)), True)
     log.command(Velocity2D(0.1, 0.2))
     log.command(Velocity2D(0.3, 0.4))  # replaces it
-    found = log.trajectory()
-    assert found.stamps_ns.tolist() == [5, 7]
-    assert found.truth.tolist() == [[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]]
-    assert found.velocity.tolist() == [[0.4, 0.5], [0.6, 0.7]]
-    np.testing.assert_array_equal(found.command, [[np.nan, np.nan], [0.3, 0.4]])
-    assert found.contact.tolist() == [False, True]
+    trajectory = log.trajectory()
+    assert trajectory.stamps_ns.tolist() == [5, 7]
+    assert trajectory.truth.tolist() == [[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]]
+    assert trajectory.velocity.tolist() == [[0.4, 0.5], [0.6, 0.7]]
+    np.testing.assert_array_equal(trajectory.command, [[np.nan, np.nan], [0.3, 0.4]])
+    assert trajectory.contact.tolist() == [False, True]
 
 
 def test_lengths_turns_and_times():
@@ -53,12 +53,12 @@ def test_lengths_turns_and_times():
         Pose2D(6.0, 8.0, -3.0),
         Pose2D(6.0, 8.0, -3.0),
     ]
-    found = measure_trajectory(drive(poses), FAR, 0.075, EXTENT)
-    assert (found.driven_m, found.driven_ratio) == pytest.approx(
+    figures = measure_trajectory(drive(poses), FAR, 0.075, EXTENT)
+    assert (figures.driven_m, figures.driven_ratio) == pytest.approx(
         (2.0, 2.0 / math.sqrt(2.0))
     )
-    assert found.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
-    assert found.mean_speed_mps == pytest.approx(2.0 / 0.15)
+    assert figures.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
+    assert figures.mean_speed_mps == pytest.approx(2.0 / 0.15)
 
 
 @pytest.mark.parametrize(
@@ -69,28 +69,30 @@ def test_lengths_turns_and_times():
 def test_contacts_are_counted_and_last_since_the_reading_before(
     contacts, count, contact_s
 ):
-    found = measure_trajectory(
+    figures = measure_trajectory(
         drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts=contacts), FAR, 0.075, EXTENT
     )
-    assert (found.contacts, found.contact_s) == (count, pytest.approx(contact_s))
+    assert (figures.contacts, figures.contact_s) == (count, pytest.approx(contact_s))
 
 
 def test_a_motion_of_some_millimetres_has_a_speed_and_a_ratio():
-    found = measure_trajectory(
+    figures = measure_trajectory(
         drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT
     )
-    assert (found.driven_m, found.driven_ratio, found.mean_speed_mps) == pytest.approx(
-        (0.005, 1.0, 0.1)
-    )
+    assert (
+        figures.driven_m,
+        figures.driven_ratio,
+        figures.mean_speed_mps,
+    ) == pytest.approx((0.005, 1.0, 0.1))
 
 
 def test_a_way_back_to_its_beginning_has_no_ratio():
-    there_and_back = [
+    round_trip = [
         Pose2D(1.0, 1.0, 0.0),
         Pose2D(2.0, 1.0, 0.0),
         Pose2D(1.0, 1.0, 0.0),
     ]
-    measures = measure_trajectory(drive(there_and_back), FAR, 0.075, EXTENT)
+    measures = measure_trajectory(drive(round_trip), FAR, 0.075, EXTENT)
     assert (measures.driven_m, measures.driven_ratio) == (2.0, None)
 
 
@@ -143,19 +145,21 @@ def plainly(trajectory):
         (b - a) / (0.5 * (times[k + 2] - times[k]))
         for k, (a, b) in enumerate(itertools.pairwise(changes))
     ]
-    given = [row for row in trajectory.command.tolist() if all(map(math.isfinite, row))]
+    commands = [
+        row for row in trajectory.command.tolist() if all(map(math.isfinite, row))
+    ]
     steps = [
-        [b[axis] - a[axis] for a, b in itertools.pairwise(given)] for axis in (0, 1)
+        [b[axis] - a[axis] for a, b in itertools.pairwise(commands)] for axis in (0, 1)
     ]
     return {
-        "rms_yaw_jerk_radps3": math.sqrt(sum(one**2 for one in jerks) / len(jerks)),
-        "speed_variation_mps": sum(abs(one) for one in steps[0]),
-        "turn_variation_radps": sum(abs(one) for one in steps[1]),
+        "rms_yaw_jerk_radps3": math.sqrt(sum(value**2 for value in jerks) / len(jerks)),
+        "speed_variation_mps": sum(abs(value) for value in steps[0]),
+        "turn_variation_radps": sum(abs(value) for value in steps[1]),
         "rms_speed_step_mps": math.sqrt(
-            sum(one**2 for one in steps[0]) / len(steps[0])
+            sum(value**2 for value in steps[0]) / len(steps[0])
         ),
         "rms_turn_step_radps": math.sqrt(
-            sum(one**2 for one in steps[1]) / len(steps[1])
+            sum(value**2 for value in steps[1]) / len(steps[1])
         ),
     }
 
@@ -173,17 +177,17 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
         seed // 2 % 2
     ]  # no command, which ends a trial
     velocity = rng.uniform(-1.0, 1.0, (count, 2))
-    one = Trajectory(
+    trajectory = Trajectory(
         stamps_ns,
         rng.uniform(0.0, 1.0, (count, 3)),
         velocity,
         command,
         np.zeros(count, np.bool_),
     )
-    found = measure_trajectory(one, FAR, 0.075, EXTENT)
-    for key, expected in plainly(one).items():
-        assert getattr(found, key) == pytest.approx(expected), key
-    assert found.off_plan_m is None
+    figures = measure_trajectory(trajectory, FAR, 0.075, EXTENT)
+    for key, expected in plainly(trajectory).items():
+        assert getattr(figures, key) == pytest.approx(expected), key
+    assert figures.off_plan_m is None
 
 
 def test_time_near_an_obstacle_is_that_up_to_readings_there():
@@ -244,13 +248,13 @@ def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an
         np.zeros((10_001, 2)),
     ):
         log.plan(wrong, 1_250_000_000)
-    found = log.trajectory()
+    trajectory = log.trajectory()
     np.testing.assert_allclose(
-        found.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0]
+        trajectory.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0]
     )
-    assert measure_trajectory(found, FAR, 0.075, EXTENT).off_plan_m == pytest.approx(
-        2.0
-    )
+    assert measure_trajectory(
+        trajectory, FAR, 0.075, EXTENT
+    ).off_plan_m == pytest.approx(2.0)
 
 
 def test_readings_without_an_answer_are_counted_but_for_the_last():
@@ -308,7 +312,8 @@ def test_clearance_to_one_cylinder(pose, expected):
 def test_clearance_is_from_an_outline_that_need_not_be_centred(
     ahead_m, left_m, expected
 ):
-    pose, outline = Pose2D(0.3, -0.2, 0.6), Rectangle([-0.1, -0.35, 0.4, 0.05])
+    pose = Pose2D(0.3, -0.2, 0.6)
+    outline = Rectangle([-0.1, -0.35, 0.4, 0.05])
     centre = pose.transform(np.array([[ahead_m, left_m]]))
     assert compute_clearances(
         np.array([[pose.x, pose.y, pose.yaw]]), centre, 0.075, outline
@@ -317,7 +322,8 @@ def test_clearance_is_from_an_outline_that_need_not_be_centred(
 
 def test_clearance_is_to_the_nearest_of_many():
     rng = np.random.default_rng(1)
-    poses, centres = rng.uniform(-2, 2, (200, 3)), rng.uniform(-2, 2, (50, 2))
+    poses = rng.uniform(-2, 2, (200, 3))
+    centres = rng.uniform(-2, 2, (50, 2))
     each = [
         compute_clearances(poses, centre[None], 0.075, EXTENT) for centre in centres
     ]

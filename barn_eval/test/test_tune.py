@@ -21,11 +21,11 @@ RANGES = {
 OPTIONS = {"worlds": "0,3,6,9,12,15", "workers": 1, "engine": "inline"}
 
 
-def ranges_file(folder, parameters=RANGES, **more):
+def ranges_file(folder, parameters=RANGES, **fields):
     path = folder / "ranges.yaml"
     path.write_text(
         yaml.safe_dump(
-            {"schema_version": 1, "planner": "gap", "parameters": parameters} | more
+            {"schema_version": 1, "planner": "gap", "parameters": parameters} | fields
         )
     )
     return str(path)
@@ -39,17 +39,16 @@ def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4")
 
 
 @pytest.mark.parametrize(
-    "name", sorted(one.stem for one in tuning.RANGES_FOLDER.glob("*.yaml"))
+    "name", sorted(path.stem for path in tuning.RANGES_FOLDER.glob("*.yaml"))
 )
 def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_path):
-    ranges, params = Ranges.read(name), "examples/nav2/params"
+    ranges = Ranges.read(name)
+    params = "examples/nav2/params"
     options = {"out": tmp_path, "worlds": "0-5"}
     if not ranges.planner:
-        root, names = (
-            tuning.Path(__file__).parents[2] / params,
-            ("common", "mapless", name.removeprefix("nav2_")),
-        )
-        files = " ".join(f"--params-file {root / one}.yaml" for one in names)
+        root = tuning.Path(__file__).parents[2] / params
+        names = ("common", "mapless", name.removeprefix("nav2_"))
+        files = " ".join(f"--params-file {root / path}.yaml" for path in names)
         options["planner_command"] = f"nav2=host --ros-args {files}"
     assert (
         tuning.Tuner(ranges, options, (), "6-9", Reporter()).default.keys()
@@ -101,14 +100,16 @@ def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(
         tuned(tmp_path, "stopped")
     monkeypatch.undo()
     again = tuned(tmp_path, "stopped")
-    assert [one.values for one in again.tuned] == [one.values for one in whole.tuned]
+    assert [item.values for item in again.tuned] == [
+        item.values for item in whole.tuned
+    ]
     for number in range(4):
         rows = [
             read_results(tmp_path / out / "settings" / f"{number:04}")
             for out in ("out", "stopped")
         ]
-        assert rows[0] and [one.repeatable() for one in rows[0]] == [
-            one.repeatable() for one in rows[1]
+        assert rows[0] and [item.repeatable() for item in rows[0]] == [
+            item.repeatable() for item in rows[1]
         ]
     with pytest.raises(BarnError, match=r"holds another tuning: ranges\."):
         tuned(tmp_path, parameters={"max_speed_mps": RANGES["max_speed_mps"]})
@@ -129,10 +130,14 @@ def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path
         "tune", ranges_file(tmp_path), *words, "--out", "tuned", "--json"
     )
     assert code == 0
-    found = json.loads(out)
-    (best,) = found["tuned"]
-    assert best["seen"]["challenge"] > found["default_seen"]["challenge"]
-    assert (found["worlds"], found["unseen"], found["given_up"] > 0) == (6, 2, True)
+    content = json.loads(out)
+    (best,) = content["tuned"]
+    assert best["seen"]["challenge"] > content["default_seen"]["challenge"]
+    assert (content["worlds"], content["unseen"], content["given_up"] > 0) == (
+        6,
+        2,
+        True,
+    )
     assert best["unseen"]["b"] == "default"
     command(
         "run",
@@ -145,8 +150,8 @@ def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path
         "alone",
     )
     unseen = read_results(tmp_path / "tuned" / "unseen" / f"{best['number']:04}")
-    assert [one.repeatable() for one in read_results(tmp_path / "alone")] == [
-        one.repeatable() for one in unseen
+    assert [row.repeatable() for row in read_results(tmp_path / "alone")] == [
+        row.repeatable() for row in unseen
     ]
     code, out, _ = command("tune", ranges_file(tmp_path), *words, "--out", "tuned")
     assert (
@@ -156,13 +161,13 @@ def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path
 
 
 def test_several_measures_give_a_front_and_its_picture(tmp_path):
-    found = tuned(tmp_path, by=("challenge", "min_clearance_m"))
-    means = [one.seen for one in found.tuned]
-    assert found.given_up == 0 and means
-    for one in means:
+    result = tuned(tmp_path, by=("challenge", "min_clearance_m"))
+    means = [setting.seen for setting in result.tuned]
+    assert result.given_up == 0 and means
+    for setting in means:
         assert not any(
-            all(other[key] > one[key] for key in one)
-            for other in [*means, found.default_seen]
+            all(other[key] > setting[key] for key in setting)
+            for other in [*means, result.default_seen]
         )
     assert (tmp_path / "out" / "front.png").stat().st_size > 1000
 
@@ -187,8 +192,8 @@ def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
     for value in (0.5, 0.25):
         study.tell(study.ask(dict(ranges.parameters)), value)
     study.enqueue_trial({"speed": 0.3})
-    made = tuner.make_setting(study.ask(dict(ranges.parameters)), "settings")
-    (path,) = tuner.write_files(2, made, "better")
+    setting = tuner.make_setting(study.ask(dict(ranges.parameters)), "settings")
+    (path,) = tuner.write_files(2, setting, "better")
     assert yaml.safe_load(path.read_text())["controller"]["ros__parameters"] == {
         "speed": 0.3,
         "rate": 20.0,

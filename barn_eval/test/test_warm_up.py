@@ -15,7 +15,7 @@ from barn_worlds.formats.dataset_file import write_dataset_file
 @pytest.fixture
 def spec(tmp_path: Path, open_world, monkeypatch):
     """A trial, and a process that has not run any."""
-    monkeypatch.setattr(module, "_ready", set())
+    monkeypatch.setattr(module, "_warm", set())
     write_dataset_file(tmp_path / "one.npz", "one", {0: open_world})
     (spec,) = RunConfig(
         dataset=str(tmp_path / "one.npz"), planners=(PlannerChoice("dwa"),)

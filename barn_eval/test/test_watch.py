@@ -61,7 +61,7 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
 
 
 def test_rate_and_time_left_are_those_of_the_trials(folder):
-    def begun(place, row):
+    def with_start(place, row):
         clock = {
             "started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00",
             "duration_s": 4.0,
@@ -69,7 +69,8 @@ def test_rate_and_time_left_are_those_of_the_trials(folder):
         return row | {"wall_clock": row["wall_clock"] | clock}
 
     rewrite_rows(
-        folder, lambda rows: [begun(place, row) for place, row in enumerate(rows[:11])]
+        folder,
+        lambda rows: [with_start(place, row) for place, row in enumerate(rows[:11])],
     )
     state = read_state(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"

@@ -1,7 +1,7 @@
 """Estimates over worlds with confidence intervals, and how they are written.
 
-Trials in the same world are not independent of each other. So whole worlds are drawn with
-replacement (a cluster bootstrap).
+Trials in the same world are not independent of each other. So whole worlds are drawn
+with replacement (a cluster bootstrap).
 """
 
 import math
@@ -90,6 +90,7 @@ def number(value: float | None, digits: int = 2) -> str:
     """
     if value is None or not math.isfinite(value):
         return "-"
+    # Adding 0 turns a negative zero into a positive one.
     return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
@@ -108,8 +109,8 @@ def bootstrap_interval(
         worlds: Number of worlds. One alone has no limits.
         seed: Seed of the draws.
         percentile: Take percentiles of the draws and leave out those without a figure
-            (NaN). By default limits are bias-corrected and accelerated (BCa, Efron 1987);
-            there are none if a draw has no figure.
+            (NaN). By default limits are bias-corrected and accelerated (BCa, Efron
+            1987); there are none if a draw has no figure.
         resamples: Number of draws.
     """
     all_worlds = np.arange(worlds)
@@ -137,19 +138,21 @@ def bootstrap_interval(
     draws = result.bootstrap_distribution
     limits = tuple(result.confidence_interval)
     if percentile:
+        # SciPy takes percentiles of all draws, which NaN would spoil.
         draws = draws[np.isfinite(draws)]
         quantiles = [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
         limits = np.quantile(draws, quantiles) if len(draws) else (math.nan, math.nan)
 
     if np.isfinite(limits).all():
         return Interval(estimate, *map(float, limits))
+    # BCa is undefined where all draws are equal, but the limits are not.
     if len(draws) and np.ptp(draws) == 0.0:
         return Interval(estimate, estimate, estimate)
     return Interval(estimate)
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
-    """Return the rank correlation along the last axis, NaN where one side does not vary.
+    """Return the rank correlation along the last axis, NaN where a side is constant.
 
     Args:
         a: Values (..., n).
@@ -159,7 +162,7 @@ def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
 
 
 def correlation(a: Floats, b: Floats) -> Floats:
-    """Return the correlation along the last axis, NaN where one side does not vary.
+    """Return the correlation along the last axis, NaN where a side is constant.
 
     Args:
         a: Values (..., n).

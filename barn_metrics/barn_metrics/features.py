@@ -109,8 +109,8 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
     """
     rows, columns = path.T
     last_row = len(grid) - 1
-    # From cell centers: an edge lies half a cell outside of the last row, and the surface
-    # of a cylinder half a cell before its center.
+    # From cell centers: an edge lies half a cell outside of the last row, and the
+    # surface of a cylinder half a cell before its center.
     edge = np.minimum(rows, last_row - rows) + 0.5
     obstacle = closest_obstacle(grid)[rows, columns] - 0.5
     clearance: Floats = np.minimum(edge, obstacle) * resolution_m
@@ -118,9 +118,10 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
 
 
 def heading_changes(path: Cells) -> Floats:
-    """Return the signed change of heading in rad at each inner cell of a path (n, 2)."""
+    """Return the signed change of heading in rad at each inner cell of a path."""
     steps = np.diff(path, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
+    # From -pi to pi.
     changes: Floats = (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
     return changes
 
@@ -137,6 +138,7 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
         return 0.0
     places_m = np.cumsum(lengths[:-1])
     headings = np.append(0.0, np.cumsum(turning))
+    # The tolerance keeps a cell at the very end of a window in it.
     ends = np.searchsorted(places_m, places_m + window_m + 1e-9, side="right")
     return max(
         float(np.abs(headings[first + 1 : end + 1] - headings[first]).max())
@@ -147,9 +149,9 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     """Return the narrowest gap of the widest path through a grid, surface to surface.
 
-    A disc is blocked if a chain of obstacles between the side edges has only gaps smaller
-    than the disc. So this is the largest gap of a chain, minimized over all chains. It is 0
-    if touching obstacles block every path.
+    A disc is blocked if a chain of obstacles between the side edges has only gaps
+    smaller than the disc. So this is the largest gap of a chain, minimized over all
+    chains. It is 0 if touching obstacles block every path.
 
     Args:
         grid: (rows, cols), True where a cylinder stands.
@@ -168,7 +170,8 @@ def _smallest_largest_gap(centers: Floats, rows: float) -> float:
 
     Args:
         centers: Of unit discs (n, 2), in cells.
-        rows: Number of rows, whose outer edges lie half a cell beyond the first and last.
+        rows: Number of rows, whose outer edges lie half a cell beyond the first and
+            last.
     """
     count = len(centers)
     best = rows

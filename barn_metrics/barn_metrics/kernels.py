@@ -45,8 +45,8 @@ PUBLISHED_POINTS: Integers = np.array(
 )
 EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
 
-# Per axis: step along rows and along columns (in cells, rounded per point), and length of a
-# step in cells.
+# Per axis: step along rows and along columns (in cells, rounded per point), and length
+# of a step in cells.
 EIGHT_AXES: Floats = np.array(
     [
         (0, 1, 1),

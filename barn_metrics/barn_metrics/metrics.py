@@ -26,8 +26,8 @@ class Formula(Checked):
     """
 
     # corrected: Every ray counts, and a diagonal step is sqrt 2 long.
-    # published: Every cell is worth 1, rays that leave the grid do not count, and the mean
-    # over the rays is rounded down.
+    # published: Every cell is worth 1, rays that leave the grid do not count, and the
+    # mean over the rays is rounded down.
     visibility: str = quantity(
         "corrected",
         "how lengths of rays are averaged",
@@ -99,7 +99,7 @@ CELL_METRICS = METRICS[:4]
 
 @dataclass(frozen=True)
 class WorldMetrics:
-    """The metrics of one world in the order of Table II, means over its path's cells."""
+    """The metrics of one world in the order of Table II, means over its path."""
 
     closest_obstacle: float
     average_visibility: float
@@ -118,8 +118,8 @@ def cell_metrics(
 ) -> Floats:
     """Return the metrics of single cells.
 
-    Without obstacles the closest one is infinitely far. The published visibility is NaN if
-    no ray ends at an obstacle.
+    Without obstacles the closest one is infinitely far. The published visibility is NaN
+    if no ray ends at an obstacle.
 
     Args:
         cspace: (rows, cols), True where occupied.
@@ -239,6 +239,7 @@ def metric_maps(
     Returns:
         Maps (rows, cols), NaN in occupied cells.
     """
+    # Metrics of occupied cells are undefined.
     free = np.argwhere(~cspace)
     values = cell_metrics(cspace, free, formula)
     maps = {}
@@ -250,7 +251,7 @@ def metric_maps(
 
 
 def _validate_cells(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
-    """Return both as contiguous arrays of the kernels' types; WorldError if malformed."""
+    """Return both as arrays that the kernels take; WorldError if they are malformed."""
     if not _is_array(cspace, "b") or cspace.ndim != 2:
         raise WorldError("C-space must be a two-dimensional array of bools")
     if not _is_array(cells, "iu") or cells.ndim != 2 or cells.shape[1] != 2:

@@ -82,8 +82,9 @@ class MetricsTable:
         Metrics of cells have extremes over cells as well.
         """
         column = metrics.METRICS.index(metric)
-        # Along the first axis of all metrics: the last bit of a sum depends on how NumPy
-        # adds. Worlds without obstacles have infinite values, whose deviation is NaN.
+        # Along the first axis of all metrics: the last bit of a sum depends on how
+        # NumPy adds. Worlds without obstacles have infinite values, whose deviation is
+        # NaN.
         with np.errstate(invalid="ignore"):
             summary = {
                 "minimum": float(self.values.min(axis=0)[column]),

@@ -17,8 +17,8 @@ from barn_metrics.bootstrap import (
 VALUES = np.random.default_rng(1).gamma(2.0, 3.0, 30)
 
 
-def mean(drawn):
-    return VALUES[drawn].mean(axis=-1)
+def mean(sample):
+    return VALUES[sample].mean(axis=-1)
 
 
 def plain_draws(resamples, seed):
@@ -32,16 +32,16 @@ def plain_draws(resamples, seed):
 
 
 def test_percentile_limits_are_quantiles_of_the_draws():
-    found = bootstrap_interval(
+    interval = bootstrap_interval(
         mean, len(VALUES), seed=4, percentile=True, resamples=1000
     )
     expected = np.quantile(plain_draws(1000, seed=4), [0.025, 0.975])
-    assert found.estimate == VALUES.mean()
-    assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-12)
+    assert interval.estimate == VALUES.mean()
+    assert (interval.low, interval.high) == pytest.approx(tuple(expected), rel=1e-12)
 
 
 def test_bca_limits_are_those_of_efrons_formula():
-    found = bootstrap_interval(mean, len(VALUES), seed=4, resamples=1000)
+    interval = bootstrap_interval(mean, len(VALUES), seed=4, resamples=1000)
     draws = plain_draws(1000, seed=4)
     bias = stats.norm.ppf(
         (draws < VALUES.mean()).mean() + 0.5 * (draws == VALUES.mean()).mean()
@@ -53,12 +53,12 @@ def test_bca_limits_are_those_of_efrons_formula():
     expected = np.quantile(
         draws, stats.norm.cdf(bias + (bias + z) / (1.0 - skew * (bias + z)))
     )
-    assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-9)
+    assert (interval.low, interval.high) == pytest.approx(tuple(expected), rel=1e-9)
 
 
 def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_otherwise():
-    found = bootstrap_interval(mean, len(VALUES))
-    assert found == bootstrap_interval(
+    interval = bootstrap_interval(mean, len(VALUES))
+    assert interval == bootstrap_interval(
         mean, len(VALUES), seed=0, percentile=False, resamples=10_000
     )
     for other in (
@@ -67,27 +67,27 @@ def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_
         {"resamples": 9_999},
         {"resamples": 10_001},
     ):
-        assert found != bootstrap_interval(mean, len(VALUES), **other), other
+        assert interval != bootstrap_interval(mean, len(VALUES), **other), other
 
 
 def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_without_limits():
-    def unless_alike(drawn):
-        return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.nan)
+    def unless_alike(sample):
+        return np.where(np.ptp(sample, axis=-1) > 0, sample.mean(axis=-1), np.nan)
 
-    found = bootstrap_interval(unless_alike, 2, percentile=True)
-    assert found == Interval(0.5, 0.5, 0.5)
+    interval = bootstrap_interval(unless_alike, 2, percentile=True)
+    assert interval == Interval(0.5, 0.5, 0.5)
     assert bootstrap_interval(unless_alike, 3) == Interval(1.0)
     assert (
         bootstrap_interval(
-            lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, percentile=True
+            lambda sample: np.full(sample.shape[:-1], np.nan), 3, percentile=True
         ).low
         is None
     )
 
 
 def test_a_limit_that_is_infinite_is_none():
-    def endless_if_alike(drawn):
-        return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.inf)
+    def endless_if_alike(sample):
+        return np.where(np.ptp(sample, axis=-1) > 0, sample.mean(axis=-1), np.inf)
 
     assert bootstrap_interval(endless_if_alike, 3) == Interval(1.0)
 
@@ -98,10 +98,10 @@ def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_war
     percentile,
 ):
     assert bootstrap_interval(
-        lambda drawn: drawn.mean(axis=-1), 1, percentile=percentile
+        lambda sample: sample.mean(axis=-1), 1, percentile=percentile
     ) == Interval(0.0)
     assert bootstrap_interval(
-        lambda drawn: np.ones(drawn.shape[:-1]), 5, percentile=percentile
+        lambda sample: np.ones(sample.shape[:-1]), 5, percentile=percentile
     ) == Interval(1.0, 1.0, 1.0)
 
 
@@ -119,9 +119,9 @@ def test_numbers_have_no_signed_zero_and_none_is_a_dash():
 
 
 def test_an_interval_is_written_with_its_limits():
-    found = Interval(0.51234, 0.4, 0.6)
-    assert found.text(3) == "0.512 [0.400, 0.600]"
-    assert found.scale(100.0).text(0, " %") == "51 % [40, 60]"
+    interval = Interval(0.51234, 0.4, 0.6)
+    assert interval.text(3) == "0.512 [0.400, 0.600]"
+    assert interval.scale(100.0).text(0, " %") == "51 % [40, 60]"
     assert Interval(-0.001, -0.002, 0.0).text() == "0.00 [0.00, 0.00]"
     assert (Interval(2.0).text(1), Interval(math.nan).text()) == ("2.0", "-")
     assert Interval(2.0).scale(3.0) == Interval(6.0)
@@ -146,10 +146,10 @@ def test_one_limit_alone_is_none():
 
 
 def test_an_interval_reaches_what_it_is_to_hold():
-    found = Interval(1.0, 0.5, 2.0)
-    assert [found.widen_to(*values) for values in ((3.0, 0.2), (0.7,))] == [
+    interval = Interval(1.0, 0.5, 2.0)
+    assert [interval.widen_to(*values) for values in ((3.0, 0.2), (0.7,))] == [
         Interval(1.0, 0.2, 3.0),
-        found,
+        interval,
     ]
 
 
@@ -162,9 +162,9 @@ def test_columns_of_an_interval_are_named_after_it():
 
 
 def test_an_interval_is_shifted_and_mirrored_with_its_limits():
-    found = Interval(1.0, 0.5, 2.0)
-    assert found.shift(0.5) == Interval(1.5, 1.0, 2.5)
-    assert found.negate() == Interval(-1.0, -2.0, -0.5)
+    interval = Interval(1.0, 0.5, 2.0)
+    assert interval.shift(0.5) == Interval(1.5, 1.0, 2.5)
+    assert interval.negate() == Interval(-1.0, -2.0, -0.5)
     assert Interval(1.0).shift(1.0) == Interval(2.0)
     assert Interval(1.0).negate() == Interval(-1.0)
 
@@ -173,15 +173,15 @@ def test_an_interval_is_shifted_and_mirrored_with_its_limits():
 def test_rank_correlations_are_those_of_scipy(kind):
     pairs = np.random.default_rng(3).integers(1, 7, (2, 4, 3, 8)).astype(kind)
     expected = [
-        stats.spearmanr(one, other).statistic
-        for one, other in zip(*pairs.reshape(2, -1, 8), strict=True)
+        stats.spearmanr(first, other).statistic
+        for first, other in zip(*pairs.reshape(2, -1, 8), strict=True)
     ]
     np.testing.assert_allclose(spearman(*pairs), np.reshape(expected, (4, 3)))
 
 
 def test_what_varies_by_rounding_only_has_no_correlation():
-    found = [
+    interval = [
         correlation(np.array([0.0, 1.0]), np.array([0.0, step]))
         for step in (1.9e-12, 2e-12, 2.1e-12)
     ]
-    np.testing.assert_allclose(found, [math.nan, math.nan, 1.0])
+    np.testing.assert_allclose(interval, [math.nan, math.nan, 1.0])

@@ -33,7 +33,8 @@ paths = st.lists(steps, min_size=1, max_size=40).map(
 
 def reference_gap(grid):
     """The least of all largest gaps on ways from edge to edge that step from obstacle to obstacle, in cells."""
-    cells, rows = np.argwhere(grid), len(grid)
+    cells = np.argwhere(grid)
+    rows = len(grid)
     gaps = np.full(
         (len(cells) + 2, len(cells) + 2), float(rows)
     )  # the upper edge, the lower one, and every obstacle
@@ -71,7 +72,8 @@ def test_the_original_worlds_let_a_robot_of_five_cells_through(originals):
 @given(path=paths, window=st.floats(0.0, 2.0))
 @settings(max_examples=100, deadline=None)
 def test_sharpest_turn_equals_the_reference(path, window):
-    lengths, turning = step_lengths(path, RESOLUTION), heading_changes(path)
+    lengths = step_lengths(path, RESOLUTION)
+    turning = heading_changes(path)
     at = np.cumsum(lengths)[:-1]
     expected = 0.0
     for first, last in itertools.combinations_with_replacement(range(len(turning)), 2):

@@ -102,11 +102,11 @@ def reference_dispersion(cspace, cell, variant):
             and abs(direction[0]) + abs(direction[1]) == 3
         )
         points = 3 if abs(direction[0]) + abs(direction[1]) != 3 or long_one else 2
-        seen = [
+        neighbors = [
             _look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1]))
             for k in range(1, points + 1)
         ]
-        signs.append("occupied" in seen)
+        signs.append("occupied" in neighbors)
     return sum(signs[k] != signs[k - 1] for k in range(16))
 
 
@@ -189,9 +189,9 @@ def test_maps_hold_the_values_of_the_cells_and_nothing_where_occupied(cspace):
     free = np.argwhere(~cspace)
     values = cell_metrics(cspace, free)
     assert list(maps) == [metric.name for metric in CELL_METRICS]
-    for column, drawn in enumerate(maps.values()):
-        np.testing.assert_array_equal(drawn[~cspace], values[:, column])
-        assert np.isnan(drawn[cspace]).all()
+    for column, picture in enumerate(maps.values()):
+        np.testing.assert_array_equal(picture[~cspace], values[:, column])
+        assert np.isnan(picture[cspace]).all()
 
 
 def test_repeated_cells_count_as_often_as_they_occur():

@@ -46,8 +46,8 @@ def test_a_data_set_is_labelled_by_its_numbers():
     assert table.worlds == ("0", "10", "20", "30")
     for metric, values in zip(METRICS, table.values.T, strict=True):
         summary = table.summary_of(metric)
-        found = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
-        assert found == [
+        statistics = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
+        assert statistics == [
             min(values),
             max(values),
             pytest.approx(sum(values) / 4),

@@ -27,7 +27,7 @@ from barn_metrics.model.trials import Trials
 from barn_worlds.worlds.world import World
 
 
-def made_trials(worlds, repetitions=4, noise=0.1):
+def make_trials(worlds, repetitions=4, noise=0.1):
     """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
     generator = np.random.default_rng(3)
     narrow = inputs_of(worlds.values())[:, input_names().index("narrow_share")]
@@ -74,9 +74,9 @@ def test_trials_refuse_times_that_are_none(time):
 def test_inputs_are_named_finite_and_begin_with_the_papers_five(worlds):
     straight = np.stack([np.full(30, 15), np.arange(30)], axis=1)
     empty = World("empty", np.zeros((30, 30), np.bool_), straight)
-    found = inputs_of([*worlds.values(), empty])
-    assert found.shape == (len(worlds) + 1, len(input_names()))
-    assert np.isfinite(found).all()
+    inputs = inputs_of([*worlds.values(), empty])
+    assert inputs.shape == (len(worlds) + 1, len(input_names()))
+    assert np.isfinite(inputs).all()
     assert input_names()[:5] == METRIC_NAMES
     assert len(set(input_names())) == len(input_names())
 
@@ -128,15 +128,17 @@ def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
 
 
 def test_folds_leave_each_world_out_once():
-    kept = fold_masks(23, 5, seed=1)
-    assert (~kept).sum(axis=0).tolist() == [1] * 23
-    assert (fold_masks(23, 5, seed=1) == kept).all()
-    assert (fold_masks(23, 5, seed=2) != kept).any()
+    masks = fold_masks(23, 5, seed=1)
+    assert (~masks).sum(axis=0).tolist() == [1] * 23
+    assert (fold_masks(23, 5, seed=1) == masks).all()
+    assert (fold_masks(23, 5, seed=2) != masks).any()
 
 
 def test_ceiling_is_the_known_reliability_of_simulated_trials():
     generator = np.random.default_rng(5)
-    worlds, repetitions, noise = 500, 6, 0.8
+    worlds = 500
+    repetitions = 6
+    noise = 0.8
     truth = 4.0 + 0.6 * generator.standard_normal(worlds)
     numbers = np.repeat(np.arange(worlds), repetitions)
     times = np.maximum(
@@ -146,9 +148,9 @@ def test_ceiling_is_the_known_reliability_of_simulated_trials():
         numbers, ("a",) * len(numbers), times, np.ones(len(numbers), np.bool_)
     )
     expected = 0.36 / (0.36 + noise**2 / repetitions)
-    found = noise_ceiling(trials)
-    assert found.low < expected < found.high
-    assert found.estimate == pytest.approx(expected, abs=0.03)
+    ceiling = noise_ceiling(trials)
+    assert ceiling.low < expected < ceiling.high
+    assert ceiling.estimate == pytest.approx(expected, abs=0.03)
     single = dataclasses.replace(trials, worlds=np.arange(len(numbers)))
     assert noise_ceiling(single) is None
 
@@ -157,13 +159,13 @@ SUMMED_UP = len(summary_names())
 MIDDLE = HEADING // 2
 
 
-def made_network(outputs=2, seed=4):
-    drawn = np.random.default_rng(seed).standard_normal
+def make_network(outputs=2, seed=4):
+    draw = np.random.default_rng(seed).standard_normal
     sizes = [len(STRIPS) * CHANNELS, 6, 5, 4]
-    filters = tuple((drawn((3, a, b)) / a**0.5, drawn(b)) for a, b in pairwise(sizes))
+    filters = tuple((draw((3, a, b)) / a**0.5, draw(b)) for a, b in pairwise(sizes))
     layers = (
-        (drawn((8 + SUMMED_UP, 7)), drawn(7)),
-        (drawn((7, outputs)), drawn(outputs)),
+        (draw((8 + SUMMED_UP, 7)), draw(7)),
+        (draw((7, outputs)), draw(outputs)),
     )
     return RouteNetwork(np.zeros(SUMMED_UP), np.ones(SUMMED_UP), filters, layers)
 
@@ -204,21 +206,20 @@ def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
 
 def test_convolution_is_that_of_plain_loops():
     generator = np.random.default_rng(0)
-    values, weights = (
-        generator.standard_normal((2, 11, 3)),
-        generator.standard_normal((5, 3, 4)),
-    )
+    values = generator.standard_normal((2, 11, 3))
+    weights = generator.standard_normal((5, 3, 4))
     for dilation in (1, 2):
         expected = np.zeros((2, 11, 4))
         for n, at, shift in np.ndindex(2, 11, 5):
-            seen = at + (shift - 2) * dilation
-            if 0 <= seen < 11:
-                expected[n, at] += values[n, seen] @ weights[shift]
+            position = at + (shift - 2) * dilation
+            if 0 <= position < 11:
+                expected[n, at] += values[n, position] @ weights[shift]
         assert _convolve(values, weights, dilation) == pytest.approx(expected)
 
 
 def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(worlds):
-    network, inputs = made_network(), inputs_of(list(worlds.values())[::2])
+    network = make_network()
+    inputs = inputs_of(list(worlds.values())[::2])
     together = network(inputs)
     assert np.concatenate([network(row[None]) for row in inputs]) == pytest.approx(
         together, rel=1e-9

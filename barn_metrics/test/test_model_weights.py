@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from archives import members, pickled, repack
-from test_model import made_network
+from test_model import make_network
 
 from barn_metrics.model import DifficultyModel, ModelError, load_model, save_model
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
@@ -17,7 +17,7 @@ from barn_worlds.formats.npz import encode_npy, parse_npy
 SUMMED_UP = len(summary_names())
 EVEN = "must span an odd number of samples"
 SMALL_MODEL = DifficultyModel(
-    ("dwa",), (made_network(), made_network(seed=5)), 0.2, {"seed": 1}
+    ("dwa",), (make_network(), make_network(seed=5)), 0.2, {"seed": 1}
 )
 
 
@@ -30,20 +30,20 @@ def file(tmp_path):
 
 def rewrite(path, header=None, arrays=None, *, signed=True):
     """Write the file anew with another header or other arrays, its checksum put right unless told not to."""
-    found = members(path)
-    about = json.loads(found["header.json"]) | (header or {})
-    found |= {
+    members_by_name = members(path)
+    content = json.loads(members_by_name["header.json"]) | (header or {})
+    members_by_name |= {
         f"{name}.npy": encode_npy(array) for name, array in (arrays or {}).items()
     }
     parsed = {
         name[:-4]: parse_npy(data, name)
-        for name, data in found.items()
+        for name, data in members_by_name.items()
         if name.endswith(".npy")
     }
     if signed:
-        about["sha256"] = _checksum(parsed)
-    found["header.json"] = json.dumps(about).encode()
-    repack(path, found)
+        content["sha256"] = _checksum(parsed)
+    members_by_name["header.json"] = json.dumps(content).encode()
+    repack(path, members_by_name)
 
 
 def refused(path):
@@ -56,7 +56,8 @@ def refused(path):
 
 def test_a_model_is_read_as_it_was_written(file, tmp_path):
     inputs = np.random.default_rng(1).uniform(0.5, 3.0, (20, len(input_names())))
-    model, read = SMALL_MODEL, load_model(file)
+    model = SMALL_MODEL
+    read = load_model(file)
     assert read.predict_inputs(inputs) == model.predict_inputs(inputs)
     assert (read.planners, read.about) == (("dwa",), {"seed": 1})
     again = tmp_path / "again.npz"
@@ -172,18 +173,21 @@ def test_other_files_are_refused(tmp_path):
 
 def test_shipped_weights_order_worlds(worlds):
     model = load_model()
-    easy, hard = list(worlds.values())[:10], list(worlds.values())[-10:]
+    easy = list(worlds.values())[:10]
+    hard = list(worlds.values())[-10:]
     lower, higher = (
-        np.mean([one.difficulty_s_per_m for one in map(model.predict, some)])
+        np.mean(
+            [prediction.difficulty_s_per_m for prediction in map(model.predict, some)]
+        )
         for some in (easy, hard)
     )
     assert lower + 0.5 < higher
-    one = model.predict(easy[0])
-    assert set(one.per_planner_s_per_m) == {"dwa", "eband"}
-    assert one.difficulty_s_per_m == pytest.approx(
-        np.mean(list(one.per_planner_s_per_m.values()))
+    prediction = model.predict(easy[0])
+    assert set(prediction.per_planner_s_per_m) == {"dwa", "eband"}
+    assert prediction.difficulty_s_per_m == pytest.approx(
+        np.mean(list(prediction.per_planner_s_per_m.values()))
     )
-    assert 0.0 <= one.failure_probability <= 1.0 and one.std_s_per_m > 0.0
+    assert 0.0 <= prediction.failure_probability <= 1.0 and prediction.std_s_per_m > 0.0
 
 
 def test_the_card_beside_the_shipped_weights_is_theirs():

@@ -1,7 +1,7 @@
 """What of a planner's preset changes for another robot than the Jackal, and how.
 
-All presets are the Jackal's. A robot whose circumscribed circle about base_link is s times
-the Jackal's gets the Jackal's planner drawn s times as large:
+All presets are the Jackal's. A robot whose circumscribed circle about base_link is s
+times the Jackal's gets the Jackal's planner drawn s times as large:
 
 - lengths grow by s; times stay;
 - speeds and accelerations grow by s, up to the robot's limits;
@@ -46,7 +46,7 @@ _LIDAR_FIELDS = {
 
 
 def robot_scale(robot: Robot) -> float:
-    """Return the ratio of a robot's circumscribed radius about base_link to the Jackal's."""
+    """Return a robot's circumscribed radius about base_link by the Jackal's."""
     return robot.chassis.circumscribed_m / STANDARD_ROBOT.chassis.circumscribed_m
 
 
@@ -103,7 +103,8 @@ def fit_parameters(
         robot: Robot that the planner is to drive.
 
     Returns:
-        Values by dotted name, with six significant digits so that they read well in files.
+        Values by dotted name, with six significant digits so that they read well in
+        files.
 
     Raises:
         ConfigError: If the planner cannot drive the robot.
@@ -212,8 +213,9 @@ def _fit_costmap(
     padded = changes | {"footprint_padding_m": padding_m}
     inscribed_m = replace_dotted(costmap, padded, "costmap").inscribed_m
 
-    # If base_link is nearer to the front or back than to the sides, the global plan still
-    # keeps half the width away from obstacles. It would lead through gaps too narrow.
+    # If base_link is nearer to the front or back than to the sides, the global plan
+    # still keeps half the width away from obstacles. Otherwise it would lead through
+    # gaps that are too narrow.
     half_width_m = half_y + padding_m
     if (
         isinstance(costmap, GlobalCostmapConfig)
@@ -229,7 +231,7 @@ def _fit_costmap(
 
 
 def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
-    """Return the sizes of planners without a costmap: rectangles and discs at base_link."""
+    """Return the sizes of rectangles and discs of planners without a costmap."""
     half_x, half_y = _half_sizes(robot.chassis.hull_m)
     inscribed_m = robot.chassis.inscribed_m
     circumscribed_m = robot.chassis.circumscribed_m

@@ -1,4 +1,7 @@
-"""Start a planner: `ros2 launch barn_planners planner.launch.py planner:=eband use_map:=true`."""
+"""Start a planner.
+
+ros2 launch barn_planners planner.launch.py planner:=eband use_map:=true
+"""
 
 from launch import LaunchDescription
 

@@ -50,18 +50,18 @@ class FlatWorld:
         return Observation(self.stamp_ns, odometry, self.scan(), self.pose)
 
     def advance(self, command: Velocity2D | None) -> None:
-        wanted = self.velocity if command is None else command
+        target = self.velocity if command is None else command
         limit = 5.0 * self.period_s
         speed = self.velocity.linear + float(
-            np.clip(wanted.linear - self.velocity.linear, -limit, limit)
+            np.clip(target.linear - self.velocity.linear, -limit, limit)
         )
-        self.velocity = Velocity2D(speed, wanted.angular)
-        half = self.pose.yaw + 0.5 * wanted.angular * self.period_s
+        self.velocity = Velocity2D(speed, target.angular)
+        half = self.pose.yaw + 0.5 * target.angular * self.period_s
         moved = speed * self.period_s
         self.pose = Pose2D(
             self.pose.x + moved * math.cos(half),
             self.pose.y + moved * math.sin(half),
-            self.pose.yaw + wanted.angular * self.period_s,
+            self.pose.yaw + target.angular * self.period_s,
         )
         self.stamp_ns += nanoseconds(self.period_s)
         self.track.append((self.pose.x, self.pose.y, self.pose.yaw))

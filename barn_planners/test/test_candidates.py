@@ -25,28 +25,28 @@ def lines(count, length):
     ("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)]
 )
 def test_few_are_shown_from_end_to_end(count, length):
-    shown = select_candidates(lines(count, length), np.zeros(count))
-    assert shown.points.shape == (
+    selection = select_candidates(lines(count, length), np.zeros(count))
+    assert selection.points.shape == (
         min(count, MAX_CANDIDATES),
         min(length, MAX_POINTS),
         2,
     )
-    assert shown.colors.shape == (min(count, MAX_CANDIDATES), 4)
-    np.testing.assert_array_equal(shown.points[[0, -1], 0, 1], [0, count - 1])
-    np.testing.assert_array_equal(shown.points[:, 0, 0], 0.0)
-    np.testing.assert_array_equal(shown.points[:, -1, 0], length - 1)
-    assert len(np.unique(shown.points[:, 0, 1])) == len(shown.points)
+    assert selection.colors.shape == (min(count, MAX_CANDIDATES), 4)
+    np.testing.assert_array_equal(selection.points[[0, -1], 0, 1], [0, count - 1])
+    np.testing.assert_array_equal(selection.points[:, 0, 0], 0.0)
+    np.testing.assert_array_equal(selection.points[:, -1, 0], length - 1)
+    assert len(np.unique(selection.points[:, 0, 1])) == len(selection.points)
 
 
 @pytest.mark.parametrize("cheapest", [0, 1, 68, 139])
 def test_the_cheapest_is_shown_in_its_colour(cheapest):
     costs = np.full(140, 5.0)
     costs[cheapest] = 1.0
-    shown = select_candidates(lines(140, 10), costs)
-    (place,) = np.flatnonzero(shown.points[:, 0, 1] == cheapest)
-    np.testing.assert_allclose(shown.colors[place], CHEAPEST_COLOR)
+    selection = select_candidates(lines(140, 10), costs)
+    (place,) = np.flatnonzero(selection.points[:, 0, 1] == cheapest)
+    np.testing.assert_allclose(selection.colors[place], CHEAPEST_COLOR)
     np.testing.assert_allclose(
-        np.delete(shown.colors, place, axis=0), [COSTLIEST_COLOR] * 19
+        np.delete(selection.colors, place, axis=0), [COSTLIEST_COLOR] * 19
     )
 
 
@@ -67,5 +67,5 @@ def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
 
 
 def test_none_at_all():
-    shown = select_candidates(np.empty((0, 5, 2)), np.empty(0))
-    assert shown.points.shape[0] == shown.colors.shape[0] == 0
+    selection = select_candidates(np.empty((0, 5, 2)), np.empty(0))
+    assert selection.points.shape[0] == selection.colors.shape[0] == 0

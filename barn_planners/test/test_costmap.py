@@ -9,14 +9,12 @@ from scipy.ndimage import distance_transform_edt, shift
 from barn_planners.costmap import inflation, kernels
 from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig, rectangle
 from barn_planners.costmap.costmap import (
-    INSCRIBED,
-    LETHAL,
     Costmap,
     RollingCostmap,
-    costs_by_square,
     global_costmap,
-    squares_for,
 )
+from barn_planners.costmap.inflation import costs_by_square
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Pose, Window
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
 
 AHEAD = Pose2D(10.0, 0.0, 0.0)
@@ -63,10 +61,8 @@ def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int
         # The nearest whole number, away from the start at a tie after half of an even step count.
         offset_row = (abs(end_row - row) * k + n // 2) // n
         offset_col = (abs(end_col - col) * k + n // 2) // n
-        up, right = (
-            int(math.copysign(1, end_row - row)),
-            int(math.copysign(1, end_col - col)),
-        )
+        up = int(math.copysign(1, end_row - row))
+        right = int(math.copysign(1, end_col - col))
         cells.append((row + up * offset_row, col + right * offset_col))
     return cells
 
@@ -77,7 +73,8 @@ def plain_update(
     """Return the lethal cells after a scan, by sets of cells and plain loops."""
     config, rows, cols = costmap.config, *lethal.shape
     sensor = pose @ lidar
-    cleared, marked = set(), set()
+    cleared = set()
+    marked = set()
     for k, reading in enumerate(scan.ranges):
         r = float(reading)
         if not scan.range_min <= r < scan.range_max:
@@ -150,8 +147,11 @@ def test_inflation_of_a_window_equals_the_plain_one(config, share):
     before = costs.copy()
     expected = plain_inflation(lethal, config, 0.05)
     window = (7, 31, 0, 44)
-    by_square = costs_by_square(config, 0.05)
-    inflation.inflate(lethal, costs, by_square, squares_for(by_square), *window)
+    layers = inflation.new_layers(*lethal.shape, costs_by_square(config, 0.05))
+    layers.marks.cells[:] = lethal
+    layers.costs[:] = costs
+    inflation.inflate(layers, Window(*window))
+    costs = layers.costs
     inside = np.zeros(lethal.shape, bool)
     inside[7:31, 0:44] = True
     np.testing.assert_array_equal(costs[inside], expected[inside])
@@ -164,18 +164,18 @@ def test_marks_and_costs_equal_the_plain_ones_along_a_drive_that_the_grid_follow
     config = CostmapConfig(
         size_m=4.0, resolution_m=0.1, obstacle_range_m=3.5, raytrace_range_m=3.6
     )
-    costmap, rng = RollingCostmap(config), np.random.default_rng(seed)
-    pose, lidar, lethal, corner = (
-        Pose2D(0.0, 0.0, 0.0),
-        Pose2D(0.12, -0.2, 0.3),
-        np.zeros((40, 40), bool),
-        None,
-    )
+    costmap = RollingCostmap(config)
+    rng = np.random.default_rng(seed)
+    pose = Pose2D(0.0, 0.0, 0.0)
+    lidar = Pose2D(0.12, -0.2, 0.3)
+    lethal = np.zeros((40, 40), bool)
+    corner = None
     for step in range(15):
         ranges = rng.uniform(0.05, 5.0, 90)
         ranges[rng.random(90) < 0.2] = rng.choice([np.inf, -np.inf, 30.0, 10.0])
         ranges[step] = np.nan
-        scan, before = scan_of(ranges), corner
+        scan = scan_of(ranges)
+        before = corner
         costmap.update(pose, scan, lidar)
         assert (
             costmap.cell(pose.x, pose.y) == (20, 20)
@@ -194,9 +194,9 @@ def test_marks_and_costs_equal_the_plain_ones_along_a_drive_that_the_grid_follow
 
 
 def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
-    known = OccupancyMap(np.zeros((20, 20), np.int8), 0.15, -1.5, -1.5)
-    known.data[10, 15] = 100
-    costmap = global_costmap(GlobalCostmapConfig(), known, AHEAD)
+    static_map = OccupancyMap(np.zeros((20, 20), np.int8), 0.15, -1.5, -1.5)
+    static_map.data[10, 15] = 100
+    costmap = global_costmap(GlobalCostmapConfig(), static_map, AHEAD)
     assert costmap.costs.shape == (60, 60) and (costmap.costs == LETHAL).sum() == 9
     costmap.update(
         Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
@@ -204,9 +204,9 @@ def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
     costmap.reset()
     assert (costmap.costs == LETHAL).sum() == 9
-    coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), known, AHEAD)
+    coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), static_map, AHEAD)
     assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
-    bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), known, AHEAD)
+    bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), static_map, AHEAD)
     bare.update(
         Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
     )
@@ -232,7 +232,7 @@ def test_clearing_keeps_a_square_about_the_robot():
 def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     costmap = Costmap(CostmapConfig(), 60, 60, 0.05, (0.0, 0.0))
     costs = costmap.costs
-    corners = kernels.placed(rectangle(0.31, 0.265), 1.5, 1.5, 0.4)
+    corners = kernels.corners_at(rectangle(0.31, 0.265), Pose(1.5, 1.5, 0.4))
     grid = (0.0, 0.0, 0.05)
     outline = set()
     for k in range(4):
@@ -245,7 +245,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
             costs[cell] = value
             assert kernels.edge_cost(costs, corners, *grid) == expected
             costs[cell] = 0
-    off = kernels.placed(rectangle(0.31, 0.265), 0.2, 1.5, 0.0)
+    off = kernels.corners_at(rectangle(0.31, 0.265), Pose(0.2, 1.5, 0.0))
     assert kernels.edge_cost(costs, off, *grid) == -1
 
 
@@ -254,12 +254,12 @@ def test_costmaps_shown_as_maps_tell_free_inscribed_and_lethal_apart():
     costmap.update(
         Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
     )
-    shown = costmap.as_map()
-    assert shown.data.dtype == np.int8 and shown.resolution == 0.05
-    assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (
+    grid_map = costmap.as_map()
+    assert grid_map.data.dtype == np.int8 and grid_map.resolution == 0.05
+    assert (grid_map.data == 100).sum() == 1 and (grid_map.data == 99).sum() == (
         costmap.costs == INSCRIBED
     ).sum()
-    assert ((shown.data > 0) & (shown.data < 99)).sum() == (
+    assert ((grid_map.data > 0) & (grid_map.data < 99)).sum() == (
         (costmap.costs > 0) & (costmap.costs < INSCRIBED)
     ).sum()
 
@@ -286,12 +286,15 @@ def plain_points(
     """Return the lidar's place and the points (n, 2) that it sees, each number rounded to single precision."""
     f = np.float32
     sensor = pose @ Pose2D(lidar_x, 0.0, 0.0)
-    z, w = f(math.sin(0.5 * sensor.yaw)), f(math.cos(0.5 * sensor.yaw))
-    cos, sin = f(f(1.0) - f(f(2.0 * z) * z)), f(f(2.0 * z) * w)
+    z = f(math.sin(0.5 * sensor.yaw))
+    w = f(math.cos(0.5 * sensor.yaw))
+    cos = f(f(1.0) - f(f(2.0 * z) * z))
+    sin = f(f(2.0 * z) * w)
     points = []
     for r, angle in zip(scan.ranges, scan.angles(), strict=True):
         if scan.range_min <= r < scan.range_max:
-            x, y = f(float(r) * math.cos(angle)), f(float(r) * math.sin(angle))
+            x = f(float(r) * math.cos(angle))
+            y = f(float(r) * math.sin(angle))
             points.append(
                 (
                     f(f(f(cos * x) - f(sin * y)) + f(sensor.x)),
@@ -305,16 +308,22 @@ def plain_ray(costmap: Costmap, sensor, point) -> list[tuple[int, int]]:
     """Return the cells that the ray to a point clears, where that is pulled in to the grid's edges."""
     (rows, cols), (x0, y0) = costmap.costs.shape, (costmap.origin_x, costmap.origin_y)
     (sx, sy), (x, y) = sensor, point
-    a, b = x - sx, y - sy
-    x1, y1 = x0 + cols * costmap.resolution, y0 + rows * costmap.resolution
+    a = x - sx
+    b = y - sy
+    x1 = x0 + cols * costmap.resolution
+    y1 = y0 + rows * costmap.resolution
     if x < x0:
-        x, y = x0, sy + b * (x0 - sx) / a
+        x = x0
+        y = sy + b * (x0 - sx) / a
     if y < y0:
-        x, y = sx + a * (y0 - sy) / b, y0
+        x = sx + a * (y0 - sy) / b
+        y = y0
     if x > x1:
-        x, y = x1 - 0.001, sy + b * (x1 - sx) / a
+        x = x1 - 0.001
+        y = sy + b * (x1 - sx) / a
     if y > y1:
-        x, y = sx + a * (y1 - sy) / b, y1 - 0.001
+        x = sx + a * (y1 - sy) / b
+        y = y1 - 0.001
     cell = costmap.world_to_cell(x, y)
     if cell is None:
         return []
@@ -343,14 +352,15 @@ def filled_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
         for k in range(4)
         for cell in plain_line(*corners[k], *corners[(k + 1) % 4])
     ]
-    cells, waiting = set(outline), sorted(outline, key=lambda cell: cell[1])
+    cells = set(outline)
+    waiting = sorted(outline, key=lambda cell: cell[1])
     for col in range(waiting[0][1], waiting[-1][1] + 1):
         if len(waiting) < 2:
             break
-        own, waiting = waiting[:2], waiting[2:]
+        current, waiting = waiting[:2], waiting[2:]
         while waiting and waiting[0][1] == col:
-            own.append(waiting.pop(0))
-        rows = [row for row, _ in own]
+            current.append(waiting.pop(0))
+        rows = [row for row, _ in current]
         cells |= {(row, col) for row in range(min(rows), max(rows))}
     return cells
 
@@ -387,7 +397,9 @@ def test_as_costmap_2d_marks_equal_the_plain_ones_along_a_drive_to_the_edge_and_
 
 def test_as_costmap_2d_the_window_follows_once_it_is_a_cell_off_on_either_side():
     costmap = RollingCostmap(CostmapConfig(size_m=4.0, as_costmap_2d=True))
-    nothing, origin, places = scan_of([np.inf]), 0.0, []
+    nothing = scan_of([np.inf])
+    origin = 0.0
+    places = []
     for x in (0.0, 0.04, 0.07, 0.03, -0.02, -0.06, 0.3, 0.31):
         costmap.update(Pose2D(x, 0.0, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
         origin += math.trunc((x - 0.5 * 79.5 * 0.05 - origin) / 0.05) * 0.05
@@ -400,12 +412,13 @@ def plain_front(lethal: np.ndarray, by_square: np.ndarray, reach: int) -> np.nda
     """Return the costs by a front that spreads from lethal cells, in bins of equal distance, the first one first."""
     bins = {square: [] for square in range(reach * reach + 1)}
     bins[0] = [(cell, cell) for cell in map(tuple, np.argwhere(lethal))]
-    costs, seen = np.zeros(lethal.shape, np.uint8), set()
+    costs = np.zeros(lethal.shape, np.uint8)
+    visited = set()
     for square, waiting in bins.items():
         for (row, col), source in waiting:  # which may grow meanwhile
-            if (row, col) in seen:
+            if (row, col) in visited:
                 continue
-            seen.add((row, col))
+            visited.add((row, col))
             costs[row, col] = by_square[square]
             for other in (
                 (row, col - 1),
@@ -429,10 +442,11 @@ def test_inflation_by_a_front_equals_the_plain_one_and_differs_from_the_nearest_
 ):
     config = CostmapConfig(footprint_padding_m=0.04)
     lethal = (np.random.default_rng(seed).random((60, 70)) < 0.03).astype(np.uint8)
-    by_square, costs = costs_by_square(config, 0.05), np.zeros(lethal.shape, np.uint8)
-    inflation.inflate_by_front(
-        lethal, costs, by_square, squares_for(by_square), 0, 60, 0, 70
-    )
+    by_square = costs_by_square(config, 0.05)
+    layers = inflation.new_layers(*lethal.shape, by_square)
+    layers.marks.cells[:] = lethal
+    inflation.inflate_by_front(layers, Window(0, 60, 0, 70))
+    costs = layers.costs
     np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
     differ = costs != plain_inflation(lethal, config, 0.05)
     assert differ.sum() < 40 and (costs <= plain_inflation(lethal, config, 0.05)).all()

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import LETHAL, RollingCostmap
+from barn_planners.costmap.costmap import RollingCostmap
+from barn_planners.costmap.kernels import LETHAL
 from barn_planners.dwa.config import DwaConfig
 from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
-from barn_planners.dwa.planner import DwaController, samples
+from barn_planners.dwa.planner import DwaController, sample_velocities
 from barn_planners.navigation.loop import ControlInput
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -42,21 +43,21 @@ def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
 
 
 def forward_samples(config, velocity, end_distance_m):
-    table, drives = samples(config, velocity, end_distance_m)
+    table, drives = sample_velocities(config, velocity, end_distance_m)
     return table[:drives, [SPEED, TURN]]
 
 
 def turn_samples(config, velocity):
-    table, drives = samples(config, velocity, 9.0, escaping=True)
+    table, drives = sample_velocities(config, velocity, 9.0, is_escaping=True)
     assert drives == 0 and not table[:, SPEED].any()
     return table[:, TURN]
 
 
 def test_forward_samples_open_the_window_of_one_period():
-    found = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
-    assert found.shape == (6 * 20, 2)
-    np.testing.assert_allclose(np.unique(found[:, 0]), np.linspace(0.1, 0.5, 6))
-    turns = found[:20, 1]
+    samples = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
+    assert samples.shape == (6 * 20, 2)
+    np.testing.assert_allclose(np.unique(samples[:, 0]), np.linspace(0.1, 0.5, 6))
+    turns = samples[:20, 1]
     assert (
         turns[0] == 0.0 and turns[1] == pytest.approx(-0.8) and turns.max() < 1.2 - 0.05
     )
@@ -98,7 +99,8 @@ def test_samples_are_added_up_in_single_precision():
     turns = forward_samples(
         dataclasses.replace(QUIRKY, single_precision=True), Velocity2D(0.3, 0.2), 9.0
     )[1:20, 1]
-    added, step = [-0.8], 2.0 / 19
+    added = [-0.8]
+    step = 2.0 / 19
     for _ in range(18):
         added.append(added[-1] + step)
     assert turns.tolist() == added
@@ -106,27 +108,27 @@ def test_samples_are_added_up_in_single_precision():
 
 def test_two_turns_to_one_side_forbid_the_other_until_the_robot_has_moved():
     memory = DwaMemory(QUIRKY)
-    memory.chose(HERE, 0.0, 0.5)
+    memory.record_sample(HERE, 0.0, 0.5)
     assert memory.allowed_turns() == (True, True)
-    memory.chose(HERE, 0.0, 0.5)
+    memory.record_sample(HERE, 0.0, 0.5)
     assert memory.allowed_turns() == (True, False)
-    memory.chose(Pose2D(0.04, 0.0, 1.0), 0.3, 0.0)
+    memory.record_sample(Pose2D(0.04, 0.0, 1.0), 0.3, 0.0)
     assert memory.allowed_turns() == (True, False)
-    memory.chose(Pose2D(0.051, 0.0, 1.0), 0.3, 0.0)
+    memory.record_sample(Pose2D(0.051, 0.0, 1.0), 0.3, 0.0)
     assert memory.allowed_turns() == (True, True)
-    memory.chose(HERE, 0.0, -0.5)
-    memory.chose(HERE, 0.0, -0.5)
+    memory.record_sample(HERE, 0.0, -0.5)
+    memory.record_sample(HERE, 0.0, -0.5)
     assert memory.allowed_turns() == (False, True)
 
 
 def test_an_escape_ends_after_a_distance_or_a_turn():
     for end in (Pose2D(-0.11, 0.0, 0.0), Pose2D(0.0, 0.0, 0.11)):
         memory = DwaMemory(QUIRKY)
-        memory.escapes(HERE, begin=True)
-        memory.escapes(Pose2D(-0.05, 0.0, 0.05), begin=True)
-        assert memory.escaping
-        memory.chose(end, 0.0, 0.5)
-        assert not memory.escaping
+        memory.record_escape(HERE, may_begin=True)
+        memory.record_escape(Pose2D(-0.05, 0.0, 0.05), may_begin=True)
+        assert memory.is_escaping
+        memory.record_sample(end, 0.0, 0.5)
+        assert not memory.is_escaping
 
 
 def test_where_nothing_is_allowed_the_robot_escapes_backwards_only_if_the_quirk_is_on():
@@ -215,13 +217,11 @@ def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
 
 
 def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
-    controller, given = (
-        DwaController(DwaConfig()),
-        inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)]),
-    )
+    controller = DwaController(DwaConfig())
+    control = inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
     assert controller.view().candidates is None
-    chosen = controller.control(given)
-    given.costmap.costs[:] = LETHAL
+    decision = controller.control(control)
+    control.costmap.costs[:] = LETHAL
     view = controller.view()
     assert view.candidates.shape == (6 * 21 + 20, 80, 2) and view.local_plan.shape == (
         80,
@@ -230,5 +230,5 @@ def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     assert np.isfinite(view.local_plan).all()
     costs = view.candidate_costs
     assert len(costs) == 6 * 21 + 20 and 20 < np.isfinite(costs).sum() < len(costs)
-    assert costs[: 6 * 21].min() == chosen.diagnostics["cost"]
+    assert costs[: 6 * 21].min() == decision.diagnostics["cost"]
     np.testing.assert_array_equal(controller.view().candidate_costs, costs)

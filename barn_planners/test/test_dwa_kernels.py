@@ -6,34 +6,43 @@ from collections import deque
 
 import numpy as np
 import pytest
-from scipy.ndimage import distance_transform_cdt
 
 from barn_planners.costmap import kernels as costmap_kernels
 from barn_planners.costmap.config import rectangle
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Cell, Grid, Pose
 from barn_planners.dwa import kernels, wavefront
-from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
+from barn_planners.dwa.kernels import (
+    Ground,
+    Motion,
+    Raster,
+    Rules,
+    Scene,
+    Start,
+    Weights,
+)
 from barn_planners.dwa.search import Choice, find_best
 
 RESOLUTION = 0.05
-ROWS, COLS = 70, 90
+ROWS = 70
+COLS = 90
 ORIGIN = (-2.0, -1.5)
-GRID = Grid(*ORIGIN, 1.0 / RESOLUTION)
+GRID = Grid(*ORIGIN, RESOLUTION)
+RASTER = Raster(*ORIGIN, 1.0 / RESOLUTION)
 JACKAL = rectangle(0.31, 0.265)
 PENTAGON = np.array([[0.4, 0.1], [0.1, 0.3], [-0.2, 0.2], [-0.2, -0.2], [0.3, -0.2]])
-MOTION = Movement(2.0, 0.02, 0.02, 10.0, 20.0)
+MOTION = Motion(2.0, 0.02, 0.02, 10.0, 20.0)
 WEIGHTS = Weights(0.75, 1.0, 0.1)
 SIZE = (ROWS + 2) * (COLS + 2)
 
 
 def cell_of(x: float, y: float) -> tuple[int, int]:
-    return math.floor((y - ORIGIN[1]) * GRID.per_m), math.floor(
-        (x - ORIGIN[0]) * GRID.per_m
+    return math.floor((y - ORIGIN[1]) * RASTER.per_m), math.floor(
+        (x - ORIGIN[0]) * RASTER.per_m
     )
 
 
 def padded(cell) -> int:
-    return (cell[0] + 1) * (COLS + 2) + cell[1] + 1
+    return wavefront.padded(Cell(*cell), COLS + 2)
 
 
 def random_costs(seed: int, density: float = 0.01) -> np.ndarray:
@@ -63,18 +72,18 @@ def plain_wavefront(
 
 def prepared(costs, pose):
     state = np.empty(SIZE, np.uint8)
-    corners = costmap_kernels.placed(JACKAL, *pose)
-    first, spans = costmap_kernels.footprint_spans(corners, *ORIGIN, RESOLUTION)
-    wavefront.blocked(costs, first, spans, state)
+    corners = costmap_kernels.corners_at(JACKAL, Pose(*pose))
+    covered = costmap_kernels.footprint_cells(corners, GRID, ROWS, COLS)
+    wavefront.block_cells(costs, state)
+    wavefront.open_cells(covered, COLS + 2, state)
     passable = costs < INSCRIBED
-    for k, (low, high) in enumerate(spans):
-        passable[max(0, low) : high + 1, first + k] = True
+    passable[covered[:, 0], covered[:, 1]] = True
     return state, passable
 
 
 def wavefront_from(state, seeds):
     wave = wavefront.new_wavefront(ROWS, COLS)
-    wavefront.begin(wave, state, np.array([padded(cell) for cell in seeds]))
+    wavefront.start_wavefront(wave, state, np.array([padded(cell) for cell in seeds]))
     return wave
 
 
@@ -83,16 +92,17 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     costs = random_costs(seed)
     state, passable = prepared(costs, (0.0, 0.0, 0.3))
     seeds = [(40, 60), (40, 61), (12, 20)]
-    wave, again = wavefront_from(state, seeds), wavefront_from(state, seeds[:1])
+    wave = wavefront_from(state, seeds)
+    again = wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
-    for one in (wave, again):
+    wavefront.start_wavefront(again, state, np.array([padded(cell) for cell in seeds]))
+    for result in (wave, again):
         np.random.default_rng(seed).shuffle(
             cells
         )  # in whatever order cells are asked for
         for cell in cells:
-            assert wavefront.steps_to(one, padded(cell)) == expected.get(
+            assert wavefront.steps_to(result, padded(cell)) == expected.get(
                 cell, wavefront.UNREACHED
             ), cell
 
@@ -123,67 +133,37 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
         ]
     )
     cells = np.empty(1000, np.int64)
-    count = wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
-    found = [
+    count = wavefront.plan_cells(plan, GRID, ROWS, COLS, cells)
+    plan_cells_list = [
         (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
         for cell in cells[:count]
     ]
-    assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
-    for one, other in itertools.pairwise(found):
-        assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
-    assert wavefront.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
-    assert wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
+    assert plan_cells_list[0] == cell_of(-1.99, 0.0) and plan_cells_list[-1] == cell_of(
+        2.49, 1.0
+    )
+    for first, other in itertools.pairwise(plan_cells_list):
+        assert max(abs(first[0] - other[0]), abs(first[1] - other[1])) == 1
+    assert wavefront.plan_cells(plan[:1], GRID, ROWS, COLS, cells) == 0
+    assert wavefront.plan_cells(plan, GRID, ROWS, COLS, cells[:10]) == 10
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
-def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_looked_at(
-    outline,
-):
+def test_edges_cost_what_the_costmap_says(outline):
     rng = np.random.default_rng(3)
     costs = random_costs(1, 0.002)
     costs[:, 60:] = 0
-    ground, seen = (
-        Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline),
-        set(),
-    )
-    for _ in range(200):
-        corners, highest = np.full(len(outline), -1), 0
-        x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
-        for _ in range(4):
-            edge = costmap_kernels.edge_cost(
-                costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
-            )
-            expected = -1 if edge < 0 else max(edge, highest)
-            highest = kernels.edges_cost(
-                *ground, x, y, math.cos(yaw), math.sin(yaw), corners, highest
-            )
-            assert highest == expected
-            seen.add(min(highest, 1))
-            if highest < 0:
-                break
-            x, y, yaw = (
-                x + rng.uniform(-0.05, 0.05),
-                y + rng.uniform(-0.05, 0.05),
-                yaw + 0.02,
-            )
-    assert seen == {-1, 0, 1}
-
-
-def clearance(costs, window=(0, ROWS, 0, COLS)) -> np.ndarray:
-    clear = np.empty(costs.shape, np.int16)
-    kernels.open_around(costs, window, clear)
-    return clear
-
-
-def test_open_ground_is_measured_to_the_next_cost_or_to_the_edge_of_the_window():
-    costs = random_costs(3, 0.0005)
-    window = (4, 60, 10, 85)
-    found = clearance(costs, window)
-    used = np.ones((ROWS, COLS), bool)
-    used[5:59, 11:84] = costs[5:59, 11:84] > 0
-    expected = distance_transform_cdt(~used, "chessboard")
-    np.testing.assert_array_equal(found, expected)
-    assert expected.max() >= 6
+    ground = Ground(costs, RASTER, outline)
+    kinds = set()
+    for _ in range(800):
+        x = rng.uniform(-2.2, 2.7)
+        y = rng.uniform(-1.7, 2.2)
+        yaw = rng.uniform(-4, 4)
+        corners = costmap_kernels.corners_at(outline, Pose(x, y, yaw))
+        expected = costmap_kernels.edge_cost(costs, corners, *ORIGIN, RESOLUTION)
+        cost = kernels.edges_cost(*ground, x, y, math.cos(yaw), math.sin(yaw))
+        assert cost == expected
+        kinds.add(min(cost, 1))
+    assert kinds == {-1, 0, 1}
 
 
 def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
@@ -191,10 +171,14 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     x, y, yaw, v, w = start
     steps = max(1, int(max(abs(speed) * 2.0 / 0.02, abs(turn) / 0.02) + 0.5))
     dt = 2.0 / steps
-    highest, scored = 0, None
+    highest = 0
+    scored = None
     for _ in range(steps):
         edge = costmap_kernels.edge_cost(
-            costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
+            costs,
+            costmap_kernels.corners_at(outline, Pose(x, y, yaw)),
+            *ORIGIN,
+            RESOLUTION,
         )
         if edge < 0:
             return kernels.TOUCHES, scored
@@ -210,20 +194,21 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     return (path[cell], goal[cell], highest), scored
 
 
-def plain_cost(found, weights):
-    if not isinstance(found, tuple):
-        return found
-    return sum(weight * part for weight, part in zip(weights, found, strict=True))
+def plain_cost(terms, weights):
+    if not isinstance(terms, tuple):
+        return terms
+    return sum(weight * part for weight, part in zip(weights, terms, strict=True))
 
 
 def scene_of(costs, pose, plan_cells):
     """Return a scene, and the steps to the plan and to its end by cell."""
     state, passable = prepared(costs, pose)
-    found, plain = [], []
+    rollouts = []
+    plain = []
     for seeds in (plan_cells, plan_cells[-1:]):
-        found.append(wavefront_from(state, seeds))
+        rollouts.append(wavefront_from(state, seeds))
         plain.append(plain_wavefront(passable, seeds))
-    return Scene(Ground(costs, clearance(costs), GRID, JACKAL), *found), plain
+    return Scene(Ground(costs, RASTER, JACKAL), *rollouts), plain
 
 
 def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
@@ -240,7 +225,8 @@ def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
 def even_samples(seed: int, speeds: int = 5, turns: int = 8) -> np.ndarray:
     """Return samples as the planner makes them: the same turns for every speed, then in place."""
     rng = np.random.default_rng(seed)
-    low, rates = rng.uniform(0.1, 0.3), np.sort(rng.uniform(-1.57, 1.57, turns))
+    low = rng.uniform(0.1, 0.3)
+    rates = np.sort(rng.uniform(-1.57, 1.57, turns))
     table = np.zeros(((speeds + 1) * turns, kernels.OBSTACLE + 1))
     table[: speeds * turns, kernels.SPEED] = np.repeat(
         np.linspace(low, 0.5, speeds), turns
@@ -263,12 +249,12 @@ def test_rollouts_cost_what_the_rules_say():
         costs = random_costs(seed, 0.002)
         scene, plain = scene_of(costs, start[:3], PLAN)
         table = samples(seed=seed)
-        kernels.score(scene, start, MOTION, WEIGHTS, table)
+        kernels.score(*scene, Rules(start, MOTION, WEIGHTS), table)
         for row in table:
-            found, end = plain_rollout(
+            terms, end = plain_rollout(
                 costs, *plain, start, row[kernels.SPEED], row[kernels.TURN]
             )
-            cost = plain_cost(found, WEIGHTS)
+            cost = plain_cost(terms, WEIGHTS)
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
             kinds.add(min(cost, 0.0))
             if cost >= 0.0:
@@ -282,14 +268,17 @@ def test_rollouts_cost_what_the_rules_say():
 
 def plain_search(rolled, table, weights, choice, plain_goal):
     """Return the best row of a table by the published rules; rolled: `plain_rollout` of each row."""
-    best, best_cost, best_ahead = -1, math.inf, math.inf
-    for k, (found, end) in enumerate(rolled):
-        cost = plain_cost(found, weights)
+    best = -1
+    best_cost = math.inf
+    best_ahead = math.inf
+    for k, (terms, end) in enumerate(rolled):
+        cost = plain_cost(terms, weights)
         if cost < 0.0:
             continue
         if k < choice.drives:
             if cost < best_cost:
-                best, best_cost = k, cost
+                best = k
+                best_cost = cost
             continue
         if (
             not (choice.left if table[k, kernels.TURN] > 0.0 else choice.right)
@@ -314,13 +303,15 @@ def plain_search(rolled, table, weights, choice, plain_goal):
             }
             distance = 1e6 if beside & plain_goal.keys() else 1e6 + 1.0
         if distance < best_ahead:
-            best, best_cost, best_ahead = k, cost, distance
+            best = k
+            best_cost = cost
+            best_ahead = distance
     return best
 
 
 def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherever_it_begins():
     winners = set()
-    several = [
+    starts = [
         WEIGHTS,
         Weights(0.0375, 0.05, 0.1),
         Weights(0.0, 0.0, 0.0),
@@ -341,21 +332,20 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
                 for row in table
             ]
             for weights, left, right in itertools.product(
-                several, (True, False), (True, False)
+                starts, (True, False), (True, False)
             ):
                 full = table.copy()
-                kernels.score(scene, start, MOTION, weights, full)
-                for likely, slots, past in (
-                    (0, 1, False),
-                    (17, 8, True),
-                    (len(table) - 1, 7, False),
-                    (900, 3, True),
+                kernels.score(*scene, Rules(start, MOTION, weights), full)
+                for likely, past in (
+                    (0, False),
+                    (17, True),
+                    (len(table) - 1, False),
+                    (900, True),
                 ):
-                    quick, choice = (
-                        table.copy(),
-                        Choice(drives, left, right, 0.325, past, likely, slots),
-                    )
-                    best = find_best(scene, start, MOTION, weights, quick, choice)
+                    quick = table.copy()
+                    choice = Choice(drives, left, right, 0.325, past, likely)
+                    rules = Rules(start, MOTION, weights)
+                    best = find_best(*scene, rules, quick, choice)
                     assert best == plain_search(
                         rolled, table, weights, choice, plain[1]
                     )
@@ -369,15 +359,17 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
 
 def test_traces_are_the_rolled_out_poses():
     start = STARTS[0]
-    places, headings = kernels.poses_of(start, 0.5, 0.8, MOTION, 80)
+    poses = np.empty((kernels.step_count(0.5, 0.8, MOTION), 5))
+    kernels.roll_out(start, 0.5, 0.8, MOTION, poses)
     everywhere = dict.fromkeys(np.ndindex(ROWS, COLS), 0)
     _, end = plain_rollout(
         np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8
     )
-    assert len(places) == 50
-    np.testing.assert_allclose([*places[-1], headings[-1, 0]], end, atol=1e-12)
-    assert len(kernels.poses_of(start, 0.5, 0.8, MOTION, 20)[0]) == 20
-    shown = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
-    np.testing.assert_array_equal(
-        shown, np.column_stack([places, headings[:, 0]])[np.minimum(np.arange(80), 49)]
-    )
+    assert len(poses) == 50
+    np.testing.assert_allclose(poses[-1, :3], end, atol=1e-12)
+    traces = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
+    np.testing.assert_array_equal(traces, poses[np.minimum(np.arange(80), 49), :3])
+    shorter = np.empty((20, 5))
+    kernels.roll_out(start, 0.5, 0.8, MOTION, shorter)
+    few = kernels.traces(start, np.array([[0.5, 0.8]]), MOTION, 20)[0]
+    np.testing.assert_array_equal(few, shorter[:, :3])

@@ -21,11 +21,18 @@ FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s
 def scan_of(pose, points, stamp_ns=0):
     """Return what a lidar at the robot's centre sees of small discs at points (n, 2), seen through one another."""
     ranges = np.full(BEAMS, np.inf, np.float32)
-    seen = pose.inverse().transform(np.asarray(points, np.float64).reshape(-1, 2))
-    beams = (
-        np.rint(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / 2.0).astype(int) + 90
+    local_points = pose.inverse().transform(
+        np.asarray(points, np.float64).reshape(-1, 2)
     )
-    for beam, distance in zip(beams, np.hypot(seen[:, 0], seen[:, 1]), strict=True):
+    beams = (
+        np.rint(
+            np.degrees(np.arctan2(local_points[:, 1], local_points[:, 0])) / 2.0
+        ).astype(int)
+        + 90
+    )
+    for beam, distance in zip(
+        beams, np.hypot(local_points[:, 0], local_points[:, 1]), strict=True
+    ):
         ranges[beam] = min(ranges[beam], distance)
     return Scan(stamp_ns, ranges, -math.pi, math.radians(2.0), 0.05, 30.0)
 
@@ -129,7 +136,7 @@ def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for():
     for relaxes in (False, True):
         steered = controller(relax_new_plan=relaxes)
         calls = []
-        for name in ("optimise", "advance"):
+        for name in ("optimize", "advance"):
             called = getattr(steered._band, name)
             setattr(
                 steered._band,
@@ -154,7 +161,8 @@ def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for():
 
 def test_band_in_collision_gives_no_command_and_recovers():
     steering = controller()
-    pose, plan = Pose2D(0.0, 0.0, 0.0), straight_plan()
+    pose = Pose2D(0.0, 0.0, 0.0)
+    plan = straight_plan()
     assert steering.control(inputs(pose, plan)).command is not None
     on_the_next_bubble = [tuple(steering.view().band[1, :2])]
     blocked = steering.control(inputs(pose, plan, on_the_next_bubble, new_plan=False))

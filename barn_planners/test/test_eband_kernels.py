@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import costs_by_square, squares_for
-from barn_planners.costmap.inflation import inflate
+from barn_planners.costmap.inflation import costs_by_square, inflate, new_layers
+from barn_planners.costmap.kernels import Grid, Pose, Window
 from barn_planners.eband import kernels
 from barn_planners.eband.forces import relax, renew
 from barn_planners.eband.planner import bubble_radii
@@ -23,11 +23,10 @@ RADII = bubble_radii(10.0)
 
 def grid_with(obstacle_cells):
     """Return a costmap with obstacles in some cells (n, 2), as the kernels take it."""
-    lethal, costs = np.zeros((2, SIDE, SIDE), np.uint8)
-    lethal[tuple(np.asarray(obstacle_cells, int).reshape(-1, 2).T)] = 1
-    by_square = costs_by_square(CostmapConfig(), RESOLUTION)
-    inflate(lethal, costs, by_square, squares_for(by_square), 0, SIDE, 0, SIDE)
-    return (costs, 0.0, 0.0, RESOLUTION, RADII)
+    layers = new_layers(SIDE, SIDE, costs_by_square(CostmapConfig(), RESOLUTION))
+    layers.marks.cells[tuple(np.asarray(obstacle_cells, int).reshape(-1, 2).T)] = 1
+    inflate(layers, Window(0, SIDE, 0, SIDE))
+    return kernels.Clearance(layers.costs, Grid(0.0, 0.0, RESOLUTION), RADII)
 
 
 def turned(angle):
@@ -39,14 +38,16 @@ class ReferenceBand:
     """The method on plain lists, with true recursion; bubbles are (x, y, radius, yaw)."""
 
     def __init__(self, grid, gains):
-        self.grid, self.gains = grid, gains
+        self.grid = grid
+        self.gains = gains
 
     class Broken(Exception):
         pass
 
     def radius(self, x, y):
-        costs, ox, oy, resolution, radii = self.grid
-        row, col = math.floor((y - oy) / resolution), math.floor((x - ox) / resolution)
+        costs, (ox, oy, resolution), radii = self.grid
+        row = math.floor((y - oy) / resolution)
+        col = math.floor((x - ox) / resolution)
         inside = 0 <= row < costs.shape[0] and 0 <= col < costs.shape[1]
         return float(radii[costs[row, col] if inside else 0])
 
@@ -58,7 +59,8 @@ class ReferenceBand:
         """Return the bubbles strictly between a and b."""
         if self.overlap(a, b):
             return []
-        x, y = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
+        x = 0.5 * (a[0] + b[0])
+        y = 0.5 * (a[1] + b[1])
         radius = self.radius(x, y)
         if radius <= self.gains.tiny_bubble_m:
             raise self.Broken
@@ -68,13 +70,15 @@ class ReferenceBand:
     def refine(self, band):
         if len(band) < 2:
             raise self.Broken
-        first, last = band[0], band[-1]
+        first = band[0]
+        last = band[-1]
         if self.overlap(first, last):
             return [first, last]
         if len(band) == 2:
             return [first, *self.fill(first, last), last]
         half = (len(band) - 1) // 2
-        left, right = self.refine(band[: half + 1]), self.refine(band[half:])
+        left = self.refine(band[: half + 1])
+        right = self.refine(band[half:])
         if self.overlap(left[-2], right[1]):
             return left[:-1] + right[1:]
         return left[:-1] + right
@@ -115,7 +119,8 @@ class ReferenceBand:
         return old @ new < 0.0, strength > limit
 
     def moved(self, bubble, jump):
-        x, y = bubble[0] + jump[0], bubble[1] + jump[1]
+        x = bubble[0] + jump[0]
+        y = bubble[1] + jump[1]
         return (x, y, self.radius(x, y), turned(bubble[3] + jump[2]))
 
     def holds(self, a, b):
@@ -144,7 +149,8 @@ class ReferenceBand:
         )
 
     def move(self, band, i):
-        bubble, force = band[i], self.force(band, i, band[i])
+        bubble = band[i]
+        force = self.force(band, i, band[i])
         jump = bubble[2] * force
         jump[2] = (
             turned(jump[2] / self.gains.metres_per_rad)
@@ -173,8 +179,9 @@ class ReferenceBand:
 
 
 def optimise(band, n, grid, gains, work, sweeps):
-    n = renew(band, n, grid, gains, work)
-    return n if n < 0 else relax(band, n, grid, gains, work, sweeps)
+    context = kernels.Context(grid, gains, work)
+    n = renew(band, n, context)
+    return n if n < 0 else relax(band, n, context, sweeps)
 
 
 def random_case(seed):
@@ -200,16 +207,14 @@ def as_band(points):
 @pytest.mark.parametrize("gains", [GAINS, ORIGINAL, ORIGINAL._replace(halvings=0)])
 @pytest.mark.parametrize("sweeps", [0, 1, 3])
 def test_optimise_equals_reference(sweeps, gains):
-    work = kernels.band_work(CAPACITY)
+    work = kernels.new_band_work(CAPACITY)
     outcomes = []
     for seed in range(60):
         grid, points = random_case(seed)
         band = as_band(points)
         if gains.metres_per_rad > 0.0:  # as of a plan: no heading but at its ends
-            band[0, kernels.YAW], band[len(points) - 1, kernels.YAW] = (
-                2.5 - 0.1 * seed,
-                1.57,
-            )
+            band[0, kernels.YAW] = 2.5 - 0.1 * seed
+            band[len(points) - 1, kernels.YAW] = 1.57
         reference = ReferenceBand(grid, gains)
         start = [tuple(bubble) for bubble in band[: len(points)].tolist()]
         n = optimise(band, len(points), grid, gains, work, sweeps)
@@ -227,32 +232,34 @@ def test_optimise_equals_reference(sweeps, gains):
 
 
 def test_failures_are_told_apart():
-    work = kernels.band_work(CAPACITY)
+    work = kernels.new_band_work(CAPACITY)
     wall = grid_with([(row, 60) for row in range(SIDE)])
     band = as_band([(1.0, 3.0), (5.0, 3.0)])
     assert optimise(band, 2, wall, GAINS, work, 3) == kernels.GAP
     band = as_band([(1.0, 3.0), (3.0, 3.0)])
     assert optimise(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
-    small = kernels.band_work(4)
+    small = kernels.new_band_work(4)
     band = np.zeros((4, 4))
     band[:2, :2] = (0.5, 3.0), (5.5, 3.0)
     assert optimise(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
 
 
 def test_connect_front_drops_what_the_robot_has_passed():
-    work, grid = kernels.band_work(CAPACITY), grid_with([])
+    grid = grid_with([])
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.5, 2.0, 3.0)])
     kernels.measure(band, 4, grid)
-    n = kernels.connect_front(band, 4, 1.4, 3.1, 0.3, grid, GAINS, work)
+    n = kernels.connect_front(band, 4, Pose(1.4, 3.1, 0.3), context)
     np.testing.assert_allclose(band[:n, :2], [(1.4, 3.1), (2.0, 3.0), (3.0, 3.0)])
 
 
 @pytest.mark.parametrize("distance", [0.5, 2.0])
 def test_connect_front_reaches_a_band_further_ahead(distance):
-    work, grid = kernels.band_work(CAPACITY), grid_with([])
+    grid = grid_with([])
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(3.0, 3.0), (3.7, 3.0)])
     kernels.measure(band, 2, grid)
-    n = kernels.connect_front(band, 2, 3.0 - distance, 3.0, 0.3, grid, GAINS, work)
+    n = kernels.connect_front(band, 2, Pose(3.0 - distance, 3.0, 0.3), context)
     steps = np.diff(band[:n, 0])
     assert band[[0, n - 1], 0].tolist() == [3.0 - distance, 3.7]
     assert ((steps > 0.0) & (steps < 0.7 * 2 * 0.553)).all()
@@ -262,23 +269,21 @@ def test_connect_front_fails_inside_an_obstacle():
     grid = grid_with([(60, 60)])
     band = as_band([(1.0, 3.0), (1.5, 3.0)])
     kernels.measure(band, 2, grid)
-    assert (
-        kernels.connect_front(
-            band, 2, 3.0, 3.0, 0.3, grid, GAINS, kernels.band_work(CAPACITY)
-        )
-        == kernels.IN_COLLISION
-    )
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
+    failure = kernels.connect_front(band, 2, Pose(3.0, 3.0, 0.3), context)
+    assert failure == kernels.IN_COLLISION
 
 
 @pytest.mark.parametrize("start", [2.0, 4.0])
 def test_append_back_continues_the_band(start):
-    work, grid = kernels.band_work(CAPACITY), grid_with([])
+    grid = grid_with([])
+    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.6, 2.2)])
     kernels.measure(band, 3, grid)
     points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])
-    n = kernels.append_back(band, 3, points, grid, GAINS, work)
+    n = kernels.append_back(band, 3, points, context)
     np.testing.assert_allclose(
         band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]], points
     )
-    assert kernels.refine(band, n, grid, GAINS, work) > 0
+    assert kernels.refine(band, n, context) > 0
     assert np.hypot(*np.diff(band[: n - 14, :2], axis=0).T).max() < 0.7 * 2 * 0.553

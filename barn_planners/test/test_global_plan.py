@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import label
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL
 from barn_planners.global_plan import descent, kernels
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,
@@ -76,29 +77,16 @@ def plain_rounds(
 
 def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     rows, cols = costs.shape
-    potential = np.full(rows * cols, UNREACHED)
-    pending = np.ones((rows, cols), np.uint8)
-    pending[1:-1, 1:-1] = 0
-    prices = (
-        cell_prices(GlobalPlanConfig()),
-        math.sqrt(0.5) * cell_prices(GlobalPlanConfig()),
-    )
-    ends, window = (
-        (start[0] * cols + start[1], goal[0] * cols + goal[1]),
-        np.zeros(4, np.int64),
-    )
-    work = (potential, pending.ravel(), np.empty((3, rows * cols), np.int32), window)
-    kernels.grow(
-        costs.ravel(),
-        cols,
-        prices,
-        ends,
-        (0.0, 0.0),
-        math.inf,
-        (254.0, 100.0, 10**9),
-        *work,
-    )
+    prices = cell_prices(GlobalPlanConfig())
+    terrain = kernels.Terrain(costs.ravel(), cols, prices, math.sqrt(0.5) * prices)
+    ends = kernels.Ends(start[0] * cols + start[1], goal[0] * cols + goal[1])
+    growth = kernels.Growth(254.0, 100.0, 10**9, 50.0, 48.5, 800.0)
+    memory = kernels.new_memory(rows, cols, np.float64)
+    pending = memory.pending.reshape(rows, cols)
+    kernels.grow(terrain, ends, growth, kernels.Focus(0.0, 0.0, math.inf), memory, 1)
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
+    potential = memory.potentials[1]
+    window = memory.windows[1]
     reached = potential.copy().reshape(rows, cols)
     assert all(
         window[0] <= row < window[1] and window[2] <= col < window[3]
@@ -128,10 +116,8 @@ def grid_of(costs: np.ndarray, resolution: float = 0.05) -> Costmap:
 
 
 def centre(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
-    x, y = (
-        costmap.origin_x + (col + 0.5) * costmap.resolution,
-        costmap.origin_y + (row + 0.5) * costmap.resolution,
-    )
+    x = costmap.origin_x + (col + 0.5) * costmap.resolution
+    y = costmap.origin_y + (row + 0.5) * costmap.resolution
     return Pose2D(x, y, yaw)
 
 
@@ -156,7 +142,8 @@ def test_prices_are_navfns():
 )  # one on the border is never reached: everything is grown
 @pytest.mark.parametrize("seed", range(4))
 def test_the_potential_equals_the_plain_one_in_the_same_order(seed, goal):
-    costs, start = random_costs(seed), (1, 1)
+    costs = random_costs(seed)
+    start = (1, 1)
     expected = plain_rounds(
         costs, cell_prices(GlobalPlanConfig()), start, goal, 254.0, 100.0
     )
@@ -164,7 +151,8 @@ def test_the_potential_equals_the_plain_one_in_the_same_order(seed, goal):
 
 
 def test_leaving_out_what_is_too_far_off_the_way_does_not_change_the_plan():
-    differing, planned = 0, 0
+    differing = 0
+    planned = 0
     for seed in range(40):
         costs = np.pad(random_costs(seed), ((10, 10), (30, 30)))
         costmap = grid_of(costs)
@@ -186,7 +174,8 @@ def test_leaving_out_what_is_too_far_off_the_way_does_not_change_the_plan():
 def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
     costs = random_costs(seed)
     costmap = grid_of(costs)
-    start, goal = centre(costmap, 1, 1), centre(costmap, 37, 47, yaw=1.2)
+    start = centre(costmap, 1, 1)
+    goal = centre(costmap, 37, 47, yaw=1.2)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
     regions, _ = label(np.pad(costs[1:-1, 1:-1] < INSCRIBED, 1))
     assert (plan.poses is not None) == (regions[1, 1] == regions[37, 47])
@@ -203,7 +192,8 @@ def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
 
 def test_a_plan_on_open_ground_is_nearly_straight():
     costmap = grid_of(np.zeros((200, 200), np.uint8))
-    start, goal = centre(costmap, 20, 30), centre(costmap, 170, 110)
+    start = centre(costmap, 20, 30)
+    goal = centre(costmap, 170, 110)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
     assert path_length(plan.poses) < 1.02 * start.distance(goal)
     np.testing.assert_allclose(plan.poses[5:-5, 2], math.atan2(150, 80), atol=0.25)
@@ -211,7 +201,8 @@ def test_a_plan_on_open_ground_is_nearly_straight():
 
 def test_the_quirks_are_half_a_cell_and_no_heading():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
-    start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30, yaw=0.7)
+    start = centre(costmap, 10, 10)
+    goal = centre(costmap, 40, 30, yaw=0.7)
     right = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal).poses
     quirky = GlobalPlanner(
         GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True)
@@ -226,7 +217,8 @@ def test_why_there_is_no_plan_is_said():
     costs[:, 20] = LETHAL
     costs[10, 30] = INSCRIBED
     costmap = grid_of(costs)
-    planner, start = GlobalPlanner(GlobalPlanConfig()), centre(costmap, 10, 10)
+    planner = GlobalPlanner(GlobalPlanConfig())
+    start = centre(costmap, 10, 10)
     assert (
         planner.plan(costmap, start, centre(costmap, 30, 30)).reason
         == "no way to the goal"
@@ -247,8 +239,8 @@ def test_why_there_is_no_plan_is_said():
         planner.plan(costmap, Pose2D(50.0, 0.0, 0.0), start).reason
         == "the robot is off the global costmap"
     )
-    here = planner.plan(costmap, start, Pose2D(start.x, start.y, 2.0)).poses
-    assert here.tolist() == [[start.x, start.y, 2.0]]
+    poses = planner.plan(costmap, start, Pose2D(start.x, start.y, 2.0)).poses
+    assert poses.tolist() == [[start.x, start.y, 2.0]]
 
 
 def test_the_robots_own_cell_counts_as_free():
@@ -267,27 +259,28 @@ def test_a_plan_is_kept_just_as_long_as_a_new_one_would_be_the_same(seed, bounde
     config = GlobalPlanConfig(bounded=bounded)
     costmap = grid_of(np.pad(random_costs(seed), 15))
     ends = (centre(costmap, 16, 16), centre(costmap, 52, 62))
-    planner, rng = GlobalPlanner(config), np.random.default_rng(seed)
-    kept = changed = 0
+    planner = GlobalPlanner(config)
+    rng = np.random.default_rng(seed)
+    unchanged = changed = 0
     last = planner.plan(costmap, *ends)
     for _ in range(300):
-        row, col = rng.integers(1, 69), rng.integers(1, 79)
+        row = rng.integers(1, 69)
+        col = rng.integers(1, 79)
         if (row, col) not in ((16, 16), (52, 62)):
             costmap.costs[row, col] = rng.choice([0, 177, 193, INSCRIBED, LETHAL])
-        plan, anew = (
-            planner.plan(costmap, *ends),
-            GlobalPlanner(config).plan(costmap, *ends),
-        )
+        plan = planner.plan(costmap, *ends)
+        anew = GlobalPlanner(config).plan(costmap, *ends)
         np.testing.assert_array_equal(plan.poses, anew.poses)
-        kept += plan is last
+        unchanged += plan is last
         changed += plan is not last
         last = plan
-    assert changed > 10 and kept > 10
+    assert changed > 10 and unchanged > 10
 
 
 def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_moved():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
-    start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30)
+    start = centre(costmap, 10, 10)
+    goal = centre(costmap, 40, 30)
     planner = GlobalPlanner(GlobalPlanConfig())
     plan = planner.plan(costmap, start, goal)
     assert planner.plan(costmap, Pose2D(start.x + 0.01, start.y, 0.3), goal) is plan, (
@@ -311,12 +304,13 @@ def plain_gradient(
 ) -> tuple[np.float32, np.float32]:
     if not 1 <= row < potential.shape[0] - 1:
         return f32(0), f32(0)
-    here, parts = potential[row, col], []
+    potential_at_cell = potential[row, col]
+    parts = []
     for before, after in (
         (potential[row, col - 1], potential[row, col + 1]),
         (potential[row - 1, col], potential[row + 1, col]),
     ):
-        if here >= UNREACHED:
+        if potential_at_cell >= UNREACHED:
             parts.append(
                 f32(
                     -254.0
@@ -328,9 +322,12 @@ def plain_gradient(
             )
         else:
             falls = [
-                f32(one - other)
-                for one, other in ((before, here), (here, after))
-                if max(one, other) < UNREACHED
+                f32(lower - other)
+                for lower, other in (
+                    (before, potential_at_cell),
+                    (potential_at_cell, after),
+                )
+                if max(lower, other) < UNREACHED
             ]
             parts.append(f32(sum(falls, f32(0))))
     norm = f32(math.hypot(*map(float, parts)))
@@ -356,17 +353,16 @@ def plain_navfn_path(
         points.append((f32(f32(col) + dx), f32(f32(row) + dy)))
         around = potential[row - 1 : row + 2, col - 1 : col + 2]
         if around.max() >= UNREACHED or (len(points) > 2 and points[-3] == points[-1]):
-            lowest, best = (
-                (
-                    math.floor(potential[row, col])
-                    if potential[row, col] < UNREACHED
-                    else -(2**31)
-                ),
-                (1, 1),
+            lowest = (
+                math.floor(potential[row, col])
+                if potential[row, col] < UNREACHED
+                else -(2**31)
             )
+            best = (1, 1)
             for cell in np.ndindex(3, 3):
                 if around[cell] < lowest:
-                    lowest, best = math.floor(around[cell]), cell
+                    lowest = math.floor(around[cell])
+                    best = cell
             row, col, dx, dy = row + best[0] - 1, col + best[1] - 1, f32(0), f32(0)
             if potential[row, col] >= UNREACHED:
                 return points, False
@@ -377,8 +373,8 @@ def plain_navfn_path(
         way = []
         for k in (0, 1):
             low, high = (
-                f32((1.0 - float(dx)) * float(one[k]) + float(f32(dx * other[k])))
-                for one, other in (corners[:2], corners[2:])
+                f32((1.0 - float(dx)) * float(lower[k]) + float(f32(dx * other[k])))
+                for lower, other in (corners[:2], corners[2:])
             )
             way.append(f32((1.0 - float(dy)) * float(low) + float(f32(dy * high))))
         if way == [0.0, 0.0]:
@@ -407,15 +403,16 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_a
     seed,
 ):
     costs = random_costs(seed)
-    start, goal = (1, 1), (37, 47)
+    start = (1, 1)
+    goal = (37, 47)
     potential = grown(costs, start, (0, 0)).astype(np.float32)
     if potential[goal] >= UNREACHED:
         pytest.skip("there is no way in this world")
     for most in (200, 30):
         points = np.empty((most, 2), np.float32)
-        ends = (start[0] * 50 + start[1], goal[0] * 50 + goal[1])
+        ends = kernels.Ends(start[0] * 50 + start[1], goal[0] * 50 + goal[1])
         n, arrived = descent.descend_as_navfn(
-            potential.ravel(), 50, *ends, 50.0, 254.0, points
+            potential.ravel(), 50, ends, 50.0, 254.0, points
         )
         expected, expected_arrived = plain_navfn_path(potential, start, goal, most)
         assert arrived == expected_arrived and (most == 200 or not arrived)
@@ -427,7 +424,8 @@ def test_as_navfn_a_plan_that_does_not_arrive_is_none_or_begins_anywhere(unfinis
     narrow = grid_of(
         np.zeros((40, 4), np.uint8)
     )  # four columns: sixteen points do not lead along forty rows
-    robot, goal = centre(narrow, 2, 1), centre(narrow, 37, 2)
+    robot = centre(narrow, 2, 1)
+    goal = centre(narrow, 37, 2)
     plan = GlobalPlanner(
         GlobalPlanConfig(as_navfn=True, unfinished_plans=unfinished)
     ).plan(narrow, robot, goal)

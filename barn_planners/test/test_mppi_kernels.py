@@ -12,7 +12,9 @@ from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.planner import lowest_cost_in_reach
 from barn_worlds.base.types import Pose2D, Scan
 
-SAMPLES, STEPS, DT = 40, 30, 0.05
+SAMPLES = 40
+STEPS = 30
+DT = 0.05
 SPREAD = np.array([0.2, 0.4])
 CHANGE = DT * np.array([[3.0, 2.0], [3.5, 3.5]])
 START = (0.3, -0.2, 0.7, 0.25, -0.4)
@@ -20,7 +22,7 @@ PATH = np.array([[0.3 + 0.05 * i, -0.2 + 0.04 * i] for i in range(20)])
 
 
 @pytest.fixture
-def drawn():
+def samples():
     """Return (controls, poses, nominal, noise) of a rollout, samples last."""
     rng = np.random.default_rng(5)
     nominal = np.stack(
@@ -35,10 +37,8 @@ def drawn():
 
 @pytest.mark.parametrize("seed", [0, 7])
 def test_noise_is_that_of_numpy_to_the_last_bit(seed):
-    state, generator = (
-        sampling.noise_state(seed),
-        np.random.Generator(np.random.SFC64(seed)),
-    )
+    state = sampling.noise_state(seed)
+    generator = np.random.Generator(np.random.SFC64(seed))
     for rows, columns in (
         (1, 3),
         (112, 4000),
@@ -65,24 +65,23 @@ def test_length_is_hypot():
 
 def test_smoothing_and_limits():
     rng = np.random.default_rng(4)
-    controls, sent, weights = (
-        rng.normal(size=(STEPS, 2)),
-        rng.normal(size=(2, 2)),
-        rng.uniform(0.0, 1.0, 5),
-    )
+    controls = rng.normal(size=(STEPS, 2))
+    sent = rng.normal(size=(2, 2))
+    weights = rng.uniform(0.0, 1.0, 5)
     smooth = sampling.smooth(controls, sent, weights)
     whole = np.concatenate([sent, controls, controls[-1:], controls[-1:]])
     expected = [np.convolve(column, weights[::-1], mode="valid") for column in whole.T]
     np.testing.assert_allclose(smooth, np.stack(expected, axis=1), rtol=1e-12)
     held = smooth.copy()
     sampling.limit_controls(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1))
-    speed, rate = 0.2, -0.1
-    for wanted, got in zip(smooth, held, strict=True):
+    speed = 0.2
+    rate = -0.1
+    for smoothed, got in zip(smooth, held, strict=True):
         speed = np.clip(
-            np.clip(wanted[0], -0.1, 0.4), speed - CHANGE[0, 0], speed + CHANGE[0, 1]
+            np.clip(smoothed[0], -0.1, 0.4), speed - CHANGE[0, 0], speed + CHANGE[0, 1]
         )
         rate = np.clip(
-            np.clip(wanted[1], -0.5, 0.5), rate - CHANGE[1, 0], rate + CHANGE[1, 1]
+            np.clip(smoothed[1], -0.5, 0.5), rate - CHANGE[1, 0], rate + CHANGE[1, 1]
         )
         assert got == pytest.approx((speed, rate), abs=1e-12)
 
@@ -91,17 +90,17 @@ def wrapped(angle):
     return np.arctan2(np.sin(angle), np.cos(angle))
 
 
-def test_rollout(drawn):
-    controls, poses, nominal, noise = drawn
+def test_rollout(samples):
+    controls, poses, nominal, noise = samples
     xs, ys, yaws = poses.swapaxes(0, 1)
     for k in range(SAMPLES):
         x, y, yaw, speed, rate = START
         for t in range(STEPS):
-            wanted = nominal[t] + SPREAD * noise[t, :, k]
+            control = nominal[t] + SPREAD * noise[t, :, k]
             speed = float(
-                np.clip(wanted[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1])
+                np.clip(control[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1])
             )
-            rate = float(np.clip(wanted[1], rate - CHANGE[1, 0], rate + CHANGE[1, 1]))
+            rate = float(np.clip(control[1], rate - CHANGE[1, 0], rate + CHANGE[1, 1]))
             x, y, yaw = (
                 x + speed * DT * math.cos(yaw),
                 y + speed * DT * math.sin(yaw),
@@ -117,13 +116,15 @@ def test_heading_by_series_stays_exact_at_the_fastest_turn():
     steps = 400
     noise = np.zeros((steps, 2, 1), np.float32)
     nominal = np.tile([1.0, 1.9], (steps, 1))
-    controls, poses = np.empty_like(noise), np.empty((steps, 3, 1), np.float32)
+    controls = np.empty_like(noise)
+    poses = np.empty((steps, 3, 1), np.float32)
     start = (0.0, 0.0, 0.0, 1.0, 1.9)
     sampling.rollout(
         nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, poses
     )
     headings = 1.9 * DT * np.arange(steps)
-    xs, ys = poses[:, 0], poses[:, 1]
+    xs = poses[:, 0]
+    ys = poses[:, 1]
     np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
     np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
 
@@ -140,8 +141,8 @@ def footprint_touches(costmap, x, y, yaw, half_length, half_width):
 
 
 @pytest.mark.parametrize("near_goal", [False, True])
-def test_obstacle_costs(drawn, near_goal):
-    _, poses, _, _ = drawn
+def test_obstacle_costs(samples, near_goal):
+    _, poses, _, _ = samples
     xs, ys, yaws = poses.swapaxes(0, 1)
     costmap = RollingCostmap(
         CostmapConfig(
@@ -174,7 +175,8 @@ def test_obstacle_costs(drawn, near_goal):
         1e6,
         near_goal,
     )
-    expected, collided = [], []
+    expected = []
+    collided = []
     for k in range(SAMPLES):
         looked_at = range(0, STEPS, 2)
         cells = [costmap.cost_at(float(xs[t, k]), float(ys[t, k])) for t in looked_at]
@@ -206,8 +208,8 @@ def test_obstacle_costs(drawn, near_goal):
     )
 
 
-def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn):
-    _, poses, _, _ = drawn
+def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(samples):
+    _, poses, _, _ = samples
     body = {
         "footprint_half_length_m": 0.25,
         "footprint_half_width_m": 0.2,
@@ -253,16 +255,16 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
     assert max(counts) > 0
 
 
-def test_the_furthest_point_reached(drawn):
-    _, poses, _, _ = drawn
+def test_the_furthest_point_reached(samples):
+    _, poses, _, _ = samples
     xs, ys, _ = poses.swapaxes(0, 1)
     ends = np.stack([xs[-1], ys[-1]], axis=1)
     nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
     assert kernels.find_furthest_point(PATH, poses) == nearest.max()
 
 
-def test_costs_of_the_end(drawn):
-    _, poses, _, _ = drawn
+def test_costs_of_the_end(samples):
+    _, poses, _, _ = samples
     xs, ys, yaws = poses.swapaxes(0, 1)
     costs = np.zeros(SAMPLES)
     kernels.add_follow_costs(costs, poses, 1.0, 0.5, 5.0)
@@ -276,8 +278,8 @@ def test_costs_of_the_end(drawn):
 
 
 @pytest.mark.parametrize("hidden", [3, range(5)])
-def test_align_costs(drawn, hidden):
-    _, poses, _, _ = drawn
+def test_align_costs(samples, hidden):
+    _, poses, _, _ = samples
     xs, ys, _ = poses.swapaxes(0, 1)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
     clear = ~np.isin(np.arange(len(PATH)) % 5, hidden)
@@ -297,8 +299,8 @@ def test_align_costs(drawn, hidden):
         )
 
 
-def test_goal_costs(drawn):
-    _, poses, _, _ = drawn
+def test_goal_costs(samples):
+    _, poses, _, _ = samples
     xs, ys, yaws = poses.swapaxes(0, 1)
     costs = np.zeros(SAMPLES)
     kernels.add_goal_costs(costs, poses, (1.0, 0.3, -2.5), 5.0, 3.0)
@@ -307,8 +309,8 @@ def test_goal_costs(drawn):
     np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
 
 
-def test_control_costs(drawn):
-    controls, _, nominal, _ = drawn
+def test_control_costs(samples):
+    controls, _, nominal, _ = samples
     costs = np.zeros(SAMPLES)
     kernels.add_control_costs(
         costs,
@@ -321,7 +323,8 @@ def test_control_costs(drawn):
         4.0,
         5.0,
     )
-    speed, rate = controls[:, 0].astype(float), controls[:, 1].astype(float)
+    speed = controls[:, 0].astype(float)
+    rate = controls[:, 1].astype(float)
     deviation = (
         (nominal / SPREAD**2)[..., None] * (controls - nominal[..., None])
     ).sum(axis=(0, 1))
@@ -336,8 +339,8 @@ def test_control_costs(drawn):
     np.testing.assert_allclose(costs, expected, atol=1e-5)
 
 
-def test_weighted_mean(drawn):
-    controls = drawn[0]
+def test_weighted_mean(samples):
+    controls = samples[0]
     costs = np.random.default_rng(2).uniform(1e6, 1e6 + 3.0, SAMPLES)
     mean = np.empty((STEPS, 2))
     sampling.weighted_mean(costs, controls, 0.3, mean)

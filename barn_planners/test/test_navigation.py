@@ -49,12 +49,14 @@ class Scripted(Controller):
         return self.controls[min(len(self.inputs), len(self.controls)) - 1]
 
 
-def started(*controls: Control, goal=GOAL, known=None, **changes) -> NavigationPlanner:
+def started(
+    *controls: Control, goal=GOAL, static_map=None, **changes
+) -> NavigationPlanner:
     """Return a planner with a task, whose controller is scripted."""
     planner = NavigationPlanner(
         replace_dotted(NavigationConfig(), changes, "test"), Scripted(*controls)
     )
-    planner.start(Task(goal, known), seed=0)
+    planner.start(Task(goal, static_map), seed=0)
     return planner
 
 
@@ -71,23 +73,25 @@ def steps(planner, world, count: int, moving: bool = False):
 
 
 def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
-    planner, world = (
-        make_planner("dwa", "challenge"),
-        flat_world(cylinders=[(4.0, 0.0, 0.1)]),
-    )
+    planner = make_planner("dwa", "challenge")
+    world = flat_world(cylinders=[(4.0, 0.0, 0.1)])
     planner.start(Task(Pose2D(-3.0, 0.0, math.pi)), seed=0)
     assert steps(planner, world, 1)[0].status is PlannerStatus.RUNNING
     world.cylinders = world.cylinders[:0]
-    seen = steps(planner, world, 60)
-    assert seen[20].status is PlannerStatus.RUNNING
-    assert seen[-1].command == STOP and "nothing for more than 2 s" in seen[-1].reason
+    decisions = steps(planner, world, 60)
+    assert decisions[20].status is PlannerStatus.RUNNING
+    assert (
+        decisions[-1].command == STOP
+        and "nothing for more than 2 s" in decisions[-1].reason
+    )
     open_field = make_planner("dwa", "challenge", {"guard.stop_when_blind": False})
     open_field.start(Task(Pose2D(3.0, 0.0, 0.0)), seed=0)
     assert open_field.step(world.observe()).command.linear > 0.0
 
 
 def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
-    planner, world = NavigationPlanner(NavigationConfig(), Scripted()), flat_world(BOX)
+    planner = NavigationPlanner(NavigationConfig(), Scripted())
+    world = flat_world(BOX)
     assert planner.step(world.observe()).reason == "no task yet"
     planner.start(Task(GOAL), seed=0)
     late = world.observe()
@@ -99,11 +103,11 @@ def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
 
 def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world):
     world = flat_world(BOX)
-    known = free_map()
-    known.data[40, 60] = 100
+    static_map = free_map()
+    static_map.data[40, 60] = 100
     for preset in ("paper2020", "challenge"):
         planner = make_planner("dwa", preset)
-        planner.start(Task(Pose2D(3.05, 0.05, 0.0), known), seed=0)
+        planner.start(Task(Pose2D(3.05, 0.05, 0.0), static_map), seed=0)
         for decision in steps(planner, world, 10):
             assert (
                 decision.command in (STOP, None)
@@ -113,7 +117,8 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
 
 
 def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):
-    planner, world = started(), flat_world(BOX)
+    planner = started()
+    world = flat_world(BOX)
     assert steps(planner, world, 2)[-1].reason == ""
     planner._global_planner.plan = lambda *_: NO_PLAN
     for decision in steps(planner, world, 5):
@@ -126,7 +131,8 @@ def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat
 def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
     flat_world,
 ):
-    planner, world = started(goal_republish_period_s=0.1, hold_s=0.15), flat_world(BOX)
+    planner = started(goal_republish_period_s=0.1, hold_s=0.15)
+    world = flat_world(BOX)
     commands = [decision.command for decision in steps(planner, world, 9)]
     assert commands == [
         FORWARD,
@@ -155,10 +161,8 @@ def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
 
 
 def test_where_the_first_plan_waits_control_begins_in_the_next_cycle(flat_world):
-    planner, world = (
-        started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True),
-        flat_world(BOX),
-    )
+    planner = started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True)
+    world = flat_world(BOX)
     decisions = steps(planner, world, 5)
     assert [decision.command for decision in decisions] == [
         STOP,
@@ -173,7 +177,8 @@ def test_where_the_first_plan_waits_control_begins_in_the_next_cycle(flat_world)
 
 
 def test_observations_between_control_periods_are_skipped(flat_world):
-    planner, world = started(), flat_world(BOX, period_s=0.02)
+    planner = started()
+    world = flat_world(BOX, period_s=0.02)
     commands = [decision.command for decision in steps(planner, world, 100)]
     assert commands.count(FORWARD) == 40 and commands.count(None) == 60
 
@@ -182,10 +187,10 @@ def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(
     flat_world,
 ):
     failing = [Control(None, reason="stuck")] * 45
-    planner, world = (
-        started(*failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0}),
-        flat_world(BOX),
+    planner = started(
+        *failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0}
     )
+    world = flat_world(BOX)
     decisions = steps(planner, world, 400, moving=True)
     statuses = [decision.status for decision in decisions]
     first = statuses.index(PlannerStatus.RECOVERING)
@@ -210,7 +215,8 @@ def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_fr
     flat_world,
 ):
     goal = MAP_OF_ODOM @ GOAL
-    planner, world = started(goal=goal, known=free_map()), flat_world(BOX)
+    planner = started(goal=goal, static_map=free_map())
+    world = flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=MAP_OF_ODOM @ world.pose)
     decision = planner.step(observation)
     assert math.dist(decision.plan[-1], (goal.x, goal.y)) < 1e-9
@@ -224,10 +230,8 @@ def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(
     flat_world,
 ):
     goal = MAP_OF_ODOM @ GOAL
-    planner, world = (
-        started(goal=goal, known=free_map(), local_costmap_in_map=True),
-        flat_world(BOX),
-    )
+    planner = started(goal=goal, static_map=free_map(), local_costmap_in_map=True)
+    world = flat_world(BOX)
     for jump in (
         Pose2D(0.0, 0.0, 0.0),
         Pose2D(0.3, 0.2, 0.1),
@@ -250,7 +254,8 @@ def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(
 
 
 def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_world):
-    planner, world = started(local_costmap_in_map=True), flat_world(BOX)
+    planner = started(local_costmap_in_map=True)
+    world = flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=Pose2D(0.4, 0.1, 0.0))
     planner.step(observation)
     assert planner.controller.inputs[0].pose == observation.odometry.pose
@@ -261,12 +266,10 @@ def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_aga
     flat_world,
 ):
     patience = {"recovery.controller_patience_s": 0.1}
-    planner, world = (
-        started(
-            Control(None, reason="stuck"), goal_republish_period_s=30.0, **patience
-        ),
-        flat_world(BOX),
+    planner = started(
+        Control(None, reason="stuck"), goal_republish_period_s=30.0, **patience
     )
+    world = flat_world(BOX)
     statuses = [decision.status for decision in steps(planner, world, 640, moving=True)]
     failed = statuses.index(PlannerStatus.FAILED)
     assert (
@@ -278,7 +281,8 @@ def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_aga
 
 
 def test_a_command_that_is_no_number_never_leaves_the_loop(flat_world):
-    planner, world = started(Control(Velocity2D(math.nan, 0.0))), flat_world(BOX)
+    planner = started(Control(Velocity2D(math.nan, 0.0)))
+    world = flat_world(BOX)
     decision = planner.step(world.observe())
     assert decision.command == STOP and decision.reason == "no valid command"
 

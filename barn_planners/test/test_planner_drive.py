@@ -28,7 +28,8 @@ def planner_of(name, preset="challenge"):
     [("dwa", "paper2020"), ("dwa", "challenge"), ("mppi", "challenge")],
 )
 def test_a_straight_corridor_is_driven_straight_and_fast(flat_world, name, preset):
-    world, planner = flat_world(CORRIDOR), make_planner(name, preset)
+    world = flat_world(CORRIDOR)
+    planner = make_planner(name, preset)
     assert (
         world.drive(planner, GOAL, limit_s=14.0 if name == "dwa" else 15.0)
         is PlannerStatus.GOAL_REACHED
@@ -134,7 +135,8 @@ def test_commands_keep_the_limits_of_speed_and_of_its_change(flat_world):
 
 
 def test_view_shows_sampled_trajectories(flat_world):
-    world, planner = flat_world(CORRIDOR, [(0.9, 0.1, 0.2)]), make_planner("mppi")
+    world = flat_world(CORRIDOR, [(0.9, 0.1, 0.2)])
+    planner = make_planner("mppi")
     assert planner.view().candidates is None
     planner.start(Task(GOAL), 0)
     for _ in range(8):
@@ -168,10 +170,10 @@ def test_a_blocked_way_is_reported_as_no_progress(flat_world):
 
 def test_progress_is_asked_for_again_after_an_interruption():
     check = ProgressCheck(0.5, 10.0)
-    here = Pose2D(1.0, 1.0, 0.0)
-    stuck = [check.is_stuck(nanoseconds(0.5 * k), here) for k in range(23)]
+    position = Pose2D(1.0, 1.0, 0.0)
+    stuck = [check.is_stuck(nanoseconds(0.5 * k), position) for k in range(23)]
     assert stuck == [False] * 21 + [True] * 2
-    assert not check.is_stuck(nanoseconds(13.0), here)
+    assert not check.is_stuck(nanoseconds(13.0), position)
     assert not check.is_stuck(nanoseconds(13.5), Pose2D(1.6, 1.0, 0.0))
     assert not any(
         check.is_stuck(nanoseconds(13.5 + 0.5 * k), Pose2D(1.6, 1.0, 0.0))

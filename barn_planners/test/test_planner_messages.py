@@ -63,10 +63,10 @@ def to_band(band) -> MarkerArray:
     return MarkerArray(markers=[*markers, line])
 
 
-def to_candidates(shown) -> MarkerArray:
+def to_candidates(selection) -> MarkerArray:
     markers = [Marker(header=HEADER, ns="candidates", action=Marker.DELETEALL)]
     for index, (points, colour) in enumerate(
-        zip(shown.points.tolist(), shown.colors.tolist(), strict=True)
+        zip(selection.points.tolist(), selection.colors.tolist(), strict=True)
     ):
         line = Marker(
             header=HEADER,
@@ -116,16 +116,18 @@ def test_band(count):
 def test_candidates(count, length):
     draw = np.random.default_rng(count)
     costs = np.where(draw.random(count) < 0.3, np.inf, draw.uniform(0.0, 9.0, count))
-    shown = select_candidates(draw.uniform(-3.0, 3.0, (count, length, 2)), costs)
-    ours = encode_candidates(shown, STAMP, "odom")
-    assert ours == as_read(to_candidates(shown), len(ours), topics.CANDIDATES.type_name)
+    selection = select_candidates(draw.uniform(-3.0, 3.0, (count, length, 2)), costs)
+    ours = encode_candidates(selection, STAMP, "odom")
+    assert ours == as_read(
+        to_candidates(selection), len(ours), topics.CANDIDATES.type_name
+    )
     assert len(ours) < 9000
 
 
 class Shower(Planner):
     """Shows everything, always the same."""
 
-    asked = 0
+    requests = 0
 
     def start(self, task, seed): ...
 
@@ -133,7 +135,7 @@ class Shower(Planner):
         return Decision(STOP)
 
     def view(self):
-        self.asked += 1
+        self.requests += 1
         return PlannerView(
             local_plan=np.zeros((3, 3)),
             costmap=OccupancyMap(np.zeros((2, 3), np.int8), 0.25, 0.0, 0.0),
@@ -143,12 +145,12 @@ class Shower(Planner):
         )
 
 
-def shown(messages, decision, time_s, wanted=lambda _: True, planner=None):
+def messages_of(messages, decision, time_s, accepts=lambda _: True, planner=None):
     planner = planner or Shower()
     return {
         topic.name: data
         for topic, data in messages.display(
-            planner, decision, round(time_s * NANOSECONDS_PER_SECOND), wanted
+            planner, decision, round(time_s * NANOSECONDS_PER_SECOND), accepts
         )
     }
 
@@ -158,7 +160,7 @@ def shown(messages, decision, time_s, wanted=lambda _: True, planner=None):
 def test_diagnostics(status, reason):
     figures = {"cost": 12.3456789, "samples": 20.0, "unknown": np.nan}
     decision = Decision(STOP, status, reason, diagnostics=figures)
-    ours = shown(PlannerMessages(Frames(), "dwa"), decision, 3.25)["diagnostics"]
+    ours = messages_of(PlannerMessages(Frames(), "dwa"), decision, 3.25)["diagnostics"]
     assert ours == as_read(
         to_diagnostics(decision, "dwa"), len(ours), topics.DIAGNOSTICS.type_name
     )
@@ -170,77 +172,76 @@ VIEWS = {"local_plan", "local_costmap/costmap", "band", "candidates"}
 
 def test_views_come_twice_a_second_and_diagnostics_once_or_on_a_change():
     messages = PlannerMessages(Frames())
-    running, blocked = (
-        Decision(STOP, plan=np.zeros((2, 2))),
-        Decision(STOP, PlannerStatus.BLOCKED),
-    )
-    assert set(shown(messages, running, 0.0)) == VIEWS | {"plan", "diagnostics"}
-    assert set(shown(messages, running, 0.45)) == set()
-    assert set(shown(messages, running, 0.5)) == VIEWS | {"plan"}
-    assert set(shown(messages, blocked, 0.55)) == {"diagnostics"}
-    assert set(shown(messages, blocked, 0.9)) == set()
-    assert set(shown(messages, blocked, 1.5)) == VIEWS
-    assert set(shown(messages, running, 1.52)) == {"plan", "diagnostics"}
+    running = Decision(STOP, plan=np.zeros((2, 2)))
+    blocked = Decision(STOP, PlannerStatus.BLOCKED)
+    assert set(messages_of(messages, running, 0.0)) == VIEWS | {"plan", "diagnostics"}
+    assert set(messages_of(messages, running, 0.45)) == set()
+    assert set(messages_of(messages, running, 0.5)) == VIEWS | {"plan"}
+    assert set(messages_of(messages, blocked, 0.55)) == {"diagnostics"}
+    assert set(messages_of(messages, blocked, 0.9)) == set()
+    assert set(messages_of(messages, blocked, 1.5)) == VIEWS
+    assert set(messages_of(messages, running, 1.52)) == {"plan", "diagnostics"}
     messages.reset()
-    assert set(shown(messages, running, 0.1)) == VIEWS | {"plan", "diagnostics"}
+    assert set(messages_of(messages, running, 0.1)) == VIEWS | {"plan", "diagnostics"}
 
 
 def test_a_plan_that_is_new_before_it_is_due_is_not_shown_and_one_after_is_shown_at_once():
-    messages, planned = (
-        PlannerMessages(Frames(), view_period_s=1.0),
-        Decision(STOP, plan=np.zeros((2, 2))),
-    )
-    assert "plan" not in shown(messages, Decision(STOP), 0.0)
-    assert "plan" in shown(messages, planned, 0.3)
-    assert "plan" not in shown(messages, planned, 1.25)
-    assert "plan" in shown(messages, planned, 1.3)
+    messages = PlannerMessages(Frames(), view_period_s=1.0)
+    planned = Decision(STOP, plan=np.zeros((2, 2)))
+    assert "plan" not in messages_of(messages, Decision(STOP), 0.0)
+    assert "plan" in messages_of(messages, planned, 0.3)
+    assert "plan" not in messages_of(messages, planned, 1.25)
+    assert "plan" in messages_of(messages, planned, 1.3)
 
 
 def test_a_cycle_without_a_command_tells_no_status():
-    assert "diagnostics" not in shown(PlannerMessages(Frames()), Decision(None), 0.0)
+    assert "diagnostics" not in messages_of(
+        PlannerMessages(Frames()), Decision(None), 0.0
+    )
 
 
 def test_warming_up_leaves_nothing_behind():
-    messages, planner = PlannerMessages(Frames()), Shower()
+    messages = PlannerMessages(Frames())
+    planner = Shower()
     messages.warm_up(planner)
-    assert planner.asked == 1
-    assert set(shown(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)) == VIEWS | {
+    assert planner.requests == 1
+    assert set(
+        messages_of(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)
+    ) == VIEWS | {
         "plan",
         "diagnostics",
     }
 
 
 def test_only_what_is_wanted_is_made():
-    messages, planner, planned = (
-        PlannerMessages(Frames()),
-        Shower(),
-        Decision(STOP, plan=np.zeros((2, 2))),
-    )
-    assert shown(messages, planned, 0.0, lambda _: False, planner) == {}
-    assert planner.asked == 0
+    messages = PlannerMessages(Frames())
+    planner = Shower()
+    planned = Decision(STOP, plan=np.zeros((2, 2)))
+    assert messages_of(messages, planned, 0.0, lambda _: False, planner) == {}
+    assert planner.requests == 0
     # a plan that nobody wanted has not been shown; views are looked at again after their period
-    assert set(shown(messages, planned, 0.1, planner=planner)) == {"plan"}
+    assert set(messages_of(messages, planned, 0.1, planner=planner)) == {"plan"}
     assert set(
-        shown(messages, planned, 0.5, lambda topic: topic is topics.BAND, planner)
+        messages_of(messages, planned, 0.5, lambda topic: topic is topics.BAND, planner)
     ) == {"band"}
-    assert planner.asked == 1
+    assert planner.requests == 1
 
 
 def test_frames_are_those_of_the_planner():
-    found = shown(
+    frames = messages_of(
         PlannerMessages(Frames(odom="wheels", planning="world")),
         Decision(STOP, plan=np.zeros((2, 2))),
         0.0,
     )
     assert {
-        name: decode.header(found[name]).frame
+        name: decode.header(frames[name]).frame
         for name in ("plan", "local_plan", "local_costmap/costmap")
     } == {
         "plan": "world",
         "local_plan": "wheels",
         "local_costmap/costmap": "wheels",
     }
-    assert {decode.markers(found[name]).frame for name in ("band", "candidates")} == {
+    assert {decode.markers(frames[name]).frame for name in ("band", "candidates")} == {
         "wheels"
     }
 

@@ -60,7 +60,8 @@ def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
 @pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
 def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
-    scale, drive = robot_scale(robot), robot.drive
+    scale = robot_scale(robot)
+    drive = robot.drive
     for preset, config in presets(name).items():
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, robot, preset)):
@@ -99,20 +100,20 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
 def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(
     robot, costmap
 ):
-    found = getattr(configured("mppi", robot), costmap)
-    assert found.inscribed_m < found.inflation_radius_m
-    corners = found.padded_outline_m
+    layer = getattr(configured("mppi", robot), costmap)
+    assert layer.inscribed_m < layer.inflation_radius_m
+    corners = layer.padded_outline_m
     sides = np.roll(corners, -1, axis=0) - corners
     for x, y in robot.chassis.hull_m:
         away = np.array([x, y]) - corners
         assert (sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all()
-    assert bool(found.footprint) == (robot is not HUSKY)
+    assert bool(layer.footprint) == (robot is not HUSKY)
 
 
 def test_what_the_user_sets_wins():
-    found = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
-    assert found.dwa.max_speed_mps == 0.3
-    assert found.local_costmap.footprint_half_length_m == pytest.approx(
+    config = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
+    assert config.dwa.max_speed_mps == 0.3
+    assert config.local_costmap.footprint_half_length_m == pytest.approx(
         0.21 * 0.495 / 0.254, rel=1e-5
     )
 
@@ -134,8 +135,8 @@ def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
 
 
 def test_lidar_is_where_the_robot_has_it():
-    found = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
-    assert found == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
+    changes = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
+    assert changes == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
     assert lidar_mount_changes(presets("dwa")["challenge"], JACKAL.lidar) == {}
 
 
@@ -162,7 +163,8 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
         (-half_x, -half_y),
         (half_x, -half_y),
     )
-    x, y = half_x + by_m, half_y + by_m
+    x = half_x + by_m
+    y = half_y + by_m
     np.testing.assert_allclose(
         offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
     )
@@ -186,10 +188,10 @@ def test_a_costmap_clears_and_checks_the_outline():
         Scan(0, ahead, -0.2, 0.05, 0.1, 30.0),
         Pose2D(0.0, 0.0, 0.0),
     )
-    first, spans = kernels.footprint_spans(costmap.outline, *costmap.grid)
+    cells = kernels.footprint_cells(costmap.outline, costmap.grid, *costmap.costs.shape)
     ends = (
-        costmap.origin_x + 0.05 * first,
-        costmap.origin_x + 0.05 * (first + len(spans)),
+        costmap.origin_x + 0.05 * cells[:, 1].min(),
+        costmap.origin_x + 0.05 * (cells[:, 1].max() + 1),
     )
     assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
     assert costmap.has_room(0.0, 0.0, 0.0)
@@ -207,12 +209,12 @@ def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_
 @pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
 def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
     """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
-    found = configured(name, BURGER)
-    width_m = np.ptp(found.global_costmap.padded_outline_m[:, 1])
-    assert found.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
-    assert found.global_costmap.inflation_radius_m > found.global_costmap.inscribed_m
-    assert found.local_costmap.inscribed_m == pytest.approx(
-        nearest_side_m(found.local_costmap.padded_outline_m)
+    config = configured(name, BURGER)
+    width_m = np.ptp(config.global_costmap.padded_outline_m[:, 1])
+    assert config.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
+    assert config.global_costmap.inflation_radius_m > config.global_costmap.inscribed_m
+    assert config.local_costmap.inscribed_m == pytest.approx(
+        nearest_side_m(config.local_costmap.padded_outline_m)
     )
     for robot in (HUSKY, ROUND):
         assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0

@@ -43,7 +43,7 @@ def at(seconds: float) -> Observation:
     )
 
 
-def known(value: int = 0) -> OccupancyMap:
+def static_map(value: int = 0) -> OccupancyMap:
     return OccupancyMap(np.full((3, 3), value, np.int8), 0.15, 0.0, 0.0)
 
 
@@ -63,7 +63,8 @@ def test_before_the_goal_the_robot_stands():
 def test_with_a_map_both_must_have_come(map_first):
     each = runtime(use_map=True)
     assert each.missing() == "no goal yet, no map yet"
-    first, second = (each.set_map, known()), (each.set_goal, GOAL)
+    first = (each.set_map, static_map())
+    second = (each.set_goal, GOAL)
     for call, argument in (first, second) if map_first else (second, first):
         assert each.step(at(0.0)).command == STOP and not each.planner.tasks
         call(argument)
@@ -73,11 +74,11 @@ def test_with_a_map_both_must_have_come(map_first):
 
 def test_the_same_goal_and_map_again_change_nothing_and_others_begin_anew():
     each = runtime(use_map=True)
-    each.set_map(known())
+    each.set_map(static_map())
     each.set_goal(GOAL)
-    assert not each.set_goal(Pose2D(3.0, 0.0, 0.0)) and not each.set_map(known())
+    assert not each.set_goal(Pose2D(3.0, 0.0, 0.0)) and not each.set_map(static_map())
     assert len(each.planner.tasks) == 1
-    assert each.set_goal(Pose2D(3.0, 0.5, 0.0)) and each.set_map(known(100))
+    assert each.set_goal(Pose2D(3.0, 0.5, 0.0)) and each.set_map(static_map(100))
     assert len(each.planner.tasks) == 3
 
 
@@ -96,7 +97,8 @@ def test_the_same_goal_begins_anew_only_after_the_task_is_over_and_after_a_pause
 
 def test_a_cycle_without_a_command_repeats_the_last_one_or_sends_nothing():
     decisions = [Decision(None), Decision(FORWARD), Decision(None)]
-    repeating, silent = runtime(*decisions), runtime(*decisions, repeat_command=False)
+    repeating = runtime(*decisions)
+    silent = runtime(*decisions, repeat_command=False)
     for each in (repeating, silent):
         each.set_goal(GOAL)
     assert [repeating.step(at(k)).command for k in range(3)] == [
@@ -109,14 +111,14 @@ def test_a_cycle_without_a_command_repeats_the_last_one_or_sends_nothing():
 
 def test_reset_forgets_goal_map_and_task():
     each = runtime(use_map=True)
-    each.set_map(known())
+    each.set_map(static_map())
     each.set_goal(GOAL)
     each.reset()
     assert (
         each.missing() == "no goal yet, no map yet"
         and each.step(at(0.0)).command == STOP
     )
-    each.set_map(known())
+    each.set_map(static_map())
     assert each.set_goal(GOAL)
 
 
@@ -154,18 +156,18 @@ def scan(ms: int) -> Scan:
 
 def feed(sync: Synchronizer, *readings: tuple[str, int]):
     """Feed readings in order and return (index of the reading, scan ms, odometry ms, pose x) of each observation."""
-    found = []
+    observations = []
     for index, (kind, ms) in enumerate(readings):
         if kind == "odom":
-            seen = [sync.add_odometry(odometry(ms))]
+            results = [sync.add_odometry(odometry(ms))]
         elif kind == "pose":
-            seen = [sync.add_pose(ms * MS, Pose2D(100.0 + ms / 1000.0, 0.0, 0.0))]
+            results = [sync.add_pose(ms * MS, Pose2D(100.0 + ms / 1000.0, 0.0, 0.0))]
         else:
-            seen = sync.add_scan(scan(ms))
-        for each in seen:
+            results = sync.add_scan(scan(ms))
+        for each in results:
             if each is not None:
                 assert each.stamp_ns == each.scan.stamp_ns
-                found.append(
+                observations.append(
                     (
                         index,
                         each.stamp_ns // MS,
@@ -173,7 +175,7 @@ def feed(sync: Synchronizer, *readings: tuple[str, int]):
                         each.pose.x,
                     )
                 )
-    return found
+    return observations
 
 
 def test_in_lockstep_equal_stamps_meet_in_whatever_order_they_come():
@@ -219,7 +221,7 @@ def test_a_scan_whose_odometry_is_lost_is_used_when_the_next_one_comes():
 @pytest.mark.parametrize(("age", "count"), [(0.1, 2), (1.0, 4)])
 def test_odometry_that_is_too_old_is_not_used(age, count):
     sync = Synchronizer(SyncConfig(odometry_age_s=age), use_pose=False)
-    found = feed(
+    observations = feed(
         sync,
         ("odom", 0),
         ("scan", 0),
@@ -228,15 +230,15 @@ def test_odometry_that_is_too_old_is_not_used(age, count):
         ("scan", 300),
         ("scan", 400),
     )
-    assert len(found) >= count
-    assert max(stamp for _, stamp, _, _ in found) == (100 if age == 0.1 else 400)
+    assert len(observations) >= count
+    assert max(stamp for _, stamp, _, _ in observations) == (100 if age == 0.1 else 400)
     if age == 0.1:
         assert sync.missing == "no odometry of the last 0.1 s" and sync.skipped == 2
 
 
 def test_seldom_localisation_is_carried_on_by_odometry():
     sync = Synchronizer(SyncConfig(), use_pose=True)
-    found = feed(
+    observations = feed(
         sync,
         ("odom", 0),
         ("pose", 0),
@@ -246,9 +248,11 @@ def test_seldom_localisation_is_carried_on_by_odometry():
         ("odom", 100),
         ("scan", 100),
     )
-    assert found[0][1:] == (0, 0, 100.0)
-    assert [stamp for _, stamp, _, _ in found] == [0, 50, 100]
-    assert found[1][3] == pytest.approx(100.05) and found[2][3] == pytest.approx(100.1)
+    assert observations[0][1:] == (0, 0, 100.0)
+    assert [stamp for _, stamp, _, _ in observations] == [0, 50, 100]
+    assert observations[1][3] == pytest.approx(100.05) and observations[2][
+        3
+    ] == pytest.approx(100.1)
 
 
 def test_what_is_missing_is_said():

@@ -33,21 +33,21 @@ def scan(ranges, angle_min=-FIELD, angle_max=FIELD) -> Scan:
     return Scan(0, ranges, float(np.float32(angle_min)), step, 0.1, 30.0)
 
 
-def observed(seen: Scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP) -> Observation:  # noqa: B008 (frozen)
-    return Observation(0, Odometry(0, pose, velocity), seen, pose)
+def observed(scan: Scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP) -> Observation:  # noqa: B008 (frozen)
+    return Observation(0, Odometry(0, pose, velocity), scan, pose)
 
 
-def lidar(config: PolicyObservation, seen: Scan) -> np.ndarray:
-    return ObservationEncoder(config).encode(observed(seen), GOAL)[: config.beams]
+def lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
+    return ObservationEncoder(config).encode(observed(scan), GOAL)[: config.beams]
 
 
-def reference_lidar(config: PolicyObservation, seen: Scan) -> np.ndarray:
+def reference_lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
     """Return the same sector by sector and beam by beam; every sector needs a beam."""
     width = (config.angle_max_rad - config.angle_min_rad) / config.beams
     shares = []
     for k in range(config.beams):
         inside = []
-        for angle, distance in zip(seen.angles(), seen.ranges, strict=True):
+        for angle, distance in zip(scan.angles(), scan.ranges, strict=True):
             sector = (angle - config.angle_min_rad) / width
             sector = (
                 min(max(math.floor(sector), 0), config.beams - 1)
@@ -55,8 +55,8 @@ def reference_lidar(config: PolicyObservation, seen: Scan) -> np.ndarray:
                 else -1
             )
             inside += [float(distance)] if sector == k else []
-        valid = [distance for distance in inside if distance >= seen.range_min]
-        too_near = any(distance < seen.range_min for distance in inside)
+        valid = [distance for distance in inside if distance >= scan.range_min]
+        too_near = any(distance < scan.range_min for distance in inside)
         nearest = min(valid) if valid else 0.0 if too_near else math.inf
         shares.append(min(nearest, config.range_limit_m) / config.range_limit_m)
     return np.array(shares)
@@ -73,9 +73,10 @@ def random_scan(beams: int, **geometry) -> Scan:
 
 @pytest.mark.parametrize("sectors", [720, 360, 40, 7, 1])
 def test_the_lidar_against_a_plain_reference(sectors):
-    config, seen = PolicyObservation(beams=sectors), random_scan(720)
+    config = PolicyObservation(beams=sectors)
+    scan = random_scan(720)
     np.testing.assert_allclose(
-        lidar(config, seen), reference_lidar(config, seen), atol=1e-6
+        lidar(config, scan), reference_lidar(config, scan), atol=1e-6
     )
 
 
@@ -85,14 +86,14 @@ def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
     np.testing.assert_allclose(
         lidar(config, wide), reference_lidar(config, wide), atol=1e-6
     )
-    seen = random_scan(720)
+    scan = random_scan(720)
     turned = replace(
-        seen,
-        ranges=seen.ranges[::-1],
-        angle_min=-seen.angle_min,
-        angle_increment=-seen.angle_increment,
+        scan,
+        ranges=scan.ranges[::-1],
+        angle_min=-scan.angle_min,
+        angle_increment=-scan.angle_increment,
     )
-    np.testing.assert_array_equal(lidar(config, turned), lidar(config, seen))
+    np.testing.assert_array_equal(lidar(config, turned), lidar(config, scan))
 
 
 def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
@@ -107,12 +108,12 @@ def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
 
 def test_goal_and_velocity_are_seen_from_the_robot():
     config = PolicyObservation(beams=4)
-    seen = observed(
+    observation = observed(
         scan(np.full(720, np.inf)),
         Pose2D(1.0, -1.0, math.pi / 2.0),
         Velocity2D(-3.0, 1.0),
     )
-    vector = ObservationEncoder(config).encode(seen, Pose2D(1.0, 1.5, 0.0))
+    vector = ObservationEncoder(config).encode(observation, Pose2D(1.0, 1.5, 0.0))
     np.testing.assert_allclose(
         vector, [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25], atol=1e-6
     )
@@ -121,17 +122,17 @@ def test_goal_and_velocity_are_seen_from_the_robot():
 
 
 @pytest.mark.parametrize(
-    ("seen", "message"),
+    ("narrow_scan", "message"),
     [
         (scan(np.ones(100), -1.0, 1.0), "the scan only from -1.000 to 1.000 rad"),
         (replace(scan(np.ones(100)), angle_increment=0.0), "no usable angles"),
     ],
 )
-def test_a_scan_that_shows_too_little_is_told_of(seen, message):
+def test_a_scan_that_shows_too_little_is_told_of(narrow_scan, message):
     encoder = ObservationEncoder(PolicyObservation())
-    assert message in encoder.problem(seen)
+    assert message in encoder.problem(narrow_scan)
     with pytest.raises(ConfigError, match="scan"):
-        encoder.encode(observed(seen), GOAL)
+        encoder.encode(observed(narrow_scan), GOAL)
     assert encoder.problem(scan(np.ones(720))) == ""
 
 
@@ -153,14 +154,17 @@ def test_many_actions_at_once_become_the_same_velocities(kind):
             [[math.nan, 1.0], [-0.0, math.inf]],
         ]
     )
-    given = action.commands(actions.astype(kind))
-    each = [action.command(one) for one in actions.astype(kind)]
-    np.testing.assert_array_equal(given, [(one.linear, one.angular) for one in each])
+    commands = action.commands(actions.astype(kind))
+    each = [action.command(command) for command in actions.astype(kind)]
+    np.testing.assert_array_equal(
+        commands, [(command.linear, command.angular) for command in each]
+    )
 
 
 def reference_gap(points, velocity, time_s, config):
     """Return the least distance of points from the outline, tried at many instants of the drive."""
-    pose, least = Pose2D(0.0, 0.0, 0.0), math.inf
+    pose = Pose2D(0.0, 0.0, 0.0)
+    least = math.inf
     for _ in range(4000):
         half = 0.5 * velocity.angular * time_s / 4000
         step = velocity.linear * time_s / 4000
@@ -174,11 +178,12 @@ def reference_gap(points, velocity, time_s, config):
 
 
 def test_the_gap_of_a_drive_against_small_steps():
-    rng, config = np.random.default_rng(5), CollisionCheckConfig()
+    rng = np.random.default_rng(5)
+    config = CollisionCheckConfig()
     for _ in range(12):
         points = rng.uniform(-1.0, 1.0, (5, 2)) + [0.8, 0.0]
         velocity = Velocity2D(*rng.uniform(-1.5, 1.5, 2).tolist())
-        found = least_clearance(
+        clearance = least_clearance(
             points,
             velocity.linear,
             velocity.angular,
@@ -187,7 +192,7 @@ def test_the_gap_of_a_drive_against_small_steps():
             config.half_length_m,
             config.half_width_m,
         )
-        assert found == pytest.approx(
+        assert clearance == pytest.approx(
             reference_gap(points, velocity, 0.6, config), abs=2e-3
         )
 
@@ -203,9 +208,10 @@ def ahead(distance_m: float) -> Scan:
 
 
 def test_the_stop_leaves_commands_alone_that_hit_nothing():
-    for wanted in (Velocity2D(1.0, 0.0), Velocity2D(0.3, 1.0), Velocity2D(-0.3, 0.0)):
+    for command in (Velocity2D(1.0, 0.0), Velocity2D(0.3, 1.0), Velocity2D(-0.3, 0.0)):
         assert (
-            avoid_collision(wanted, STOP, ahead(2.0), CollisionCheckConfig()) == wanted
+            avoid_collision(command, STOP, ahead(2.0), CollisionCheckConfig())
+            == command
         )
 
 
@@ -238,10 +244,8 @@ def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, tmp_path):
     path = linear_policy(
         tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0)
     )  # turn by the sine of the bearing
-    world, planner = (
-        flat_world([((-2.0, 6.0), (8.0, 6.0))]),
-        make_planner("policy", "challenge", {"policy_path": path}),
-    )
+    world = flat_world([((-2.0, 6.0), (8.0, 6.0))])
+    planner = make_planner("policy", "challenge", {"policy_path": path})
     assert (
         world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
     )
@@ -266,10 +270,8 @@ def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_
 
 def test_a_policy_that_stands_still_says_that_it_is_stuck(flat_world, tmp_path):
     path = linear_policy(tmp_path / "p.npz", {}, (-1.0, 0.0))
-    world, planner = (
-        flat_world([((3.0, -2.0), (3.0, 2.0))]),
-        PolicyPlanner(PolicyConfig(policy_path=path)),
-    )
+    world = flat_world([((3.0, -2.0), (3.0, 2.0))])
+    planner = PolicyPlanner(PolicyConfig(policy_path=path))
     assert world.drive(planner, GOAL, 7.0) is PlannerStatus.RUNNING
     assert world.drive(planner, GOAL, 10.0) is PlannerStatus.BLOCKED
     assert "not got anywhere" in world.decisions[-1].reason

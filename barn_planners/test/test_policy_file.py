@@ -27,13 +27,13 @@ def policy(layers=(11, 8, 2), **changes) -> Policy:
     sizes = list(pairwise(layers))
     weights = tuple(rng.normal(size=size).astype(np.float32) for size in sizes)
     biases = tuple(rng.normal(size=size[1]).astype(np.float32) for size in sizes)
-    given = {
+    content = {
         "observation": OBSERVATION,
         "action": PolicyAction(),
         "weights": weights,
         "biases": biases,
     }
-    return Policy(**given | changes)
+    return Policy(**content | changes)
 
 
 @pytest.fixture
@@ -43,7 +43,8 @@ def path(tmp_path):
 
 
 def test_what_is_written_is_read(path):
-    written, read = policy(), read_policy(path)
+    written = policy()
+    read = read_policy(path)
     assert (read.observation, read.action, read.layers) == (
         OBSERVATION,
         PolicyAction(),
@@ -54,10 +55,10 @@ def test_what_is_written_is_read(path):
         "clip",
         {"by": "a test"},
     )
-    for one, other in zip(
+    for layer, other in zip(
         written.weights + written.biases, read.weights + read.biases, strict=True
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(layer, other)
 
 
 def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
@@ -68,11 +69,11 @@ def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 @pytest.mark.parametrize("output", ["clip", "tanh"])
 def test_the_network_against_matrix_products(activation, output):
-    made = policy((11, 8, 5, 2), activation=activation, output=output)
-    seen = np.random.default_rng(0).uniform(-1.0, 1.0, 11).astype(np.float32)
-    values = seen.astype(np.float64)
+    network = policy((11, 8, 5, 2), activation=activation, output=output)
+    inputs = np.random.default_rng(0).uniform(-1.0, 1.0, 11).astype(np.float32)
+    values = inputs.astype(np.float64)
     for k in range(3):
-        values = values @ made.weights[k].astype(np.float64) + made.biases[k]
+        values = values @ network.weights[k].astype(np.float64) + network.biases[k]
         if k < 2:
             values = (
                 np.tanh(values)
@@ -81,17 +82,15 @@ def test_the_network_against_matrix_products(activation, output):
             )
     expected = np.tanh(values) if output == "tanh" else values
     np.testing.assert_allclose(
-        PolicyNetwork(made).act(seen), expected, rtol=1e-12, atol=1e-12
+        PolicyNetwork(network).act(inputs), expected, rtol=1e-12, atol=1e-12
     )
 
 
 def test_a_layer_sums_in_one_order():
     rng = np.random.default_rng(1)
-    values, weights, biases = (
-        rng.normal(size=300),
-        rng.normal(size=(300, 130)),
-        rng.normal(size=130),
-    )
+    values = rng.normal(size=300)
+    weights = rng.normal(size=(300, 130))
+    biases = rng.normal(size=130)
     expected = np.add.accumulate([biases, *(values[:, None] * weights)])[-1]
     np.testing.assert_array_equal(affine(values, weights, biases), expected)
 

@@ -29,7 +29,9 @@ def planners():
 
 
 def with_scan(**changes):
-    return lambda seen: replace(seen, scan=replace(seen.scan, **changes))
+    return lambda observation: replace(
+        observation, scan=replace(observation.scan, **changes)
+    )
 
 
 def with_ranges(value):
@@ -37,7 +39,9 @@ def with_ranges(value):
 
 
 def with_odometry(**changes):
-    return lambda seen: replace(seen, odometry=replace(seen.odometry, **changes))
+    return lambda observation: replace(
+        observation, odometry=replace(observation.odometry, **changes)
+    )
 
 
 # What is wrong with an observation, and the reason that is given for the stop.
@@ -73,11 +77,11 @@ FAULTS = {
         "no usable yaw rate",
     ),
     "localization not a number": (
-        lambda seen: replace(seen, pose=NOWHERE),
+        lambda observation: replace(observation, pose=NOWHERE),
         "localization holds no usable pose",
     ),
     "localised on the moon": (
-        lambda seen: replace(seen, pose=Pose2D(1e30, 0.0, 0.0)),
+        lambda observation: replace(observation, pose=Pose2D(1e30, 0.0, 0.0)),
         "localization holds no usable",
     ),
 }
@@ -87,8 +91,8 @@ def observed(world, planner, cycles, fault=None):
     """Let the planner decide and the world go on for some cycles; return the decisions, which are checked."""
     decisions = []
     for _ in range(cycles):
-        seen = world.observe()
-        decision = planner.step(fault(seen) if fault else seen)
+        reading = world.observe()
+        decision = planner.step(fault(reading) if fault else reading)
         assert decision.command is None or decision.command.is_finite()
         assert all(math.isfinite(value) for value in decision.diagnostics.values())
         assert decision.plan is None or np.isfinite(decision.plan).all()
@@ -99,7 +103,7 @@ def observed(world, planner, cycles, fault=None):
     return decisions
 
 
-def started(name, preset=None, goal=GOAL, known=None):
+def started(name, preset=None, goal=GOAL, static_map=None):
     """Return a planner with a task, a global costmap no larger than this world needs and fewer samples of MPPI."""
     preset = preset or next(iter(presets(name)))
     fields = {field for field, _, _ in fields_of(planner_config(name, preset))}
@@ -109,7 +113,7 @@ def started(name, preset=None, goal=GOAL, known=None):
         preset,
         {field: value for field, value in changes.items() if field in fields},
     )
-    planner.start(Task(goal, known), 1)
+    planner.start(Task(goal, static_map), 1)
     return planner
 
 
@@ -117,7 +121,8 @@ def started(name, preset=None, goal=GOAL, known=None):
 def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(
     flat_world, name
 ):
-    world, planner = flat_world(BOX), started(name, goal=Pose2D(7.0, 0.0, 0.0))
+    world = flat_world(BOX)
+    planner = started(name, goal=Pose2D(7.0, 0.0, 0.0))
     observed(world, planner, 30)
     assert world.pose.x > 0.2
     for fault, (change, reason) in FAULTS.items():
@@ -146,12 +151,15 @@ def test_a_fault_from_the_first_observation_on(flat_world, name):
 
 @pytest.mark.parametrize("name", planner_names())
 def test_scattered_bad_ranges_do_no_harm(flat_world, name):
-    def scatter(seen):
-        ranges = seen.scan.ranges.copy()
-        ranges[::7], ranges[3::11], ranges[5::13] = np.nan, -np.inf, np.inf
-        return replace(seen, scan=replace(seen.scan, ranges=ranges))
+    def scatter(reading):
+        ranges = reading.scan.ranges.copy()
+        ranges[::7] = np.nan
+        ranges[3::11] = -np.inf
+        ranges[5::13] = np.inf
+        return replace(reading, scan=replace(reading.scan, ranges=ranges))
 
-    world, planner = flat_world(BOX), started(name)
+    world = flat_world(BOX)
+    planner = started(name)
     observed(world, planner, 60, scatter)
     assert world.pose.x > 0.5
 
@@ -161,7 +169,8 @@ def test_scattered_bad_ranges_do_no_harm(flat_world, name):
 )
 @pytest.mark.parametrize("name", planner_names())
 def test_a_goal_that_is_nowhere_harms_nobody(flat_world, name, goal):
-    world, planner = flat_world(BOX), started(name, goal=goal)
+    world = flat_world(BOX)
+    planner = started(name, goal=goal)
     decisions = observed(world, planner, 40)
     assert math.isfinite(goal.x) or decisions[-1].status is not PlannerStatus.RUNNING
     assert world.clearance > 0.3
@@ -169,10 +178,8 @@ def test_a_goal_that_is_nowhere_harms_nobody(flat_world, name, goal):
 
 @pytest.mark.parametrize(("name", "preset"), planners())
 def test_a_goal_inside_an_obstacle_is_not_driven_into(flat_world, name, preset):
-    world, planner = (
-        flat_world(BOX, [(3.0, 0.0, 0.15)]),
-        started(name, preset, Pose2D(3.0, 0.0, 0.0)),
-    )
+    world = flat_world(BOX, [(3.0, 0.0, 0.15)])
+    planner = started(name, preset, Pose2D(3.0, 0.0, 0.0))
     decisions = observed(world, planner, 330)
     assert world.clearance > 0.19
     if name not in GAPS:  # which know no obstacle, only gaps beside it
@@ -190,7 +197,8 @@ def test_an_enclosed_robot_stays_where_it_is(flat_world, name, preset):
     ]
     # E-Band clears its costmap where a plan is in collision, and then drives into what it had seen: a quirk of its own.
     changes = {"band.reset_costmap_once": False} if name == "eband" else {}
-    world, planner = flat_world(cylinders=ring), make_planner(name, preset, changes)
+    world = flat_world(cylinders=ring)
+    planner = make_planner(name, preset, changes)
     planner.start(Task(GOAL), 1)
     decisions = observed(world, planner, 240)
     assert math.hypot(world.pose.x, world.pose.y) < 0.2
@@ -201,7 +209,8 @@ def test_an_enclosed_robot_stays_where_it_is(flat_world, name, preset):
 @pytest.mark.parametrize(("name", "preset"), planners())
 def test_a_plan_that_vanishes_ends_in_a_stop(flat_world, name, preset):
     """Walls appear all round while the robot drives."""
-    world, planner = flat_world(BOX), started(name, preset)
+    world = flat_world(BOX)
+    planner = started(name, preset)
     observed(world, planner, 60)
     x = world.pose.x
     assert x > 0.5
@@ -221,7 +230,7 @@ def test_a_plan_that_vanishes_ends_in_a_stop(flat_world, name, preset):
 @pytest.mark.parametrize("name", planner_names())
 def test_a_map_without_a_free_cell(flat_world, name):
     full = OccupancyMap(np.full((66, 66), 100, np.int8), 0.15, -5.0, -5.0)
-    decision = observed(flat_world(BOX), started(name, known=full), 20)[-1]
+    decision = observed(flat_world(BOX), started(name, static_map=full), 20)[-1]
     planless = name in (*GAPS, "policy")  # which look at no map
     assert planless or (
         decision.command in (STOP, None)

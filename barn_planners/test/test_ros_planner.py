@@ -44,7 +44,9 @@ class Harness(Peer):
 
     def __init__(self, command_type=Twist):
         super().__init__("harness")
-        self.commands, self.plans, self.diagnostics = [], [], []
+        self.commands = []
+        self.plans = []
+        self.diagnostics = []
         make = self.node.create_publisher
         self.odom = make(OdometryMessage, "odom", 10)
         self.pose = make(PoseWithCovarianceStamped, "amcl_pose", 10)
@@ -100,8 +102,8 @@ def start_node():
         return started[-1]
 
     yield start
-    for one in started:
-        one.process.kill()
+    for process in started:
+        process.process.kill()
 
 
 def scan_message(observation) -> bytes:
@@ -140,7 +142,7 @@ def test_the_node_commands_what_the_planner_commands(
     flat_world, harness, start_node, use_map
 ):
     frame = MAP_OF_ODOM if use_map else Pose2D(0.0, 0.0, 0.0)
-    known = (
+    static_map = (
         OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0) if use_map else None
     )
     goal = (frame @ Pose2D(4.0, 0.3, 0.0)).through_quaternion()
@@ -154,11 +156,11 @@ def test_the_node_commands_what_the_planner_commands(
     assert velocity_of(standing) == STOP
     world.advance(STOP)
     harness.goal.publish(goal_message(goal, "map" if use_map else "odom"))
-    if known is not None:
-        harness.map.publish(encode.encode_map(known, 0, "map"))
+    if static_map is not None:
+        harness.map.publish(encode.encode_map(static_map, 0, "map"))
     harness.wait(lambda: harness.call("dwa_planner/ready").success, "goal and map")
     planner = make_planner("dwa", "paper2020" if use_map else "challenge")
-    planner.start(Task(goal, known), seed=3)
+    planner.start(Task(goal, static_map), seed=3)
     last = STOP
     for _ in range(60):
         observation = with_pose_of(world.observe(), frame)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from shared_fixtures import own_domain
 
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.worlds.world import World
 
@@ -13,17 +13,17 @@ __all__ = ["own_domain"]
 
 
 @pytest.fixture(scope="module")
-def clients() -> Iterator[tuple[PhysicsClient, PhysicsClient]]:
-    """Two physics clients, for two simulators in turn."""
-    with closing(PhysicsClient()) as one, closing(PhysicsClient()) as other:
-        yield one, other
+def scenes() -> Iterator[ScenePool]:
+    """Physics clients for many simulators."""
+    with closing(ScenePool()) as pool:
+        yield pool
 
 
 @pytest.fixture
 def simulators() -> Iterator[Callable[..., Simulator]]:
     """Make simulators, which are closed in the end."""
-    with ExitStack() as made:
-        yield lambda *arguments, **options: made.enter_context(
+    with ExitStack() as stack:
+        yield lambda *arguments, **options: stack.enter_context(
             closing(Simulator(*arguments, **options))
         )
 

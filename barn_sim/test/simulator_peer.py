@@ -63,12 +63,12 @@ class Driver(Peer):
         self.heard[topic].append(message)
 
     def set(self, **values):
-        given = [
+        parameters = [
             Parameter(name.replace("__", "."), value=v).to_parameter_msg()
             for name, v in values.items()
         ]
         return self.call(
-            "/simulator/set_parameters", SetParameters, parameters=given
+            "/simulator/set_parameters", SetParameters, parameters=parameters
         ).results
 
     def pause(self, on: bool):
@@ -85,8 +85,8 @@ class Driver(Peer):
 
     def connected(self) -> bool:
         topics = ["/clock", "/odom", "/scan"]
-        there = all(self.node.count_publishers(topic) == 1 for topic in topics)
-        return there and self.commands.get_subscription_count() == 1
+        is_complete = all(self.node.count_publishers(topic) == 1 for topic in topics)
+        return is_complete and self.commands.get_subscription_count() == 1
 
     def fresh_trial(self, **values) -> None:
         """Pause, set parameters, reset and forget what was heard before."""

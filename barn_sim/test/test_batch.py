@@ -83,8 +83,10 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable
     for index in range(len(alone)):
         batch.put(index, simulator(config, index, batch.fleet))
     batch.read(np.arange(len(alone)))
-    for index, one in enumerate(alone):
-        assert np.array_equal(batch.readings.ranges[index], one.sense().scan.ranges)
+    for index, robot_alone in enumerate(alone):
+        assert np.array_equal(
+            batch.readings.ranges[index], robot_alone.sense().scan.ranges
+        )
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
         commands = np.array(
@@ -120,7 +122,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     walled_world, robot
 ):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
-    count, rng = 3 * LANES - 5, np.random.default_rng(0)
+    count = 3 * LANES - 5
+    rng = np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
     abreast, alone = (Batch(count, config) for _ in range(2))
     for batch in (abreast, alone):
@@ -133,7 +136,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 ),
             )
         batch.fleet.robots["position"][::3, 2] += 0.02
-    segments, which = np.full((count, 2, 4), 100.0), np.arange(count)
+    segments = np.full((count, 2, 4), 100.0)
+    which = np.arange(count)
     ahead_m = (
         math.hypot(*abreast.fleet.settings["extent"][0, 2:])
         + abreast.fleet.robots["near_m"][0]
@@ -145,11 +149,10 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
             rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)),
             np.zeros(count, np.int64),
         )
-        pushes, expected_pushes = np.zeros((2, count, 4, 3))
         fleet = abreast.fleet
         advance_all(
             fleet.robots, fleet.pending, fleet.settings, segments, np.full(count, 2), fleet.noise, 10, which,
-            commands, 0, left, pushes,
+            commands, 0, left,
         )  # fmt: skip
         fleet = alone.fleet
         for index in which:
@@ -160,7 +163,7 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 fleet.robots["stamp_ns"][index],
                 *commands[index],
             )
-            wanted, expected_pushes[index] = advance(
+            wanted = advance(
                 fleet.robots,
                 fleet.pending,
                 fleet.settings,
@@ -170,14 +173,12 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 10,
             )
             assert left[index] == wanted
-        np.testing.assert_array_equal(pushes, expected_pushes)
         which = which[left[which] == 0]
     assert LANES < len(which) < count
     for name in abreast.fleet.robots.dtype.names:
         state, expected = (batch.fleet.robots[name] for batch in (abreast, alone))
-        kept = (
-            slice(5) if name == "wheels" else slice(None)
-        )  # the rest of `wheels` is room to compute in
-        np.testing.assert_array_equal(
-            state[..., kept], expected[..., kept], err_msg=name
-        )
+        if name == "wheels":
+            # The rest of a wheel is room to compute in.
+            fields = ["hub", "impulse_x", "impulse_y"]
+            state, expected = state[fields], expected[fields]
+        np.testing.assert_array_equal(state, expected, err_msg=name)

@@ -29,12 +29,13 @@ def scene(pillar, radius_m, height_m, start=None, goal=None):
 
 @pytest.fixture(scope="module")
 def studio():
-    start, goal = Pose2D(-4.5, 0.5, 0.0), Pose2D(-0.5, 12.5, 0.0)
+    start = Pose2D(-4.5, 0.5, 0.0)
+    goal = Pose2D(-0.5, 12.5, 0.0)
     trail = np.column_stack([np.full(50, -4.0), np.linspace(2.0, 4.0, 50)])
     with Studio(
         scene([-2.5, 8.0], 0.3, 1.0, start, goal), LidarConfig(), trail_m=trail
-    ) as made:
-        yield made
+    ) as studio_object:
+        yield studio_object
 
 
 def yellow(picture):
@@ -50,25 +51,28 @@ def test_from_above_the_robot_is_where_it_stands_and_drives_to_the_right(studio)
         Pose2D(-1.5, 6.0, 0.5 * math.pi),
     ]
     camera = camera_at("top", poses[0], BOUNDS)
-    seen = [yellow(studio.picture(pose, camera, SIZE)).mean(axis=0) for pose in poses]
-    along, aside = seen[1] - seen[0], seen[2] - seen[1]
+    centers = [
+        yellow(studio.picture(pose, camera, SIZE)).mean(axis=0) for pose in poses
+    ]
+    along = centers[1] - centers[0]
+    aside = centers[2] - centers[1]
     assert along[1] > 50.0
     assert abs(along[0]) < 2.0
     per_metre = along[1] / 3.0
     assert aside[0] == pytest.approx(per_metre, rel=0.1)  # to the robot's right is down
     assert abs(aside[1]) < 2.0
     middle = np.array([0.5 * SIZE[1], 0.5 * SIZE[0]])
-    assert seen[1] == pytest.approx(middle + [0.0, -0.5 * per_metre], abs=3.0)
+    assert centers[1] == pytest.approx(middle + [0.0, -0.5 * per_metre], abs=3.0)
 
 
 def test_the_camera_that_follows_has_the_robot_in_its_middle_wherever_it_turns(studio):
     for yaw in (0.0, 2.0, -1.2):
         pose = Pose2D(-2.0, 3.0, yaw)
-        found = yellow(
+        pixels = yellow(
             studio.picture(pose, camera_at("chase", pose, BOUNDS), (200, 120), finer=1)
         )
-        assert len(found) > 50
-        assert found[:, 1].mean() == pytest.approx(100.0, abs=4.0)
+        assert len(pixels) > 50
+        assert pixels[:, 1].mean() == pytest.approx(100.0, abs=4.0)
 
 
 def test_a_pillar_hides_what_is_behind_it(studio):
@@ -98,8 +102,8 @@ def test_the_trail_is_seen_as_far_as_it_is_driven(studio):
         for count in (0, 25, 49)
     )
     lengths = [
-        np.ptp(np.argwhere(np.abs(one - none).sum(axis=2) > 60)[:, 1])
-        for one in (some, all_of_it)
+        np.ptp(np.argwhere(np.abs(picture - none).sum(axis=2) > 60)[:, 1])
+        for picture in (some, all_of_it)
     ]
     assert lengths[1] / lengths[0] == pytest.approx(2.0, rel=0.15)
 
@@ -107,11 +111,11 @@ def test_the_trail_is_seen_as_far_as_it_is_driven(studio):
 def test_side_and_top_show_everything(studio):
     for name in ("side", "top"):
         for pose in (Pose2D(-4.5, 0.5, 0.0), Pose2D(-0.5, 12.5, 0.0)):
-            found = yellow(
+            pixels = yellow(
                 studio.picture(pose, camera_at(name, pose, studio.bounds_m), (800, 360))
             )
-            assert len(found) > 10
-            assert found[:, 1].min() > 0 and found[:, 1].max() < 799
+            assert len(pixels) > 10
+            assert pixels[:, 1].min() > 0 and pixels[:, 1].max() < 799
 
 
 def test_an_unknown_camera_is_refused():
@@ -153,14 +157,13 @@ def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_moun
 WEDGE = ((0.6, 0.0), (0.45, 0.34), (-0.5, 0.34), (-0.5, -0.34), (0.45, -0.34))
 
 
-def drawn(mesh):
+def draw_mesh(mesh):
     """Return the normals (n, 3) of a mesh's triangles, twice their area long, those it has, and their corners."""
     faces = np.array(mesh["indices"]).reshape(-1, 3)
-    corners, normals = np.array(mesh["vertices"])[faces], np.array(mesh["normals"])
-    across, means = (
-        np.cross(*np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)),
-        normals[faces].mean(axis=1),
-    )
+    corners = np.array(mesh["vertices"])[faces]
+    normals = np.array(mesh["normals"])
+    across = np.cross(*np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0))
+    means = normals[faces].mean(axis=1)
     assert len(normals) == len(mesh["vertices"]) and np.linalg.norm(
         normals, axis=1
     ) == pytest.approx(1.0)
@@ -170,7 +173,7 @@ def drawn(mesh):
 
 def test_a_prism_is_drawn_as_it_is():
     """It is closed, faces outwards, and has the area of two bases and its sides."""
-    across, _, corners = drawn(prism(WEDGE, 0.4))
+    across, _, corners = draw_mesh(prism(WEDGE, 0.4))
     assert (
         np.einsum("ij,ij->i", across, corners.mean(axis=1)) > 0.0
     ).all()  # the origin is within
@@ -188,7 +191,8 @@ def test_robots_look_like_their_bodies():
     )
     pointed = replace(husky.chassis, name="pointed", footprint_m=WEDGE)
     body, front, *_ = robot_parts(pointed, husky.lidar)
-    high, low = pointed.body_height_m, pointed.ground_clearance_m
+    high = pointed.body_height_m
+    low = pointed.ground_clearance_m
     assert body.sizes == (pytest.approx(high - low),)
     assert np.array(body.corners) + body.center[:2] == pytest.approx(
         np.array(pointed.hull_m)
@@ -214,7 +218,7 @@ def test_robots_look_like_their_bodies():
 
 
 def test_pillars_are_closed_but_for_their_feet():
-    across, means, _ = drawn(pillars(np.array([[1.0, 2.0], [-3.0, 0.5]]), 0.1, 0.8))
+    across, means, _ = draw_mesh(pillars(np.array([[1.0, 2.0], [-3.0, 0.5]]), 0.1, 0.8))
     area = 0.5 * np.linalg.norm(across, axis=1)
     upwards = means[:, 2] > 0.5
     assert area[~upwards].sum() == pytest.approx(

@@ -1,7 +1,6 @@
 """The ray caster against a plain reference, against PyBullet's own rays, and REP-117."""
 
 import math
-from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_sim.config import PRESETS, LidarConfig
-from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.contact.bullet import bullet, connect, disconnect
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.sensors.ray_casting import ROUGH_RAD, rough_angle
 from barn_worlds.base.types import Pose2D
@@ -109,22 +108,23 @@ def bullet_ranges(client: int, pose: Pose2D, scan) -> np.ndarray:
 
 def test_tilted_cylinders_agree_with_the_rays_of_pybullet() -> None:
     rng = np.random.default_rng(11)
-    with closing(PhysicsClient()) as client:
+    client = connect()
+    try:
         shape = bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=0.075, height=1.0, physicsClientId=client.id
+            bullet.GEOM_CYLINDER, radius=0.075, height=1.0, physicsClientId=client
         )
         rows = []
         for _ in range(12):
             position = [*rng.uniform(-2.5, 2.5, 2), rng.uniform(0.1, 0.6)]
             q = bullet.getQuaternionFromEuler(rng.uniform(-1.5, 1.5, 3).tolist())
             axis = np.array(bullet.getMatrixFromQuaternion(q)).reshape(3, 3)[:, 2]
-            bullet.createMultiBody(
-                0.0, shape, -1, position, q, physicsClientId=client.id
-            )
+            bullet.createMultiBody(0.0, shape, -1, position, q, physicsClientId=client)
             rows.append([*position[:2], position[2] - 0.3, *axis, 0.5])
         pose = Pose2D(-3.0, 0.0, 0.0)
         scan = lidar(QUIET).scan(0, pose, np.empty((0, 2)), 0.075, np.array(rows))
-        theirs = bullet_ranges(client.id, pose, scan)
+        theirs = bullet_ranges(client, pose, scan)
+    finally:
+        disconnect(client)
     same = np.isclose(scan.ranges, theirs, atol=0.01) | (scan.ranges == theirs)
     assert np.isfinite(scan.ranges).sum() > 60
     assert (~same).sum() <= 7  # 1 % of the beams, at edges

@@ -44,7 +44,8 @@ def test_a_turn_causes_an_update_as_well() -> None:
 
 
 def test_errors_have_the_configured_deviation_and_correlation() -> None:
-    filter_, rows = believer(), []
+    filter_ = believer()
+    rows = []
     for step in range(20000):
         odometry = Pose2D(0.11 * step, 0.0, 0.0)
         truth = ORIGIN @ odometry
@@ -52,12 +53,12 @@ def test_errors_have_the_configured_deviation_and_correlation() -> None:
         rows.append(
             (estimate.x - truth.x, estimate.y - truth.y, estimate.yaw - truth.yaw)
         )
-    found = np.array(rows)
+    errors = np.array(rows)
     assert (
-        0.05 < np.hypot(found[:, 0], found[:, 1]).mean() < 0.09
+        0.05 < np.hypot(errors[:, 0], errors[:, 1]).mean() < 0.09
     )  # as the paper's localisation
-    assert found.std(axis=0) == pytest.approx([0.04, 0.04, 0.01], rel=0.1)
-    after_five = np.corrcoef(found[:-5, 0], found[5:, 0])[0, 1]
+    assert errors.std(axis=0) == pytest.approx([0.04, 0.04, 0.01], rel=0.1)
+    after_five = np.corrcoef(errors[:-5, 0], errors[5:, 0])[0, 1]
     assert after_five == pytest.approx(math.exp(-1.0), abs=0.06)
 
 

@@ -1,7 +1,7 @@
 """Walls and moving obstacles: rays and distances against plain references, contacts, and free motion beside them."""
 
-import itertools
 import math
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
+from barn_sim.motion import robot_motion
 from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
@@ -54,11 +55,10 @@ def cart(
 
 def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
     box = rng.random(count) < 0.5
-    radius, size = rng.uniform(0.05, 1.0, count), rng.uniform(0.05, 3.0, (count, 2))
-    where, yaw = (
-        rng.uniform(-4.0, 4.0, (count, 2)),
-        rng.uniform(-math.pi, math.pi, count),
-    )
+    radius = rng.uniform(0.05, 1.0, count)
+    size = rng.uniform(0.05, 3.0, (count, 2))
+    where = rng.uniform(-4.0, 4.0, (count, 2))
+    yaw = rng.uniform(-math.pi, math.pi, count)
     return shape_rows(
         where, np.where(box, 0.0, radius), np.where(box[:, None], size, 0.0), yaw
     )
@@ -69,11 +69,13 @@ def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
     centre = shape[:2]
     if shape[2]:
         to = centre - origin
-        along, square = beam @ to, to @ to - shape[2] ** 2
+        along = beam @ to
+        square = to @ to - shape[2] ** 2
         root = along**2 - square
         near = along - math.sqrt(root) if root >= 0.0 else math.inf
         return 0.0 if square <= 0.0 else near if near >= 0.0 else math.inf
-    ahead, left = shape[5:7], np.array([-shape[6], shape[5]])
+    ahead = shape[5:7]
+    left = np.array([-shape[6], shape[5]])
     if (
         abs((origin - centre) @ ahead) <= shape[3]
         and abs((origin - centre) @ left) <= shape[4]
@@ -84,10 +86,10 @@ def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
         for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ]
     hits = [math.inf]
-    for one, other in zip(corners, [*corners[1:], corners[0]], strict=True):
-        matrix = np.column_stack([beam, one - other])
+    for start, other in zip(corners, [*corners[1:], corners[0]], strict=True):
+        matrix = np.column_stack([beam, start - other])
         if abs(np.linalg.det(matrix)) > 1e-12:
-            distance, share = np.linalg.solve(matrix, one - origin)
+            distance, share = np.linalg.solve(matrix, start - origin)
             if distance >= 0.0 and 0.0 <= share <= 1.0:
                 hits.append(distance)
     return min(hits)
@@ -107,7 +109,7 @@ def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
     origin = np.array([sensor.x, sensor.y])
     exact = np.array(
         [
-            min((plain_hit(origin, beam, one) for one in shapes), default=math.inf)
+            min((plain_hit(origin, beam, shape) for shape in shapes), default=math.inf)
             for beam in beams
         ]
     )
@@ -135,9 +137,9 @@ def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators) -> 
 def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators) -> None:
     low = replace(person((0.0, 2.0, 0.0), (1.0, 0.4, 0.0)), height_m=0.2)
     simulator = simulators(arena(low), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
-    seen = [simulator.step(None) for _ in range(40)]
-    assert all(np.isinf(sensors.scan.ranges).all() for sensors in seen)
-    assert any(sensors.collision for sensors in seen)
+    readings = [simulator.step(None) for _ in range(40)]
+    assert all(np.isinf(sensors.scan.ranges).all() for sensors in readings)
+    assert any(sensors.collision for sensors in readings)
 
 
 @pytest.mark.parametrize("kind", [person, cart])
@@ -146,13 +148,13 @@ def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators) -> Non
     world = arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0)))
     simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     sensors = [simulator.step(None) for _ in range(60)]
-    touched = next(k for k, one in enumerate(sensors) if one.collision)
+    touched = next(k for k, reading in enumerate(sensors) if reading.collision)
     at_s = sensors[touched].stamp_ns * 1e-9
     edge = 2.0 - at_s - 0.3  # the radius of the one, half the width of the other
     assert edge == pytest.approx(simulator.motion.model.extent[3], abs=0.07)
-    pushed = [one.truth.pose.y for one in sensors[touched + 5 : touched + 15]]
+    pushed = [reading.truth.pose.y for reading in sensors[touched + 5 : touched + 15]]
     assert np.diff(pushed) == pytest.approx(-0.05, abs=0.01)  # 1 m/s
-    assert all(not one.collision for one in sensors[:touched])
+    assert all(not reading.collision for reading in sensors[:touched])
 
 
 def test_a_wall_stops_the_robot(simulators) -> None:
@@ -160,7 +162,7 @@ def test_a_wall_stops_the_robot(simulators) -> None:
     simulator = simulators(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
     front = simulator.motion.model.extent[2]
-    assert any(one.collision for one in sensors)
+    assert any(reading.collision for reading in sensors)
     assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)
 
 
@@ -194,9 +196,9 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
     world = arena(jumper)
     simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     touched = [
-        one.stamp_ns * 1e-9
-        for one in (simulator.step(None) for _ in range(60))
-        if one.collision
+        reading.stamp_ns * 1e-9
+        for reading in (simulator.step(None) for _ in range(60))
+        if reading.collision
     ]
     pose = simulator.read_truth().pose
     assert touched and touched[0] == pytest.approx(1.75, abs=0.051)
@@ -205,12 +207,12 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
 
 def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
     world = open_dataset("dynabarn60").load(50)
-    drawn = [phase_s(world, True, seed) for seed in range(200)]
-    longest = max(one.motion.period_s for one in world.moving)
+    phases = [phase_s(world, True, seed) for seed in range(200)]
+    longest = max(obstacle.motion.period_s for obstacle in world.moving)
     assert (
-        len(set(drawn)) == 200
-        and 0.0 <= min(drawn) < 0.1 * longest
-        and 0.9 * longest < max(drawn) <= longest
+        len(set(phases)) == 200
+        and 0.0 <= min(phases) < 0.1 * longest
+        and 0.9 * longest < max(phases) <= longest
     )
     assert phase_s(world, False, 3) == 0.0
     start = Pose2D(11.0, 0.0, math.pi)
@@ -220,18 +222,17 @@ def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
     ]
     scans = [simulator.sense().scan.ranges.tobytes() for simulator in simulators]
     assert [simulator.phase_s for simulator in simulators] == [
-        drawn[3],
-        drawn[3],
-        drawn[4],
+        phases[3],
+        phases[3],
+        phases[4],
     ]
     assert scans[0] == scans[1] != scans[2]
 
 
-def drive(
-    seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal"
-) -> tuple[list[tuple], int]:
-    """Return the states after every step, driven at random among moving obstacles, and steps that ended freely."""
-    rng = np.random.default_rng(seed)
+def wandering_robot(
+    seed: int, scenes: ScenePool, rng: np.random.Generator, robot: str
+) -> Simulator:
+    """Return a robot among moving obstacles; where the seed is odd, cylinders move, too."""
     config = with_robot(
         SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))),
         load_robot(robot),
@@ -243,33 +244,47 @@ def drive(
         still = open_dataset("barn300").load(int(rng.integers(300)))
         world = add_motion(still, motion_class("easy"), seed, 6)
         start = Pose2D(-2.25, 3.0, 1.57)
-    return wander(
-        Simulator(world, config, start, seed, client, free_motion=free_motion), rng, 160
-    )
+    return Simulator(world, config, start, seed, scenes)
 
 
-@pytest.mark.parametrize(
-    ("seed", "robot"),
-    [
-        *((seed, "jackal") for seed in range(18)),
-        *itertools.product(range(6), ["turtlebot4", "husky"]),
-    ],
-)
-def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(
-    seed, robot, clients
+def drive(
+    seed: int, scenes: ScenePool, robot: str = "jackal"
+) -> tuple[list[tuple], int]:
+    """Return the states after every step and how many steps ended freely."""
+    rng = np.random.default_rng(seed)
+    with closing(wandering_robot(seed, scenes, rng, robot)) as simulator:
+        return wander(simulator, rng, 160)
+
+
+@pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
+def test_contacts_with_movers_do_not_depend_on_what_the_client_did_before(
+    robot, scenes
 ) -> None:
-    expected, none = drive(seed, clients[0], free_motion=False, robot=robot)
-    states, free = drive(seed, clients[1], free_motion=True, robot=robot)
-    assert none == 0
-    assert states == expected
-    assert free > 0 or any(state[0] for state in states)
+    for seed in range(9):
+        with closing(ScenePool()) as new:
+            expected, _ = drive(seed, new, robot)
+        states, free = drive(seed, scenes, robot)
+        assert states == expected
+        assert free > 0 or any(state[0] for state in states)
 
 
-def test_the_drives_touch_obstacles_and_leave_them(clients) -> None:
-    touched = [
-        [state[0] for state in drive(seed, clients[0], free_motion=True)[0]]
-        for seed in range(6)
-    ]
-    assert any(any(one) and not one[-1] for one in touched) and not all(
-        any(one) for one in touched
-    )
+@pytest.mark.parametrize("seed", range(12))
+def test_no_contact_is_missed(seed, scenes, monkeypatch) -> None:
+    """The robot moves as in PyBullet all the time, until they touch something together."""
+    states, _ = drive(seed, scenes)
+    monkeypatch.setattr(robot_motion, "contact_gap_m", lambda _: 1e3)
+    expected, free = drive(seed, scenes)
+    assert free == 0
+    for (touched, truth, *_), (is_touched, pose, *_) in zip(
+        states, expected, strict=True
+    ):
+        assert touched == is_touched
+        if touched:
+            break
+        assert truth.pose.distance(pose.pose) < 1e-9
+
+
+def test_the_drives_touch_obstacles_and_leave_them(scenes) -> None:
+    touched = [[state[0] for state in drive(seed, scenes)[0]] for seed in range(6)]
+    assert any(any(one) and not one[-1] for one in touched)
+    assert not all(any(one) for one in touched)

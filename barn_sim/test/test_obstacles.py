@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.contact.cylinders import (
+    intersect_cylinders,
     near_cylinders,
     nearest_gap,
     robot_gap,
-    see_cylinders,
     segment_gap,
 )
 from barn_sim.simulator import Simulator
@@ -146,13 +146,13 @@ def test_driving_away_takes_the_bodies_out_again(simulators) -> None:
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.2, 0.0))
-    there = len(simulator.motion.obstacles._bodies)
+    bodies = len(simulator.motion.obstacles._bodies)
     before = simulator.moved_obstacles().positions
     for _ in range(100):
         simulator.step(Velocity2D(-0.5, 0.0))
     gone = len(simulator.motion.obstacles._bodies)
     after = simulator.moved_obstacles().positions
-    assert there == 1
+    assert bodies == 1
     assert gone == 0
     assert len(before) == len(after) == 1
 
@@ -173,7 +173,7 @@ coordinates = st.floats(-1.5, 1.5)
     st.floats(-3.2, 3.2),
 )
 def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw) -> None:
-    found = robot_gap(np.array([ax, ay, bx, by]), x, y, yaw, EXTENT)
+    gap = robot_gap(np.array([ax, ay, bx, by]), x, y, yaw, EXTENT)
     points = np.array([ax, ay]) + np.linspace(0.0, 1.0, 400)[:, None] * np.array(
         [bx - ax, by - ay]
     )
@@ -181,25 +181,27 @@ def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw) 
     outside = np.maximum(np.maximum(EXTENT[:2] - local, local - EXTENT[2:]), 0.0)
     exact = np.hypot(*outside.T).min()
     spacing = math.hypot(bx - ax, by - ay) / 8
-    assert exact - 1e-3 * spacing - 1e-9 <= found <= exact + 0.5 * spacing + 1e-9
+    assert exact - 1e-3 * spacing - 1e-9 <= gap <= exact + 0.5 * spacing + 1e-9
 
 
 @given(*[coordinates] * 8)
 def test_the_gap_between_cylinders_is_that_of_many_points(
     ax, ay, bx, by, cx, cy, dx, dy
 ) -> None:
-    first, second = np.array([ax, ay, bx, by]), np.array([cx, cy, dx, dy])
-    found = segment_gap(first, second)
+    first = np.array([ax, ay, bx, by])
+    second = np.array([cx, cy, dx, dy])
+    gap = segment_gap(first, second)
     parts = np.linspace(0.0, 1.0, 200)[:, None]
     ours = first[:2] + parts * (first[2:] - first[:2])
     theirs = second[:2] + parts * (second[2:] - second[:2])
     exact = np.hypot(*(ours[:, None] - theirs[None]).transpose(2, 0, 1)).min()
     slack = math.hypot(bx - ax, by - ay) / 8 + math.hypot(dx - cx, dy - cy) / 199
-    assert exact - slack <= found <= exact + slack + 1e-9
+    assert exact - slack <= gap <= exact + slack + 1e-9
 
 
 def test_the_nearest_gap_is_the_smallest_of_all() -> None:
-    rng, extent = np.random.default_rng(0), np.array([-0.3, -0.2, 0.25, 0.2])
+    rng = np.random.default_rng(0)
+    extent = np.array([-0.3, -0.2, 0.25, 0.2])
     for _ in range(200):
         segments = np.tile(rng.uniform(-3.0, 3.0, (40, 2)), 2)
         segments[::4, 2:] += rng.uniform(-0.7, 0.7, (10, 2))  # lying
@@ -211,10 +213,11 @@ def test_the_nearest_gap_is_the_smallest_of_all() -> None:
 def test_near_cylinders_are_found_by_distance_alone() -> None:
     rng = np.random.default_rng(2)
     points = rng.uniform(-1.0, 1.0, (300, 2))
-    segments, none = np.hstack([points, points]), np.zeros(300, np.bool_)
+    segments = np.hstack([points, points])
+    none = np.zeros(300, np.bool_)
     pushed = none.copy()
     pushed[:3] = True
-    found, free_m = near_cylinders(
+    near, free_m = near_cylinders(
         segments, ~none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
     )
     near_robot = [
@@ -223,7 +226,7 @@ def test_near_cylinders_are_found_by_distance_alone() -> None:
     near_pushed = (
         np.hypot(*(points[:, None] - points[None, :3]).transpose(2, 0, 1)) < 0.155
     ).any(axis=1)
-    assert found.tolist() == np.flatnonzero(np.array(near_robot) | near_pushed).tolist()
+    assert near.tolist() == np.flatnonzero(np.array(near_robot) | near_pushed).tolist()
     few, _ = near_cylinders(
         segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
     )
@@ -234,14 +237,15 @@ def test_near_cylinders_are_found_by_distance_alone() -> None:
 def test_the_robot_may_go_as_far_as_is_said_before_others_are_near() -> None:
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.0, 1.0, (60, 2))
-    segments, none = np.hstack([points, points]), np.zeros(60, np.bool_)
-    found, free_m = near_cylinders(
+    segments = np.hstack([points, points])
+    none = np.zeros(60, np.bool_)
+    near, free_m = near_cylinders(
         segments, ~none, none, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
     )
     gaps = np.array(
         [robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) - 0.105 for segment in segments]
     )
-    assert 0.0 < free_m <= np.delete(gaps, found).min()
+    assert 0.0 < free_m <= np.delete(gaps, near).min()
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.005, 0.3, 1.5])
@@ -249,7 +253,7 @@ def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
     q = [math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2)]  # about x: leans to -y
     states = np.array([[1.0, 2.0, 0.5, *q]])
     centres, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))
-    count = see_cylinders(
+    count = intersect_cylinders(
         np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centres, tilted
     )
     if tilt < math.radians(0.5):

@@ -45,34 +45,40 @@ def pillars() -> World:
 def drive(
     config: LocalizationConfig,
     world: World,
-    known: OccupancyMap,
+    static_map: OccupancyMap,
     metres: float,
     seed: int = 0,
 ) -> np.ndarray:
     """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
     lidar = Lidar(LIDAR, np.random.default_rng(seed + 1))
     believer = ParticleLocalization(
-        config, np.random.default_rng(seed), known, START, MOUNT
+        config, np.random.default_rng(seed), static_map, START, MOUNT
     )
     errors = []
     for x in np.arange(0.0, metres + 1e-9, 0.02):
         truth = START @ Pose2D(float(x), 0.0, 0.0)
         scan = lidar.scan(0, truth, world.cylinders_m, world.cylinder_radius_m)
-        found = believer.estimate(
+        estimate = believer.estimate(
             nanoseconds(x / SPEED_M_S),
             Pose2D(float(x), 0.0, 0.0),
             lambda scan=scan: scan,
         )
-        errors.append((found.x - truth.x, found.y - truth.y, found.yaw - truth.yaw))
+        errors.append(
+            (estimate.x - truth.x, estimate.y - truth.y, estimate.yaw - truth.yaw)
+        )
     return np.array(errors)
 
 
 def test_distances_from_obstacles_are_between_centres_and_end_at_two_metres() -> None:
     data = np.zeros((3, 30), np.int8)
     data[0, 0] = 100
-    found = obstacle_distances(data >= 65, 0.15)
-    assert (found[0, 0], found[0, 2], found[0, 29]) == (0.0, pytest.approx(0.3), 2.0)
-    assert found[2, 1] == pytest.approx(0.15 * math.sqrt(5.0))
+    distances = obstacle_distances(data >= 65, 0.15)
+    assert (distances[0, 0], distances[0, 2], distances[0, 29]) == (
+        0.0,
+        pytest.approx(0.3),
+        2.0,
+    )
+    assert distances[2, 1] == pytest.approx(0.15 * math.sqrt(5.0))
     assert (obstacle_distances(np.zeros((2, 2), np.bool_), 0.15) == 2.0).all()
 
 
@@ -87,10 +93,10 @@ def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
 
 
 def test_bins_that_touch_form_a_cluster() -> None:
-    found = cluster_labels(
+    labels = cluster_labels(
         np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]])
     )
-    assert found[0] == found[1] == found[2] != found[3] == found[4]
+    assert labels[0] == labels[1] == labels[2] != labels[3] == labels[4]
 
 
 def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
@@ -101,27 +107,30 @@ def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
     expected, first, member = np.unique(
         bins, axis=0, return_index=True, return_inverse=True
     )
-    _, found_first, found_member = np.unique(
+    _, first_by_key, member_by_key = np.unique(
         bin_keys(bins), return_index=True, return_inverse=True
     )
     assert len(expected) > 50
-    assert (found_first == first).all()
-    assert (found_member == member.ravel()).all()
+    assert (first_by_key == first).all()
+    assert (member_by_key == member.ravel()).all()
 
 
 def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
     rng = np.random.default_rng(3)
-    particles, hits = rng.normal(1.0, 1.0, (40, 3)), rng.normal(0.0, 3.0, (25, 2))
-    table, outside = rng.random((30, 20)), 0.25
-    found = particle_weights(
+    particles = rng.normal(1.0, 1.0, (40, 3))
+    hits = rng.normal(0.0, 3.0, (25, 2))
+    table = rng.random((30, 20))
+    outside = 0.25
+    weights = particle_weights(
         particles, hits, np.pad(table, 1, constant_values=outside), -1.0, -0.5, 0.15
     )
     off = 0
-    for (x, y, yaw), weight in zip(particles, found, strict=True):
+    for (x, y, yaw), weight in zip(particles, weights, strict=True):
         total = 1.0
         for hit in hits:
             at = Pose2D(x, y, yaw) @ Pose2D(hit[0], hit[1], 0.0)
-            row, col = math.floor((at.y + 0.5) / 0.15), math.floor((at.x + 1.0) / 0.15)
+            row = math.floor((at.y + 0.5) / 0.15)
+            col = math.floor((at.x + 1.0) / 0.15)
             on_map = 0 <= row < 30 and 0 <= col < 20
             off += not on_map
             total += table[row, col] if on_map else outside
@@ -190,21 +199,23 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
 def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(
     pillars: World,
 ) -> None:
-    known = localization_map(pillars, True)
+    static_map = localization_map(pillars, True)
     corrections = []
     for delay_s in (0.0, 1.0):
-        errors = drive(replace(WIDE, correction_delay_s=delay_s), pillars, known, 2.0)
+        errors = drive(
+            replace(WIDE, correction_delay_s=delay_s), pillars, static_map, 2.0
+        )
         travelled = [Pose2D(0.02 * step, 0.0, 0.0) for step in range(len(errors))]
         truths = [START @ odometry for odometry in travelled]
         believed = [
             Pose2D(t.x + x, t.y + y, t.yaw + yaw)
             for t, (x, y, yaw) in zip(truths, errors, strict=True)
         ]
-        found = [
+        estimates = [
             pose @ odometry.inverse()
             for pose, odometry in zip(believed, travelled, strict=True)
         ]
-        corrections.append(np.array([(pose.x, pose.y, pose.yaw) for pose in found]))
+        corrections.append(np.array([(pose.x, pose.y, pose.yaw) for pose in estimates]))
     prompt, late = corrections
     steps = round(1.0 * SPEED_M_S / 0.02)
     assert late[:steps] == pytest.approx(np.tile(prompt[0], (steps, 1)))
@@ -213,8 +224,10 @@ def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(
 
 
 def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
-    known = localization_map(pillars, False)
-    first, again, other = (drive(WIDE, pillars, known, 0.3, seed) for seed in (3, 3, 4))
+    static_map = localization_map(pillars, False)
+    first, again, other = (
+        drive(WIDE, pillars, static_map, 0.3, seed) for seed in (3, 3, 4)
+    )
     assert (first == again).all()
     assert (first != other).any()
 
@@ -227,9 +240,9 @@ def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> N
     wide = Pose2D(-2.25, 4.0, math.pi / 2.0)
     sensors, other = (
         simulators(
-            world, replace(PRESETS["paper2020"], localisation=one), wide, 0
+            world, replace(PRESETS["paper2020"], localisation=config), wide, 0
         ).sense()
-        for one in (AT_START, LocalizationConfig())
+        for config in (AT_START, LocalizationConfig())
     )
     assert sensors.localization.distance(wide) < 1e-3
     assert (
@@ -262,13 +275,15 @@ def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_s
 def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(
     pillars: World,
 ) -> None:
-    known = localization_map(pillars, False)
+    static_map = localization_map(pillars, False)
     believer = ParticleLocalization(
-        AT_START, np.random.default_rng(0), known, START, MOUNT
+        AT_START, np.random.default_rng(0), static_map, START, MOUNT
     )
     poses = believer._random_poses(5000)
-    columns = ((poses[:, 0] - known.origin_x) / known.resolution).astype(int)
-    rows = ((poses[:, 1] - known.origin_y) / known.resolution).astype(int)
-    assert (known.data[rows, columns] == 0).all()
-    assert len(set(zip(rows, columns, strict=True))) > 0.9 * (known.data == 0).sum()
+    columns = ((poses[:, 0] - static_map.origin_x) / static_map.resolution).astype(int)
+    rows = ((poses[:, 1] - static_map.origin_y) / static_map.resolution).astype(int)
+    assert (static_map.data[rows, columns] == 0).all()
+    assert (
+        len(set(zip(rows, columns, strict=True))) > 0.9 * (static_map.data == 0).sum()
+    )
     assert np.abs(poses[:, 2]).max() <= math.pi < np.ptp(poses[:, 2])

@@ -16,12 +16,11 @@ from barn_sim.body.model import (
     model_of,
     robot_description,
 )
-from barn_sim.body.state import Fleet
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
-from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.contact.bullet import bullet
 from barn_sim.contact.cylinders import nearest_gap
-from barn_sim.contact.obstacles import tick_gap_m
-from barn_sim.contact.robot_body import Body
+from barn_sim.contact.obstacles import contact_gap_m
+from barn_sim.contact.scene import ContactScene
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
@@ -77,38 +76,27 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     assert straight[-1].truth.pose.yaw == pytest.approx(START.yaw, abs=1e-3)
     # four equally loaded wheels with Coulomb friction, turning in place
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
-    wanted = robot.drive.wheel_separation_multiplier / slip
+    multiplier = robot.drive.wheel_separation_multiplier / slip
     yaw = np.unwrap(
         [
-            one.truth.pose.yaw
-            for one in driven(plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0))
+            reading.truth.pose.yaw
+            for reading in driven(
+                plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0)
+            )
         ]
     )
-    assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(wanted, rel=0.01)
-    assert not any(one.collision for one in straight)
-
-
-@pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=NAME)
-def test_free_motion_gives_the_bits_of_pybullet(plain, robot):
-    config = with_robot(SimulatorConfig(), robot)
-    free, bullet = (
-        driven(plain, config, (0.7, 0.6), 40, free_motion=fast)
-        for fast in (True, False)
-    )
-    assert [one.truth for one in free] == [one.truth for one in bullet]
+    assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(multiplier, rel=0.01)
+    assert not any(reading.collision for reading in straight)
 
 
 def in_bullet(chassis):
     """Return the bounds (2, 3) in base_link of the shapes that Bullet has of a robot."""
     model = model_of(chassis)
-    with closing(PhysicsClient()) as client:
-        body = Body(model, PhysicsConfig(), client, Fleet.of(1), 0)
-        body.begin(Pose2D(0.0, 0.0, 0.0))
-        body.enter()
-        bullet.resetBasePositionAndOrientation(
-            body.id, model.center_of_mass, (0, 0, 0, 1), physicsClientId=client.id
-        )
-        return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
+    still = (0.0, 0.0, 0.0)
+    center = tuple(model.center_of_mass.tolist())
+    with closing(ContactScene(model, PhysicsConfig())) as scene:
+        scene.place_robot((center, (0.0, 0.0, 0.0, 1.0), still, still))
+        return np.array(bullet.getAABB(scene.robot, physicsClientId=scene.client))
 
 
 def test_the_shapes_are_those_of_the_footprint():
@@ -170,7 +158,8 @@ def test_robots_touch_a_pillar_where_their_outline_does(
 @pytest.mark.parametrize("robot", [load_robot("turtlebot4"), polygon_robot()], ids=NAME)
 def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
-    model, rng = model_of(robot.chassis), np.random.default_rng(0)
+    model = model_of(robot.chassis)
+    rng = np.random.default_rng(0)
     low, high = in_bullet(robot.chassis)[:, :2]
     extent = model.extent
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
@@ -183,13 +172,13 @@ def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
 
 
 def test_more_than_a_tick_of_the_fastest_robot_is_left_to_an_obstacle():
-    assert tick_gap_m(SimulatorConfig()) == 0.03
+    assert contact_gap_m(SimulatorConfig()) == 0.03
     robot = load_robot("husky")
     fast = with_robot(
         SimulatorConfig(), replace(robot, drive=replace(robot.drive, max_speed_m_s=6.0))
     )
     reach = np.hypot(0.495, 0.335)
-    assert tick_gap_m(fast) > fast.physics.tick_s * (
+    assert contact_gap_m(fast) > fast.physics.tick_s * (
         6.0 + fast.drive.max_yaw_rate_rad_s * reach
     )
 
@@ -220,7 +209,8 @@ def test_motors_lag_in_the_simulator_too(plain):
         config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0)
     )
     speeds = [
-        one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)
+        reading.truth.velocity.linear
+        for reading in driven(plain, config, (0.1, 0.0), 20)
     ]
     assert speeds[4] < 0.08 and speeds[-1] == pytest.approx(0.1, rel=0.02)
 
@@ -252,9 +242,9 @@ def test_fixed_frames_are_turned_as_the_lidar_is():
     ).constant()
     sent = deserialize(transforms, "tf2_msgs/msg/TFMessage").transforms
     yaws = {
-        one.child_frame_id: 2.0
-        * np.arctan2(one.transform.rotation.z, one.transform.rotation.w)
-        for one in sent
+        message.child_frame_id: 2.0
+        * np.arctan2(message.transform.rotation.z, message.transform.rotation.w)
+        for message in sent
     }
     assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
     assert set(yaws.values()) == {0.0}

@@ -16,9 +16,12 @@ from barn_worlds.ros import topics
 
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
     monkeypatch.setattr(
-        topics, "message_class", lambda name: None if name == TF.type_name else object
+        topics,
+        "find_message_class",
+        lambda name: None if name == TF.type_name else object,
     )
-    node, messages = Mock(), SimulatorMessages(SimulatorConfig())
+    node = Mock()
+    messages = SimulatorMessages(SimulatorConfig())
     Outputs(node, SimulatorNodeConfig()).publish(
         [*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)]
     )

@@ -38,8 +38,8 @@ def lockstep(own_domain):
 
 @pytest.fixture
 def peer(lockstep):
-    with closing(Driver()) as made:
-        yield made
+    with closing(Driver()) as driver:
+        yield driver
 
 
 @pytest.mark.parametrize("preset", ["default", "paper2020"])

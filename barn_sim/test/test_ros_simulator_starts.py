@@ -94,7 +94,8 @@ def test_commands_without_guarantee_of_delivery_are_heard_too(started) -> None:
     def moves() -> bool:
         unsure.publish(command)
         return any(
-            one.twist.twist.linear.x > 0.4 for one in peer.heard["/ground_truth/odom"]
+            message.twist.twist.linear.x > 0.4
+            for message in peer.heard["/ground_truth/odom"]
         )
 
     peer.wait(moves)
@@ -112,10 +113,8 @@ EACH = {
 
 def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
     """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
-    robot, lidar = (
-        load_robot("turtlebot4"),
-        {f"lidar.{key}": value for key, value in EACH.items()},
-    )
+    robot = load_robot("turtlebot4")
+    lidar = {f"lidar.{key}": value for key, value in EACH.items()}
     process, peer = started(
         lockstep=True, start_paused=True, robot="turtlebot4", **lidar
     )

@@ -36,9 +36,9 @@ def scans(config: LidarConfig, count: int, seed: int = 0) -> np.ndarray:
 def test_noise_grows_with_range_where_it_is_said_to(share):
     config = LidarConfig(beams=181, noise_m=0.01, noise_share=share)
     true = scans(replace(config, noise_m=0.0, noise_share=0.0), 1)[0]
-    seen = np.isfinite(true)
-    errors = scans(config, 3000)[:, seen] - true[seen]
-    expected = np.maximum(0.01, share * true[seen])
+    is_hit = np.isfinite(true)
+    errors = scans(config, 3000)[:, is_hit] - true[is_hit]
+    expected = np.maximum(0.01, share * true[is_hit])
     assert np.std(errors, axis=0) == pytest.approx(expected, rel=0.08)
     assert np.abs(np.mean(errors / expected, axis=0)).max() < 5.0 / math.sqrt(3000)
     beside = [
@@ -50,8 +50,8 @@ def test_noise_grows_with_range_where_it_is_said_to(share):
 
 def test_beams_drop_out_as_often_as_they_are_said_to():
     config = LidarConfig(beams=181, noise_m=0.0, dropout_share=0.1)
-    seen = np.isfinite(scans(replace(config, dropout_share=0.0), 1)[0])
-    lost = np.isposinf(scans(config, 2000)[:, seen])
+    is_hit = np.isfinite(scans(replace(config, dropout_share=0.0), 1)[0])
+    lost = np.isposinf(scans(config, 2000)[:, is_hit])
     assert lost.mean() == pytest.approx(0.1, abs=0.004)
     assert np.corrcoef(lost[:, 3], lost[:, 4])[0, 1] == pytest.approx(0.0, abs=0.11)
 
@@ -59,13 +59,15 @@ def test_beams_drop_out_as_often_as_they_are_said_to():
 def test_mixed_pixels_lie_between_the_sides_of_an_edge_and_nowhere_else():
     config = LidarConfig(beams=181, noise_m=0.0, mixed_share=0.3, range_max_m=10.0)
     true = np.minimum(scans(replace(config, mixed_share=0.0), 1)[0], 10.0)
-    found = scans(config, 4000)
+    ranges = scans(config, 4000)
     edges = np.zeros(181, bool)
     edges[:-1] |= true[1:] - true[:-1] > 0.2
     edges[1:] |= true[:-1] - true[1:] > 0.2
     assert edges.any()
-    assert (np.minimum(found[:, ~edges], 10.0) == true[~edges].astype(np.float32)).all()
-    at = np.minimum(found[:, edges], 10.0) - true[edges].astype(np.float32)
+    assert (
+        np.minimum(ranges[:, ~edges], 10.0) == true[~edges].astype(np.float32)
+    ).all()
+    at = np.minimum(ranges[:, edges], 10.0) - true[edges].astype(np.float32)
     share = at / (10.0 - true[edges])
     assert (at > 1e-6).mean() == pytest.approx(0.3, abs=0.01)
     assert share[share > 1e-6].mean() == pytest.approx(0.5, abs=0.02)
@@ -83,11 +85,10 @@ def test_beams_of_a_turning_mirror_agree_with_a_scan_from_each_pose(full_circle)
     )
     lidar = Lidar(config, rng)
     for _ in range(60):
-        centres, radius = rng.uniform(-4.0, 4.0, (30, 2)), rng.uniform(0.05, 0.4)
-        start, move = (
-            np.append(rng.uniform(-1.0, 1.0, 2), rng.uniform(-3.0, 3.0)),
-            rng.uniform(-0.5, 0.5, 3),
-        )
+        centres = rng.uniform(-4.0, 4.0, (30, 2))
+        radius = rng.uniform(0.05, 0.4)
+        start = np.append(rng.uniform(-1.0, 1.0, 2), rng.uniform(-3.0, 3.0))
+        move = rng.uniform(-0.5, 0.5, 3)
         poses = start + np.linspace(0.0, 1.0, 97)[:, None] * move
         shapes = np.array(
             [[*rng.uniform(-4.0, 4.0, 2), 0.0, 0.5, 0.3, math.cos(0.4), math.sin(0.4)]]
@@ -95,15 +96,15 @@ def test_beams_of_a_turning_mirror_agree_with_a_scan_from_each_pose(full_circle)
         swept = lidar.scan(
             0, Pose2D(*poses[-1]), centres, radius, NO_SHAPES, shapes, sweep=poses
         ).ranges
-        one_by_one = [
+        single_scans = [
             lidar.scan(0, Pose2D(*pose), centres, radius, NO_SHAPES, shapes).ranges[k]
             for k, pose in enumerate(poses)
         ]
         # within a circle all of an instant's beams read -inf, of a sweep those that are in it
-        same = np.isclose(swept, one_by_one, atol=1e-5) | (
-            swept == np.array(one_by_one)
+        same = np.isclose(swept, single_scans, atol=1e-5) | (
+            swept == np.array(single_scans)
         )
-        assert (same | np.isneginf(one_by_one)).mean() > 0.99
+        assert (same | np.isneginf(single_scans)).mean() > 0.99
 
 
 def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(
@@ -113,10 +114,8 @@ def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(
     simulator = simulators(walled_world, config, START, 0)
     for _ in range(40):
         sensors = simulator.step(Velocity2D(0.0, 1.0))
-    now, poses = (
-        sensors.truth.pose,
-        simulator.motion.poses_at(simulator.stamp_ns - simulator.lidar.ages_ns),
-    )
+    now = sensors.truth.pose
+    poses = simulator.motion.poses_at(simulator.stamp_ns - simulator.lidar.ages_ns)
     turn_s = 1.5 * math.pi / (2.0 * math.pi * 5.0)
     assert wrap_angle(now.yaw - poses[0, 2]) == pytest.approx(
         sensors.truth.velocity.angular * turn_s, rel=0.02
@@ -157,14 +156,15 @@ def test_scans_come_with_readings_rounded_up_to_whole_control_periods(rate_hz, s
     assert SimulatorConfig(lidar=LidarConfig(rate_hz=rate_hz)).scan_steps == steps
 
 
-def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, clients):
+def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, scenes):
     config = replace(
         SimulatorConfig(),
         odometry=OdometryConfig(yaw_noise_rad=0.0, gyro_bias_rad_s=0.02),
     )
-    rates, drifts = [], []
+    rates = []
+    drifts = []
     for seed in range(150):
-        simulator = Simulator(empty_world, config, START, seed, clients[0])
+        simulator = Simulator(empty_world, config, START, seed, scenes)
         for _ in range(20):
             simulator.step(None)
         sensors = simulator.sense()
@@ -175,25 +175,25 @@ def test_a_gyro_makes_the_heading_drift_as_far_as_it_is_biased(empty_world, clie
     assert abs(np.mean(drifts)) < 4.0 * 0.02 / math.sqrt(150)
 
 
-def test_wheels_of_another_radius_than_is_thought_misread_the_way(empty_world, clients):
+def test_wheels_of_another_radius_than_is_thought_misread_the_way(empty_world, scenes):
     config = replace(
         SimulatorConfig(),
         odometry=OdometryConfig(yaw_noise_rad=0.0, wheel_radius_error=0.02),
     )
     shares = []
     for seed in range(150):
-        found = []
+        readings_by_error = []
         for odometry in (
             config.odometry,
             replace(config.odometry, wheel_radius_error=0.0),
         ):
             simulator = Simulator(
-                empty_world, replace(config, odometry=odometry), START, seed, clients[0]
+                empty_world, replace(config, odometry=odometry), START, seed, scenes
             )
             for _ in range(15):
                 sensors = simulator.step(Velocity2D(0.5, 0.0))
-            found.append(sensors.odometry.pose.x)
-        shares.append(found[0] / found[1] - 1.0)
+            readings_by_error.append(sensors.odometry.pose.x)
+        shares.append(readings_by_error[0] / readings_by_error[1] - 1.0)
     assert np.std(shares) == pytest.approx(0.02, rel=0.2)
     assert abs(np.mean(shares)) < 4.0 * 0.02 / math.sqrt(150)
 
@@ -223,7 +223,7 @@ def test_the_same_seed_gives_the_same_errors_another_seed_others(walled_world):
         readings = readings_of(
             Simulator(walled_world, config, START, seed), [Velocity2D(0.3, 0.4)] * 9
         )
-        return np.array([one.scan.ranges for one in readings])
+        return np.array([reading.scan.ranges for reading in readings])
 
     assert np.array_equal(ranges(1), ranges(1))
     assert not np.array_equal(ranges(1), ranges(2))

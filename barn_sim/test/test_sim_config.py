@@ -79,7 +79,8 @@ def test_the_body_is_that_of_the_jackal() -> None:
 
 
 def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -> None:
-    chassis, wheel = 16.523, 0.477
+    chassis = 16.523
+    wheel = 0.477
     height = (chassis * 0.067 + 4 * wheel * 0.0345) / MODEL.mass_kg
     forward = chassis * 0.012 / MODEL.mass_kg
     assert MODEL.center_of_mass[2] == pytest.approx(height)

@@ -14,11 +14,9 @@ from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, ODOM, SCAN, Frames
 
 STAMP = 3_500_000_000
-BELIEVED, MEASURED, TRUE = (
-    Pose2D(1.0, 2.0, 0.7),
-    Pose2D(0.4, -0.1, -0.5),
-    Pose2D(1.1, 2.1, 0.75),
-)
+BELIEVED = Pose2D(1.0, 2.0, 0.7)
+MEASURED = Pose2D(0.4, -0.1, -0.5)
+TRUE = Pose2D(1.1, 2.1, 0.75)
 SENSORS = Sensors(
     stamp_ns=500_000_000,
     odometry=Odometry(500_000_000, MEASURED, Velocity2D(0.5, 0.1)),
@@ -58,10 +56,8 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
     ):
         assert decode.header(data[path]) == (STAMP, frame)
     assert deserialize(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
-    odometry, truth = (
-        decode.odometry(data["/odom"]),
-        decode.odometry(data["/ground_truth/odom"]),
-    )
+    odometry = decode.odometry(data["/odom"])
+    truth = decode.odometry(data["/ground_truth/odom"])
     assert (odometry.pose, odometry.velocity) == (
         MEASURED.through_quaternion(),
         Velocity2D(0.5, 0.1),
@@ -92,7 +88,9 @@ def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisation
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
     messages.localization(BELIEVED, MEASURED, STAMP)
     _, data = messages.transforms(MEASURED @ since, STAMP)
-    assert [(one.parent, one.child) for one in decode.transforms(data)] == [
+    assert [
+        (transform.parent, transform.child) for transform in decode.transforms(data)
+    ] == [
         ("world", "odom"),
         ("odom", "base_link"),
     ]
@@ -106,8 +104,8 @@ def test_before_the_first_instant_the_transforms_are_those_of_the_start():
         _, data = messages.last_transforms(stamp_ns)
         assert numbers(whole(data)) == pytest.approx(numbers(start))
         stamps = {
-            one.header.stamp.sec
-            for one in deserialize(data, "tf2_msgs/msg/TFMessage").transforms
+            transform.header.stamp.sec
+            for transform in deserialize(data, "tf2_msgs/msg/TFMessage").transforms
         }
         assert stamps == {stamp_ns // 10**9}
 
@@ -121,13 +119,14 @@ def test_what_stands_still_is_told_once():
     assert (description.path, fixed.path) == ("/robot_description", "/tf_static")
     assert 'xyz="0.12 0 0.3"' in decode.text(text)
     transforms = {
-        one.child_frame_id: one for one in deserialize(data, fixed.type_name).transforms
+        transform.child_frame_id: transform
+        for transform in deserialize(data, fixed.type_name).transforms
     }
     where = transforms["laser"].transform.translation
     assert (where.x, where.y, where.z) == (0.12, 0.0, 0.3)
     assert "base_footprint" in transforms and "lidar_link" not in transforms
-    assert {one.header.frame_id for one in transforms.values()} == {"robot"}
-    assert {one.header.stamp.sec for one in transforms.values()} == {0}
+    assert {transform.header.frame_id for transform in transforms.values()} == {"robot"}
+    assert {transform.header.stamp.sec for transform in transforms.values()} == {0}
 
 
 def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():

@@ -20,7 +20,7 @@ from barn_sim.config import (
     PhysicsConfig,
     SimulatorConfig,
 )
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
@@ -70,7 +70,7 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
 ) -> None:
     """Whatever was in the client, bodies that had been pushed over and a robot in motion included."""
     fresh = drive(walled_world, CONFIGS[name], AT_THE_WALL)
-    client = PhysicsClient()
+    scenes = ScenePool()
     for world, config, start in (
         (walled_world, CONFIGS["paper"], AT_THE_WALL),
         (empty_world, CONFIGS["static"], START),
@@ -81,12 +81,12 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
         ),
         (walled_world, CONFIGS[name], AT_THE_WALL),
     ):
-        simulator = Simulator(world, config, start, 0, client)
+        simulator = Simulator(world, config, start, 0, scenes)
         again = readings_of(simulator, commands(60))
     for world, start in ((empty_world, START), (walled_world, AT_THE_WALL)):
         simulator.begin(world, start, 0)
         anew = readings_of(simulator, commands(60))
-    client.close()
+    scenes.close()
     assert any(sensors.collision for sensors in fresh)
     assert fingerprint(fresh) == fingerprint(again) == fingerprint(anew)
 
@@ -100,7 +100,7 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )
     command = [sys.executable, "-c", script, tmp_path / "world.npz"]
-    there = subprocess.run(
+    other_fingerprint = subprocess.run(
         command,
         cwd=Path(__file__).parent,
         check=True,
@@ -108,17 +108,15 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         text=True,
         timeout=600,
     )
-    here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
+    fingerprint_here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
     assert (
-        there.stdout == f"{here}\n"
+        other_fingerprint.stdout == f"{fingerprint_here}\n"
     )  # and nothing else: PyBullet's banner is kept out of standard output
 
 
 def test_seeds_differ(empty_world) -> None:
-    first, second = (
-        drive(empty_world, seed=1, steps=1),
-        drive(empty_world, seed=2, steps=1),
-    )
+    first = drive(empty_world, seed=1, steps=1)
+    second = drive(empty_world, seed=2, steps=1)
     assert (first[0].scan.ranges != second[0].scan.ranges).any()
     assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
 
@@ -198,7 +196,8 @@ def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
 
 def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:
     last = drive(empty_world, steps=80)[-1]
-    measured, true = START @ last.odometry.pose, last.truth.pose
+    measured = START @ last.odometry.pose
+    true = last.truth.pose
     assert 0.001 < measured.distance(true) < 0.3
     assert abs(math.remainder(measured.yaw - true.yaw, 2 * math.pi)) < 0.025
 
@@ -278,17 +277,16 @@ def test_closing_twice_does_nothing(empty_world) -> None:
     successor.close()
 
 
-def test_clients_are_given_back(empty_world) -> None:
+def test_clients_are_given_back(walled_world) -> None:
     """PyBullet has room for a limited number of them in a process."""
     clients = set()
     for _ in range(10):
-        simulator = Simulator(
-            empty_world, SimulatorConfig(), START, 0, free_motion=False
-        )
-        simulator.step(STOP)
-        clients.add(simulator.motion._body.client)
+        simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+        while not simulator.motion.is_in_contact:
+            simulator.step(Velocity2D(0.5, 0.0))
+        clients.add(simulator.motion._scene.client)
         simulator.close()
-    assert len(clients) == 1 and clients != {-1}
+    assert len(clients) == 1
 
 
 @pytest.mark.parametrize("mode", ["exact", "amcl"])

@@ -46,12 +46,14 @@ class Clocked:
 def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
     rng = np.random.default_rng(seed)
     config = DriveConfig(command_timeout_s=(0.25, 0.5)[seed % 2])
-    robot, speed, turn, target, since = Clocked(config), 0.0, 0.0, (0.0, 0.0), 0
+    robot = Clocked(config)
+    speed = 0.0
+    turn = 0.0
+    target = (0.0, 0.0)
+    since = 0
     sent: list[tuple[int, tuple[float, float]]] = []
-    latency, timeout = (
-        nanoseconds(config.command_latency_s),
-        nanoseconds(config.command_timeout_s),
-    )
+    latency = nanoseconds(config.command_latency_s)
+    timeout = nanoseconds(config.command_timeout_s)
     for _ in range(1500):
         if rng.random() < 0.01:
             sent.append(
@@ -63,7 +65,8 @@ def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
             robot.command(*sent[-1][1])
         for due, command in sent:
             if since < due <= robot.now_ns:
-                since, target = due, command
+                since = due
+                target = command
         target = (0.0, 0.0) if robot.now_ns - since >= timeout else target
         speed += float(
             np.clip(
@@ -118,11 +121,9 @@ class Measured(FusedOdometry):
         super().__init__(config, np.random.default_rng(0), start_yaw, fleet, 0)
 
     def advance(self, left: float, right: float, yaw: float) -> None:
-        self.robots["left_m_s"], self.robots["right_m_s"], self.robots["yaw"] = (
-            left,
-            right,
-            yaw,
-        )
+        self.robots["left_m_s"] = left
+        self.robots["right_m_s"] = right
+        self.robots["yaw"] = yaw
         integrate(self.robots)
 
 
@@ -135,7 +136,8 @@ def test_starts_at_zero_whatever_the_start_pose() -> None:
 
 
 def test_integrates_the_wheels_along_the_yaw() -> None:
-    odometry, yaw = Measured(EXACT, start_yaw=1.0), 1.0
+    odometry = Measured(EXACT, start_yaw=1.0)
+    yaw = 1.0
     for _ in range(2000):  # a circle of radius 0.5 m, once around in 10 s
         yaw += TICK_S * 2.0 * math.pi / 10.0
         speed = 2.0 * math.pi / 10.0 * 0.5
@@ -150,7 +152,8 @@ def test_integrates_the_wheels_along_the_yaw() -> None:
 
 def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
     fused = Measured(OdometryConfig())
-    yaws, rates = [], []
+    yaws = []
+    rates = []
     for number in range(5000):
         fused.update(number)
         reading = fused.read(0)

@@ -77,7 +77,7 @@ def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
     world = opened(written(tmp_path, grid))
     away = np.abs(
         world.cylinders_m[:, None]
-        - [(one.x, one.y) for one in (world.start, world.goal)]
+        - [(pose.x, pose.y) for pose in (world.start, world.goal)]
     )
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
     assert 10.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
@@ -104,9 +104,9 @@ def test_start_and_goal_stay_with_a_world_in_every_format(tmp_path):
         world.occupancy_map(), tmp_path / "again_0.yaml", course=world.course_numbers
     )
     for name in ("set.npz", "world_0.world.yaml", "again_0.yaml"):
-        found = opened(tmp_path / name)
-        assert found.checksum == world.checksum
-        assert (found.start, found.goal) == (world.start, world.goal)
+        dataset = opened(tmp_path / name)
+        assert dataset.checksum == world.checksum
+        assert (dataset.start, dataset.goal) == (world.start, world.goal)
 
 
 @pytest.mark.parametrize("flavour", ["classic", "gz"])
@@ -116,7 +116,7 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
     world = fit_to_robot(world, STANDARD_ROBOT, course)
     write_sdf(world, tmp_path / "w_0.world", flavour)
     assert opened(tmp_path / "w_0.world").course_numbers == course
-    own = opened(
+    copy = opened(
         written(
             tmp_path,
             np.kron(hall(), np.ones((3, 3), bool))[:, ::3],
@@ -128,10 +128,10 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
             0.0,
         )
     )
-    write_sdf(own, tmp_path / "h_0.world", flavour)
+    write_sdf(copy, tmp_path / "h_0.world", flavour)
     again = opened(tmp_path / "h_0.world")
-    assert (again.grid == own.grid).all() and np.allclose(
-        again.bounds_m + again.course_numbers, own.bounds_m + own.course_numbers
+    assert (again.grid == copy.grid).all() and np.allclose(
+        again.bounds_m + again.course_numbers, copy.bounds_m + copy.course_numbers
     )
     text = (
         (tmp_path / "w_0.world")
@@ -144,7 +144,8 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
 
 
 def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
-    path, husky = written(tmp_path, hall()), load_robot("husky")
+    path = written(tmp_path, hall())
+    husky = load_robot("husky")
     world = opened(path)
     driven = fit_to_robot(world, husky)
     assert (

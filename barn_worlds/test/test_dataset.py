@@ -25,10 +25,10 @@ from barn_worlds.robots.files import ROBOTS
 @pytest.fixture(scope="module")
 def worlds():
     """Three worlds by number."""
-    made = generate_dataset(
+    dataset = generate_dataset(
         DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5])
     )
-    return dict(zip((0, 6, 120), made, strict=True))
+    return dict(zip((0, 6, 120), dataset, strict=True))
 
 
 @pytest.fixture
@@ -77,10 +77,8 @@ def test_the_originals_written_again_are_the_originals(original_folder, tmp_path
     for index in some:
         for kind in ("grid", "cspace", "path"):
             name = f"{kind}_files/{kind}_{index}.npy"
-            written, published = (
-                np.load(tmp_path / "again" / name),
-                np.load(original_folder / name),
-            )
+            written = np.load(tmp_path / "again" / name)
+            published = np.load(original_folder / name)
             assert written.dtype == published.dtype
             assert np.array_equal(written, published)
 
@@ -222,7 +220,7 @@ SIXTH = tuple(range(0, 300, 6))
 
 
 @pytest.mark.parametrize(
-    ("spec", "indices", "chosen"),
+    ("spec", "indices", "selection"),
     [
         ("0", range(300), [0]),
         ("0-3", range(300), [0, 1, 2, 3]),
@@ -235,8 +233,8 @@ SIXTH = tuple(range(0, 300, 6))
         ("0:999999999", SIXTH, list(SIXTH)),
     ],
 )
-def test_choices(spec, indices, chosen):
-    assert select_worlds(spec, indices) == chosen
+def test_choices(spec, indices, selection):
+    assert select_worlds(spec, indices) == selection
 
 
 @pytest.mark.parametrize(
@@ -274,12 +272,12 @@ def test_a_range_beyond_a_set_without_gaps_is_refused(spec, missing):
 @given(st.text(max_size=30))
 def test_any_text_either_chooses_or_is_refused(spec):
     try:
-        chosen = select_worlds(spec, SIXTH)
+        selection = select_worlds(spec, SIXTH)
     except WorldError:
         return
-    assert chosen
-    assert len(set(chosen)) == len(chosen)
-    assert set(chosen) <= set(SIXTH)
+    assert selection
+    assert len(set(selection)) == len(selection)
+    assert set(selection) <= set(SIXTH)
 
 
 def test_no_worlds_no_choice():

@@ -34,23 +34,25 @@ def world():
     return build_arena("arena", MOVING)
 
 
-@pytest.mark.parametrize("one", MOVING, ids=lambda one: one.name)
-def test_the_trajectories_of_an_actor_go_as_the_obstacle_does(one):
+@pytest.mark.parametrize("obstacle", MOVING, ids=lambda obstacle: obstacle.name)
+def test_the_trajectories_of_an_actor_go_as_the_obstacle_does(obstacle):
     """Gazebo joins waypoints by the spline of motions of the kind `gazebo`; trajectories follow each other."""
-    parts, end_s, largest_m = trajectories(one), 0.0, 0.0
-    assert sum(part[-1][0] for part in parts) == pytest.approx(one.motion.period_s)
+    parts = trajectories(obstacle)
+    end_s = 0.0
+    largest_m = 0.0
+    assert sum(part[-1][0] for part in parts) == pytest.approx(obstacle.motion.period_s)
     for part in parts:
         spline = MovingObstacle(
             "part", radius_m=1.0, motion=Motion("gazebo", part[-1][0], tuple(part))
         )
         times_s = np.linspace(0.0, part[-1][0], 500)[:-1]
-        there, _ = Tracks([one]).over(times_s + end_s)
+        positions, _ = Tracks([obstacle]).over(times_s + end_s)
         largest_m = max(
-            largest_m, np.abs(Tracks([spline]).over(times_s)[0] - there).max()
+            largest_m, np.abs(Tracks([spline]).over(times_s)[0] - positions).max()
         )
         end_s += part[-1][0]
-    assert largest_m < (1e-9 if one.name == "as <it> is" else 0.03)
-    assert len(parts) == (2 if one.phase_s else 1)
+    assert largest_m < (1e-9 if obstacle.name == "as <it> is" else 0.03)
+    assert len(parts) == (2 if obstacle.phase_s else 1)
 
 
 @pytest.mark.parametrize("flavour", ["gz", "classic"])
@@ -59,15 +61,15 @@ def test_sdf_has_walls_and_an_actor_for_each_moving_obstacle(world, flavour):
     names = [model.get("name") for model in root.findall("model")]
     assert names == ["ground_plane", "wall_0", "wall_1", "wall_2"]
     assert [actor.get("name") for actor in root.findall("actor")] == [
-        one.name for one in MOVING
+        item.name for item in MOVING
     ]
     actor = root.find("actor")
     waypoints = actor.findall("script/trajectory/waypoint")
-    told = [
-        (float(one.findtext("time")), *map(float, one.findtext("pose").split()[:2]))
-        for one in waypoints
+    waypoint_poses = [
+        (float(item.findtext("time")), *map(float, item.findtext("pose").split()[:2]))
+        for item in waypoints
     ]
-    assert tuple(told) == KEYS
+    assert tuple(waypoint_poses) == KEYS
     assert actor.findtext("script/loop") == "true"
     if flavour == "gz":
         assert actor.findtext("skin/filename") == "cylinder_0.5_1.obj"
@@ -83,9 +85,9 @@ def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
     assert names == {file.name for file in tmp_path.glob("*.obj")}
 
 
-@pytest.mark.parametrize("one", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
-def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
-    lines = [line.split() for line in obj_mesh(one).splitlines()]
+@pytest.mark.parametrize("obstacle", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
+def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(obstacle):
+    lines = [line.split() for line in obj_mesh(obstacle).splitlines()]
     points = np.array(
         [[float(word) for word in line[1:]] for line in lines if line[0] == "v"]
     )
@@ -98,10 +100,10 @@ def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
         for k in range(1, len(face) - 1)
     )
     assert volume == pytest.approx(
-        np.pi * 0.25 if one.shape == "cylinder" else 2.0, rel=0.01
+        np.pi * 0.25 if obstacle.shape == "cylinder" else 2.0, rel=0.01
     )
     assert np.ptp(points, axis=0) == pytest.approx(
-        [1.0, 1.0, 1.0] if one.shape == "cylinder" else [1.0, 2.0, 1.0]
+        [1.0, 1.0, 1.0] if obstacle.shape == "cylinder" else [1.0, 2.0, 1.0]
     )
 
 
@@ -122,12 +124,13 @@ def test_an_animation_shows_obstacles_that_move(tmp_path):
         "one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))]
     )
     write_animation(world, tmp_path / "one.gif")
-    image, places = Image.open(tmp_path / "one.gif"), []
+    image = Image.open(tmp_path / "one.gif")
+    places = []
     assert image.n_frames == 120
     for frame in (0, 16):
         image.seek(frame)
-        found = coloured(image, (0xC7, 0x7E, 0xA9))
-        places.append(np.median(found, axis=0))
+        pixels = coloured(image, (0xC7, 0x7E, 0xA9))
+        places.append(np.median(pixels, axis=0))
     metres_per_pixel = 8.0 / (places[1][0] - places[0][0])  # from x = -8 m to x = 0
     assert 0.03 < metres_per_pixel < 0.09
     assert abs(places[1][1] - places[0][1]) < 3
@@ -138,13 +141,15 @@ def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_pat
     assert len(coloured(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
     sheet = sheet_figure({0: world, 1: small_world})
     (axes,) = sheet.axes
-    found = [
+    collections = [
         0.5 * (path.vertices.min(axis=0) + path.vertices.max(axis=0))
-        for one in axes.collections
-        for path in one.get_paths()
+        for collection in axes.collections
+        for path in collection.get_paths()
     ]
     places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [
         -0.5,
         5.5,
     ]  # cells from the corner
-    assert all(np.hypot(*(np.array(found) - place).T).min() < 0.1 for place in places)
+    assert all(
+        np.hypot(*(np.array(collections) - place).T).min() < 0.1 for place in places
+    )

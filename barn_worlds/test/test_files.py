@@ -33,7 +33,8 @@ from barn_worlds.base.text_files import (
 
 
 def test_sizes_are_bounded_packed_and_unpacked(tmp_path):
-    plain, bomb = tmp_path / "plain", tmp_path / "bomb.gz"
+    plain = tmp_path / "plain"
+    bomb = tmp_path / "bomb.gz"
     plain.write_bytes(b"x" * 101)
     bomb.write_bytes(gzip.compress(bytes(50_000_000)))
     with pytest.raises(

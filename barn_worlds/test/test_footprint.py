@@ -41,13 +41,16 @@ def boundary(outline, count=4000):
 def inside(outline, point):
     if outline.radius_m:
         return math.hypot(*point) < outline.radius_m
-    corners, after = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
-    sides, away = after - corners, np.asarray(point) - corners
+    corners = outline.corners_m
+    after = np.roll(outline.corners_m, -1, axis=0)
+    sides = after - corners
+    away = np.asarray(point) - corners
     return bool((sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all())
 
 
 def test_distances_of_points_are_those_to_the_nearest_point_of_the_edge(outline):
-    edge, rng = boundary(outline), np.random.default_rng(0)
+    edge = boundary(outline)
+    rng = np.random.default_rng(0)
     points = rng.uniform(-0.9, 0.9, (200, 2)).tolist()
     for x, y in points:
         distance = np.hypot(*(edge - (x, y)).T).min() * (
@@ -88,17 +91,19 @@ def points_of(shape):
 
 def test_gaps_are_those_of_a_search(outline):
     shapes = some_shapes(np.random.default_rng(1))
-    x, y, yaw = 0.2, -0.1, 0.8
-    found = outline.gaps(shapes, x, y, yaw)
+    x = 0.2
+    y = -0.1
+    yaw = 0.8
+    gaps = outline.gaps(shapes, x, y, yaw)
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    for gap, shape in zip(found, shapes, strict=True):
+    for gap, shape in zip(gaps, shapes, strict=True):
         local = (points_of(shape) - (x, y)) @ turn
         expected = max(
             0.0, float(outline.distances(local[:, 0].copy(), local[:, 1].copy()).min())
         )
         assert gap == pytest.approx(expected, abs=0.02)
-    assert (found == 0.0).any()
-    assert (found > 0.5).any()
+    assert (gaps == 0.0).any()
+    assert (gaps > 0.5).any()
 
 
 @pytest.mark.parametrize(("yaw", "speed"), [(0.8, 0.4), (-0.7, 1.5), (2.0, -0.8)])
@@ -111,14 +116,15 @@ def test_times_to_contact_are_those_of_a_search(outline, yaw, speed):
         shapes[:, 2] > 0.0, shapes[:, 2], np.hypot(shapes[:, 3], shapes[:, 4])
     )
     discs[:, 3:5] = 0.0
-    x, y = 0.2, -0.1
-    found = outline.times_to_contact(shapes, velocities, x, y, yaw, speed)
+    x = 0.2
+    y = -0.1
+    times = outline.times_to_contact(shapes, velocities, x, y, yaw, speed)
 
     def gaps(time_s):
-        there = discs.copy()
-        there[:, :2] += time_s * velocities
+        later_discs = discs.copy()
+        later_discs[:, :2] += time_s * velocities
         return outline.gaps(
-            there,
+            later_discs,
             x + time_s * speed * math.cos(yaw),
             y + time_s * speed * math.sin(yaw),
             yaw,
@@ -127,12 +133,12 @@ def test_times_to_contact_are_those_of_a_search(outline, yaw, speed):
     expected = np.full(40, math.inf)
     for time_s in np.arange(0.0, 4.0, 0.005)[::-1]:  # the first contact is written last
         expected[gaps(time_s) == 0.0] = time_s
-    within = np.isfinite(expected) | (found < 3.9)
-    assert found[within] == pytest.approx(expected[within], abs=0.02)
-    assert max(gaps(found[i])[i] for i in np.flatnonzero(np.isfinite(found))) < 1e-6
-    assert (found <= expected + 1e-9).all()
-    assert np.isfinite(found).sum() > 5
-    assert np.isinf(found).any()
+    within = np.isfinite(expected) | (times < 3.9)
+    assert times[within] == pytest.approx(expected[within], abs=0.02)
+    assert max(gaps(times[i])[i] for i in np.flatnonzero(np.isfinite(times))) < 1e-6
+    assert (times <= expected + 1e-9).all()
+    assert np.isfinite(times).sum() > 5
+    assert np.isinf(times).any()
 
 
 def test_what_can_touch_of_robots():

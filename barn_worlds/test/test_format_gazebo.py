@@ -56,9 +56,9 @@ def test_grids_from_the_original_files_equal_the_original_grids(original_folder)
 
 @given(GRIDS)
 def test_filling_is_consistent_with_what_is_shown(grid):
-    shown = grid & ~geometry.hollow_cells(grid)
-    filled = fill_hollow(shown)
-    assert (filled & ~geometry.hollow_cells(filled)).tolist() == shown.tolist()
+    hull = grid & ~geometry.hollow_cells(grid)
+    filled = fill_hollow(hull)
+    assert (filled & ~geometry.hollow_cells(filled)).tolist() == hull.tolist()
     assert (filled >= grid).all()  # what was left out is always filled again
 
 

@@ -78,10 +78,8 @@ def test_worlds_come_back_from_their_maps(historical, grid):
 
 
 def test_original_maps_give_the_original_grids(original_folder):
-    worlds, maps = (
-        open_dataset(original_folder),
-        open_dataset(original_folder / "map_files"),
-    )
+    worlds = open_dataset(original_folder)
+    maps = open_dataset(original_folder / "map_files")
     assert maps.world_numbers == worlds.world_numbers
     assert all(
         maps.load(index).checksum == worlds.load(index).checksum
@@ -91,7 +89,8 @@ def test_original_maps_give_the_original_grids(original_folder):
 
 def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
     data = np.zeros((20, 30), np.int8)
-    data[[0, -1]], data[3, :4] = 100, -1
+    data[[0, -1]] = 100
+    data[3, :4] = -1
     write_map(OccupancyMap(data, 0.15, 3.0, 4.0), tmp_path / "room.yaml")
     world = read_world(tmp_path / "room.yaml")
     assert np.array_equal(world.grid, data.T != 0)

@@ -76,12 +76,13 @@ def test_malformed_arrays_are_refused_at_once(content, message, refused):
 
 @st.composite
 def worlds(draw):
-    rows, cols = draw(st.integers(1, 12)), draw(st.integers(1, 12))
+    rows = draw(st.integers(1, 12))
+    cols = draw(st.integers(1, 12))
     grid = draw(npst.arrays(bool, (rows, cols)))
     row = draw(st.integers(0, rows - 1))
     grid[row] = False
     path = np.stack([np.full(cols, row), np.arange(cols)], axis=1)
-    about = Provenance(
+    provenance = Provenance(
         "generated", parameters={"initial_fill": draw(st.floats(0, 1))}, seed=(1, 2, 3)
     )
     return World(
@@ -90,7 +91,7 @@ def worlds(draw):
         path,
         draw(st.sampled_from([0.05, 0.15])),
         draw(st.sampled_from([1, 5])),
-        about,
+        provenance,
     )
 
 
@@ -112,7 +113,7 @@ def test_own_files_come_back(tmp_path_factory, numbered):
 
 
 @pytest.fixture
-def own_file(tmp_path, small_world):
+def npz_file(tmp_path, small_world):
     path = tmp_path / "set.npz"
     write_dataset_file(path, "set", {3: small_world})
     return path
@@ -156,18 +157,18 @@ def own_file(tmp_path, small_world):
         ),
     ],
 )
-def test_malformed_own_files_are_refused(own_file, change, message, refused):
-    repack(own_file, change)
-    with refused(WorldError, f"^{own_file}.*{message}"):
-        open_dataset(own_file).load(3)
+def test_malformed_own_files_are_refused(npz_file, change, message, refused):
+    repack(npz_file, change)
+    with refused(WorldError, f"^{npz_file}.*{message}"):
+        open_dataset(npz_file).load(3)
 
 
-def test_a_zip_bomb_is_refused_before_it_is_unpacked(own_file, monkeypatch):
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(npz_file, monkeypatch):
     monkeypatch.setattr(
         "barn_worlds.formats.dataset_file.FORMAT",
         replace(dataset_file.FORMAT, largest=1_000_000),
     )
-    repack(own_file, {"grid.npy": bytes(1_000_000)})
+    repack(npz_file, {"grid.npy": bytes(1_000_000)})
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(WorldError, match="unpacks to more than the allowed"):
-        read_dataset_file(own_file)
+        read_dataset_file(npz_file)

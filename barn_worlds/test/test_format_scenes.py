@@ -40,7 +40,8 @@ MOVING = (
 @pytest.fixture
 def scenes(small_world):
     """An arena, a static world, and one with walls and motion, by number."""
-    grid, path = small_world.grid, small_world.path
+    grid = small_world.grid
+    path = small_world.path
     turning = np.array([[6, 0], [6, 1], [6, 1], [5, 2], [4, 3], [4, 3], [4, 3]])
     return {
         0: build_arena("arena", MOVING[:2]),
@@ -59,28 +60,28 @@ def scenes(small_world):
 
 
 @pytest.fixture
-def own_file(scenes, tmp_path):
+def dataset_file(scenes, tmp_path):
     """A data set file of them."""
     write_dataset_file(tmp_path / "scenes.npz", "scenes", scenes)
     return tmp_path / "scenes.npz"
 
 
-def assert_same(found, world):
-    assert found.checksum == world.checksum
+def assert_same(copy, world):
+    assert copy.checksum == world.checksum
     for part in ("name", "walls", "moving", "corner_m"):
-        assert getattr(found, part) == getattr(world, part)
-    assert np.array_equal(found.path, world.path) and np.array_equal(
-        found.grid, world.grid
+        assert getattr(copy, part) == getattr(world, part)
+    assert np.array_equal(copy.path, world.path) and np.array_equal(
+        copy.grid, world.grid
     )
 
 
-def test_worlds_with_motion_come_back_from_a_data_set_file(own_file, scenes):
-    dataset = open_dataset(own_file)
+def test_worlds_with_motion_come_back_from_a_data_set_file(dataset_file, scenes):
+    dataset = open_dataset(dataset_file)
     assert dataset.world_numbers == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
     assert (
-        len(read_dataset_file(own_file).arrays["motion_kind"]) == 3
+        len(read_dataset_file(dataset_file).arrays["motion_kind"]) == 3
     )  # equal motions are stored once
 
 
@@ -132,9 +133,9 @@ def test_dynabarn60_is_what_was_published():
     assert (
         len(
             {
-                one
+                obstacle
                 for index in dataset.world_numbers
-                for one in dataset.load(index).moving
+                for obstacle in dataset.load(index).moving
             }
         )
         == 469
@@ -228,11 +229,11 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refuse
     ],
 )
 def test_malformed_motion_in_a_data_set_file_is_one_clear_line(
-    own_file, name, array, message, refused
+    dataset_file, name, array, message, refused
 ):
-    repack(own_file, {f"{name}.npy": encode_npy(array)})
+    repack(dataset_file, {f"{name}.npy": encode_npy(array)})
     with refused(BarnError, re.escape(message)):
-        dataset = open_dataset(own_file)
+        dataset = open_dataset(dataset_file)
         for index in dataset.world_numbers:
             dataset.load(index)
 
@@ -244,10 +245,10 @@ def test_the_example_of_the_page_is_a_world(tmp_path):
     (example,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", page.read_text("utf-8"))
     (tmp_path / "example.world.yaml").write_text(example)
     world = open_dataset(tmp_path / "example.world.yaml").load(0)
-    assert [one.name for one in world.moving] == ["person", "cart"]
+    assert [obstacle.name for obstacle in world.moving] == ["person", "cart"]
     assert (len(world.walls), world.path_length_m) == (1, 20.0)
     (tmp_path / "wrong.world.yaml").write_text(example.replace("[20, 0.0", "[9, 0.0"))
     with pytest.raises(BarnError) as caught:
         open_dataset(tmp_path / "wrong.world.yaml").load(0)
-    told = str(caught.value).removeprefix(f"{tmp_path / 'wrong.world.yaml'}: ")
-    assert told in page.read_text("utf-8")
+    message = str(caught.value).removeprefix(f"{tmp_path / 'wrong.world.yaml'}: ")
+    assert message in page.read_text("utf-8")

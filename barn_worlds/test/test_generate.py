@@ -78,9 +78,9 @@ def test_a_world_does_not_depend_on_how_many_others_there_are():
 
 
 def test_progress_is_reported_after_each_world():
-    told = []
-    generate_dataset(SMALL, lambda done, total: told.append((done, total)))
-    assert told == [(k, 8) for k in range(1, 9)]
+    reports = []
+    generate_dataset(SMALL, lambda done, total: reports.append((done, total)))
+    assert reports == [(k, 8) for k in range(1, 9)]
 
 
 def test_a_world_nobody_can_pass_ends_with_an_error():
@@ -143,17 +143,19 @@ def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):
 
 def test_the_shipped_data_set_is_what_its_command_makes(tmp_path):
     write_dataset(tmp_path / "barn300.npz")
-    made, there = open_dataset(tmp_path / "barn300.npz"), open_dataset("barn300")
-    assert there.world_numbers == tuple(range(300))
-    if there.manifest["order"]["by"] == made.manifest["order"]["by"]:
-        assert made.checksum == there.checksum
-    assert {made.load(k).checksum for k in made.world_numbers} == {
-        there.load(k).checksum for k in there.world_numbers
+    copy = open_dataset(tmp_path / "barn300.npz")
+    shipped = open_dataset("barn300")
+    assert shipped.world_numbers == tuple(range(300))
+    if shipped.manifest["order"]["by"] == copy.manifest["order"]["by"]:
+        assert copy.checksum == shipped.checksum
+    assert {copy.load(k).checksum for k in copy.world_numbers} == {
+        shipped.load(k).checksum for k in shipped.world_numbers
     }
 
 
 def test_the_shipped_manifest_says_what_is_inside():
-    dataset, file = open_dataset("barn300"), dataset_files()["barn300"]
+    dataset = open_dataset("barn300")
+    file = dataset_files()["barn300"]
     assert (
         json.loads(file.with_suffix(".manifest.json").read_text()) == dataset.manifest
     )

@@ -34,22 +34,20 @@ def test_arenas_have_as_many_obstacles_as_their_class_and_no_motion_twice(arenas
     )
     assert len(set(counts)) > 2
     for world in worlds:
-        assert len({one.motion for one in world.moving}) == len(world.moving)
+        assert len({obstacle.motion for obstacle in world.moving}) == len(world.moving)
 
 
 def test_motions_go_from_border_to_border_of_the_arena_at_speeds_of_the_grid(arenas):
     parameters, worlds = arenas
-    for one in {one for world in worlds for one in world.moving}:
-        keys = np.array(one.motion.keys)
+    for obstacle in {obstacle for world in worlds for obstacle in world.moving}:
+        keys = np.array(obstacle.motion.keys)
         assert (
             np.abs(keys[:, 1:]).max() <= 10.0
             and keys[0, 0] == 0.0
-            and keys[-1, 0] == one.motion.period_s
+            and keys[-1, 0] == obstacle.motion.period_s
         )
-        lengths, durations = (
-            np.hypot(*np.diff(keys[:, 1:], axis=0).T),
-            np.diff(keys[:, 0]),
-        )
+        lengths = np.hypot(*np.diff(keys[:, 1:], axis=0).T)
+        durations = np.diff(keys[:, 0])
         grid = np.round(lengths / durations / 0.1) * 0.1
         assert (np.abs(lengths - grid * durations) < 0.02 + 0.01 * grid)[
             durations > 0.2
@@ -61,9 +59,9 @@ def test_motions_go_from_border_to_border_of_the_arena_at_speeds_of_the_grid(are
 def test_motions_go_both_ways(arenas):
     _, worlds = arenas
     ways = [
-        one.motion.keys[-1][1] > one.motion.keys[0][1]
+        obstacle.motion.keys[-1][1] > obstacle.motion.keys[0][1]
         for world in worlds
-        for one in world.moving
+        for obstacle in world.moving
     ]
     assert 0.2 < np.mean(ways) < 0.8
 
@@ -81,13 +79,13 @@ def test_a_world_depends_on_its_seed_and_number_alone(arenas):
 
 def test_motion_is_added_to_the_field_of_a_static_world():
     world = open_dataset("barn300").load(100)
-    made = add_motion(world, motion_class("easy"), seed=1, obstacles=4)
+    moving_world = add_motion(world, motion_class("easy"), seed=1, obstacles=4)
     assert (
-        len(made.moving) == 4
-        and np.array_equal(made.grid, world.grid)
-        and np.array_equal(made.path, world.path)
+        len(moving_world.moving) == 4
+        and np.array_equal(moving_world.grid, world.grid)
+        and np.array_equal(moving_world.path, world.path)
     )
-    positions, _ = made.tracks.over(np.linspace(0.0, 60.0, 600))
+    positions, _ = moving_world.tracks.over(np.linspace(0.0, 60.0, 600))
     left, _, right, above = world.bounds_m
     beyond_m = 0.5  # a spline swings out between keys
     assert (
@@ -100,36 +98,37 @@ def test_motion_is_added_to_the_field_of_a_static_world():
     )
     assert (
         add_motion(world, motion_class("easy"), seed=1, obstacles=4).checksum
-        == made.checksum
+        == moving_world.checksum
     )
     assert (
         add_motion(world, motion_class("easy"), seed=2, obstacles=4).checksum
-        != made.checksum
+        != moving_world.checksum
     )
 
 
 def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
     world = open_dataset("barn300").load(100)
-    made = add_crossings(world, motion_class("medium"), seed=1, obstacles=6)
+    moving_world = add_crossings(world, motion_class("medium"), seed=1, obstacles=6)
     times_s = np.arange(0.0, 40.0, 0.01)
-    positions, _ = made.tracks.over(times_s)
+    positions, _ = moving_world.tracks.over(times_s)
     steps = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0))
     assert steps.max() <= 0.01 * 1.4 + 1e-9
     assert np.allclose(positions[..., 0].min(axis=0), -4.5, atol=0.02)
     assert np.allclose(positions[..., 0].max(axis=0), 0.0, atol=0.02)
     on_path = world.path_m()[:, 1]
     assert all(
-        np.abs(on_path - one.motion.keys[0][2]).min() < 1e-9 for one in made.moving
+        np.abs(on_path - mover.motion.keys[0][2]).min() < 1e-9
+        for mover in moving_world.moving
     )
 
 
 def test_crossings_of_an_arena_are_square_to_its_drive():
     (arena,) = generate_arenas(motion_class("easy"), 1, seed=0)
-    made = add_crossings(arena, motion_class("easy"), seed=5, obstacles=3)
-    for one in made.moving[-3:]:
-        (_, x0, y0), (_, x1, y1), _ = one.motion.keys
+    moving_world = add_crossings(arena, motion_class("easy"), seed=5, obstacles=3)
+    for mover in moving_world.moving[-3:]:
+        (_, x0, y0), (_, x1, y1), _ = mover.motion.keys
         assert x0 == x1 and {y0, y1} == {-10.0, 10.0}
-        speed = 20.0 / one.motion.keys[1][0]
+        speed = 20.0 / mover.motion.keys[1][0]
         assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9 and math.isclose(
             speed, round(speed, 1), abs_tol=1e-9
         )

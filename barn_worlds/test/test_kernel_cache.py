@@ -28,15 +28,15 @@ def compiled(package):
 
 def test_all_kernels_are_compiled_anew_once_one_has_changed(package):
     kernel_cache.prepare(package)
-    kept = compiled(package)
+    files = compiled(package)
     kernel_cache.prepare(package)
-    assert kept.exists()
+    assert files.exists()
     (package / "plain.py").write_text("pass")
     kernel_cache.prepare(package)
-    assert kept.exists()
+    assert files.exists()
     (package / "kernels.py").write_text("@njit  # changed")
     kernel_cache.prepare(package)
-    assert not kept.exists()
+    assert not files.exists()
     assert not os.environ["NUMBA_CACHE_DIR"]
 
 

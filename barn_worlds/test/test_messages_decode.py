@@ -167,12 +167,12 @@ def test_scans_keep_every_bit(stamp_ns, frame, values, intensities):
     )
     message.intensities = np.array(intensities, np.float32)
     data = serialize(message)
-    found = decode.scan(data)
-    assert content(found) == content(sent)
+    scan = decode.scan(data)
+    assert content(scan) == content(sent)
     assert (
-        found.ranges.flags.writeable
-        and found.ranges.flags.aligned
-        and found.ranges.dtype.isnative
+        scan.ranges.flags.writeable
+        and scan.ranges.flags.aligned
+        and scan.ranges.dtype.isnative
     )
     assert decode.header(data).frame == frame
     assert message.angle_max == pytest.approx(-1.0 + 0.5 * (len(values) - 1))
@@ -183,9 +183,9 @@ def test_maps(size, x, y):
     sent = OccupancyMap(
         np.arange(size[0] * size[1], dtype=np.int8).reshape(size), 0.25, x, y
     )
-    found = decode.occupancy_map(encode.encode_map(sent, 7, "map"))
-    assert content(found) == content(sent)
-    assert found.data.flags.writeable
+    grid_map = decode.occupancy_map(encode.encode_map(sent, 7, "map"))
+    assert content(grid_map) == content(sent)
+    assert grid_map.data.flags.writeable
 
 
 def test_a_map_of_a_wrong_size_or_rotated_is_refused():
@@ -225,51 +225,52 @@ def test_paths(points):
 
 
 def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
-    def one(kind, action=encode.ADD, x=0.0, points=()):
-        made = encode.make_marker("odom", "some", kind, action=action)
-        made.scale.x, made.pose.position.x = 0.5, x
-        made.pose.orientation.z, made.pose.orientation.w = (
+    def marker(kind, action=encode.ADD, x=0.0, points=()):
+        message = encode.make_marker("odom", "some", kind, action=action)
+        message.scale.x = 0.5
+        message.pose.position.x = x
+        message.pose.orientation.z, message.pose.orientation.w = (
             math.sin(math.pi / 4.0),
             math.cos(math.pi / 4.0),
         )
-        made.points = [
+        message.points = [
             make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points
         ]
-        return made
+        return message
 
     markers = [
-        one(encode.CYLINDER, encode.DELETE_ALL),
-        one(encode.CYLINDER, x=1.0),
-        one(encode.SPHERE, x=2.0),
-        one(encode.LINE_STRIP, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),
-        one(
+        marker(encode.CYLINDER, encode.DELETE_ALL),
+        marker(encode.CYLINDER, x=1.0),
+        marker(encode.SPHERE, x=2.0),
+        marker(encode.LINE_STRIP, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),
+        marker(
             encode.LINE_LIST, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]
         ),  # half a line at its end
-        one(encode.CUBE),
+        marker(encode.CUBE),
     ]
-    found = decode.markers(
+    shapes = decode.markers(
         serialize(make_message("visualization_msgs/msg/MarkerArray", markers=markers))
     )
-    assert found.frame == "odom"
-    assert found.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
-    assert [len(line) for line in found.lines] == [3, 2]
+    assert shapes.frame == "odom"
+    assert shapes.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
+    assert [len(line) for line in shapes.lines] == [3, 2]
     np.testing.assert_allclose(
-        found.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12
+        shapes.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12
     )
 
 
 def test_transforms_and_diagnostics():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
     sent = encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], 12_000_000_345)
-    found = decode.transforms(sent)
-    assert found == [
+    transforms = decode.transforms(sent)
+    assert transforms == [
         ("map", "odom", POSE.through_quaternion()),
         ("odom", "base_link", Pose2D(1.0, 2.0, 0.0)),
     ]
     stamps = [
-        one.header.stamp for one in deserialize(sent, encoder.type_name).transforms
+        stamp.header.stamp for stamp in deserialize(sent, encoder.type_name).transforms
     ]
-    assert [(one.sec, one.nanosec) for one in stamps] == [(12, 345)] * 2
+    assert [(stamp.sec, stamp.nanosec) for stamp in stamps] == [(12, 345)] * 2
     values = {"status": "blocked", "cost": "1.5"}
     assert decode.diagnostics(
         encode.encode_diagnostics(7, encode.FINE, "planner", "", values)
@@ -279,11 +280,11 @@ def test_transforms_and_diagnostics():
 def refusal(decoder, data, expected=None):
     """Return why bytes are refused, an empty text if they are read; the content is then what is expected, if given."""
     try:
-        found = content(decoder(data))
+        decoded = content(decoder(data))
     except MessageError as error:
         assert str(error)
         return str(error)
-    assert expected is None or found == expected
+    assert expected is None or decoded == expected
     return ""
 
 

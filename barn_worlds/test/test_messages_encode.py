@@ -42,7 +42,8 @@ from barn_worlds.messages.encode import LINE_STRIP, make_marker
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 MARKERS = "visualization_msgs/msg/MarkerArray"
-STAMP, TIME = 12_345_678_901, Time(sec=12, nanosec=345_678_901)
+STAMP = 12_345_678_901
+TIME = Time(sec=12, nanosec=345_678_901)
 ODOMETRY = Odometry(STAMP, POSE, Velocity2D(0.5, -0.25))
 RANGES = np.array([0.5, math.inf, -math.inf, math.nan, 29.9, 1.0, 2.0], np.float32)
 SCAN = Scan(STAMP, RANGES, -2.35619, 0.7, 0.1, 30.0)
@@ -200,16 +201,25 @@ def transforms_of(data: bytes):
 
 
 def test_fixed_transforms():
-    (one,) = transforms_of(
+    (transform,) = transforms_of(
         encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)})
     )
-    assert (one.header.frame_id, one.child_frame_id, one.header.stamp.sec) == (
+    assert (
+        transform.header.frame_id,
+        transform.child_frame_id,
+        transform.header.stamp.sec,
+    ) == (
         "base_link",
         "laser",
         0,
     )
-    where = one.transform.translation
-    assert (where.x, where.y, where.z, one.transform.rotation.w) == (0.1, 0.2, 0.3, 1.0)
+    where = transform.transform.translation
+    assert (where.x, where.y, where.z, transform.transform.rotation.w) == (
+        0.1,
+        0.2,
+        0.3,
+        1.0,
+    )
     (turned,) = transforms_of(
         encode.encode_fixed_transforms(
             "base_link", {"laser": (0.0, 0.0, 0.0)}, {"laser": 0.8}
@@ -229,10 +239,8 @@ def test_an_encoder_forgets_the_message_before():
 
 
 def test_the_stamp_given_takes_the_place_of_the_reading_s_own():
-    odometry, scan = (
-        encode.OdometryEncoder("odom", "base_link"),
-        encode.ScanEncoder(SCAN, "lidar_link", 0.05),
-    )
+    odometry = encode.OdometryEncoder("odom", "base_link")
+    scan = encode.ScanEncoder(SCAN, "lidar_link", 0.05)
     for encoder, reading in ((odometry, ODOMETRY), (scan, SCAN)):
         later = deserialize(encoder.encode(reading, 77_000_000_005), encoder.type_name)
         assert (later.header.stamp.sec, later.header.stamp.nanosec) == (77, 5)

@@ -76,7 +76,7 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         encode_moving(world, 12.3, 5_000_000_007), MOVING.type_name
     ).markers
     kinds = {
-        name: [one for one in markers if one.ns == name]
+        name: [marker for marker in markers if marker.ns == name]
         for name in ("obstacles", "walls", "trails")
     }
     assert (
@@ -85,9 +85,12 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         == len(world.moving) + len(world.walls) + 1
     )
     assert [
-        (one.pose.position.x, one.pose.position.y) for one in kinds["obstacles"]
+        (marker.pose.position.x, marker.pose.position.y)
+        for marker in kinds["obstacles"]
     ] == [tuple(p) for p in expected]
-    first, box, wall = kinds["obstacles"][0], kinds["obstacles"][-1], kinds["walls"][0]
+    first = kinds["obstacles"][0]
+    box = kinds["obstacles"][-1]
+    wall = kinds["walls"][0]
     assert (first.type, first.scale.x, first.scale.z, first.pose.position.z) == (
         CYLINDER,
         1.0,
@@ -101,7 +104,7 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         world.walls[0].size_y_m,
     )
     assert kinds["trails"][0].type == LINE_LIST
-    assert len({(one.ns, one.id) for one in markers}) == len(markers)
+    assert len({(marker.ns, marker.id) for marker in markers}) == len(markers)
 
 
 def test_a_trail_is_the_way_of_the_last_second_without_jumps(world):
@@ -117,9 +120,9 @@ def test_a_trail_is_the_way_of_the_last_second_without_jumps(world):
 def test_what_is_written_is_read_again(world):
     bodies, walls = decode_moving(encode_moving(world, 12.3, 0))
     expected = moving_bodies(world.tracks, 12.3), wall_bodies(world.walls)
-    for found, written in zip((bodies, walls), expected, strict=True):
-        for one, other in zip(found, written, strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-12)
+    for bodies_read, written in zip((bodies, walls), expected, strict=True):
+        for value, other in zip(bodies_read, written, strict=True):
+            np.testing.assert_allclose(value, other, atol=1e-12)
     np.testing.assert_array_equal(
         decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2]
     )
@@ -209,12 +212,12 @@ def encoded(*markers):
 
 
 def test_a_scene_comes_out_as_it_went_in():
-    found = decode_scene(encode_scene(SCENE, 2_500_000_000))
-    assert found.cylinders_m.tolist() == SCENE.cylinders_m.tolist()
-    assert (found.radius_m, found.height_m, len(found.walls_m)) == (0.075, 1.0, 1)
-    assert found.path_m.tolist() == SCENE.path_m.tolist()
-    assert (found.goal.x, found.goal.y, found.goal_distance_m) == (-2.25, 13.0, 0.3)
-    assert (found.start.x, found.start.y, found.start.yaw) == pytest.approx(
+    scene = decode_scene(encode_scene(SCENE, 2_500_000_000))
+    assert scene.cylinders_m.tolist() == SCENE.cylinders_m.tolist()
+    assert (scene.radius_m, scene.height_m, len(scene.walls_m)) == (0.075, 1.0, 1)
+    assert scene.path_m.tolist() == SCENE.path_m.tolist()
+    assert (scene.goal.x, scene.goal.y, scene.goal_distance_m) == (-2.25, 13.0, 0.3)
+    assert (scene.start.x, scene.start.y, scene.start.yaw) == pytest.approx(
         (-2.25, 3.0, 1.5)
     )
     bare = decode_scene(
@@ -231,32 +234,37 @@ def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
         deserialize(encode_scene(scene, 7), WORLD.type_name).markers
         for scene in (SCENE, SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0))
     )
-    keys = [(one.ns, one.id) for one in first]
+    keys = [(marker.ns, marker.id) for marker in first]
     assert len(set(keys)) == len(keys) == 6
-    assert keys == [(one.ns, one.id) for one in moved]
-    assert {one.header.frame_id for one in first} == {"map"}
+    assert keys == [(marker.ns, marker.id) for marker in moved]
+    assert {marker.header.frame_id for marker in first} == {"map"}
     assert all(
-        one.color.a > 0.0 and one.scale.x > 0.0 and one.action == 0 for one in first
+        marker.color.a > 0.0 and marker.scale.x > 0.0 and marker.action == 0
+        for marker in first
     )
-    assert all(one.pose.orientation.w != 0.0 for one in first)
-    upright = [one for one in first if one.type == CYLINDER and one.ns != "goal"]
-    assert [(one.pose.position.z, one.scale.z) for one in upright] == [(0.5, 1.0)] * 3
-    assert [one.pose.position.x for one in moved[:3]] == [0.0, -1.5, 1.0]
+    assert all(marker.pose.orientation.w != 0.0 for marker in first)
+    upright = [
+        marker for marker in first if marker.type == CYLINDER and marker.ns != "goal"
+    ]
+    assert [(marker.pose.position.z, marker.scale.z) for marker in upright] == [
+        (0.5, 1.0)
+    ] * 3
+    assert [marker.pose.position.x for marker in moved[:3]] == [0.0, -1.5, 1.0]
 
 
 def test_other_markers_are_no_scene():
-    def one(frame="map", namespace="walls", x=0.0, size=1.0, index=0):
-        made = make_marker(frame, namespace, CYLINDER, index=index)
-        made.pose.position.x = x
-        made.scale.x = made.scale.y = made.scale.z = size
-        return made
+    def marker(frame="map", namespace="walls", x=0.0, size=1.0, index=0):
+        message = make_marker(frame, namespace, CYLINDER, index=index)
+        message.pose.position.x = x
+        message.scale.x = message.scale.y = message.scale.z = size
+        return message
 
     refused = {
-        "namespace 'band'": encoded(one(namespace="band")),
-        "frame 'odom'": encoded(one("odom")),
-        "different sizes": encoded(one(size=2.0), one(index=1)),
-        "not finite": encoded(one(namespace="goal", x=np.nan)),
-        "not finite, or no size": encoded(one(namespace="obstacles", size=np.inf)),
+        "namespace 'band'": encoded(marker(namespace="band")),
+        "frame 'odom'": encoded(marker("odom")),
+        "different sizes": encoded(marker(size=2.0), marker(index=1)),
+        "not finite": encoded(marker(namespace="goal", x=np.nan)),
+        "not finite, or no size": encoded(marker(namespace="obstacles", size=np.inf)),
         "not a message": b"\0\1\0\0\xff\xff",
     }
     for reason, data in refused.items():

@@ -27,7 +27,7 @@ def test_types_are_known_frames_exist_and_latched_topics_keep_one_message(topic)
 
 def test_a_name_has_two_entries_only_where_type_or_sender_differ():
     shared = {
-        topic.path: [one for one in ALL.values() if one.path == topic.path]
+        topic.path: [entry for entry in ALL.values() if entry.path == topic.path]
         for topic in ALL.values()
     }
     assert {path for path, both in shared.items() if len(both) > 1} == {
@@ -40,10 +40,8 @@ def test_a_name_has_two_entries_only_where_type_or_sender_differ():
 
 def test_frames_are_those_of_the_node():
     frames = Frames("world", "wheels", "robot", "laser", planning="world")
-    fixed, moving = (
-        (topics.GROUND_TRUTH, topics.PLAN),
-        (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK),
-    )
+    fixed = (topics.GROUND_TRUTH, topics.PLAN)
+    moving = (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK)
     assert [frames.of(topic) for topic in (*fixed, *moving)] == [
         "world",
         "world",

@@ -38,14 +38,16 @@ def gazebo_positions(keys, period_s, times_s):
 def tangent(points, k):
     """Return the tangent that ignition::math::Spline::RecalcTangents gives point k, with tension 0."""
     closed = (np.abs(points[0] - points[-1]) <= 1e-3).all()
-    before, after = max(k - 1, 0), min(k + 1, len(points) - 1)
+    before = max(k - 1, 0)
+    after = min(k + 1, len(points) - 1)
     if closed and k in (0, len(points) - 1):
-        before, after = len(points) - 2, 1
+        before = len(points) - 2
+        after = 1
     return (points[after] - points[before]) * 0.5
 
 
-def obstacle(motion, **more):
-    return MovingObstacle(**{"name": "one", "radius_m": 0.5, **more}, motion=motion)
+def obstacle(motion, **fields):
+    return MovingObstacle(**{"name": "one", "radius_m": 0.5, **fields}, motion=motion)
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +55,9 @@ def profiles():
     """The 469 motions of DynaBARN by name."""
     dataset = open_dataset("dynabarn60")
     return {
-        one.name: one
+        obstacle.name: obstacle
         for index in dataset.world_numbers
-        for one in dataset.load(index).moving
+        for obstacle in dataset.load(index).moving
     }
 
 
@@ -65,12 +67,13 @@ def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
     assert len(profiles) == 469
     generator = np.random.default_rng(0)
     tracks = Tracks(list(profiles.values()))
-    longest_s = max(one.motion.period_s for one in profiles.values())
+    longest_s = max(profile.motion.period_s for profile in profiles.values())
     times_s = generator.uniform(0.0, 4.0 * longest_s, 1000)
     positions, _ = tracks.over(times_s)
     assert positions.shape == (1000, 469, 2)
-    for k, one in enumerate(profiles.values()):
-        keys, period_s = one.motion.keys, one.motion.period_s
+    for k, profile in enumerate(profiles.values()):
+        keys = profile.motion.keys
+        period_s = profile.motion.period_s
         assert (
             np.abs(positions[:, k] - gazebo_positions(keys, period_s, times_s)).max()
             < 1e-9
@@ -93,14 +96,14 @@ def test_any_keys_a_rest_at_both_ends_and_a_phase_are_as_in_gazebo(
     times = np.cumsum([first, *steps])[: len(points)].tolist()
     keys = tuple((at, *point) for at, point in zip(times, points, strict=True))
     motion = Motion("gazebo", max(times[-1] + rest, 0.01), keys)
-    found = Tracks([obstacle(motion, phase_s=phase)]).at(time)[0][0]
-    own = math.fmod(time + phase, motion.period_s)
+    position = Tracks([obstacle(motion, phase_s=phase)]).at(time)[0][0]
+    motion_time = math.fmod(time + phase, motion.period_s)
     if (
-        min(own % motion.period_s, -own % motion.period_s) > 1e-9
+        min(motion_time % motion.period_s, -motion_time % motion.period_s) > 1e-9
     ):  # which side of the jump is a matter of rounding
         assert (
             np.abs(
-                found
+                position
                 - gazebo_positions(keys, motion.period_s, np.array([time + phase]))
             ).max()
             < 1e-9
@@ -140,7 +143,8 @@ def test_a_closed_polynomial_is_its_value_at_the_share_of_its_period_and_has_no_
 
 def test_velocities_are_how_fast_positions_change(profiles):
     tracks = Tracks(list(profiles.values())[::20])
-    step_s, generator = 1e-6, np.random.default_rng(1)
+    step_s = 1e-6
+    generator = np.random.default_rng(1)
     for time_s in generator.uniform(0.0, 100.0, 50).tolist():
         (before, _), (at, velocities), (after, _) = (
             tracks.at(time_s + k * step_s) for k in (-1, 0, 1)
@@ -154,25 +158,25 @@ def test_velocities_are_how_fast_positions_change(profiles):
 
 
 def test_obstacles_of_all_kinds_are_found_together_and_none_at_all_too():
-    several = [
+    obstacles = [
         obstacle(Motion(kind, 6.0, KEYS), name=kind, phase_s=1.0)
         for kind in ("gazebo", "linear")
     ]
     circle = Motion(
         "polynomial", 3.0, coefficients_m=((1.0, 1.0), (2.0, 3.0), (-2.0, -3.0))
     )
-    several.append(
+    obstacles.append(
         MovingObstacle(
             "box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.3, motion=circle
         )
     )
-    tracks = Tracks(several)
+    tracks = Tracks(obstacles)
     assert tracks.names == ("gazebo", "linear", "box")
     assert tracks.radius_m.tolist() == [0.5, 0.5, 0.0] and tracks.size_m.tolist()[
         2
     ] == [1.0, 2.0]
-    for k, one in enumerate(several):
-        assert np.array_equal(tracks.at(2.2)[0][k], Tracks([one]).at(2.2)[0][0])
+    for k, single in enumerate(obstacles):
+        assert np.array_equal(tracks.at(2.2)[0][k], Tracks([single]).at(2.2)[0][0])
     assert Tracks([]).at(1.0)[0].shape == (0, 2)
 
 
@@ -280,11 +284,11 @@ def test_a_wrong_obstacle_is_one_clear_line(arguments, message, refused):
 
 
 def test_a_world_has_a_bounded_number_of_obstacles_with_names_of_their_own(small_world):
-    one = obstacle(Motion("linear", 6.0, KEYS))
+    mover = obstacle(Motion("linear", 6.0, KEYS))
     for moving, message in (
-        ((one, one), "w: two moving obstacles have the name 'one'"),
+        ((mover, mover), "w: two moving obstacles have the name 'one'"),
         (
-            (one,) * (MOST_MOVING + 1),
+            (mover,) * (MOST_MOVING + 1),
             f"w: must have at most {MOST_MOVING} moving obstacles, got {MOST_MOVING + 1}",
         ),
     ):
@@ -300,22 +304,22 @@ def test_a_world_has_a_bounded_number_of_obstacles_with_names_of_their_own(small
 
 
 def test_what_moves_and_stands_is_in_the_checksum_but_not_its_names(small_world):
-    def checksum(**more):
+    def checksum(**fields):
         return World(
-            "w", small_world.grid, small_world.path, footprint_cells=3, **more
+            "w", small_world.grid, small_world.path, footprint_cells=3, **fields
         ).checksum
 
-    one = obstacle(Motion("linear", 6.0, KEYS))
+    mover = obstacle(Motion("linear", 6.0, KEYS))
     later = obstacle(Motion("linear", 6.0, KEYS), phase_s=0.5)
-    others = [
+    variants = [
         checksum(),
-        checksum(moving=(one,)),
+        checksum(moving=(mover,)),
         checksum(moving=(later,)),
         checksum(walls=(Wall(),)),
     ]
-    others.append(checksum(corner_m=(0.0, 0.0)))
-    assert len(set(others)) == 5 and others[0] == small_world.checksum
-    assert checksum(moving=(obstacle(one.motion, name="two"),)) == others[1]
+    variants.append(checksum(corner_m=(0.0, 0.0)))
+    assert len(set(variants)) == 5 and variants[0] == small_world.checksum
+    assert checksum(moving=(obstacle(mover.motion, name="two"),)) == variants[1]
 
 
 def test_an_arena_has_its_cells_where_its_corner_says_and_no_containment():

@@ -49,10 +49,10 @@ def steps_from(cspace, cell, entered):
         (-1, 1),
         (-1, -1),
     ]:
-        row, col = there = cell[0] + down, cell[1] + right
+        row, col = neighbor = cell[0] + down, cell[1] + right
         if (
             not (0 <= row < cspace.shape[0] and 0 <= col < cspace.shape[1])
-            or cspace[there]
+            or cspace[neighbor]
         ):
             continue
         between_walls = down and right and cspace[cell[0], col] and cspace[row, cell[1]]
@@ -62,7 +62,9 @@ def steps_from(cspace, cell, entered):
 
 def plain_shortest(cspace, start, goal):
     """Length of the shortest path by Dijkstra over (cell, direction), None if there is none."""
-    queue, done, tie = [(0.0, 0, start, None)], set(), itertools.count(1)
+    queue = [(0.0, 0, start, None)]
+    done = set()
+    tie = itertools.count(1)
     while queue:
         cost, _, cell, entered = heapq.heappop(queue)
         if cell == goal:
@@ -71,8 +73,8 @@ def plain_shortest(cspace, start, goal):
             continue
         done.add((cell, entered))
         for step in steps_from(cspace, cell, entered):
-            there = cell[0] + step[0], cell[1] + step[1]
-            heapq.heappush(queue, (cost + math.hypot(*step), next(tie), there, step))
+            neighbor = cell[0] + step[0], cell[1] + step[1]
+            heapq.heappush(queue, (cost + math.hypot(*step), next(tie), neighbor, step))
     return None
 
 
@@ -113,23 +115,21 @@ def test_without_inflation_the_complete_search_is_shortest(cspace, data):
 @given(CSPACES)
 def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace):
     occupied = np.argwhere(cspace)
-    found = inflation(cspace)
+    costs = inflation(cspace)
     for cell in np.argwhere(~cspace):
         distance = np.hypot(*(occupied - cell).T).min(initial=np.inf)
-        assert found[tuple(cell)] == pytest.approx(
+        assert costs[tuple(cell)] == pytest.approx(
             5.0 / distance if distance <= 2.0 else 0.0
         )
 
 
 def plain_original(cspace, start, goal, penalty):
     """The original's search over a plain list of open cells, of which the first of the lowest priority is taken."""
-    cost, parent, entered, open_, closed = (
-        {start: 0.0},
-        {start: None},
-        {start: None},
-        {start: (0.0, 0)},
-        set(),
-    )
+    cost = {start: 0.0}
+    parent = {start: None}
+    entered = {start: None}
+    open_ = {start: (0.0, 0)}
+    closed = set()
     while open_:
         cell = min(open_, key=open_.get)
         del open_[cell]
@@ -141,15 +141,17 @@ def plain_original(cspace, start, goal, penalty):
                 cell = parent[cell]
             return path[::-1]
         for number, (down, right) in enumerate(steps_from(cspace, cell, entered[cell])):
-            there = cell[0] + down, cell[1] + right
+            neighbor = cell[0] + down, cell[1] + right
             new_cost = cost[cell] + math.hypot(down, right)
-            if there in closed or new_cost >= cost.get(there, math.inf):
+            if neighbor in closed or new_cost >= cost.get(neighbor, math.inf):
                 continue
-            priority = new_cost + penalty[there]
-            if there in open_:
-                priority += math.dist(there, goal)
-            cost[there], parent[there], entered[there] = new_cost, cell, (down, right)
-            open_[there] = priority, (len(closed), number)
+            priority = new_cost + penalty[neighbor]
+            if neighbor in open_:
+                priority += math.dist(neighbor, goal)
+            cost[neighbor] = new_cost
+            parent[neighbor] = cell
+            entered[neighbor] = (down, right)
+            open_[neighbor] = priority, (len(closed), number)
     return None
 
 

@@ -16,7 +16,9 @@ def test_readings_and_objects_arrive_whole_and_in_order():
     simulator.publish("ground_truth/odom", data)
     simulator.send(answer=7, ok=True, text="two\nlines")
     simulator.publish("/clock", b"")
-    first, second, third = evaluator.receive(), evaluator.receive(), evaluator.receive()
+    first = evaluator.receive()
+    second = evaluator.receive()
+    third = evaluator.receive()
     assert isinstance(first, Reading)
     assert first[:2] == ("ground_truth/odom", data)
     assert second == {"answer": 7, "ok": True, "text": "two\nlines"}

@@ -15,7 +15,7 @@ from barn_worlds.worlds.world import World
 def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     figure = render.world_figure(small_world)
     write_png(figure, tmp_path / "world.png")
-    shown = {
+    collections = {
         colour
         for _, colour in Image.open(tmp_path / "world.png")
         .convert("RGB")
@@ -29,7 +29,7 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
         palette.START,
         palette.GOAL,
     )
-    assert {ImageColor.getrgb(part) for part in parts} <= shown
+    assert {ImageColor.getrgb(part) for part in parts} <= collections
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx((-1.35, 0.0, 0.0, 6.9))

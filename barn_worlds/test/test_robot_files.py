@@ -88,15 +88,15 @@ def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
 
 
 @pytest.mark.parametrize(
-    "name, said",
+    "name, message",
     [
         ("husk", "did you mean 'husky'"),
         ("", "known: husky, jackal"),
         ("a/b", "name a file"),
     ],
 )
-def test_an_unknown_robot_is_answered_with_the_near_one(name, said):
-    with pytest.raises(ConfigError, match="^unknown robot .*" + said):
+def test_an_unknown_robot_is_answered_with_the_near_one(name, message):
+    with pytest.raises(ConfigError, match="^unknown robot .*" + message):
         load_robot(name)
 
 
@@ -153,9 +153,9 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
-    changes, said, *source = WRONG[what]
+    changes, message, *source = WRONG[what]
     path = changed(changes, *source)
-    with refused(ConfigError, f"^{path.parent}.*{said}"):
+    with refused(ConfigError, f"^{path.parent}.*{message}"):
         load_robot(path)
 
 
@@ -191,20 +191,22 @@ TURNED = """<robot name="r">
 def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(TURNED, "utf-8")
-    found = read_chassis(path)
-    assert found["mass_kg"] == 2.0
-    assert found["centre_of_mass_m"] == pytest.approx(
+    chassis = read_chassis(path)
+    assert chassis["mass_kg"] == 2.0
+    assert chassis["centre_of_mass_m"] == pytest.approx(
         (0.0, 0.0, 0.0), abs=1e-12
     )  # 1 ahead, 1 back
-    assert found["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
-    assert found["base_height_m"] == pytest.approx(0.2)
-    assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx(
-        (0.4, 0.0, 0.3)
-    )
+    assert chassis["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
+    assert chassis["base_height_m"] == pytest.approx(0.2)
     assert (
-        found["wheel_radius_m"],
-        found["wheel_width_m"],
-        found["wheel_z_m"],
+        chassis["track_m"],
+        chassis["wheelbase_m"],
+        chassis["axle_x_m"],
+    ) == pytest.approx((0.4, 0.0, 0.3))
+    assert (
+        chassis["wheel_radius_m"],
+        chassis["wheel_width_m"],
+        chassis["wheel_z_m"],
     ) == pytest.approx((0.1, 0.02, -0.1))
 
 
@@ -218,7 +220,7 @@ def test_a_rotation_is_about_fixed_axes():
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [
         ("<robot><link/></robot>", "'name'"),
         ("<robot", "unclosed token"),
@@ -235,10 +237,10 @@ def test_a_rotation_is_about_fixed_axes():
         (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
     ],
 )
-def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said, refused):
+def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, message, refused):
     path = tmp_path / "r.urdf"
     path.write_text(text, "utf-8")
-    with refused(ConfigError, f"^{path}.*{said}"):
+    with refused(ConfigError, f"^{path}.*{message}"):
         read_chassis(path)
 
 

@@ -16,27 +16,27 @@ def test_domains_side_by_side_differ():
 
 
 def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile():
-    asked = {
+    environment = {
         "ROS_DOMAIN_ID": str(130 + os.getpid() % 100)
     }  # none that others choose by themselves
-    with reserve_domain(asked) as number:
-        assert str(number) == asked["ROS_DOMAIN_ID"]
+    with reserve_domain(environment) as number:
+        assert str(number) == environment["ROS_DOMAIN_ID"]
         taken = (
             rf"^ROS_DOMAIN_ID {number}: another run uses this domain; choose another, "
         )
-        with pytest.raises(ConfigError, match=taken), reserve_domain(asked):
+        with pytest.raises(ConfigError, match=taken), reserve_domain(environment):
             pass
-    with reserve_domain(asked) as again:
+    with reserve_domain(environment) as again:
         assert again == number
 
 
 def test_a_domain_that_is_no_number_is_one_line():
-    asked = {"ROS_DOMAIN_ID": "x"}
+    environment = {"ROS_DOMAIN_ID": "x"}
     with (
         pytest.raises(
             ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"
         ),
-        reserve_domain(asked),
+        reserve_domain(environment),
     ):
         pass
 

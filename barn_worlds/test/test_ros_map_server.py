@@ -27,9 +27,9 @@ class Listener(Peer):
 
     def __init__(self, world: int) -> None:
         super().__init__()
-        given = [Parameter("world", value=world)]
+        parameters = [Parameter("world", value=world)]
         self.server = MapServer(
-            context=self.context, parameter_overrides=given, enable_rosout=False
+            context=self.context, parameter_overrides=parameters, enable_rosout=False
         )
         self.executor.add_node(self.server)
         self.heard = {}
@@ -44,16 +44,14 @@ class Listener(Peer):
 
 @pytest.fixture
 def peer():
-    with closing(Listener(world=7)) as made:
-        yield made
+    with closing(Listener(world=7)) as listener:
+        yield listener
 
 
 def test_a_late_listener_gets_map_and_path(peer):
     peer.wait(lambda: len(peer.heard) == 2)
-    served, world = (
-        decode.occupancy_map(serialize_message(peer.heard["map"])),
-        open_dataset("barn300").load(7),
-    )
+    served = decode.occupancy_map(serialize_message(peer.heard["map"]))
+    world = open_dataset("barn300").load(7)
     assert np.array_equal(served.data, world.occupancy_map().data)
     assert (
         peer.heard["map"].header.frame_id == peer.heard["plan"].header.frame_id == "map"
@@ -67,7 +65,7 @@ def test_a_late_listener_gets_map_and_path(peer):
 
 def test_reload_serves_the_new_world_and_keeps_the_old_one_on_a_mistake(peer):
     changes = [Parameter("world", value=8), Parameter("resolution_m", value=0.05)]
-    assert all(one.successful for one in peer.server.set_parameters(changes))
+    assert all(result.successful for result in peer.server.set_parameters(changes))
     assert peer.call("map_server/reload").success
     expected = open_dataset("barn300").load(8).occupancy_map(0.05)
     peer.wait(
@@ -87,8 +85,8 @@ def test_reload_serves_the_new_world_and_keeps_the_old_one_on_a_mistake(peer):
 
 
 def test_the_executable_fails_with_one_line():
-    code, said = Process("-m", "barn_worlds.ros.map_server", world=1000).end()
-    assert (code, said) == (
+    code, output = Process("-m", "barn_worlds.ros.map_server", world=1000).end()
+    assert (code, output) == (
         1,
         "map_server: barn300: no world 1000; there are 300 worlds from 0 to 299\n",
     )

@@ -98,9 +98,9 @@ def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):
     node = make(context, beems=3, use_sim_time=False)
     declare_parameters(node, Config())
     warn_about_unknown_parameters(node)
-    said = capfd.readouterr().err
-    assert "unknown parameter 'beems'; did you mean 'beams'?" in said
-    assert "use_sim_time" not in said
+    output = capfd.readouterr().err
+    assert "unknown parameter 'beems'; did you mean 'beams'?" in output
+    assert "use_sim_time" not in output
 
 
 def test_later_changes_are_checked_and_seen(context):
@@ -123,7 +123,9 @@ def test_later_changes_are_checked_and_seen(context):
     ],
 )
 def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
-    given = ["--ros-args", *arguments] if arguments else []
-    node = Node("declared", context=context, cli_args=given, enable_rosout=False)
+    arguments_of_ros = ["--ros-args", *arguments] if arguments else []
+    node = Node(
+        "declared", context=context, cli_args=arguments_of_ros, enable_rosout=False
+    )
     assert declare_parameters(node, Lists()) == expected
     assert read_parameters(node, Lists()) == expected

@@ -23,7 +23,8 @@ LONGER = 1.0 / math.cos(0.5 * ANGLE)
 
 def by_force(start, goal, centres, radius):
     """Return the shortest way on a grid, in m, inf without one: never shorter than the shortest way there is."""
-    begin, move = PLACES[MOVES[:, 0], None], np.diff(PLACES[MOVES], axis=1)
+    begin = PLACES[MOVES[:, 0], None]
+    move = np.diff(PLACES[MOVES], axis=1)
     shares = np.clip(
         ((centres - begin) * move).sum(axis=2) / (move**2).sum(axis=2), 0.0, 1.0
     )
@@ -44,17 +45,18 @@ def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
     radius = rng.uniform(0.1, 0.25)
     centres = rng.uniform(0.3, 1.7, (9, 2))
     ends = np.array([0.0, 1.0]), np.array([2.0, 1.0])
-    found, bound = (
+    length, bound = (
         search(*ends, centres, radius) for search in (by_force, shortest_path_bound_m)
     )
-    assert 2.0 <= bound <= found + 1e-9
+    assert 2.0 <= bound <= length + 1e-9
     assert (
-        bound >= found / LONGER - 0.1
+        bound >= length / LONGER - 0.1
     )  # what the grid's ways are longer by, and by which they keep off the discs
 
 
 def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
-    away, radius = 2.0, 0.5
+    away = 2.0
+    radius = 0.5
     exact = 2.0 * (math.sqrt(away**2 - radius**2) + radius * math.asin(radius / away))
     bound = shortest_path_bound_m(
         np.array([-away, 0.0]), np.array([away, 0.0]), np.zeros((1, 2)), radius

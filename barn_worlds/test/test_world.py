@@ -50,11 +50,11 @@ def test_containment_is_a_back_wall_and_two_side_walls():
 
 
 def test_hollow_interiors_are_left_out_of_the_cylinders(small_world):
-    shown = geometry.containing_cells(small_world.obstacles_m, 9, 0.15).tolist()
+    cells = geometry.containing_cells(small_world.obstacles_m, 9, 0.15).tolist()
     # rows 0 to 3 of columns 4 to 8 are filled: rows 1 and 2 are surrounded in columns 5 to 7
     hidden = {(row, col) for row in (1, 2) for col in (5, 6, 7)}
     assert {tuple(cell) for cell in np.argwhere(small_world.grid).tolist()} - set(
-        map(tuple, shown)
+        map(tuple, cells)
     ) == hidden
     assert len(small_world.cylinders_m) == len(small_world.obstacles_m) + len(
         small_world.containment_m
@@ -69,9 +69,11 @@ def test_path_length_counts_repeated_cells_once():
 
 
 def test_arrays_are_copies_that_cannot_be_written():
-    grid, path = OPEN.copy(), STRAIGHT.copy()
+    grid = OPEN.copy()
+    path = STRAIGHT.copy()
     world = World("w", grid, path)
-    grid[3], path[0] = True, 0
+    grid[3] = True
+    path[0] = 0
     assert not world.grid.any()
     assert world.start_cell == (15, 0)
     for array in (

@@ -1,8 +1,11 @@
-"""Verify submissions and build the page of the board: `python3 build.py [SUBMISSIONS [OUT]]`.
+"""Verify submissions and build the page of the board.
 
-`barn verify` checks each file of SUBMISSIONS (submissions). Its task, worlds and seed must
-be those of board.json beside this script. OUT (site) gets index.html with the submissions
-that hold. The script prints a line for each and exits with 1 if any does not hold.
+    python3 build.py [SUBMISSIONS [OUT]]
+
+`barn verify` checks each file of SUBMISSIONS (submissions). Its task, worlds and seed
+must be those of board.json beside this script. OUT (site) gets index.html with the
+submissions that hold. The script prints a line for each and exits with 1 if any does
+not hold.
 """
 
 import json

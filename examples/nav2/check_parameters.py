@@ -2,11 +2,11 @@
 
     python3 check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]
 
-Nav2 ignores parameters that it does not know, so a misspelled one goes unnoticed. The name
-of every parameter must occur in quotes in the source of the package that reads it. For
-every plugin, one of the trees must export its class. Without files, those in `params` are
-checked. The script prints each failure and how many parameters were checked, and exits with
-1 if there is a failure.
+Nav2 ignores parameters that it does not know, so a misspelled one goes unnoticed. The
+name of every parameter must occur in quotes in the source of the package that reads it.
+For every plugin, one of the trees must export its class. Without files, those in
+`params` are checked. The script prints each failure and how many parameters were
+checked, and exits with 1 if there is a failure.
 """
 
 import re
@@ -19,8 +19,8 @@ import yaml
 HERE = Path(__file__).resolve().parent
 YAML_SUFFIXES = (".yaml", ".yml")
 SOURCE_SUFFIXES = ("cpp", "hpp", "h", "py")
-# Packages that read the parameters of a node. By default a node NAME or NAME_server is in
-# the package nav2_NAME.
+# Packages that read the parameters of a node. By default a node NAME or NAME_server is
+# in the package nav2_NAME.
 PACKAGES = {
     "controller_server": ["nav2_controller", "nav2_dwb_controller"],
     "local_costmap": ["nav2_costmap_2d"],

@@ -4,8 +4,8 @@
 
 Starts the servers, their lifecycle manager, and `nav2_trial`, with which the evaluator
 gives each trial a fresh Nav2. The simulator publishes /scan, /odom, /clock and all
-transforms. The evaluator publishes /goal_pose and, if the protocol has one, /map. If one
-process ends, all end, so that the evaluator notices.
+transforms. The evaluator publishes /goal_pose and, if the protocol has one, /map. If
+one process ends, all end, so that the evaluator notices.
 """
 
 import sys
@@ -28,8 +28,9 @@ HERE = Path(__file__).resolve().parent
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 BOOLEANS = ("true", "false")
 MANAGER = "lifecycle_manager_navigation"
-# Package, executable (also the node's name) and remappings. Commands go from controller and
-# behaviors to the velocity smoother, then to the collision monitor, then to cmd_vel.
+# Package, executable (also the node's name) and remappings. Commands go from controller
+# and behaviors to the velocity smoother, then to the collision monitor, then to
+# cmd_vel.
 SERVERS = (
     ("nav2_controller", "controller_server", {"cmd_vel": "cmd_vel_nav"}),
     ("nav2_planner", "planner_server", {}),

@@ -1,13 +1,14 @@
 """Give every trial a fresh Nav2, and tell the evaluator when Nav2 is ready.
 
-The evaluator uses it as `planner_node:=/nav2_trial`. Costmaps, goal and the controller's
-memory would otherwise outlive the world that they belong to. Between two trials the
-simulator stands still. It goes on publishing the clock and the transforms of the start,
-which Nav2's servers need to become active.
+The evaluator uses it as `planner_node:=/nav2_trial`. Costmaps, goal and the
+controller's memory would otherwise outlive the world that they belong to. Between two
+trials the simulator stands still. It goes on publishing the clock and the transforms of
+the start, which Nav2's servers need to become active.
 
 Services
-    ~/reset (std_srvs/Trigger): takes Nav2 down to unconfigured and begins to start it again
-    ~/ready (std_srvs/Trigger): succeeds once Nav2 is active, works on a goal and has a
+    ~/reset (std_srvs/Trigger): takes Nav2 down to unconfigured and begins to start it
+    again ~/ready (std_srvs/Trigger): succeeds once Nav2 is active, works on a goal and
+    has a
         plan; otherwise its message says what is missing
 Calls
     MANAGER/manage_nodes (nav2_msgs/ManageLifecycleNodes)
@@ -48,15 +49,15 @@ class TrialNode(Node):
         self._has_plan = False
         self._is_restarting = False
         self._failure = ""
-        # The manager answers only between two changes of state, so nothing waits for its
-        # answer to a poll.
+        # The manager answers only between two changes of state, so nothing waits for
+        # its answer to a poll.
         self._poll_answer = None
         self._active_client = self.create_client(Trigger, f"{self._manager}/is_active")
-        # A reset waits for the manager's answers, so it must not keep their callbacks from
-        # running.
+        # A reset waits for the manager's answers, so it must not keep their callbacks
+        # from running.
         group = ReentrantCallbackGroup()
-        # A client that is used as soon as it is made can miss the answer. This one is made
-        # here, and the poll checks that it is connected.
+        # A client that is used as soon as it is made can miss the answer. This one is
+        # made here, and the poll checks that it is connected.
         self._manage_client = self.create_client(
             ManageLifecycleNodes, f"{self._manager}/manage_nodes", callback_group=group
         )
@@ -94,7 +95,8 @@ class TrialNode(Node):
             self._poll_answer = self._active_client.call_async(Trigger.Request())
 
     def _on_status(self, message):
-        # A status comes only once, so it counts even before a poll has found Nav2 active.
+        # A status comes only once, so it counts even before a poll has found Nav2
+        # active.
         self._has_goal = any(
             goal.status in WORKING_STATUSES for goal in message.status_list
         )
@@ -103,7 +105,7 @@ class TrialNode(Node):
         self._has_plan = bool(message.poses)
 
     async def _on_reset(self, _, response):
-        """Answer once Nav2 is down: then no goal can reach a server of the last trial."""
+        """Answer once Nav2 is down, so that no goal reaches the last trial."""
         self._failure = ""
         # A Nav2 that is not active yet has nothing to forget.
         if self._is_active:

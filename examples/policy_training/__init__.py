@@ -1,1 +1,1 @@
-"""Training in `barn/Jackal-v0` with Stable-Baselines3, from easy to difficult worlds."""
+"""Training in `barn/Jackal-v0`: Stable-Baselines3, and a curriculum of worlds."""

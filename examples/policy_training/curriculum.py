@@ -30,8 +30,8 @@ class CurriculumConfig(Checked):
 class Curriculum(gymnasium.Wrapper):  # type: ignore[type-arg, misc, unused-ignore]
     """An environment whose worlds become harder with success.
 
-    Its worlds are ordered by number, which in the shipped data sets is the order of their
-    difficulty. They are drawn from the easiest (level 0) up to `level`.
+    Its worlds are ordered by number, which in the shipped data sets is the order of
+    their difficulty. They are drawn from the easiest (level 0) up to `level`.
     """
 
     def __init__(

@@ -23,8 +23,8 @@ class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
     """Environments of one configuration that advance together.
 
     The step that ends an episode also begins the next one. Its info holds
-    `terminal_observation`, `TimeLimit.truncated`, `outcome` and `is_success` of the episode
-    that ended. The infos of other steps are empty.
+    `terminal_observation`, `TimeLimit.truncated`, `outcome` and `is_success` of the
+    episode that ended. The infos of other steps are empty.
     """
 
     def __init__(
@@ -35,8 +35,8 @@ class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
         Args:
             count: Number of environments.
             config: What each of them is.
-            curriculum: How each draws its worlds. An episode counts for the next but one,
-                since the next one has already begun when it ends.
+            curriculum: How each draws its worlds. An episode counts for the next but
+                one, since the next one has already begun when it ends.
         """
         self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep")
         envs = self._batch.envs
@@ -60,7 +60,7 @@ class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
         npt.NDArray[np.bool_],
         list[dict[str, Any]],
     ]:
-        """Take the step; return observations, rewards, which episodes ended, and infos."""
+        """Take the step; return observations, rewards, ends and infos."""
         observations, rewards, terminated, truncated, batch_info = self._batch.step(
             self.actions
         )

@@ -9,14 +9,13 @@ mkdir -p build/coverage
 python -m coverage run -m pytest -q -n auto --dist loadfile --ignore-glob='*/test_*ros*'
 python -m coverage run -m pytest -q barn_worlds/test/test_ros_domain.py # a lock, which needs no ROS
 # These have passed above. As Python some take too long.
-export PYTHONPATH="$PWD/qa/checks${PYTHONPATH:+:$PYTHONPATH}"
 kernels() {
     local package=$1
     shift
-    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q -p kernels_as_python -n auto --timeout 120 "${@/#/$package/test/test_}" || true
+    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q -n auto --timeout 120 "${@/#/$package/test/test_}" || true
 }
 kernels barn_worlds cspace.py path_planner.py generate.py motion.py world.py format_gazebo.py
-kernels barn_sim wheels.py tyres.py lidar.py particles.py obstacles.py movers.py sim_motion.py simulator.py
+kernels barn_sim wheels.py tires.py lidar.py particles.py obstacles.py movers.py sim_motion.py simulator.py
 kernels barn_planners costmap.py dwa_kernels.py eband_kernels.py mppi_kernels.py global_plan.py policy.py policy_file.py gap.py
 kernels barn_metrics metrics.py features.py
 python -m coverage combine --quiet

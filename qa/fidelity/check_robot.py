@@ -19,7 +19,6 @@ from rich.console import Console
 from rich.table import Table
 
 from barn_sim.config import PRESETS, with_robot
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
@@ -29,7 +28,8 @@ from barn_worlds.worlds.world import World
 
 LARGEST_DEVIATION = 0.03
 _START = Pose2D(200.0, 0.0, 0.3)  # far from everything in a world
-_SETTLED_S, _MEASURED_S = 1.0, 1.0
+_SETTLED_S = 1.0
+_MEASURED_S = 1.0
 _SLIPS_S = 4.0  # that a skid-steer robot takes for a steady arc
 _SIDEWAYS = 0.3  # share of the friction that an arc may take
 _LAGS = 6.0  # after so many time constants motors have followed
@@ -65,17 +65,13 @@ def self_test(robot: Robot) -> list[Measured]:
             raise ConfigError(
                 f"robot {robot.name}: drive.{name} must be above 0 to drive it, got 0"
             )
-    client = PhysicsClient()
-    try:
-        drives = _SelfTest(robot, client)
-        return [*drives.straight(), *drives.turn(), *drives.arcs()]
-    finally:
-        client.close()
+    drives = _SelfTest(robot)
+    return [*drives.straight(), *drives.turn(), *drives.arcs()]
 
 
 class _SelfTest:
-    def __init__(self, robot: Robot, client: PhysicsClient) -> None:
-        self._robot, self._client, self._theory = robot, client, Planar(robot)
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._theory = robot, Planar(robot)
         self._world = World(
             "self-test", np.zeros((3, 3), np.bool_), np.array([[1, 0], [1, 1], [1, 2]])
         )
@@ -85,8 +81,10 @@ class _SelfTest:
         )  # scans that take no time
 
     def straight(self) -> Iterator[Measured]:
-        speed, simulator = self._robot.drive.max_speed_m_s, self._simulator()
-        start, settling_s = simulator.sense().truth.pose, self._settling_s(speed)
+        speed = self._robot.drive.max_speed_m_s
+        simulator = self._simulator()
+        start = simulator.sense().truth.pose
+        settling_s = self._settling_s(speed)
         reached, covered = self._theory.go(speed, settling_s)
         self._drive(simulator, Velocity2D(speed, 0.0), settling_s)
         gone = simulator.sense().truth.pose.distance(start)
@@ -103,7 +101,8 @@ class _SelfTest:
         )
 
     def turn(self) -> Iterator[Measured]:
-        simulator, turn = self._simulator(), 0.5 * self._robot.drive.max_yaw_rate_rad_s
+        simulator = self._simulator()
+        turn = 0.5 * self._robot.drive.max_yaw_rate_rad_s
         command = Velocity2D(0.0, turn)
         self._drive(simulator, command, self._settling_s(0.0, turn))
         rate = self._drive(simulator, command, _MEASURED_S)[1]
@@ -139,7 +138,8 @@ class _SelfTest:
         yield from self._steady("arc to the right", speed, -0.5 * turn)
 
     def _steady(self, manoeuvre: str, speed: float, turn: float) -> Iterator[Measured]:
-        simulator, command = self._simulator(), Velocity2D(speed, turn)
+        simulator = self._simulator()
+        command = Velocity2D(speed, turn)
         slips_s = _SLIPS_S if self._robot.chassis.kind == "skid_steer" else 0.0
         self._drive(simulator, command, self._settling_s(speed, turn) + slips_s)
         driven = self._drive(simulator, command, _MEASURED_S)
@@ -148,7 +148,7 @@ class _SelfTest:
         yield Measured(manoeuvre, "yaw rate", "rad/s", turn, expected[1], driven[1])
 
     def _simulator(self) -> Simulator:
-        return Simulator(self._world, self._config, _START, 0, self._client)
+        return Simulator(self._world, self._config, _START, 0)
 
     def _settling_s(self, speed: float, turn: float = 0.0) -> float:
         """Return a time after which the robot follows a command, of whole control periods."""
@@ -160,9 +160,9 @@ class _SelfTest:
             ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
         )
         if needed_s > _LONGEST_S:
-            wanted = f"must let it reach its speeds within {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
+            requirement = f"must let it reach its speeds within {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
             raise ConfigError(
-                f"robot {self._robot.name}: its accelerations and wheel_friction {wanted}"
+                f"robot {self._robot.name}: its accelerations and wheel_friction {requirement}"
             )
         period = self._config.control_period_s
         return period * math.ceil(needed_s / period)
@@ -175,35 +175,47 @@ class _SelfTest:
             simulator.step(command)
             for _ in range(round(duration_s / self._config.control_period_s))
         ]
-        velocities = [one.truth.velocity for one in sensed]
+        velocities = [sample.truth.velocity for sample in sensed]
         linear, angular = np.mean(
-            [(one.linear, one.angular) for one in velocities], axis=0
+            [(sample.linear, sample.angular) for sample in velocities], axis=0
         ).tolist()
         return linear, angular
 
 
-def show(found: Robot, driven: list[Measured]) -> None:
+def show(robot: Robot, driven: list[Measured]) -> None:
     """Print how a robot drove, and whether that is as theory says."""
-    drive, chassis = found.drive, found.chassis
-    size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
+    drive = robot.drive
+    chassis = robot.chassis
+    size = f"{robot.length_m:.3g} x {robot.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
     limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
-    click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")
+    click.echo(f"{robot.name}: {chassis.kind}, {size}, up to {limits}")
     table = Table("manoeuvre", "quantity", "asked", "theory", "simulated", "deviation")
-    for one in driven:
-        asked = "" if one.asked is None else f"{one.asked:.3f}"
-        deviation = f"{100 * one.deviation:+.1f} %{'' if one.passed else ' !'}"
-        numbers = (asked, f"{one.theory:.3f}", f"{one.simulated:.3f}", deviation)
-        table.add_row(one.manoeuvre, f"{one.quantity} ({one.unit})", *numbers)
+    for measurement in driven:
+        demand = "" if measurement.asked is None else f"{measurement.asked:.3f}"
+        deviation = (
+            f"{100 * measurement.deviation:+.1f} %{'' if measurement.passed else ' !'}"
+        )
+        numbers = (
+            demand,
+            f"{measurement.theory:.3f}",
+            f"{measurement.simulated:.3f}",
+            deviation,
+        )
+        table.add_row(
+            measurement.manoeuvre,
+            f"{measurement.quantity} ({measurement.unit})",
+            *numbers,
+        )
     Console().print(table)
-    beyond = sum(not one.passed for one in driven)
-    worst = max(abs(one.deviation) for one in driven)
+    beyond = sum(not measurement.passed for measurement in driven)
+    worst = max(abs(measurement.deviation) for measurement in driven)
     verdict = (
         f"does not drive as theory says in {beyond} respects"
         if beyond
         else "drives as theory says"
     )
     click.echo(
-        f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed"
+        f"{robot.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed"
     )
 
 
@@ -213,23 +225,28 @@ def show(found: Robot, driven: list[Measured]) -> None:
 def main(robot: str, as_json: bool) -> None:
     """Check a robot: a name or a YAML file."""
     try:
-        found = load_robot(robot)
-        driven = self_test(found)
+        loaded = load_robot(robot)
+        driven = self_test(loaded)
     except BarnError as error:
         raise click.ClickException(str(error)) from None
-    passed = all(one.passed for one in driven)
+    passed = all(measurement.passed for measurement in driven)
     if as_json:
         measured = [
-            {**asdict(one), "deviation": one.deviation, "passed": one.passed}
-            for one in driven
+            {
+                **asdict(measurement),
+                "deviation": measurement.deviation,
+                "passed": measurement.passed,
+            }
+            for measurement in driven
         ]
         click.echo(
             json.dumps(
-                {"robot": found.name, "passed": passed, "self_test": measured}, indent=1
+                {"robot": loaded.name, "passed": passed, "self_test": measured},
+                indent=1,
             )
         )
     else:
-        show(found, driven)
+        show(loaded, driven)
     sys.exit(int(not passed))
 
 

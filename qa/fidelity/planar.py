@@ -13,7 +13,9 @@ from barn_worlds.robots.robot import Robot
 
 GRAVITY_M_S2 = 9.81
 _STEP_S = 1e-4  # along a line
-_TURN_STEP_S, _TURN_S = 2e-4, 10.0  # of a robot that slips, unless it is steady before
+# of a robot that slips, unless it is steady before
+_TURN_STEP_S = 2e-4
+_TURN_S = 10.0
 _STEADY = 1e-4  # change in a second
 _CREEP_M_S = 1e-3  # slip below which friction is viscous, so that it can be integrated
 _STILL_M_S = 1e-4
@@ -42,7 +44,8 @@ class Planar:
 
         With one driven axle, weight moves to the rear as the robot gains speed. Balance of forces and moments.
         """
-        chassis, friction = self.robot.chassis, self.robot.wheel_friction
+        chassis = self.robot.chassis
+        friction = self.robot.wheel_friction
         if chassis.kind == "skid_steer":
             return self.friction_m_s2
         driven = chassis.axle_x_m
@@ -56,7 +59,7 @@ class Planar:
         return self.go(0.0, math.inf, speed_m_s)[1]
 
     def go(
-        self, wanted_m_s: float, duration_s: float, start_m_s: float = 0.0
+        self, target_m_s: float, duration_s: float, start_m_s: float = 0.0
     ) -> tuple[float, float]:
         """Return speed (m/s) and distance (m) so long after a robot was given a forward speed.
 
@@ -64,7 +67,7 @@ class Planar:
         """
         drive = self.robot.drive
         grips = self.grip_m_s2(-1), self.grip_m_s2(1)
-        asked = rim = speed = start_m_s
+        command = rim = speed = start_m_s
         time_s = distance = 0.0
         while time_s < duration_s and (
             duration_s < math.inf
@@ -73,9 +76,13 @@ class Planar:
         ):
             if time_s >= drive.command_latency_s:
                 most = drive.max_acceleration_m_s2 * _STEP_S
-                asked += max(-most, min(most, wanted_m_s - asked))
+                command += max(-most, min(most, target_m_s - command))
             lag = drive.motor_lag_s
-            rim = asked if lag == 0.0 else rim + (asked - rim) * min(_STEP_S / lag, 1.0)
+            rim = (
+                command
+                if lag == 0.0
+                else rim + (command - rim) * min(_STEP_S / lag, 1.0)
+            )
             speed += max(-grips[0] * _STEP_S, min(grips[1] * _STEP_S, rim - speed))
             distance += speed * _STEP_S
             time_s += _STEP_S
@@ -83,16 +90,19 @@ class Planar:
 
     def arc(self, speed_m_s: float, turn_rad_s: float) -> tuple[float, float]:
         """Return the steady forward speed (m/s) and yaw rate (rad/s) under a command within the limits."""
-        chassis, drive = self.robot.chassis, self.robot.drive
+        chassis = self.robot.chassis
+        drive = self.robot.drive
         half = 0.5 * chassis.track_m * drive.wheel_separation_multiplier
-        left, right = speed_m_s - turn_rad_s * half, speed_m_s + turn_rad_s * half
+        left = speed_m_s - turn_rad_s * half
+        right = speed_m_s + turn_rad_s * half
         if chassis.kind == "differential":
             return speed_m_s, (right - left) / chassis.track_m
         return self._skid(left, right)
 
     def stopping_rad(self, turn_rad_s: float) -> float:
         """Return how far a differential drive turns on in place after it was told to stop."""
-        chassis, drive = self.robot.chassis, self.robot.drive
+        chassis = self.robot.chassis
+        drive = self.robot.drive
         _, rate = self.arc(0.0, turn_rad_s)
         gain = rate / turn_rad_s
         ahead = chassis.centre_of_mass_m[0] - chassis.axle_x_m
@@ -115,15 +125,14 @@ class Planar:
         The motion in the frame of the robot, integrated until it is steady.
         """
         chassis = self.robot.chassis
-        mass, spin_inertia = chassis.mass_kg, chassis.inertia_kg_m2[2]
+        mass = chassis.mass_kg
+        spin_inertia = chassis.inertia_kg_m2[2]
         centre_x, centre_y, _ = chassis.centre_of_mass_m
         places = [(x - centre_x, y - centre_y) for x, y, _ in chassis.wheels_m]
         rims = [left_m_s if k % 2 == 0 else right_m_s for k in range(4)]
-        vx, vy, turn = (
-            0.5 * (left_m_s + right_m_s),
-            0.0,
-            (right_m_s - left_m_s) / chassis.track_m,
-        )
+        vx = 0.5 * (left_m_s + right_m_s)
+        vy = 0.0
+        turn = (right_m_s - left_m_s) / chassis.track_m
         forces: list[Force] = [(0.0, 0.0)] * 4
         for _ in range(round(_TURN_S / _TURN_STEP_S)):
             loads = self._loads(
@@ -131,7 +140,8 @@ class Planar:
             )
             forces = []
             for (x, y), rim, load in zip(places, rims, loads, strict=True):
-                slip_x, slip_y = vx - turn * y - rim, vy + turn * x
+                slip_x = vx - turn * y - rim
+                slip_y = vy + turn * x
                 push = (
                     -self.robot.wheel_friction
                     * load
@@ -141,10 +151,8 @@ class Planar:
             moment = sum(
                 x * fy - y * fx for (x, y), (fx, fy) in zip(places, forces, strict=True)
             )
-            ax, ay = (
-                sum(fx for fx, _ in forces) / mass + turn * vy,
-                sum(fy for _, fy in forces) / mass - turn * vx,
-            )
+            ax = sum(fx for fx, _ in forces) / mass + turn * vy
+            ay = sum(fy for _, fy in forces) / mass - turn * vx
             vx, vy, turn = (
                 vx + _TURN_STEP_S * ax,
                 vy + _TURN_STEP_S * ay,
@@ -158,19 +166,16 @@ class Planar:
         self, places: list[tuple[float, float]], fx: float, fy: float
     ) -> list[float]:
         """Return the loads (N) of wheels at corners of a rectangle, on equal springs, under forces at the ground."""
-        mass, count = self.robot.chassis.mass_kg, len(places)
-        mean_x, mean_y = (
-            sum(x for x, _ in places) / count,
-            sum(y for _, y in places) / count,
-        )
+        mass = self.robot.chassis.mass_kg
+        count = len(places)
+        mean_x = sum(x for x, _ in places) / count
+        mean_y = sum(y for _, y in places) / count
         spread_x = sum((x - mean_x) ** 2 for x, _ in places)
         spread_y = sum((y - mean_y) ** 2 for _, y in places)
         weight = mass * GRAVITY_M_S2
         # moments about the middle of the wheels, with the weight at the origin
-        pitch, roll = (
-            -weight * mean_x - self.height_m * fx,
-            -weight * mean_y - self.height_m * fy,
-        )
+        pitch = -weight * mean_x - self.height_m * fx
+        roll = -weight * mean_y - self.height_m * fy
         return [
             weight / count
             + pitch * (x - mean_x) / spread_x

@@ -19,7 +19,8 @@ from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import world_figure
 
-MOVING, MOVING_WORLD = "dynabarn60", 5
+MOVING = "dynabarn60"
+MOVING_WORLD = 5
 # What draws the others.
 ELSEWHERE = {
     "trial.gif": "make animation",

@@ -19,7 +19,9 @@ from barn_worlds.worlds.world import World
 Cell = tuple[int, int]
 
 _ZOOM_CELLS = 7
-_RING_OUTER, _RING_WIDTH = 5.7, 0.8  # of the circle of a dispersion, in cells
+# of the circle of a dispersion, in cells
+_RING_OUTER = 5.7
+_RING_WIDTH = 0.8
 
 
 def visibility_figure(world: World) -> Figure:
@@ -128,14 +130,15 @@ def _tight_and_open(world: World) -> tuple[Cell, Cell]:
     values = cell_metrics(world.cspace, cells)
     tight = (values[:, 1] - values[:, 3]).argmax()
     everywhere = _free_cells_beside(world, cells)
-    others = cell_metrics(world.cspace, everywhere)
-    spacious = np.where(others[:, 0] == values[tight, 0], others[:, 3], -1.0).argmax()
+    metrics = cell_metrics(world.cspace, everywhere)
+    spacious = np.where(metrics[:, 0] == values[tight, 0], metrics[:, 3], -1.0).argmax()
     return _cell(cells[tight]), _cell(everywhere[spacious])
 
 
 def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
     """Draw the sixteen rays with their sampled points, and a ring around them whose alternations are numbered."""
-    rays, points = kernels.ORDERED_RAYS, kernels.EVEN_POINTS
+    rays = kernels.ORDERED_RAYS
+    points = kernels.EVEN_POINTS
     blocked = [
         kernels.ray_blocked(cspace, *cell, ray, count)
         for ray, count in zip(rays, points, strict=True)

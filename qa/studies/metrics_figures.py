@@ -100,10 +100,10 @@ def automaton_figure(
 
 def example_worlds_figure(worlds: Iterable[World]) -> Figure:
     """Show worlds side by side, with their C-space, path and path length."""
-    chosen = list(worlds)
+    world_list = list(worlds)
     figure = new_figure(400)
     for axes, world in zip(
-        np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True
+        np.atleast_1d(figure.subplots(1, len(world_list))), world_list, strict=True
     ):
         show_cells(axes, world.grid, world.cspace)
         show_path(axes, world.path)
@@ -123,10 +123,8 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
         published = TABLE_II[metric.name]
-        low, high = (
-            published["mean"] - published["std"],
-            published["mean"] + published["std"],
-        )
+        low = published["mean"] - published["std"]
+        high = published["mean"] + published["std"]
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
         axes.axvline(
@@ -160,19 +158,25 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
 
 def table_i(dataset: Dataset) -> str:
     """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
-    made_with = [
+    parameter_sets = [
         dataset.load(index).provenance.parameters for index in dataset.world_numbers
     ]
-    repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
+    repetitions = Counter(
+        tuple(sorted(parameters.items())) for parameters in parameter_sets
+    )
     rows = []
     for name, published in TABLE_I.items():
-        ours = {parameters.get(name, "not recorded") for parameters in made_with}
-        rows.append([name.replace("_", " "), _listed(published), _listed(ours)])
-    rows.append(["repetitions", str(REPETITIONS), _listed(set(repetitions.values()))])
+        ours = {parameters.get(name, "not recorded") for parameters in parameter_sets}
+        rows.append(
+            [name.replace("_", " "), _join_values(published), _join_values(ours)]
+        )
+    rows.append(
+        ["repetitions", str(REPETITIONS), _join_values(set(repetitions.values()))]
+    )
     return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
-def _listed(values: Iterable[object]) -> str:
+def _join_values(values: Iterable[object]) -> str:
     return ", ".join(
         f"{value:.2f}" if isinstance(value, float) else str(value)
         for value in sorted(values, key=str)
@@ -183,7 +187,8 @@ def table_ii(table: MetricsTable) -> str:
     """Return Table II as Markdown: published / ours in each column."""
     rows = []
     for metric in METRICS:
-        published, ours = TABLE_II[metric.name], table.summary_of(metric)
+        published = TABLE_II[metric.name]
+        ours = table.summary_of(metric)
         # The extremes are of cells, for tortuosity of paths.
         ours |= {
             name: ours.get(f"cell_{name}", ours[name])

@@ -384,7 +384,7 @@ class Results:
         """Return the trials in a world, drawn over it; as `barn.results.overlay`.
 
         Args:
-            world: World number.
+            world: Number in the data set.
             by: What colors them, "planner" or "speed".
             planners: Only trials of these planners.
             outcome: Only trials with this outcome, such as "collision".

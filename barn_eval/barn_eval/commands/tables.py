@@ -16,8 +16,8 @@ _GAP = 2  # spaces between two columns
 _MARGINS = 2  # spaces left and right of a table
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
+# A heading and its cells.
 Column = Sequence[str]
-"""A heading and its cells."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class FittedTable:
 
     columns: tuple[Column, ...]
 
+    # Whether each column is aligned to the right.
     right: tuple[bool, ...]
-    """Whether each column is aligned to the right."""
 
+    # Number of first columns that each part repeats.
     keys: int
-    """Number of first columns that each part repeats."""
 
     title: str
     caption: str

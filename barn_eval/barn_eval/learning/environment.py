@@ -27,7 +27,7 @@ from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
 
 RENDER_MODES = ("rgb_array",)
-# Worlds in memory; all shipped data sets fit.
+# Worlds that stay in memory, with their paths.
 _MAX_CACHED_WORLDS = 2000
 # Outcomes that the learner's actions cause. All others truncate an episode.
 _TERMINAL_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
@@ -39,12 +39,13 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     """A robot that has to reach the goal of a world.
 
     Observations and actions are those of `barn_planners.policy.space`. An episode is a
-    trial of the benchmark. It terminates at a success, a collision (if the protocol checks
-    collisions) or a command that is not a number. It is truncated by the time limits.
+    trial of the benchmark. It terminates at a success, a collision (if the protocol
+    checks collisions) or a command that is not a number. It is truncated by the time
+    limits.
 
-    `info` holds the world's number, the time in s and the distance left to the goal in m.
-    At the end of an episode it also holds the outcome and its detail, whether it is a
-    success, and the scores.
+    `info` holds the world's number, the time in s and the distance left to the goal in
+    m. At the end of an episode it also holds the outcome and its detail, whether it is
+    a success, and the scores.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
@@ -122,13 +123,15 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Begin an episode.
 
         Args:
-            seed: Seed of everything that is drawn from now on; None keeps the generator.
+            seed: Seed of everything that is drawn from now on; None keeps the
+                generator.
             options: `world` chooses the world by number; otherwise it is drawn. With
-                `campaign_seed` (and `repetition`, 0 by default) as well, the episode is the
-                very trial that `barn run --seed` makes of these numbers.
+                `campaign_seed` (and `repetition`, 0 by default) as well, the episode is
+                the very trial that `barn run --seed` makes of these numbers.
 
         Returns:
-            Observation and info. In a batch both are empty: the batch reads the sensors.
+            Observation and info. In a batch both are empty: the batch reads the
+            sensors.
 
         Raises:
             ConfigError: If an option is unknown or not allowed.
@@ -158,8 +161,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             action: Action (2,), as of `barn_planners.policy.space`.
 
         Returns:
-            Observation, reward, whether the episode terminated, whether it was truncated,
-            and info.
+            Observation, reward, whether the episode terminated, whether it was
+            truncated, and info.
 
         Raises:
             ResetNeeded: Before `reset` and after the end of an episode.
@@ -189,13 +192,13 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def is_terminal(self) -> bool:
-        """Tell whether the episode that ended terminated; otherwise it was truncated."""
+        """Tell whether the episode that ended terminated instead of being truncated."""
         assert self._episodes is not None
         verdict = self._episodes.trial(self._index).verdict
         return verdict is not None and verdict.outcome in _TERMINAL_OUTCOMES
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a picture (height, width, 3) from above; None without a render mode."""
+        """Return a picture (height, width, 3); None without a render mode."""
         if self._episodes is None or self._top_view is None:
             return None
         return self._top_view.draw(self._episodes)
@@ -210,7 +213,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def _draw_trial(
         self, options: Mapping[str, int], cached_worlds: dict[int, CachedWorld]
     ) -> CachedWorld:
-        """Return a trial and the path in its world; draw what the options do not give."""
+        """Return a trial and its path; draw what the options do not give."""
         # Always in this order, so that equal seeds draw equal trials.
         world_number = options.get("world")
         if world_number is None:

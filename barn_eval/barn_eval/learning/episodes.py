@@ -1,7 +1,7 @@
 """Episodes: trials as the benchmark runs them, one alone or many that advance together.
 
-A step is a few compiled calls for all robots. Python runs only for robots near an obstacle,
-trials that may have ended, the collision check, and poses in a map.
+A step is a few compiled calls for all robots. Python runs only for robots near an
+obstacle, trials that may have ended, the collision check, and poses in a map.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +23,6 @@ from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_col
 from barn_planners.policy.space import ObservationEncoder
 from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -70,7 +69,6 @@ class Episodes:
         self._period_s = simulator.control_period_s
         self._reward_weights = reward_weights(config.reward)
         self._encoder = ObservationEncoder(config.observation)
-        self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
         self._trials: dict[int, RunningTrial] = {}
         self._simulators: dict[int, Simulator] = {}
         # Any scan: all robots have the same lidar.
@@ -99,7 +97,8 @@ class Episodes:
             path: Points on the path to the goal, as of `path_points`.
 
         Raises:
-            ConfigError: If the distances of its rules differ from those of other robots.
+            ConfigError: If the distances of its rules differ from those of other
+                robots.
         """
         self._require_equal_rules(index, spec)
         start = spec.course.start
@@ -111,7 +110,7 @@ class Episodes:
                 spec.simulator,
                 start,
                 seed,
-                self._clients[index],
+                self.batch.scenes,
                 fleet=self.batch.fleet,
                 index=index,
             )
@@ -188,7 +187,7 @@ class Episodes:
         return before_m
 
     def _localized_poses(self, rows: Integers) -> Floats:
-        """Return the poses (n, 3) in the map frame, as the robots localize themselves."""
+        """Return the poses (n, 3) in the map frame by the robots' localization."""
         poses: Floats = self.readings.odometry.copy()
         for index in rows.tolist():
             odometry_pose = Pose2D(*poses[index].tolist())
@@ -267,7 +266,7 @@ class Episodes:
     def _check_commands(
         self, is_resting: Bools, commands: Floats
     ) -> tuple[Floats, Bools]:
-        """Return commands (n, 2) without collisions, and which of them changed, (n,)."""
+        """Return commands (n, 2) without collisions, and which changed (n,)."""
         if not self._safety.enabled:
             return commands, np.zeros(len(commands), np.bool_)
 
@@ -286,8 +285,6 @@ class Episodes:
 
     def close(self) -> None:
         """Close the physics clients."""
-        for client in self._clients:
-            client.close()
         self.batch.close()
 
 

@@ -1,8 +1,8 @@
 """Rewards, and the distance left to the goal that they are computed from.
 
-The reward for progress is a difference of potentials. That leaves the best policy as it is
-(Ng, Harada and Russell, "Policy invariance under reward transformations", ICML 1999);
-exactly so for discount factors near 1.
+The reward for progress is a difference of potentials. That leaves the best policy as it
+is (Ng, Harada and Russell, "Policy invariance under reward transformations", ICML
+1999); exactly so for discount factors near 1.
 """
 
 import math
@@ -20,8 +20,8 @@ from barn_worlds.worlds.world import World
 
 # More than the relative error of a squared distance.
 _ROUNDING = 1.0 + 1e-12
-# Rewards per m of progress, per s, per s at an obstacle; range in m from which on nothing is
-# near; reward per s in which the collision check changes the command.
+# Rewards per m of progress, per s, per s at an obstacle; range in m from which on
+# nothing is near; reward per s in which the collision check changes the command.
 RewardWeights: TypeAlias = tuple[float, float, float, float, float]
 
 
@@ -34,8 +34,8 @@ def path_points(world: World, course: Course, along: str) -> Floats:
         along: "straight" for the goal alone, "path" for the world's own path to it.
 
     Returns:
-        Points (n, 3): x and y in the map frame, and the length of the path from there to
-        the goal, all in m.
+        Points (n, 3): x and y in the map frame, and the length of the path from there
+        to the goal, all in m.
     """
     points = np.array([[course.goal.x, course.goal.y]])
     if along != STRAIGHT:
@@ -53,7 +53,7 @@ def measure_distances_left(
     rows: Integers,
     distances_m: Floats,
 ) -> None:
-    """Fill in how far each robot has to go: to the nearest point of its path, then along.
+    """Fill in how far each robot has to go: to its path, and along it.
 
     Args:
         points: Points (n, k, 3) of each robot's path, as of `path_points`.
@@ -71,8 +71,8 @@ def measure_distances_left(
             dy = points[row, k, 1] - y
             nearest_square = min(nearest_square, dx * dx + dy * dy)
 
-        # Squares are fast, but points at nearly equal distance need the exact distance to
-        # tell which is first.
+        # Squares are fast, but points at nearly equal distance need the exact distance
+        # to tell which is first.
         nearest_m = np.inf
         for k in range(counts[row]):
             dx = points[row, k, 0] - x

@@ -30,7 +30,7 @@ _Infos: TypeAlias = dict[int, dict[str, Any]]
 class JackalVectorEnv(SyncVectorEnv):
     """Environments whose robots advance together.
 
-    Everything is as with Gymnasium's SyncVectorEnv, to the last bit, but many times faster.
+    Everything is as with Gymnasium's SyncVectorEnv, to the last bit.
     """
 
     def __init__(
@@ -68,15 +68,15 @@ class JackalVectorEnv(SyncVectorEnv):
         """Begin episodes.
 
         Args:
-            seed: Seed of the first environment, whose successors get the next numbers; or
-                a seed for each.
+            seed: Seed of the first environment, whose successors get the next numbers;
+                or a seed for each.
             options: Options of `JackalEnv.reset`. `reset_mask` (n,) resets only some.
 
         Returns:
             Observations (n, size) and infos.
         """
         mask = (options or {}).get("reset_mask", self._all)
-        # Gymnasium removes the mask from the options and keeps the rows of the others.
+        # Gymnasium returns these rows for environments that the mask leaves out.
         self._env_obs = list(self._observations.copy())
         super().reset(seed=seed, options=options)
         started = np.flatnonzero(mask)
@@ -93,8 +93,8 @@ class JackalVectorEnv(SyncVectorEnv):
             actions: Actions (n, 2), as of `barn_planners.policy.space`.
 
         Returns:
-            Observations (n, size), rewards, whether episodes terminated, whether they were
-            truncated, all (n,), and infos.
+            Observations (n, size), rewards, whether episodes terminated, whether they
+            were truncated, all (n,), and infos.
 
         Raises:
             ResetNeeded: Before the first `reset`.
@@ -106,7 +106,8 @@ class JackalVectorEnv(SyncVectorEnv):
             raise ConfigError(
                 f"actions must be an array of shape {shape}, got {actions.shape}"
             )
-        # In the mode NEXT_STEP, the step after the end of an episode only begins the next.
+        # In the mode NEXT_STEP, the step after the end of an episode only begins the
+        # next.
         is_resting = ~self._all
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             is_resting = self._autoreset_envs

@@ -1,4 +1,4 @@
-"""Rows and tracks of trials, which survive a kill at any moment, and the tables made of them at the end."""
+"""Rows and tracks of trials, which survive a kill at any moment, and tables of rows."""
 
 import io
 import os
@@ -7,7 +7,6 @@ import typing
 import zlib
 from collections.abc import Iterator, Sequence
 from enum import Enum
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -32,37 +31,45 @@ from barn_worlds.base.text_files import parse_json, read_lines
 
 ROWS_FILE = "results.jsonl"
 TRACKS_FILE = "tracks.jsonl"
-RESULTS, TIMING = "results", "timing"  # tables, which `tables` writes
+
+# Tables, each as Parquet and CSV.
+RESULTS = "results"
+TIMING = "timing"
 TABLE_FILES = tuple(
     f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv")
 )
+
+# The checksum is the last key of a line.
 _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
 
 
 class RowFile:
-    """The rows of one folder, in the order in which the trials ended; one process writes at a time."""
+    """The rows of one folder, in the order in which trials ended; it has one writer."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / ROWS_FILE
 
     def append(self, result: TrialResult) -> None:
-        """Add a row and see it onto the disk; StoreError, with the rows as they were, if that fails."""
+        """Add a row and see it onto the disk.
+
+        Raises:
+            StoreError: That failed; the rows are as they were.
+        """
         _append_line(self.path, to_json_line(result))
 
     def replace(self, results: Rows) -> None:
-        """Keep these rows and no others; StoreError, with the rows as they were, if that fails."""
-        write_durably(
-            self.path,
-            "".join(
-                f"{seal_line(to_json_line(result))}\n" for result in results
-            ).encode(),
-        )
+        """Keep these rows and no others; errors as `append`."""
+        _write_lines(self.path, [seal_line(to_json_line(row)) for row in results])
 
     def read(self) -> list[TrialResult]:
-        """Return the rows without a last line that a kill cut off; the file is left as it is."""
+        """Return the rows without a last line that a kill cut off.
+
+        Raises:
+            ConfigError: A line is damaged, or a trial has two rows.
+        """
         rows: dict[str, TrialResult] = {}
-        for where, line in _whole_lines(self.path):
-            row = from_json_line(line, where)
+        for where, line in read_lines(self.path):
+            row = from_json_line(unseal_line(line, where), where)
             if row.trial_id in rows:
                 raise ConfigError(f"{where}: trial {row.trial_id} is there already")
             rows[row.trial_id] = row
@@ -70,48 +77,43 @@ class RowFile:
 
 
 class TrackFile:
-    """The tracks of one folder; a trial that a kill left without a row is run again, and its last track counts."""
+    """The tracks of one folder; it has one writer.
+
+    A trial that a kill left without a row is run again, so its last track counts.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / TRACKS_FILE
 
     def append(self, line: str) -> None:
-        """Add the line of a track and see it onto the disk; StoreError, with the lines as they were, if that fails."""
+        """Add the line of a track and see it onto the disk.
+
+        Raises:
+            StoreError: That failed; the lines are as they were.
+        """
         _append_line(self.path, line)
 
     def read(self) -> dict[str, str]:
-        """Return the lines by the name of their trial, without one that a kill cut off; empty without a file."""
-        return {_trial_of(line, where): line for where, line in _whole_lines(self.path)}
+        """Return the lines by trial, without a last line that a kill cut off."""
+        lines = {}
+        for where, sealed_line in read_lines(self.path):
+            line = unseal_line(sealed_line, where)
+            content = parse_json(line, where)
+            trial_id = content.get("trial_id") if isinstance(content, dict) else None
+            if not isinstance(trial_id, str):
+                raise ConfigError(f"{where}: not the track of a trial")
+            lines[trial_id] = line
+        return lines
 
-    def arrange(self, order: Sequence[str]) -> None:
-        """Bring the lines into an order of trials, one of each, so that the file no longer tells who ended when."""
+    def arrange(self, trial_ids: Sequence[str]) -> None:
+        """Bring the lines into an order of trials, one of each.
+
+        So the file no longer tells which trial ended when.
+        """
         tracks = self.read()
-        after = [
-            seal_line(tracks[trial_id]) for trial_id in order if trial_id in tracks
-        ]
-        if after != [line for _, line in read_lines(self.path)]:
-            write_durably(self.path, "".join(f"{line}\n" for line in after).encode())
-
-
-def _append_line(path: Path, line: str) -> None:
-    """Add a sealed line to a file and see it onto the disk; StoreError, with whole lines as they were, if not."""
-    with (
-        convert_os_errors(StoreError, f"{path}: cannot be written"),
-        path.open("a+b", buffering=0) as file,
-    ):
-        whole = _drop_torn_line(file)
-        try:
-            data = memoryview(f"{seal_line(line)}\n".encode())
-            while data:
-                data = data[file.write(data) :]
-            os.fsync(file.fileno())
-        except OSError:
-            file.truncate(whole)
-            raise
-
-
-def _whole_lines(path: Path) -> Iterator[tuple[str, str]]:
-    return ((where, unseal_line(line, where)) for where, line in read_lines(path))
+        lines = [seal_line(tracks[name]) for name in trial_ids if name in tracks]
+        if lines != [line for _, line in read_lines(self.path)]:
+            _write_lines(self.path, lines)
 
 
 def seal_line(line: str) -> str:
@@ -120,41 +122,69 @@ def seal_line(line: str) -> str:
 
 
 def unseal_line(line: str, where: str) -> str:
-    """Return a line without its checksum; ConfigError, beginning with `where`, if that is missing or wrong."""
+    """Return a line without its checksum.
+
+    Args:
+        line: The line as `seal_line` has made it.
+        where: File and line, with which messages begin.
+
+    Raises:
+        ConfigError: The checksum is missing or wrong.
+    """
     seal = _SEAL.search(line)
     if seal is None:
         raise ConfigError(f"{where}: damaged or edited: has no crc32 at its end")
     content = line[: seal.start()] + "}"
-    found = f"{zlib.crc32(content.encode()):08x}"
-    if found != seal[1]:
+    crc = f"{zlib.crc32(content.encode()):08x}"
+    if crc != seal[1]:
         raise ConfigError(
-            f"{where}: damaged or edited: its crc32 is {seal[1]}, that of its content {found}"
+            f"{where}: damaged or edited: its crc32 is {seal[1]}, that of its content"
+            f" {crc}"
         )
     return content
 
 
-def _trial_of(line: str, where: str) -> str:
-    content = parse_json(line, where)
-    trial_id = content.get("trial_id") if isinstance(content, dict) else None
-    if not isinstance(trial_id, str):
-        raise ConfigError(f"{where}: not the track of a trial")
-    return trial_id
+def _write_lines(path: Path, lines: Sequence[str]) -> None:
+    write_durably(path, "".join(f"{line}\n" for line in lines).encode())
 
 
-def _drop_torn_line(file: FileIO) -> int:
-    """Cut the file back to its last whole line and return its size."""
+def _append_line(path: Path, line: str) -> None:
+    """Add a sealed line to a file and see it onto the disk.
+
+    Raises:
+        StoreError: That failed; the file holds the whole lines that it had.
+    """
+    with (
+        convert_os_errors(StoreError, f"{path}: cannot be written"),
+        path.open("a+b", buffering=0) as file,
+    ):
+        size = _drop_torn_line(file)
+        try:
+            data = memoryview(f"{seal_line(line)}\n".encode())
+            while data:
+                data = data[file.write(data) :]
+            os.fsync(file.fileno())
+        except OSError:
+            file.truncate(size)
+            raise
+
+
+def _drop_torn_line(file: io.FileIO) -> int:
+    """Cut a file back to its last whole line and return its size."""
     size = file.seek(0, os.SEEK_END)
     file.seek(max(size - 1, 0))
     if size == 0 or file.read(1) == b"\n":
         return size
     file.seek(0)
-    whole = file.read().rfind(b"\n") + 1
-    file.truncate(whole)
-    return whole
+    size = file.read().rfind(b"\n") + 1
+    file.truncate(size)
+    return size
 
 
-_APART = ("wall_clock", "motion", "delays")  # not among the columns of every table
-_COLUMNS: dict[type, pa.DataType] = {
+# Fields of a result that are no columns of the table of results.
+_NO_COLUMNS = ("wall_clock", "motion", "delays")
+
+_COLUMN_TYPES: dict[type, pa.DataType] = {
     bool: pa.bool_(),
     int: pa.int64(),
     float: pa.float64(),
@@ -164,13 +194,17 @@ _COLUMNS: dict[type, pa.DataType] = {
 
 def results_table(results: Rows) -> pa.Table:
     """Return a row per result, in the order given, without wall-clock figures."""
-    moving = any(result.motion is not None for result in results)
-    schema = pa.schema(
-        [*_columns(TrialResult), *(_columns(Encounters) if moving else ())]
-    )
-    return pa.Table.from_pylist(
-        [_flat(result.repeatable()) for result in results], schema
-    )
+    columns = list(_columns(TrialResult))
+    if any(result.motion is not None for result in results):
+        columns += _columns(Encounters)
+
+    rows = []
+    for result in results:
+        row: dict[str, Any] = {}
+        for name, value in result.repeatable().items():
+            row |= value if isinstance(value, dict) else {name: value}
+        rows.append(row)
+    return pa.Table.from_pylist(rows, pa.schema(columns))
 
 
 def timing_table(results: Rows) -> pa.Table:
@@ -183,11 +217,17 @@ def timing_table(results: Rows) -> pa.Table:
 
 
 def write_tables(folder: Path, results: Rows) -> None:
-    """Write both tables, each as Parquet and CSV; StoreError, with the earlier files in place, if one cannot be."""
-    for name, table in (
-        (RESULTS, results_table(results)),
-        (TIMING, timing_table(results)),
-    ):
+    """Write both tables, each as Parquet and CSV.
+
+    Args:
+        folder: The run's folder.
+        results: Rows of the tables, in their order.
+
+    Raises:
+        StoreError: One cannot be written; the earlier files are in place.
+    """
+    tables = {RESULTS: results_table(results), TIMING: timing_table(results)}
+    for name, table in tables.items():
         buffer = io.BytesIO()
         pyarrow.parquet.write_table(table, buffer, compression="zstd")
         write_durably(folder / f"{name}.parquet", buffer.getvalue())
@@ -202,20 +242,16 @@ def csv_bytes(table: pa.Table) -> bytes:
 
 
 def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
-    for name, kind in typing.get_type_hints(record).items():
-        if name in _APART:
+    """Yield name and type of a record's columns, nested scores and measures flat."""
+    for name, hint in typing.get_type_hints(record).items():
+        if name in _NO_COLUMNS:
             continue
-        plain = next(
-            (one for one in typing.get_args(kind) if one is not type(None)), kind
-        )  # of an optional one
-        if issubclass(plain, (Scores, Measures)):
-            yield from _columns(plain)
+        # Of an optional field, the type that it has if it is there.
+        options = [kind for kind in typing.get_args(hint) if kind is not type(None)]
+        kind = options[0] if options else hint
+        if issubclass(kind, (Scores, Measures)):
+            yield from _columns(kind)
+        elif issubclass(kind, Enum):
+            yield name, pa.string()
         else:
-            yield name, pa.string() if issubclass(plain, Enum) else _COLUMNS[plain]
-
-
-def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in row.items():
-        flat |= value if isinstance(value, dict) else {name: value}
-    return flat
+            yield name, _COLUMN_TYPES[kind]

@@ -96,12 +96,11 @@ class RunFile:
 
     def task_fingerprint(self) -> str:
         """Return the fingerprint of the task as it was written, which its rows have."""
-        content = {
-            "protocol": self.config.get("protocol"),
-            "simulator": self.config.get("simulator"),
-            "robot": self.robot,
-        }
-        return identity.fingerprint(content)
+        protocol = self.config.get("protocol")
+        simulator = self.config.get("simulator")
+        return identity.fingerprint(
+            identity.plain_task(protocol, simulator, self.robot)
+        )
 
     def require_same_run(self, other: "RunFile") -> None:
         """Raise ConfigError naming the first key by which another run differs."""

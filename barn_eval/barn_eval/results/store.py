@@ -1,4 +1,4 @@
-"""What a finished trial leaves: its bag in its experiment's folder, and row and track, to be kept last."""
+"""What a finished trial leaves: its bag in the run's folder, its row and its track."""
 
 from __future__ import annotations
 
@@ -23,35 +23,40 @@ LOGS = "logs"
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """What is kept of a trial: its result, the line of its track, None where nothing was driven, and a traceback."""
+    """What a folder keeps of a trial beside its bag."""
 
     result: TrialResult
-    track: str | None
-    traceback: str = ""
+    track: str | None  # line of the track, None where nothing was driven
+    traceback: str = ""  # of the exception that the planner raised
 
 
 @dataclass(frozen=True)
 class BagStore:
     """Where trials leave their bags; workers share it."""
 
-    folder: Path
-    bags: str = "none"
+    folder: Path  # the run's folder
+    bags: str = "none"  # which trials keep a bag: all, failed or none
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
-        """Give the recorder of a trial's bag, None where none is asked for; a bag that is not finished is abandoned."""
+        """Yield the recorder of a trial's bag, None if the run keeps no bags.
+
+        A bag that is not finished is abandoned.
+        """
         if self.bags == "none":
             yield None
             return
-        from barn_eval.results.bags.recorder import Recorder  # noqa: PLC0415 (loads all message types)
+        # Loads all message types, which runs without bags do not need.
+        from barn_eval.results.bags.recorder import Recorder  # noqa: PLC0415
 
-        if (path := self._bag(trial_id)).exists():
+        path = self._bag(trial_id)
+        if path.exists():
             shutil.rmtree(path)
         with Recorder(path) as recorder:
             yield recorder
 
     def make_record(self, finished: FinishedTrial) -> TrialRecord:
-        """Drop a bag that is not wanted, and return what else is to be kept."""
+        """Return what is to be kept of a trial; a bag that is not to be kept goes."""
         result = finished.result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
@@ -62,10 +67,13 @@ class BagStore:
 
 
 def finish_bag(recorder: Recorder, finished: FinishedTrial) -> None:
-    """Complete the bag of a trial with its specification and its result."""
-    recorder.add_metadata(
-        "barn.trial",
-        {"specification": finished.spec.description(), "versions": versions()},
-    )
+    """Complete the bag of a trial.
+
+    Args:
+        recorder: Recorder of the bag.
+        finished: The trial, whose specification and result the bag gets.
+    """
+    trial = {"specification": finished.spec.description(), "versions": versions()}
+    recorder.add_metadata("barn.trial", trial)
     recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
     recorder.finish()

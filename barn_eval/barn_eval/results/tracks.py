@@ -1,4 +1,7 @@
-"""The track of a trial: its trajectory thinned out and rounded to whole numbers, small enough to be always kept."""
+"""The track of a trial: its trajectory, thinned out and rounded to whole numbers.
+
+A track is small enough to be always kept.
+"""
 
 import base64
 import binascii
@@ -13,63 +16,78 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, compute_clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
-from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.contact import contact_footprint
 
-_NAMES = {"u": "Uint", "i": "Int", "f": "Float"}  # of JavaScript's typed arrays
-_KINDS = {
-    kind: f"{_NAMES[kind[0]]}{8 * int(kind[1])}Array"
-    for kind in ("u1", "i2", "u2", "i4", "f4", "f8")
+# Names of JavaScript's typed arrays by NumPy's kinds: pages unpack the same data.
+_ARRAY_NAMES = {
+    "u1": "Uint8Array",
+    "i2": "Int16Array",
+    "u2": "Uint16Array",
+    "i4": "Int32Array",
+    "f4": "Float32Array",
+    "f8": "Float64Array",
 }
-_TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
+_DTYPES = {name: np.dtype(f"<{kind}") for kind, name in _ARRAY_NAMES.items()}
 
 
 def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length)."""
-    parts: list[bytes] = []
-    layout: dict[str, list[Any]] = {}
-    offset = 0
+    """Return arrays as plain data.
+
+    Returns:
+        "zlib": the content of all arrays, compressed, as base64. "arrays": kind, offset
+        in bytes and length of each in that content.
+    """
+    data = bytearray()
+    layout = {}
     for name, array in arrays.items():
+        # A typed array of 8 bytes an item can only begin at a multiple of 8.
+        if len(data) % array.itemsize:
+            data += bytes(4)
         kind = array.dtype.str[1:]
-        data = np.ascontiguousarray(array, "<" + kind).tobytes()
-        if offset % array.itemsize:  # where a typed array of 8 bytes could not begin
-            parts.append(bytes(4))
-            offset += 4
-        layout[name] = [_KINDS[kind], offset, array.size]
-        data += b"\0" * (-len(data) % 4)
-        parts.append(data)
-        offset += len(data)
+        layout[name] = [_ARRAY_NAMES[kind], len(data), array.size]
+        data += np.ascontiguousarray(array, f"<{kind}").tobytes()
+        data += bytes(-len(data) % 4)
     return {
-        "zlib": base64.b64encode(zlib.compress(b"".join(parts), 6)).decode(),
+        "zlib": base64.b64encode(zlib.compress(data, 6)).decode(),
         "arrays": layout,
     }
 
 
 def unpack_arrays(
-    content: Mapping[str, Any], most_bytes: int
+    content: Mapping[str, Any], max_bytes: int
 ) -> dict[str, npt.NDArray[Any]]:
-    """Return the flat arrays of what `pack` has made; ValueError for anything else, or for more than `most_bytes`."""
-    text, layout = content.get("zlib"), content.get("arrays")
+    """Return the flat arrays of what `pack_arrays` has made.
+
+    Args:
+        content: Plain data, which anybody may have written.
+        max_bytes: The most that they may unpack to.
+
+    Raises:
+        ValueError: They hold no arrays, or too much.
+    """
+    text = content.get("zlib")
+    layout = content.get("arrays")
     if not isinstance(text, str) or not isinstance(layout, dict):
         raise ValueError("holds no packed arrays")
     stream = zlib.decompressobj()
     try:
-        data = stream.decompress(base64.b64decode(text, validate=True), most_bytes)
+        data = stream.decompress(base64.b64decode(text, validate=True), max_bytes)
     except (binascii.Error, zlib.error) as error:
         raise ValueError(f"packed arrays are damaged: {error}") from None
     if not stream.eof:
         raise ValueError(
-            f"packed arrays are cut off, or of more than {most_bytes} bytes"
+            f"packed arrays are cut off, or of more than {max_bytes} bytes"
         )
     try:
         return {
-            str(name): np.frombuffer(data, _TYPES[kind], length, offset)
+            str(name): np.frombuffer(data, _DTYPES[kind], length, offset)
             for name, (kind, offset, length) in layout.items()
         }
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -81,178 +99,197 @@ def unpack_arrays(
 SCHEMA_VERSION = 1
 PERIOD_S = 0.2
 MAX_SAMPLES = 300
-MISSING_SAMPLE = -32768
+
+# What a sample holds, and the smallest step of each channel in its own unit (s, m, rad,
+# m/s, rad/s). A track that does not fit takes a multiple of a step.
+_STEPS = {
+    "time": 0.01,
+    "x": 0.005,
+    "y": 0.005,
+    "yaw": 0.0005,
+    "speed": 0.002,
+    "turn": 0.002,
+    "command_speed": 0.002,
+    "command_turn": 0.002,
+    "clearance": 0.002,
+}
+CHANNELS = tuple(_STEPS)
+_COMMANDS = slice(6, 8)
+_CLEARANCE = -1
+
+MISSING_SAMPLE = -32768  # NaN as a whole number
 _LARGEST = 32767
 _LARGEST_STEP = 1e30
-# Smallest step of what a sample holds, in its own unit; a track that does not fit takes a multiple.
-_STEPS = (0.01, 0.005, 0.005, 0.0005, 0.002, 0.002, 0.002, 0.002, 0.002)
-CHANNELS = (
-    "time",
-    "x",
-    "y",
-    "yaw",
-    "speed",
-    "turn",
-    "command_speed",
-    "command_turn",
-    "clearance",
-)
-_COMMANDS = slice(6, 8)
-LARGEST_COMMAND = 65.0  # m/s or rad/s: what is beyond, up to infinity, is kept as this and costs the others no digit
-# What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the first comes on top.
-_MOST_BYTES = (MAX_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
+
+# In m/s or rad/s. Larger commands, up to infinity, are kept as this, so that they do
+# not cost the others a digit.
+LARGEST_COMMAND = 65.0
+
+# What a track may unpack to: a sample takes 2 bytes per channel and one for contact;
+# the first sample comes on top of the most.
+_MAX_BYTES = (MAX_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What a robot did, thinned out: (n, 9) after `CHANNELS` (s, m, rad, m/s, rad/s; NaN: none), contact (n,)."""
+    """What a robot did, thinned out."""
 
-    samples: Floats
-    contact: Bools
+    samples: Floats  # (n, 9) after `CHANNELS`, NaN where there is nothing
+    contact: Bools  # (n,) since the sample before
     note: str = ""
 
     @property
     def steps(self) -> Floats:
         """What samples are rounded to when they are packed, one per channel."""
         largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
-        steps = np.array(_STEPS)
-        found: Floats = steps * np.maximum(
-            1.0, np.ceil(largest / (steps * (_LARGEST - 1)))
-        )
-        return found
+        steps = np.array(list(_STEPS.values()))
+        factors = np.ceil(largest / (steps * (_LARGEST - 1)))
+        scaled: Floats = steps * np.maximum(1.0, factors)
+        return scaled
 
     @cached_property
     def packed(self) -> dict[str, Any]:
-        """Differences of whole numbers, which pack well, the step of each channel, and the note."""
+        """Packed samples, the step of each channel, and the note."""
         steps = self.steps
-        known = np.isfinite(self.samples)
-        whole = np.where(
-            known, np.round(np.where(known, self.samples, 0.0) / steps), MISSING_SAMPLE
-        ).astype(np.int16)
-        differences = np.diff(
-            whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16)
-        )  # wraps around
-        content = pack_arrays(
-            {"samples": differences.T.ravel(), "contact": self.contact.astype(np.uint8)}
-        )
-        return content | {"steps": steps.tolist(), "note": self.note}
+        is_number = np.isfinite(self.samples)
+        rounded = np.round(np.where(is_number, self.samples, 0.0) / steps)
+        whole = np.where(is_number, rounded, MISSING_SAMPLE).astype(np.int16)
+
+        # Differences between neighbors pack well; they may wrap around.
+        first = np.zeros((1, len(CHANNELS)), np.int16)
+        differences = np.diff(whole, axis=0, prepend=first)
+        arrays = {
+            "samples": differences.T.ravel(),
+            "contact": self.contact.astype(np.uint8),
+        }
+        return pack_arrays(arrays) | {"steps": steps.tolist(), "note": self.note}
 
 
 def thin_samples(samples: Floats, contact: Bools) -> Track:
-    """Return the track of samples (n, 9) after `CHANNELS`, n at least 1, and contact (n,): 5 a second, `MOST_SAMPLES`.
+    """Return a track of about 5 samples a second, at most `MAX_SAMPLES` and the first.
 
-    Kept are the first sample, then every k-th and the last one; contact and smallest clearance are those since the one
-    before.
+    The first sample stays, then every k-th and the last. Contact and smallest clearance
+    are those since the sample before.
+
+    Args:
+        samples: Samples (n, 9) after `CHANNELS`, at least one.
+        contact: Whether (n,) the robot touched an obstacle.
     """
     samples = samples.copy()
-    samples[:, _COMMANDS] = np.clip(
-        samples[:, _COMMANDS], -LARGEST_COMMAND, LARGEST_COMMAND
-    )
-    times = samples[:, 0]
-    period_s = float(np.median(np.diff(times))) if len(times) > 1 else PERIOD_S
-    wished = round(PERIOD_S / period_s) if period_s > 0.0 else 1
-    stride = max(1, wished, -(-len(samples) // MAX_SAMPLES))
-    first = np.arange(0, len(samples), stride)
-    last = np.minimum(first + stride - 1, len(samples) - 1)
-    kept = samples[last]
-    kept[:, -1] = np.minimum.reduceat(samples[:, -1], first)
+    commands = samples[:, _COMMANDS]
+    samples[:, _COMMANDS] = np.clip(commands, -LARGEST_COMMAND, LARGEST_COMMAND)
+
+    count = len(samples)
+    period_s = PERIOD_S
+    if count > 1:
+        period_s = float(np.median(np.diff(samples[:, 0])))
+    stride = round(PERIOD_S / period_s) if period_s > 0.0 else 1
+    stride = max(1, stride, math.ceil(count / MAX_SAMPLES))
+
+    # Each group of samples is kept as its last one.
+    first = np.arange(0, count, stride)
+    last = np.minimum(first + stride - 1, count - 1)
+    thinned = samples[last]
+    thinned[:, _CLEARANCE] = np.minimum.reduceat(samples[:, _CLEARANCE], first)
     touched = np.logical_or.reduceat(contact, first)
     if last[0]:
-        return Track(
-            np.concatenate([samples[:1], kept]), np.concatenate([contact[:1], touched])
-        )
-    return Track(kept, touched)
+        thinned = np.concatenate([samples[:1], thinned])
+        touched = np.concatenate([contact[:1], touched])
+    return Track(thinned, touched)
 
 
-def make_track(
-    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
-) -> Track | None:
-    """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
-    if not len(trajectory.stamps_ns):
+def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
+    """Return the track of a trial; None if nothing was read.
+
+    Args:
+        trajectory: What the robot did.
+        spec: The trial, for the robot's outline and the cylinders of its world.
+    """
+    stamps_ns = trajectory.stamps_ns
+    if not len(stamps_ns):
         return None
-    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS_PER_SECOND
-    gaps = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
-    gaps = gaps if len(gaps) else np.full(len(times), np.nan)
-    samples = np.column_stack(
-        [times, trajectory.truth, trajectory.velocity, _held(trajectory.command), gaps]
+    times_s = (stamps_ns - stamps_ns[0]) / NANOSECONDS_PER_SECOND
+    world = spec.world
+    outline = contact_footprint(spec.simulator.chassis)
+    clearance = compute_clearances(
+        trajectory.truth, world.cylinders_m, world.cylinder_radius_m, outline
     )
-    return thin_samples(samples, trajectory.contact)
+    if not len(clearance):
+        clearance = np.full(len(times_s), np.nan)
+
+    # Where there was no command, the last one before it holds.
+    has_command = ~np.isnan(trajectory.command[:, 0])
+    sources = np.where(has_command, np.arange(len(times_s)), 0)
+    command = trajectory.command[np.maximum.accumulate(sources)]
+    channels = [times_s, trajectory.truth, trajectory.velocity, command, clearance]
+    return thin_samples(np.column_stack(channels), trajectory.contact)
 
 
 def track_line(finished: FinishedTrial) -> str | None:
-    """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
-    world = finished.spec.world
-    outline = contact_footprint(finished.spec.simulator.chassis)
-    track = make_track(
-        finished.trajectory, world.cylinders_m, world.cylinder_radius_m, outline
-    )
+    """Return a trial's track as one line of JSON without its end; None without one."""
+    track = make_track(finished.trajectory, finished.spec)
     if track is None:
         return None
-    content = {
-        "trial_id": finished.result.trial_id,
-        "schema_version": SCHEMA_VERSION,
-    } | track.packed
+    trial_id = finished.result.trial_id
+    content = {"trial_id": trial_id, "schema_version": SCHEMA_VERSION} | track.packed
     return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
 
 def parse_track_line(line: str, where: str) -> tuple[str, Track]:
-    """Return a trial's name and track from a line of JSON; ConfigError, beginning with `where`, if it is not one."""
+    """Return a trial's name and track from a line of JSON.
+
+    Args:
+        line: The line without its checksum.
+        where: File and line, with which messages begin.
+
+    Raises:
+        ConfigError: The line is no track.
+    """
     content = parse_json(line, where)
     try:
-        return _read(content)
+        return _read_track(content)
     except ValueError as error:
         raise ConfigError(f"{where}: no track: {error}") from None
 
 
-def _held(command: Floats) -> Floats:
-    """Return commands (n, 2) with each NaN replaced by the last command before it, if there is one."""
-    return command[
-        np.maximum.accumulate(
-            np.where(np.isnan(command[:, 0]), 0, np.arange(len(command)))
-        )
-    ]
-
-
-def _read(content: object) -> tuple[str, Track]:
+def _read_track(content: object) -> tuple[str, Track]:
     if not isinstance(content, dict) or not isinstance(content.get("trial_id"), str):
         raise ValueError("trial_id is missing")
-    if content.get("schema_version") != SCHEMA_VERSION:
+    version = content.get("schema_version")
+    if version != SCHEMA_VERSION:
         raise ValueError(
-            f"schema_version must be {SCHEMA_VERSION}, got {format_value(content.get('schema_version'))}"
+            f"schema_version must be {SCHEMA_VERSION}, got {format_value(version)}"
         )
-    arrays, steps = unpack_arrays(content, _MOST_BYTES), content.get("steps", [])
-    samples, contact = (
-        arrays.get(name, np.empty(0)) for name in ("samples", "contact")
-    )
-    if (
-        samples.dtype != np.int16
-        or contact.dtype != np.uint8
-        or samples.size != len(CHANNELS) * contact.size
-    ):
+
+    arrays = unpack_arrays(content, _MAX_BYTES)
+    samples = arrays.get("samples", np.empty(0))
+    contact = arrays.get("contact", np.empty(0))
+    has_types = samples.dtype == np.int16 and contact.dtype == np.uint8
+    if not has_types or samples.size != len(CHANNELS) * contact.size:
         raise ValueError("samples and contact do not fit together")
-    if (
-        not contact.size
-        or not finite_numbers(steps, len(CHANNELS))
-        or max(map(abs, steps)) > _LARGEST_STEP
-    ):
-        least = f"one finite number per channel of at most {_LARGEST_STEP:g}"
-        raise ValueError(f"there are no samples, or steps are not {least}")
-    whole = np.cumsum(samples.reshape(len(CHANNELS), -1), axis=1, dtype=np.int16).T
-    values = np.where(
-        whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, np.float64)
-    )
-    note = content.get("note", "")
-    return content["trial_id"], Track(
+    steps = content.get("steps")
+    if not contact.size or not _are_steps(steps):
+        raise ValueError(
+            "there are no samples, or steps are not one finite number per channel of at"
+            f" most {_LARGEST_STEP:g}"
+        )
+
+    differences = samples.reshape(len(CHANNELS), -1)
+    whole = np.cumsum(differences, axis=1, dtype=np.int16).T
+    values = np.where(whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, float))
+    note = content.get("note")
+    track = Track(
         values, contact.astype(np.bool_), note if isinstance(note, str) else ""
     )
+    return content["trial_id"], track
 
 
-def finite_numbers(values: object, count: int) -> bool:
-    """Tell whether something is a list of that many finite numbers."""
+def _are_steps(values: object) -> bool:
     return (
         isinstance(values, list)
-        and len(values) == count
+        and len(values) == len(CHANNELS)
         and all(
-            isinstance(value, (int, float)) and math.isfinite(value) for value in values
+            isinstance(value, (int, float)) and abs(value) <= _LARGEST_STEP
+            for value in values
         )
     )

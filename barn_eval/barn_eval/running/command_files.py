@@ -59,7 +59,7 @@ def find_parameter_files(folder: Path, planner: str) -> list[Path]:
 
     Args:
         folder: Folder of logs.
-        planner: Name of the planner.
+        planner: Name that the results have for it.
     """
     return sorted(folder.rglob(f"{'?' * 12}_{planner}.parameters.json"))
 
@@ -69,7 +69,7 @@ def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
 
     Args:
         folder: Folder of logs.
-        planner: Name of the planner.
+        planner: Name that the results have for it.
 
     Returns:
         Values by "NODE NAME".
@@ -90,7 +90,7 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
     Args:
         folder: Folder of all logs of the run.
         logs: Folder in it for the file.
-        planner: Name of the planner.
+        planner: Name that the results have for it.
         text: JSON of values by "NODE NAME".
 
     Raises:

@@ -78,8 +78,8 @@ class LocalPool(WorkerPool):
         """Hand a job to an idle worker.
 
         Args:
-            key: Key of the job.
-            job: The job.
+            key: Key of the job, which its reports carry.
+            job: What `Work.run` takes.
         """
         slot, worker = next(
             (slot, worker)

@@ -19,25 +19,25 @@ from barn_worlds.base.text_files import parse_yaml
 class Parameter:
     """A parameter in a ROS parameter file."""
 
+    # Name of its node, dotted below namespaces.
     node: str
-    """Name of its node, dotted below namespaces."""
 
+    # Dotted name, through nested groups.
     name: str
-    """Dotted name, through nested groups."""
 
+    # Mapping in the content of the file that holds its value.
     group: dict[str, Any]
-    """Mapping in the content of the file that holds its value."""
 
+    # Key of the value in `group`; it may have dots itself.
     key: str
-    """Key of the value in `group`; it may have dots itself."""
 
 
 @dataclass(frozen=True)
 class ParameterFile:
     """A ROS parameter file that a command names."""
 
+    # Place of its path among the words of the command.
     word: int
-    """Place of its path among the words of the command."""
 
     path: str
 

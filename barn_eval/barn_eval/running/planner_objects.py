@@ -29,11 +29,11 @@ Planners: TypeAlias = (
 class PlannerObject:
     """A planner handed over as a Python object."""
 
+    # Name of the planner in the results.
     name: str
-    """Name of the planner in the results."""
 
+    # The class, object or function.
     source: PlannerSource
-    """The class, object or function."""
 
     def make_planner(self) -> Planner:
         """Return the planner of a trial: a new instance of a class, else the object.
@@ -64,7 +64,12 @@ class FunctionPlanner(Planner):
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (a function has no randomness of its own)
-        """Begin a trial."""
+        """Begin a trial.
+
+        Args:
+            task: Goal and map, for functions that take two arguments.
+            seed: Not used.
+        """
         self._task = task
 
     def step(self, observation: Observation) -> Decision:

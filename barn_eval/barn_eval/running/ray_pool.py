@@ -64,8 +64,8 @@ class RayPool(WorkerPool):
         """Hand a job to the cluster.
 
         Args:
-            key: Key of the job.
-            job: The job.
+            key: Key of the job, which its reports carry.
+            job: What `Work.run` takes.
         """
         reference = self._call(self._task.remote, self._work, key, job)
         self._running[reference] = (key, time.monotonic() + self._limit_s)

@@ -45,11 +45,11 @@ class RunRequest:
     execution: ExecutionConfig
     out: Path
 
+    # Worlds by number that replace the data set.
     worlds: Mapping[int, World] | None = None
-    """Worlds by number that replace the data set."""
 
+    # Planners that are Python objects, by name.
     planner_objects: Mapping[str, PlannerObject] = field(default_factory=dict)
-    """Planners that are Python objects, by name."""
 
     def __post_init__(self) -> None:
         if "\0" in str(self.out):

@@ -62,7 +62,7 @@ def run_trials(
 
     Args:
         folder: Receives the results.
-        trials: The trials.
+        trials: Specifications, in the order in which they start.
         pool: Runs the jobs; the caller closes it.
         execution: Number of attempts and of losses in a row that end the run.
         work: Divides trials into jobs.
@@ -155,7 +155,7 @@ class _Loop:
             self.failed_planners.add(result.planner)
             lines = indent(record.traceback.rstrip(), "  ")
             text = f"planner {result.planner}, in {result.trial_id}:\n{lines}"
-            yield Notice(result.trial_id, "", text)
+            yield Notice(result.trial_id, "", text, is_warning=True)
 
     def _keep_result(self, report: JobResult | PartialResult) -> TrialResult:
         """Write a result, with what is known of its attempts, and return it."""

@@ -23,11 +23,11 @@ from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import parse_yaml, read_yaml
 
 MAX_SETTINGS = 400
+# Folder of the ROS parameter files that settings need.
 PARAMETERS = "parameters"
-"""Folder of the ROS parameter files that settings need."""
 
+# Values of each parameter.
 Sweep = Mapping[str, Sequence[Any]]
-"""Values of each parameter."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Setting:
 
     name: str
 
+    # Values by the short names of the parameters.
     values: Mapping[str, Any]
-    """Values by the short names of the parameters."""
 
     request: RunRequest
 
+    # Content of the ROS parameter files that the planner command names.
     parameter_files: Mapping[Path, bytes] = field(default_factory=dict)
-    """Content of the ROS parameter files that the planner command names."""
 
     def write_parameter_files(self) -> None:
         """Write the ROS parameter files; call this before the run starts."""

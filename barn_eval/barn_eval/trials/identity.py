@@ -8,7 +8,7 @@ from typing import Any
 
 from barn_eval.trials.protocol import Protocol
 from barn_sim.body.model import description_text
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import PHYSICS_VERSION, SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.robots.robot import Chassis
 
@@ -47,7 +47,12 @@ def plain_task(protocol: Any, simulator: Any, robot: str) -> dict[str, Any]:
         simulator: Configuration of the simulator, likewise.
         robot: SHA-256 of the robot's description.
     """
-    return {"protocol": protocol, "simulator": simulator, "robot": robot}
+    return {
+        "protocol": protocol,
+        "simulator": simulator,
+        "robot": robot,
+        "physics": PHYSICS_VERSION,
+    }
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:

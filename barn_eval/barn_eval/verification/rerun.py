@@ -1,7 +1,7 @@
-"""A trial judged again: by what was recorded of it, and by driving its recorded commands again without its planner."""
+"""A trial judged again: by its recorded readings, and by driving its commands again."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
@@ -18,17 +18,17 @@ from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import REAL_TIME, TrialResult, unpack_delays
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog
 from barn_eval.trials.trial import RunningTrial
 from barn_eval.verification.plausibility import (
-    JUDGED,
+    JUDGED_OUTCOMES,
     ROUNDING,
-    computed,
-    difference,
-    off_track,
-    unreasonable,
+    compare_rows,
+    compare_with_track,
+    find_implausible_values,
+    recompute_row,
 )
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE, CycleTimer
@@ -43,198 +43,258 @@ from barn_worlds.base.types import (
 )
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
-from barn_worlds.robots.contact import contact_footprint
 
 COMMANDS_NAME = "commands.jsonl"  # of a submission: what planners commanded
-_MOST_BYTES = 16_000_000  # of the commands of a trial, a million
-_NO_COMMAND = (math.nan, math.nan)
+_MAX_COMMAND_BYTES = 16_000_000  # of a trial: a million commands
 
 
-class Driven(NamedTuple):
-    """What was measured and commanded in a trial: a trajectory, and measured poses (n, 3) in the odom frame.
+class Readings(NamedTuple):
+    """What was measured and commanded in a trial."""
 
-    exact: whether each command is known to have been the only one that answered its scan, and in time.
-    """
-
-    trajectory: Trajectory
-    odometry: Floats
-    exact: bool = True
+    trajectory: Trajectory  # with stamps from its first reading on
+    odometry: Floats  # (n, 3) measured poses in the odom frame
+    # Whether each command was the only one that answered its scan, and in time.
+    is_exact: bool = True
 
 
-class TrialEvidence(NamedTuple):
-    """What a folder has of a trial.
-
-    bag: its folder, None without one. commands: a line of a submission. drive: whether they are to be driven again.
-    """
+@dataclass(frozen=True)
+class TrialEvidence:
+    """What a folder has of a trial."""
 
     row: TrialResult
     spec: TrialSpec
     track: Track | None
     bag: Path | None = None
-    commands: str = ""
-    drive: bool = True
+    commands: str = ""  # line of the commands
+    drive: bool = True  # whether to drive them again
 
 
-class TrialCheck(NamedTuple):
-    """What there is to say of a trial, and of its bag: what is wrong, what could not be checked, and what was done."""
+@dataclass(frozen=True)
+class TrialCheck:
+    """What the check of a trial has found."""
 
     trial_id: str
     problems: tuple[str, ...] = ()
-    of_bag: tuple[str, ...] = ()
-    unchecked: str = ""
-    bag: bool = False
-    driven: bool = False
+    bag_problems: tuple[str, ...] = ()
+    unchecked: str = ""  # why something could not be checked
+    has_bag: bool = False
+    was_driven: bool = False
 
 
 class CheckWork(Work):
-    """What a worker does with trials of a folder that are to be checked."""
+    """What a worker does with a trial of a folder that is checked."""
 
     loads = False
 
-    def run(self, job: Sequence[TrialEvidence], emit: Emit) -> None:
-        """Tell what there is to say of each of the trials of a job, by its name."""
-        for one in job:
-            emit((one.row.trial_id, checked(one)))
+    def run(self, job: TrialEvidence, emit: Emit) -> TrialCheck:  # noqa: ARG002
+        """Check the trial."""
+        return check_trial(job)
 
 
-@dataclass
-class _Instant:
-    odometry: Odometry
-    truth: Odometry
-    contact: bool = False
-    commands: tuple[tuple[float, float], ...] = ()
-    scanned: bool = False
+def read_bag(bag: BagFile) -> tuple[Readings, int]:
+    """Return what a bag has of a trial, and how many messages it has.
 
-
-def read_bag(bag: BagFile) -> tuple[Driven, int]:
-    """Return what a bag has of a trial, and how many messages: the true pose follows the odometry of its instant."""
-    instants: list[_Instant] = []
-    odometry, count = None, 0
+    Within an instant, the true pose follows the odometry; contact, scan and command
+    follow the true pose.
+    """
+    log = TrajectoryLog()
+    odometry: list[tuple[float, float, float]] = []
+    contacts: list[bool] = []
+    scanned: list[bool] = []
+    command_counts: list[int] = []
+    measured: Odometry | None = None
+    count = 0
     for message in bag.messages():
         count += 1
-        if message.topic == ODOM.path:
-            odometry = decode.odometry(message.data)
-        elif message.topic == GROUND_TRUTH.path and odometry is not None:
-            instants.append(_Instant(odometry, decode.odometry(message.data)))
-        elif not instants:
+        topic = message.topic
+        if topic == ODOM.path:
+            measured = decode.odometry(message.data)
+        elif topic == GROUND_TRUTH.path and measured is not None:
+            log.reading(decode.odometry(message.data), collision=False)
+            odometry.append(_pose_row(measured.pose))
+            contacts.append(False)
+            scanned.append(False)
+            command_counts.append(0)
+        elif not odometry:
             continue
-        elif message.topic == COLLISION.path:
-            instants[-1].contact |= decode.boolean(message.data)
-        elif message.topic == SCAN.path:
-            instants[-1].scanned = True
-        elif message.topic == CMD_VEL.path:
-            command = decode.command(message.data, message.type_name)
-            instants[-1].commands += ((command.linear, command.angular),)
-    return _driven(instants), count
+        elif topic == COLLISION.path:
+            contacts[-1] |= decode.boolean(message.data)
+        elif topic == SCAN.path:
+            scanned[-1] = True
+        elif topic == CMD_VEL.path:
+            command_counts[-1] += 1
+            log.command(decode.command(message.data, message.type_name))
 
-
-def _driven(instants: Sequence[_Instant]) -> Driven:
-    rows = [
-        (
-            *_place(one.odometry),
-            *_place(one.truth),
-            one.truth.velocity.linear,
-            one.truth.velocity.angular,
-        )
-        for one in instants
-    ]
-    readings = np.array(rows, np.float64).reshape(-1, 8)
-    stamps = np.array([one.truth.stamp_ns for one in instants], np.int64)
-    commands = np.array(
-        [(one.commands or (_NO_COMMAND,))[-1] for one in instants], np.float64
-    ).reshape(-1, 2)
-    contact = np.array([one.contact for one in instants], np.bool_)
-    exact = all(len(one.commands) == one.scanned for one in instants[:-1])
-    measured = Trajectory(
-        stamps - stamps[:1], readings[:, 3:6], readings[:, 6:], commands, contact
+    recorded = log.trajectory()
+    stamps_ns = recorded.stamps_ns
+    trajectory = replace(
+        recorded,
+        stamps_ns=stamps_ns - stamps_ns[:1],
+        contact=np.array(contacts, np.bool_),
     )
-    return Driven(measured, readings[:, :3], exact)
+    is_exact = command_counts[:-1] == scanned[:-1]
+    return Readings(trajectory, _pose_table(odometry), is_exact), count
 
 
-def _place(odometry: Odometry) -> tuple[float, float, float]:
-    return odometry.pose.x, odometry.pose.y, odometry.pose.yaw
+def _pose_row(pose: Pose2D) -> tuple[float, float, float]:
+    return pose.x, pose.y, pose.yaw
+
+
+def _pose_table(poses: list[tuple[float, float, float]]) -> Floats:
+    return np.array(poses, np.float64).reshape(-1, 3)
 
 
 @cache
-def _engine() -> PhysicsClient:
-    """Return the engine of all trials of this process, one after the other."""
-    return PhysicsClient()
+def _scenes() -> ScenePool:
+    """Return the client of all trials of this process, one after the other."""
+    return ScenePool()
 
 
-def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
-    """Return what a robot does that is commanded so, (n, 2), instant by instant; NaN: not at all.
+def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
+    """Return what a robot does that gets these commands.
 
-    Scans and the pose on the map are not made: they have noise of their own, and nothing here depends on them.
+    Scans and the pose on the map are not simulated: they have noise of their own, and
+    nothing here depends on them.
+
+    Args:
+        spec: The trial.
+        commands: Command (n, 2) of each instant in m/s and rad/s, NaN for none.
     """
-    config, instants = spec.simulator, []
-    cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
+    config = spec.simulator
+    timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
     scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
+    log = TrajectoryLog()
+    odometry = []
+    start = spec.course.start
+    client = _scenes()
     with closing(
-        Simulator(spec.world, config, spec.course.start, spec.simulator_seed, _engine())
+        Simulator(spec.world, config, start, spec.simulator_seed, client)
     ) as simulator:
-        for command in commands.tolist():
+        for linear, angular in commands.tolist():
             stamp_ns = simulator.stamp_ns
-            instants.append(
-                _Instant(
-                    simulator.read_odometry(),
-                    simulator.read_truth(),
-                    simulator.read_collision(),
-                )
-            )
-            asked = not stamp_ns % scan_ns and cycle_timer.is_free(stamp_ns)
-            delay_ns = cycle_timer.start_cycle(stamp_ns) if asked else 0
-            if not math.isnan(command[0]):
-                instants[-1].commands = ((command[0], command[1]),)
-                simulator.command(Velocity2D(*command), delay_ns)
+            odometry.append(_pose_row(simulator.read_odometry().pose))
+            truth = simulator.read_truth()
+            log.reading(truth, simulator.read_collision())
+
+            # A cycle begins with each scan that finds the planner free.
+            delay_ns = 0
+            if stamp_ns % scan_ns == 0 and timer.is_free(stamp_ns):
+                delay_ns = timer.start_cycle(stamp_ns)
+            if not math.isnan(linear):
+                command = Velocity2D(linear, angular)
+                log.command(command)
+                simulator.command(command, delay_ns)
             simulator.advance(config.ticks(config.control_period_s))
-    return _driven(instants)
+
+    trajectory = log.trajectory()
+    stamps_ns = trajectory.stamps_ns - trajectory.stamps_ns[:1]
+    return Readings(replace(trajectory, stamps_ns=stamps_ns), _pose_table(odometry))
 
 
-def judged(
-    row: TrialResult, spec: TrialSpec, driven: Driven
+def judge_readings(
+    row: TrialResult, spec: TrialSpec, readings: Readings
 ) -> tuple[TrialResult, Trajectory]:
-    """Return the row that readings and commands give, and the trajectory; BarnError if they do not end the trial.
+    """Return the row that readings and commands give, and the trajectory.
 
-    What no reading shows, such as a planner that died, is taken from the row: it has to come before any verdict.
+    What no reading shows, such as a planner that died, is taken from the row: it must
+    come before any verdict.
+
+    Args:
+        row: The row as it was written.
+        spec: The trial.
+        readings: What was measured and commanded.
+
+    Raises:
+        BarnError: The readings do not end the trial, though its outcome needs that.
     """
-    trial, there = RunningTrial(spec), driven.trajectory
-    columns = (
-        there.stamps_ns,
-        driven.odometry,
-        there.truth,
-        there.velocity,
-        there.contact,
-        there.command,
-    )
-    for stamp, odometry, truth, velocity, contact, command in zip(
-        *(one.tolist() for one in columns), strict=True
-    ):
-        moved = Velocity2D(*velocity)
-        trial.read(
-            Odometry(stamp, Pose2D(*odometry), moved),
-            Odometry(stamp, Pose2D(*truth), moved),
-            contact,
-        )
-        if not math.isnan(command[0]) and trial.verdict is None:
-            trial.command(Velocity2D(*command))
-    if trial.verdict is None and row.outcome in JUDGED:
+    trial = RunningTrial(spec)
+    trajectory = readings.trajectory
+    commands = trajectory.command.tolist()
+    truths = trajectory.truth.tolist()
+    velocities = trajectory.velocity.tolist()
+    contacts = trajectory.contact.tolist()
+    odometry = readings.odometry.tolist()
+    for k, stamp_ns in enumerate(trajectory.stamps_ns.tolist()):
+        velocity = Velocity2D(*velocities[k])
+        measured = Odometry(stamp_ns, Pose2D(*odometry[k]), velocity)
+        truth = Odometry(stamp_ns, Pose2D(*truths[k]), velocity)
+        trial.read(measured, truth, contacts[k])
+        command = Velocity2D(*commands[k])
+        if not math.isnan(command.linear) and trial.verdict is None:
+            trial.command(command)
+
+    if trial.verdict is None and row.outcome in JUDGED_OUTCOMES:
         raise BarnError(
-            f"outcome is {row.outcome.value} in the row, but its readings do not end the trial"
+            f"outcome is {row.outcome.value} in the row, but its readings do not end"
+            " the trial"
         )
     verdict = trial.verdict or trial.referee.fail(row.outcome, row.detail, row.fault)
-    if row.outcome is Outcome.INTERFERENCE:  # takes the place of any verdict
+    if row.outcome is Outcome.INTERFERENCE:
+        # Interference replaces any verdict.
         verdict = replace(verdict, outcome=row.outcome, detail=row.detail, culprit="")
-    elif row.detail.startswith(verdict.detail):  # what the planner says of it is added
+    elif row.detail.startswith(verdict.detail):
+        # What the planner says of the trial is appended.
         verdict = replace(verdict, detail=row.detail)
-    trajectory = trial.log.trajectory()
-    return computed(row, spec, verdict, trajectory), trajectory
+    judged_trajectory = trial.log.trajectory()
+    recomputed = recompute_row(row, spec, verdict, judged_trajectory)
+    return recomputed, judged_trajectory
 
 
-def checked(recorded: TrialEvidence) -> TrialCheck:
-    """Return what there is to say of a trial."""
-    row, spec, bag = recorded.row, recorded.spec, None
+def check_trial(evidence: TrialEvidence) -> TrialCheck:
+    """Check what a folder has of a trial."""
+    row = evidence.row
+    spec = _with_planner_of_row(evidence.spec, row)
+    problems = [
+        *find_implausible_values(row, spec),
+        *compare_with_track(row, spec, evidence.track),
+    ]
+    recorded = None
+    if evidence.bag is not None:
+        bag = BagFile(evidence.bag)
+        recorded, count = read_bag(bag)
+        if bag.problem or (count == 0 and row.measures.driven_m > 0.0):
+            problem = bag.problem or "the bag is empty"
+            return TrialCheck(row.trial_id, tuple(problems), (problem,), has_bag=True)
+        bag_row = metadata(bag, "barn.result", "result")
+        difference = first_difference(row.repeatable(), bag_row) if bag_row else None
+        if difference is not None:
+            key, value, bag_value = difference
+            problems.append(f"{key} is {value!r} in the row, {bag_value!r} in the bag")
+
+    unchecked = _why_not_driven(row, recorded, evidence.commands)
+    is_driven = evidence.drive and not unchecked
+    if not unchecked and not row.planner_config:
+        unchecked = "parameters and speed cap are not known of their planner"
+    try:
+        simulated = None
+        if is_driven:
+            if recorded is None:
+                commands = _parse_commands(evidence)
+            else:
+                commands = recorded.trajectory.command
+            simulated = drive_again(spec, commands)
+        if recorded is not None and simulated is not None:
+            problems += _compare_readings(recorded, simulated)
+        readings = recorded or simulated
+        if readings is not None:
+            problems += _judge(row, spec, readings, evidence.track)
+    except BarnError as error:
+        problems.append(str(error))
+    return TrialCheck(
+        row.trial_id,
+        tuple(dict.fromkeys(problems)),
+        unchecked=unchecked,
+        has_bag=evidence.bag is not None,
+        was_driven=is_driven,
+    )
+
+
+def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
+    """Return a trial with what only its row says of its planner."""
+    if row.delays:
+        spec = replace(spec, recorded_ns=unpack_delays(row.delays))
     if not row.planner_config:  # a planner that was started by hand
-        spec = replace(
+        return replace(
             spec,
             planner_config="",
             preset=row.preset,
@@ -242,126 +302,86 @@ def checked(recorded: TrialEvidence) -> TrialCheck:
             compute=NO_COMPUTE,
             compute_mode=row.compute,
         )
-    elif not spec.planner_config:  # one that is not installed here
-        spec = replace(
+    if not spec.planner_config:  # a planner that is not installed here
+        return replace(
             spec,
             planner_config=row.planner_config,
             preset=row.preset,
             declared_mps=row.speed_cap_mps or 0.0,
         )
-    if row.delays:
-        spec = replace(spec, recorded_ns=unpack_delays(row.delays))
-    problems = [*unreasonable(row, spec), *off_track(row, spec, recorded.track)]
-    driven, unchecked, again = None, "", False
-    if recorded.bag is not None:
-        bag = BagFile(recorded.bag)
-        driven, count = read_bag(bag)
-        if bag.problem or (not count and row.measures.driven_m > 0.0):
-            return TrialCheck(
-                row.trial_id,
-                tuple(problems),
-                (bag.problem or "the bag is empty",),
-                bag=True,
-            )
-        written = metadata(bag, "barn.result", "result")
-        if (
-            written
-            and (other := first_difference(row.repeatable(), written)) is not None
-        ):
-            problems.append(
-                f"{other[0]} is {other[1]!r} in the row, {other[2]!r} in the bag"
-            )
-    unchecked = _undrivable(row, driven, recorded.commands)
-    again = recorded.drive and not unchecked
-    unchecked = unchecked or (
-        ""
-        if row.planner_config
-        else "parameters and speed cap are not known of their planner"
-    )
-    try:
-        simulated = (
-            driven_again(
-                spec, driven.trajectory.command if driven else _commands(recorded)
-            )
-            if again
-            else None
-        )
-        if driven is not None and simulated is not None:
-            problems += _off(driven, simulated)
-        if (readings := driven or simulated) is not None:
-            problems += _misjudged(row, spec, readings, recorded.track)
-    except BarnError as error:
-        problems.append(str(error))
-    return TrialCheck(
-        row.trial_id,
-        tuple(dict.fromkeys(problems)),
-        (),
-        unchecked,
-        bag is not None,
-        again,
-    )
+    return spec
 
 
-def _undrivable(row: TrialResult, driven: Driven | None, commands: str) -> str:
-    """Return why the commands of a trial cannot be driven again, empty if they can."""
+def _why_not_driven(row: TrialResult, recorded: Readings | None, commands: str) -> str:
+    """Return why a trial's commands cannot be driven again, empty if they can."""
     if not row.is_scored:
         return "not driven again, as they are not scored"
-    if driven is None and not commands:
-        return "not driven again, as their commands are not kept (--bags all keeps them); only tracks tell of them"
-    if row.compute == REAL_TIME or (
-        row.mode == "ros" and driven is not None and not driven.exact
-    ):
-        return "not driven again, as commands outside lockstep, late, or several to a scan took effect at times unknown"
+    if recorded is None and not commands:
+        return (
+            "not driven again, as their commands are not kept (--bags all keeps them);"
+            " only tracks tell of them"
+        )
+    is_inexact = row.mode == "ros" and recorded is not None and not recorded.is_exact
+    if row.compute == REAL_TIME or is_inexact:
+        return (
+            "not driven again, as commands outside lockstep, late, or several to a scan"
+            " took effect at times unknown"
+        )
     return ""
 
 
-def _commands(recorded: TrialEvidence) -> Floats:
-    return unpack_arrays(
-        parse_json(recorded.commands, recorded.row.trial_id), _MOST_BYTES
-    )["commands"].reshape(-1, 2)
+def _parse_commands(evidence: TrialEvidence) -> Floats:
+    content = parse_json(evidence.commands, evidence.row.trial_id)
+    return unpack_arrays(content, _MAX_COMMAND_BYTES)["commands"].reshape(-1, 2)
 
 
-def _off(driven: Driven, simulated: Driven) -> Iterator[str]:
-    """Yield how what was recorded is not what the recorded commands give."""
-    there, here = (
-        np.column_stack(
-            [
-                one.stamps_ns / NANOSECONDS_PER_SECOND,
-                one.truth,
-                odometry,
-                one.velocity,
-                one.contact,
-            ]
+def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
+    """Yield how recorded readings are not what the recorded commands give."""
+    difference = np.abs(_reading_table(recorded) - _reading_table(simulated))
+    yaws = difference[:, [3, 6]]
+    difference[:, [3, 6]] = np.minimum(yaws, np.abs(2.0 * np.pi - yaws))
+    is_off = ~(difference.max(axis=1, initial=0.0) <= ROUNDING)
+    if is_off.any():
+        stamp_ns = simulated.trajectory.stamps_ns[np.flatnonzero(is_off)[0]]
+        distance_m = np.nanmax(difference[:, 1:3])
+        yield (
+            "its commands, driven again, give another trajectory from"
+            f" {stamp_ns / NANOSECONDS_PER_SECOND:.2f} s on, up to {distance_m:.3g} m"
+            " away"
         )
-        for one, odometry, _ in (driven, simulated)
-    )
-    off = np.abs(there - here)
-    off[:, [3, 6]] = np.minimum(off[:, [3, 6]], np.abs(2.0 * np.pi - off[:, [3, 6]]))
-    if len(found := np.flatnonzero(~(off.max(axis=1, initial=0.0) <= ROUNDING))):
-        at, far_m = here[found[0], 0], np.nanmax(off[:, 1:3])
-        yield f"its commands, driven again, give another trajectory from {at:.2f} s on, up to {far_m:.3g} m away"
 
 
-def _misjudged(
-    row: TrialResult, spec: TrialSpec, readings: Driven, track: Track | None
+def _reading_table(readings: Readings) -> Floats:
+    """Return readings (n, 10): time, true and measured pose, twist and contact."""
+    trajectory = readings.trajectory
+    times_s = trajectory.stamps_ns / NANOSECONDS_PER_SECOND
+    columns = [
+        times_s,
+        trajectory.truth,
+        readings.odometry,
+        trajectory.velocity,
+        trajectory.contact,
+    ]
+    return np.column_stack(columns)
+
+
+def _judge(
+    row: TrialResult, spec: TrialSpec, readings: Readings, track: Track | None
 ) -> Iterator[str]:
     """Yield what of a row and its track does not follow from its readings."""
-    again, trajectory = judged(row, spec, readings)
-    if told := difference(row, again):
-        yield told
-    world = spec.world
-    made = make_track(
-        trajectory,
-        world.cylinders_m,
-        world.cylinder_radius_m,
-        contact_footprint(spec.simulator.chassis),
-    )
+    recomputed, trajectory = judge_readings(row, spec, readings)
+    difference = compare_rows(row, recomputed)
+    if difference:
+        yield difference
+    made = make_track(trajectory, spec)
     if track is None or made is None:
         return
-    same = made.samples.shape == track.samples.shape and np.array_equal(
-        made.contact, track.contact
+    is_same = (
+        made.samples.shape == track.samples.shape
+        and np.array_equal(made.contact, track.contact)
+        and np.allclose(
+            made.samples, track.samples, rtol=0.0, atol=track.steps, equal_nan=True
+        )
     )
-    if not same or not np.allclose(
-        made.samples, track.samples, rtol=0.0, atol=track.steps, equal_nan=True
-    ):
+    if not is_same:
         yield "its track is not that of its readings"

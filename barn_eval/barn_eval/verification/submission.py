@@ -1,10 +1,13 @@
-"""A result in one file that a stranger can verify: rows, tracks, commands, worlds, parameters, versions, machine."""
+"""A result in one file that a stranger can verify.
+
+It holds rows, tracks, commands, worlds, parameters, versions and machine.
+"""
 
 import hashlib
 import json
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.results.store import LOGS
 from barn_eval.results.tracks import pack_arrays
 from barn_eval.running.command_files import find_parameter_files
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
 from barn_worlds.base.errors import ConfigError, format_value
@@ -36,26 +40,29 @@ from barn_worlds.base.text_files import parse_json
 from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
-ABOUT = "submission.json"
-_NEEDED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_NAME)
-_ALLOWED = (*_NEEDED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
-_PARAMETERS = re.compile(
-    r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}"
-)  # of files that planners' commands name
-_DIGEST = re.compile(r"(|([A-Za-z0-9_./:-]{1,200}@)?sha256:[0-9a-f]{64})")
-_MOST_MEMBERS, _LARGEST, _RATIO = (
-    100,
-    1 << 29,
-    100,
-)  # bytes of all members; unpacked by packed of a large one
-_SMALL = 1 << 20
+CONTENTS_FILE = "submission.json"
+_REQUIRED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_NAME)
+_ALLOWED = (*_REQUIRED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
+
+# Files that planners' commands name.
+_PARAMETERS = re.compile(r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}")
+_CONTAINER = re.compile(r"(|([A-Za-z0-9_./:-]{1,200}@)?sha256:[0-9a-f]{64})")
+
+# Limits of a submission: members, bytes of all members, and the ratio to which a member
+# may unpack that is not small.
+_MAX_MEMBERS = 100
+_MAX_BYTES = 1 << 29
+_MAX_RATIO = 100
+_SMALL_BYTES = 1 << 20
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
-    """Write the finished results of a folder, once they are checked, as one file; equal results give equal bytes.
+    """Write the finished results of a folder as one file, once they are checked.
+
+    Equal results give equal bytes.
 
     Args:
-        folder: Of an experiment.
+        folder: Folder of a run.
         path: File to write, .zip.
         container: Digest of the image that the planner ran in.
 
@@ -63,162 +70,176 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         What the check has found.
 
     Raises:
-        ConfigError: Anything is wrong, or the worlds are those of a file that nobody else has.
+        ConfigError: Anything is wrong, or the worlds are those of a file that nobody
+            else has.
     """
-    folder, path = Path(folder), Path(path)
-    if not _DIGEST.fullmatch(container):
+    folder = Path(folder)
+    if not _CONTAINER.fullmatch(container):
         raise ConfigError(
-            f"container {format_value(container)}: must be sha256: and 64 digits, after a name and @ if wanted"
+            f"container {format_value(container)}: must be sha256: and 64 digits, after"
+            " a name and @ if wanted"
         )
-    found, run = check_folder(folder), RunFile.read(folder)
-    if found.problems or found.rows != found.trials:
-        why = (
-            found.problems[0]
-            if found.problems
-            else f"has {found.rows} of {found.trials} trials"
-        )
-        raise ConfigError(f"{folder}: is not to be submitted: {why}")
-    _require_worlds(run, folder)
-    files = {
-        name: read_bytes(folder / name, _LARGEST)
-        for name in _ALLOWED
-        if (folder / name).is_file()
+    check = check_folder(folder)
+    problems = list(check.problems)
+    if check.rows != check.trials:
+        problems.append(f"has {check.rows} of {check.trials} trials")
+    if problems:
+        raise ConfigError(f"{folder}: is not to be submitted: {problems[0]}")
+    run_file = RunFile.read(folder)
+    _require_shipped_worlds(run_file, folder)
+
+    files = {}
+    for name in _ALLOWED:
+        if (folder / name).is_file():
+            files[name] = read_bytes(folder / name, _MAX_BYTES)
+    if COMMANDS_NAME not in files:
+        lines = (f"{seal_line(line)}\n" for line in _command_lines(folder))
+        files[COMMANDS_NAME] = "".join(lines).encode()
+    for file in _parameter_files(folder, run_file.run_config()):
+        files[f"parameters/{file.name}"] = file.read_bytes()
+
+    contents = {
+        "schema_version": SCHEMA_VERSION,
+        "container": container,
+        "files": {name: _sha256(content) for name, content in files.items()},
     }
-    if COMMANDS_NAME not in files:  # of one that was unpacked
-        files[COMMANDS_NAME] = "".join(
-            f"{seal_line(line)}\n" for line in _command_lines(folder)
-        ).encode()
-    for planner in run.run_config().planners:
-        files |= {
-            f"parameters/{one.name}": one.read_bytes()
-            for one in find_parameter_files(folder / LOGS, planner.name)
-        }
-        for name, digest in planner.files.items():
-            kept = f"{digest[:12]}_{Path(name).name}"
-            files |= {
-                f"parameters/{kept}": one.read_bytes()
-                for one in (folder / LOGS).rglob(kept)
-            }
-    digests = {name: _digest(content) for name, content in files.items()}
-    about = {"schema_version": SCHEMA_VERSION, "container": container, "files": digests}
-    write_durably(
-        path, pack_zip({ABOUT: json.dumps(about, indent=1).encode(), **files})
-    )
-    return found
+    contents_text = json.dumps(contents, indent=1).encode()
+    write_durably(Path(path), pack_zip({CONTENTS_FILE: contents_text, **files}))
+    return check
 
 
-def _require_worlds(run: RunFile, folder: Path) -> None:
-    dataset = run.config.get("dataset")
-    if dataset not in dataset_files() and dataset != str((folder / WORLDS).absolute()):
+def _require_shipped_worlds(run_file: RunFile, folder: Path) -> None:
+    dataset = run_file.config.get("dataset")
+    is_in_folder = dataset == str((folder / WORLDS).absolute())
+    if dataset not in dataset_files() and not is_in_folder:
         raise ConfigError(
-            f"{run.path}: dataset {format_value(dataset)} is not one that comes with the suite"
+            f"{run_file.path}: dataset {format_value(dataset)} is not one that comes"
+            " with the suite"
         )
+
+
+def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
+    """Yield the copies of files that planners' commands name."""
+    for planner in config.planners:
+        yield from find_parameter_files(folder / LOGS, planner.name)
+        for name, sha256 in planner.files.items():
+            yield from (folder / LOGS).rglob(f"{sha256[:12]}_{Path(name).name}")
 
 
 def _command_lines(folder: Path) -> Iterator[str]:
     for row in RowFile(folder).read():
         bag = folder / BAGS / row.trial_id
-        driven = read_bag(BagFile(bag))[0] if bag.is_dir() else None
-        if driven is not None and (driven.exact or row.mode == "direct"):
-            packed = pack_arrays({"commands": driven.trajectory.command.ravel()})
-            yield json.dumps({"trial_id": row.trial_id} | packed, separators=(",", ":"))
+        if not bag.is_dir():
+            continue
+        readings, _ = read_bag(BagFile(bag))
+        if readings.is_exact or row.mode == "direct":
+            commands = pack_arrays({"commands": readings.trajectory.command.ravel()})
+            content = {"trial_id": row.trial_id} | commands
+            yield json.dumps(content, separators=(",", ":"))
 
 
-def _digest(content: bytes) -> str:
+def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
 def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str, Any]]:
-    """Unpack a submission into an empty folder and check it there: nothing in it is believed.
+    """Unpack a submission into an empty folder and check it there.
+
+    Nothing in it is believed.
 
     Args:
-        path: Of a file of `submit`.
-        folder: Where it is unpacked.
+        path: File that `submit` has written.
+        folder: Folder to unpack it into.
 
     Returns:
-        What was found, where what could not be checked is wrong as well; and what the results are of: release, machine,
-        task and so on.
+        What was found, where anything that could not be checked is wrong as well; and
+        what the results are of: release, machine, task and so on.
 
     Raises:
         ConfigError: The file is no submission, is damaged, or of another release.
     """
-    path, folder = Path(path), Path(folder)
+    path = Path(path)
+    folder = Path(folder)
     container = _unpack(path, folder)
-    run = RunFile.read(folder)
-    experiment, here = run.run_config(), versions()
-    _require_worlds(run, folder)
-    for session in run.sessions:
-        made = session.get("versions")
-        made = made if isinstance(made, dict) else {}
-        for name in SUITE:
-            if made.get(name) != here[name]:
-                raise ConfigError(
-                    f"{path}: was made with {name} {format_value(made.get(name))}, this is {here[name]}"
-                )
+    run_file = RunFile.read(folder)
+    config = run_file.run_config()
+    _require_shipped_worlds(run_file, folder)
+    _require_release(path, run_file)
+
     rows = RowFile(folder).read()
-    if not rows or len(experiment.planners) * experiment.repetitions > len(rows):
+    if not rows or len(rows) < len(config.planners) * config.repetitions:
         raise ConfigError(f"{path}: has {len(rows)} rows, too few for its planners")
-    found = check_folder(folder)
-    if found.rows == found.trials:
-        place = {
-            planner.name: number for number, planner in enumerate(experiment.planners)
-        }
-        write_tables(
-            folder,
-            sorted(
-                rows, key=lambda row: (row.world, row.repetition, place[row.planner])
-            ),
-        )
+    check = check_folder(folder)
+    problems = [*check.problems, *check.unchecked]
+    if check.rows == check.trials:
+        names = [planner.name for planner in config.planners]
+        rows.sort(key=lambda row: (row.world, row.repetition, names.index(row.planner)))
+        write_tables(folder, rows)
     else:
-        found.problems.append(f"{path}: has {found.rows} of {found.trials} trials")
-    found.problems = [
-        line.replace(str(folder), str(path))
-        for line in (*found.problems, *found.unchecked)
-    ]
-    last: Mapping[str, Any] = run.sessions[-1] if run.sessions else {}
-    about = {
-        "task": run.task_fingerprint(),
-        "protocol": experiment.protocol.name,
-        "dataset": Path(experiment.dataset).name,
-        **{
-            key: getattr(experiment, key)
-            for key in ("worlds", "repetitions", "seed", "mode")
-        },
-        "planners": [planner.name for planner in experiment.planners],
-        "versions": last.get("versions", {}),
-        "commit": last.get("commit", ""),
-        "machine": last.get("machine", {}),
+        problems.append(f"{path}: has {check.rows} of {check.trials} trials")
+    check.problems = [line.replace(str(folder), str(path)) for line in problems]
+
+    session = run_file.sessions[-1] if run_file.sessions else {}
+    origin = {
+        "task": run_file.task_fingerprint(),
+        "protocol": config.protocol.name,
+        "dataset": Path(config.dataset).name,
+        "worlds": config.worlds,
+        "repetitions": config.repetitions,
+        "seed": config.seed,
+        "mode": config.mode,
+        "planners": [planner.name for planner in config.planners],
+        "versions": session.get("versions", {}),
+        "commit": session.get("commit", ""),
+        "machine": session.get("machine", {}),
         "container": container,
     }
-    return found, about
+    return check, origin
+
+
+def _require_release(path: Path, run_file: RunFile) -> None:
+    """Raise ConfigError if a session used another release of the suite."""
+    current = versions()
+    for session in run_file.sessions:
+        session_versions = session.get("versions")
+        if not isinstance(session_versions, dict):
+            session_versions = {}
+        for package in SUITE:
+            version = session_versions.get(package)
+            if version != current[package]:
+                raise ConfigError(
+                    f"{path}: was made with {package} {format_value(version)}, this is"
+                    f" {current[package]}"
+                )
 
 
 def _unpack(path: Path, folder: Path) -> str:
-    """Write the members of a submission into a folder and return the container; ConfigError for any other file."""
+    """Write the members of a submission into a folder and return the container.
+
+    Raises:
+        ConfigError: The file is no submission, or a damaged one.
+    """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
-            members = {one.filename: one for one in archive.infolist()}
             _require_members(path, archive.infolist())
-            about = parse_json(
-                _content(archive, members[ABOUT]).decode(), f"{path}: {ABOUT}"
-            )
-            files = about.get("files") if isinstance(about, dict) else None
-            if (
-                not isinstance(files, dict)
-                or about.get("schema_version") != SCHEMA_VERSION
-            ):
+            where = f"{path}: {CONTENTS_FILE}"
+            contents = parse_json(_read_member(archive, CONTENTS_FILE), where)
+            if not isinstance(contents, dict):
+                contents = {}
+            files = contents.get("files")
+            is_known = contents.get("schema_version") == SCHEMA_VERSION
+            if not is_known or not isinstance(files, dict):
                 raise ConfigError(
-                    f"{path}: {ABOUT}: schema_version must be {SCHEMA_VERSION}, with files"
+                    f"{where}: schema_version must be {SCHEMA_VERSION}, with files"
                 )
-            if files.keys() != members.keys() - {ABOUT}:
-                raise ConfigError(
-                    f"{path}: {ABOUT} does not name the files that there are"
-                )
-            for name in files:
-                content = _content(archive, members[name])
-                if _digest(content) != files[name]:
+            if files.keys() != set(archive.namelist()) - {CONTENTS_FILE}:
+                raise ConfigError(f"{where} does not name the files that there are")
+            for name, sha256 in files.items():
+                content = _read_member(archive, name)
+                if _sha256(content) != sha256:
                     raise ConfigError(
-                        f"{path}: {name} has not the SHA-256 that {ABOUT} states"
+                        f"{path}: {name} has not the SHA-256 that {CONTENTS_FILE}"
+                        " states"
                     )
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
@@ -226,44 +247,50 @@ def _unpack(path: Path, folder: Path) -> str:
         raise ConfigError(
             f"{path}: not a submission, or a damaged one: {error}"
         ) from None
-    container = about.get("container")
-    if not isinstance(container, str) or not _DIGEST.fullmatch(container):
-        raise ConfigError(
-            f"{path}: {ABOUT}: container {format_value(container)} is no digest"
-        )
+
+    container = contents.get("container")
+    if not isinstance(container, str) or not _CONTAINER.fullmatch(container):
+        raise ConfigError(f"{where}: container {format_value(container)} is no digest")
     return container
 
 
 def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
-    """Raise ConfigError unless members are those of a submission, once each, and of a size that is to be unpacked."""
-    names = [one.filename for one in members[: _MOST_MEMBERS + 1]]
+    """Raise ConfigError unless members are those of a submission, once each.
+
+    Their sizes must allow to unpack them.
+    """
+    names = [member.filename for member in members[: _MAX_MEMBERS + 1]]
     for name in names:
-        if name not in (ABOUT, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
+        if name not in (CONTENTS_FILE, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
             raise ConfigError(
                 f"{path}: holds {format_value(name)}, which is no part of a submission"
             )
-    if missing := {ABOUT, *_NEEDED}.difference(names):
+    missing = {CONTENTS_FILE, *_REQUIRED}.difference(names)
+    if missing:
         raise ConfigError(f"{path}: not a submission: has no {min(missing)}")
-    if len(names) > _MOST_MEMBERS or len(set(names)) < len(names):
+    if len(names) > _MAX_MEMBERS or len(set(names)) < len(names):
         raise ConfigError(
-            f"{path}: holds a file twice, or more than {_MOST_MEMBERS} files"
+            f"{path}: holds a file twice, or more than {_MAX_MEMBERS} files"
         )
-    for one in members:
-        if one.file_size > max(_SMALL, _RATIO * one.compress_size):
+    for member in members:
+        size = member.file_size
+        if size > max(_SMALL_BYTES, _MAX_RATIO * member.compress_size):
             raise ConfigError(
-                f"{path}: {one.filename} of {one.compress_size} bytes unpacks to {one.file_size}"
+                f"{path}: {member.filename} of {member.compress_size} bytes unpacks to"
+                f" {size}"
             )
-    if (total := sum(one.file_size for one in members)) > _LARGEST:
+    total = sum(member.file_size for member in members)
+    if total > _MAX_BYTES:
         raise ConfigError(
-            f"{path}: unpacks to {total} bytes, more than the allowed {_LARGEST}"
+            f"{path}: unpacks to {total} bytes, more than the allowed {_MAX_BYTES}"
         )
 
 
-def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    with archive.open(member) as file:
-        content = file.read(member.file_size + 1)
-    if len(content) != member.file_size:
-        raise ValueError(
-            f"{member.filename} is not of the {member.file_size} bytes that it states"
-        )
+def _read_member(archive: zipfile.ZipFile, name: str) -> bytes:
+    # A member may unpack to more than it states.
+    size = archive.getinfo(name).file_size
+    with archive.open(name) as file:
+        content = file.read(size + 1)
+    if len(content) != size:
+        raise ValueError(f"{name} is not of the {size} bytes that it states")
     return content

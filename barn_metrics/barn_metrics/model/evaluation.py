@@ -32,7 +32,7 @@ _RESAMPLES = 4000
 
 @dataclass(frozen=True)
 class EvaluationConfig(Checked):
-    """How models are judged: each fold by a model of all others, then with new folds."""
+    """How models are judged: each fold by a model that all others trained."""
 
     folds: int = quantity(10, "parts that the worlds are divided into", "", 2, 1000)
     repeats: int = quantity(5, "divisions", "", 1, 1000)
@@ -94,8 +94,8 @@ def evaluate(
 ) -> Evaluation:
     """Judge a model beside ridge regression, in the worlds that every planner drove.
 
-    Ridge regression is left out where worlds are reserved for judging: nothing is trained
-    on those.
+    Ridge regression is left out where worlds are reserved for judging: nothing is
+    trained on those.
 
     Args:
         worlds: By number, at least those that the trials name.
@@ -202,7 +202,8 @@ def cross_validate(
 
     Args:
         predict: Takes masks of training worlds (folds, w) and a seed. It returns, per
-            fold, predictions (w,) for all worlds by a model trained on that fold's mask.
+            fold, predictions (w,) for all worlds by a model trained on that fold's
+            mask.
         difficulty: Measured difficulty (w,).
         config: Folds, repeats and seed.
 

@@ -72,6 +72,7 @@ STRIPS = ("planned", "padded", "quick")
 @cache
 def summary_names() -> tuple[str, ...]:
     """Return the names of the inputs that sum a world up, which come first."""
+    # Names do not depend on the world, so the smallest one that has all inputs will do.
     straight = np.stack([np.full(5, 2), np.arange(5)], axis=1)
     grid = np.zeros((5, 5), np.bool_)
     grid[[0, -1]] = True
@@ -99,8 +100,8 @@ def inputs_of(worlds: Iterable[World]) -> Floats:
     for world in worlds:
         if world.corner_m is not None:
             raise ModelError(
-                f"{world.name}: is an arena; models are of worlds whose obstacles stand "
-                "on a grid"
+                f"{world.name}: is an arena; models are of worlds whose obstacles "
+                "stand on a grid"
             )
         clearance = clearance_map(world)
         routes = _find_routes(clearance)
@@ -138,7 +139,8 @@ def _summarize(
 
 
 def _summarize_ends(clearance: ClearanceMap) -> dict[str, float]:
-    """Return how much space there is at start and goal, and one cell ahead of the goal."""
+    """Return the space at start and goal, and one cell ahead of the goal."""
+    # Three fine cells are one of the world.
     ahead = (clearance.goal[0], clearance.goal[1] + 3)
     places = {"start": clearance.start, "goal": clearance.goal, "goal_ahead": ahead}
     summary = {}
@@ -162,6 +164,7 @@ def _summarize_route(route: Route, path_length_m: float) -> dict[str, float]:
     """Return the numbers that sum a route up, by name."""
     heading = route.heading_rad
     turns = np.abs(heading[_TURN_SAMPLES:] - heading[:-_TURN_SAMPLES])
+    # A path of one cell has no length to divide by.
     path_length_m = max(path_length_m, 0.1)
     clearance = np.sort(route.clearance_m)
     width = np.sort(route.width_m)

@@ -34,8 +34,8 @@ _BATCH = 64
 class RouteNetwork:
     """A network along routes: filters on strips, then fully connected layers.
 
-    The layers see the largest and the mean response of each filter, and the inputs that are
-    no strips. A world and its mirror image give the same.
+    The layers see the largest and the mean response of each filter, and the inputs that
+    are no strips. A world and its mirror image give the same.
     """
 
     # (d,) of the inputs that are no strips, which come first.
@@ -49,6 +49,7 @@ class RouteNetwork:
     def __call__(self, inputs: Floats) -> Floats:
         """Return the outputs (n, k) of inputs (n, d + routes * SAMPLES * CHANNELS)."""
         starts = range(0, max(len(inputs), 1), _BATCH)
+        # At least one batch, so that no worlds give an array of the right width.
         return np.concatenate(
             [self._evaluate(inputs[start : start + _BATCH]) for start in starts]
         )
@@ -203,6 +204,7 @@ class DifficultyModel:
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return the predictions of worlds with known inputs (n, d)."""
         outputs, difficulty, spread = self._evaluate(inputs)
+        # The networks' disagreement and the error of all of them are independent.
         std = np.hypot(spread, self.relative_std * difficulty)
         count = len(self.planners)
         times = np.maximum(outputs[:, :count], _QUICKEST_S_PER_M)
@@ -229,7 +231,7 @@ class DifficultyModel:
         return difficulty, spread
 
     def _evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean outputs (n, k), difficulty (n,) and its spread over networks (n,)."""
+        """Return mean outputs (n, k), difficulty (n,) and its std (n,) over networks."""
         # (networks, n, k)
         all_outputs = np.array([network(inputs) for network in self.networks])
         share = 1.0 / len(self.networks)

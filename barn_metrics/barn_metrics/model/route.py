@@ -40,7 +40,8 @@ _ROW_STEPS = np.array([0, 1, 0, -1, 1, 1, -1, -1, 1, 1, -1, -1, 2, 2, -2, -2])
 _COLUMN_STEPS = np.array([1, 0, -1, 0, 1, -1, 1, -1, 2, -2, 2, -2, 1, -1, 1, -1])
 _STEP_LENGTHS = np.hypot(_ROW_STEPS, _COLUMN_STEPS)
 
-# Points of a route that a strip has, 0.1 m apart; the model does not see what lies beyond.
+# Points of a route that a strip has, 0.1 m apart; the model does not see what lies
+# beyond.
 SAMPLES = 128
 # Places of a strip across the route, to its left and right.
 _ACROSS_M = np.linspace(-0.6, 0.6, 17)
@@ -223,11 +224,10 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
         clearance: The map.
         route: What the strip lies beside; only its points count.
 
-    Returns:
-        (SAMPLES, CHANNELS), zero after the end of the route. Channels are: the clearance on
-        a line across the route from left to right, from -1 (none) to 1 (`_FREE_M` and
-        more); heading in rad; change of heading per sample, scaled; 1 where there is a
-        sample.
+    Returns: (SAMPLES, CHANNELS), zero after the end of the route. Channels are: the
+        clearance on a line across the route from left to right, from -1 (none) to 1
+        (`_FREE_M` and more); heading in rad; change of heading per sample, scaled; 1
+        where there is a sample.
     """
     points = route.points[:SAMPLES]
     direction = np.gradient(points, axis=0)

@@ -1,4 +1,4 @@
-"""Trials as the difficulty model is judged by: world, planner, time per meter, success."""
+"""Trials that judge the difficulty model: world, planner, time per meter, success."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class Trials:
     """Trials in any order; each array holds one value per trial, (n,).
 
     Raises:
-        ModelError: If the arrays differ in length, or a time is not finite and positive.
+        ModelError: If the arrays differ in length, or a time is not finite and
+            positive.
     """
 
     # Number of the world.
@@ -82,11 +83,11 @@ class Trials:
         return self._select(np.isin(self.worlds, sorted(world_numbers)))
 
     def mean_times(self) -> Floats:
-        """Return each planner's mean time per meter in each of `world_numbers`, (w, p)."""
+        """Return each planner's mean time per meter in `world_numbers`, (w, p)."""
         return self._mean_by_world(self.normalized_s_per_m)
 
     def failure_rates(self) -> Floats:
-        """Return each planner's share of failures in each of `world_numbers`, (w, p)."""
+        """Return each planner's share of failures in `world_numbers`, (w, p)."""
         return 1.0 - self._mean_by_world(self.succeeded.astype(np.float64))
 
     def difficulty(self) -> Floats:
@@ -129,7 +130,8 @@ def worlds_with_trials(worlds: Mapping[int, World], trials: Trials) -> list[Worl
         trials: Trials in these worlds.
 
     Raises:
-        ModelError: If a world is missing, or fewer than ten have trials of every planner.
+        ModelError: If a world is missing, or fewer than ten have trials of every
+            planner.
     """
     world_numbers = trials.world_numbers
     require_worlds(worlds, world_numbers)

@@ -1,7 +1,7 @@
 """Files of weights: a header in JSON and plain arrays in one .npz.
 
-Nothing in such a file is executed, and sizes are bounded before memory is taken. The arrays
-must fit the header exactly and be finite, and their checksum is in it.
+Nothing in such a file is executed, and sizes are bounded before memory is taken. The
+arrays must fit the header exactly and be finite, and their checksum is in it.
 """
 
 import hashlib
@@ -97,6 +97,7 @@ def save_model(model: DifficultyModel, path: Path) -> None:
         share = 1.0 / len(model.networks)
         members.append(_Member("sequence", share, len(network.layers)))
 
+    # The same bytes on every machine.
     arrays = {name: array.astype("<f8") for name, array in arrays.items()}
     header = _Header(
         schema=FORMAT.schema,
@@ -122,6 +123,7 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
         header = from_dict(_Header, content, f"{path}: {FORMAT.header}")
     except (WorldError, ConfigError) as error:
         raise ModelError(str(error)) from None
+    # A damaged file may still have arrays of the right shapes.
     if header.sha256 != _checksum(arrays):
         raise ModelError(
             f"{path}: damaged: its arrays do not have the checksum of the header"

@@ -1,8 +1,8 @@
 """Follow the gap: a simple baseline that uses the current scan and the goal.
 
 After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method",
-Robotics and Autonomous Systems 60(9), 2012. Unlike there, the robot takes the gap nearest
-to the goal's direction, not the widest, and stops before a collision.
+Robotics and Autonomous Systems 60(9), 2012. Unlike there, the robot takes the gap
+nearest to the goal's direction, not the widest, and stops before a collision.
 """
 
 import math
@@ -147,7 +147,7 @@ class GapPlanner(ScanPlanner):
     def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
-        """Return how far the robot can go in each direction; derived planners know more.
+        """Return how far the robot can go in each direction.
 
         Args:
             observation: Readings of this cycle.
@@ -174,7 +174,8 @@ class GapPlanner(ScanPlanner):
         if not is_open.any():
             return None
 
-        # Gaps are runs of open directions: each begins and ends where `is_open` changes.
+        # Gaps are runs of open directions: each begins and ends where `is_open`
+        # changes.
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]])))
         first = self._directions[edges[::2]]
         last = self._directions[edges[1::2] - 1]
@@ -217,7 +218,7 @@ class GapPlanner(ScanPlanner):
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
-        """Return how far the robot can go straight ahead, up to the look-ahead distance."""
+        """Return how far the robot can go straight ahead, up to the look-ahead."""
         config = self.config
         half_corridor_m = config.half_width_m + config.margin_m
         is_in_corridor = np.abs(points[:, 1]) <= half_corridor_m

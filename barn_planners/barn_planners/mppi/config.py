@@ -148,7 +148,8 @@ class MppiConfig(Checked):
         self.require(self.min_speed_mps >= lowest, "min_speed_mps", limit)
 
 
-# The Jackal's outline with Nav2's padding, and an inflation large enough to act in time.
+# The Jackal's outline with Nav2's padding, and an inflation large enough to act in
+# time.
 _FOOTPRINT: dict[str, Any] = {
     "footprint_half_length_m": 0.254,
     "footprint_half_width_m": 0.215,

@@ -1,8 +1,8 @@
 """Kernels of MPPI that evaluate: its critics, which add to costs, and its path.
 
-Arrays over samples are float32: controls (steps, 2, samples) in m/s and rad/s, and poses
-(steps, 3, samples), x and y in m and yaw in rad. Samples come last, so that the compiler
-vectorizes the inner loops over them. Costs (samples,) are changed in place.
+Arrays over samples are float32: controls (steps, 2, samples) in m/s and rad/s, and
+poses (steps, 3, samples), x and y in m and yaw in rad. Samples come last, so that the
+compiler vectorizes the inner loops over them. Costs (samples,) are changed in place.
 """
 
 import math
@@ -17,7 +17,8 @@ from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles
 _FREE = 0
 _INSCRIBED = 253
 _LETHAL = 254
-# Points of the path that a trajectory usually passes between two poses that are compared.
+# Points of the path that a trajectory usually passes between two poses that are
+# compared.
 _USUAL_POINTS = 2
 
 
@@ -31,7 +32,7 @@ def length(x: float, y: float) -> float:
         x: Component along one axis.
         y: Component along the other.
     """
-    # The rounding error of the plain formula, computed and subtracted (Borges 2019).
+    # The rounding error of the plain formula, computed and subtracted.
     longer = max(abs(x), abs(y))
     shorter = min(abs(x), abs(y))
     rough = math.sqrt(longer * longer + shorter * shorter)
@@ -64,8 +65,8 @@ def add_obstacle_costs(
 ) -> int:
     """Add what trajectories cost on the costmap, and count those that collide.
 
-    A trajectory whose footprint touches a lethal cell costs `collision_cost`. Others cost
-    the mean of the cells under their poses, as a share of 254.
+    A trajectory whose footprint touches a lethal cell costs `collision_cost`. Others
+    cost the mean of the cells under their poses, as a share of 254.
 
     Args:
         costs: Costs (samples,).
@@ -140,7 +141,7 @@ def _find_cells(
 
 @kernel
 def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
-    """Return how many lethal cells lie before each row and column, (rows + 1, cols + 1)."""
+    """Return the lethal cells before each row and column, (rows + 1, columns + 1)."""
     rows, columns = cells.shape
     counts = np.zeros((rows + 1, columns + 1), np.int32)
     for row in range(rows):
@@ -196,7 +197,8 @@ def find_furthest_point(path: FloatArray, poses: Singles) -> int:
         poses: Poses (steps, 3, samples).
 
     Returns:
-        The highest index of the points that are nearest to the ends of the trajectories.
+        The highest index of the points that are nearest to the ends of the
+        trajectories.
     """
     end_x = poses[-1, 0]
     end_y = poses[-1, 1]

@@ -1,9 +1,9 @@
 """Model predictive path integral control (MPPI), a sampling planner.
 
-After Williams, Aldrich and Theodorou, "Model predictive path integral control: from theory
-to parallel computation", JGCD 40(2), 2017, and Williams, Drews, Goldfain, Rehg and
-Theodorou, "Information-theoretic model predictive control: theory and applications to
-autonomous driving", T-RO 34(6), 2018. Control sequences are sampled around the last
+After Williams, Aldrich and Theodorou, "Model predictive path integral control: from
+theory to parallel computation", JGCD 40(2), 2017, and Williams, Drews, Goldfain, Rehg
+and Theodorou, "Information-theoretic model predictive control: theory and applications
+to autonomous driving", T-RO 34(6), 2018. Control sequences are sampled around the last
 solution and rolled out. Their mean, weighted with exp(-cost / temperature), is the next
 solution.
 
@@ -11,8 +11,8 @@ Critics, weights and thresholds are those of Nav2's MPPI controller for a differ
 drive. Differences:
 
 - Everything runs once per control cycle in one thread: new noise from the trial's seed
-  (SFC64), and a costmap update with each scan. Nav2 samples in its own thread and updates
-  its costmap at 5 Hz.
+  (SFC64), and a costmap update with each scan. Nav2 samples in its own thread and
+  updates its costmap at 5 Hz.
 - One of the samples is the last solution itself, so a cycle never does worse than it.
 - Points of the path are evenly spaced instead of one per cell of the plan.
 - The pose of a step is where that step's control leads, and the first control is sent;
@@ -28,7 +28,8 @@ import math
 import numpy as np
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import INSCRIBED, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED
 from barn_planners.interface import PlannerView
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.config import MppiConfig, MppiPlannerConfig
@@ -103,7 +104,8 @@ class MppiController(Controller):
         path = _Path(inputs, config)
         collisions = self._improve(inputs, path, goal_distance_m)
         if collisions == config.samples:
-            # Samples around a solution that collides may all collide: sample around rest.
+            # Samples around a solution that collides may all collide: sample around
+            # rest.
             self._forget_solution()
             collisions = self._improve(inputs, path, goal_distance_m)
         figures = {
@@ -152,7 +154,7 @@ class MppiController(Controller):
     def _improve(
         self, inputs: ControlInput, path: "_Path", goal_distance_m: float
     ) -> int:
-        """Replace the solution, in all rounds; return the collisions of the last one."""
+        """Replace the solution in all rounds; return the last one's collisions."""
         collisions = self.config.samples
         for _ in range(self.config.iterations):
             self._sample(inputs)
@@ -171,7 +173,7 @@ class MppiController(Controller):
         return collisions
 
     def _sample(self, inputs: ControlInput) -> None:
-        """Sample trajectories around the solution; the first one is the solution itself."""
+        """Sample trajectories around the solution, with itself as the first."""
         pose = inputs.pose
         velocity = inputs.velocity
         sampling.fill_normal(self._random, self._noise.reshape(-1, self.config.samples))
@@ -288,7 +290,8 @@ class _Path:
         offsets = plan - (inputs.pose.x, inputs.pose.y)
         nearest = (offsets**2).sum(axis=1).argmin()
         max_points = 2 + int(config.path_ahead_m / config.path_spacing_m)
-        # Points (n, 2) in m, distance along the path (n,) in m, whether a point is free.
+        # Points (n, 2) in m, distance along the path (n,) in m, whether a point is
+        # free.
         self.points = kernels.resample(
             plan[nearest:], config.path_spacing_m, max_points
         )
@@ -315,7 +318,8 @@ def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
         resolution: Side of a cell in m.
 
     Returns:
-        Cost at the circumscribed radius and a cell's diagonal; 0 if inflation ends before.
+        Cost at the circumscribed radius and a cell's diagonal; 0 if inflation ends
+        before.
     """
     reach_m = config.circumscribed_m + math.sqrt(2.0) * resolution
     if not config.soft_costs or reach_m > config.inflation_radius_m:

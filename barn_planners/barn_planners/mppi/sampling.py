@@ -1,8 +1,8 @@
-"""Kernels of MPPI that sample: noise, rollouts, and the solution that results from them.
+"""Kernels of MPPI that sample: noise, rollouts and the resulting solution.
 
-The noise equals that of NumPy's generator to the last bit, in a third of its time. SFC64
-(Doty-Humphrey) and the ziggurat (Marsaglia and Tsang, J. Stat. Softw. 5(8), 2000) run here
-as one compiled loop. Arrays are laid out as in `kernels`.
+The noise equals that of NumPy's generator to the last bit, in a third of its time.
+SFC64 (Doty-Humphrey) and the ziggurat (Marsaglia and Tsang, J. Stat. Softw. 5(8), 2000)
+run here as one compiled loop. Arrays are laid out as in `kernels`.
 """
 
 import math
@@ -16,7 +16,8 @@ from barn_planners.interface import FloatArray
 from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Singles
 
-# Words a, b, c and counter of SFC64, whether half a draw is left (0 or 1), and that half.
+# Words a, b, c and counter of SFC64, whether half a draw is left (0 or 1), and that
+# half.
 _Words: TypeAlias = tuple[np.uint64, ...]
 
 # x, y, yaw, cosine and sine of yaw, speed and yaw rate of all samples, each (samples,).
@@ -171,13 +172,14 @@ def rollout(
     controls: Singles,
     poses: Singles,
 ) -> None:
-    """Sample control sequences around the nominal one and integrate a unicycle along them.
+    """Sample controls around the nominal ones and integrate a unicycle along them.
 
     Args:
         nominal: Nominal controls (steps, 2): m/s and rad/s.
         noise: Standard normal numbers (steps, 2, samples).
         spread: Standard deviations (2,) of speed and yaw rate.
-        change: Largest changes in a step (2, 2): speed down and up, yaw rate down and up.
+        change: Largest changes in a step (2, 2): speed down and up, yaw rate down and
+            up.
         start: x and y in m, yaw in rad, speed in m/s and yaw rate in rad/s.
         dt: Time of a step in s.
         controls: Sampled controls (steps, 2, samples), filled.
@@ -275,7 +277,7 @@ def weighted_mean(
         mean: Mean controls (steps, 2), filled.
     """
     weights = np.exp(-(costs - costs.min()) / temperature)
-    # Most weights are so small that they would not change a digit.
+    # Most samples have a negligible weight; leaving them out saves most of the time.
     relevant = np.flatnonzero(weights >= 1e-9)
     total = 0.0
     for k in relevant:

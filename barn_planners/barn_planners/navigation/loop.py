@@ -1,7 +1,8 @@
 """The navigation loop around a local planner, as in move_base.
 
-Each control cycle updates two costmaps from the scan, makes a global plan if one is due,
-and lets a controller follow it. Recovery takes over where plan or command are missing.
+Each control cycle updates two costmaps from the scan, makes a global plan if one is
+due, and lets a controller follow it. Recovery takes over where plan or command are
+missing.
 """
 
 from abc import ABC, abstractmethod
@@ -112,11 +113,11 @@ class Control:
 
 
 class Controller(ABC):
-    """A local planner that follows a plan, such as DWA; one object serves all trials."""
+    """A local planner that follows a plan; one object serves all trials."""
 
     @abstractmethod
     def reset(self, seed: int) -> None:
-        """Begin a new trial and forget the last one; all randomness comes from `seed`."""
+        """Begin a new trial; all randomness comes from `seed`."""
 
     @abstractmethod
     def control(self, inputs: ControlInput) -> Control:
@@ -229,7 +230,7 @@ class NavigationPlanner(Planner):
         return observation.odometry.pose
 
     def prepare_control(self, observation: Observation) -> None:
-        """Do nothing; a derived planner updates what its controller needs from a scan."""
+        """Do nothing; derived planners prepare their controllers here."""
 
     def _restart_for_resent_goal(self, stamp_ns: int) -> bool:
         """Tell whether the goal was sent again since the last cycle, and start over."""
@@ -248,7 +249,7 @@ class NavigationPlanner(Planner):
         return True
 
     def _replan(self, observation: Observation) -> FloatArray | None:
-        """Make a global plan if one is due; return its points (n, 2) if that succeeds."""
+        """Make a global plan if one is due; return its points (n, 2) or None."""
         stamp_ns = observation.stamp_ns
         if (
             not self._waits_for_plan

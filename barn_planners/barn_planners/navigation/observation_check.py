@@ -1,4 +1,4 @@
-"""The check that lets a planner stop with a reason instead of acting on bad readings."""
+"""The check that stops a planner with a reason before it acts on bad readings."""
 
 import math
 from dataclasses import dataclass
@@ -106,7 +106,7 @@ class ObservationCheck:
         return self._blind_problem(stamp_ns)
 
     def _blind_problem(self, stamp_ns: int) -> str:
-        """Decide whether a scan without any return means open ground or a blind lidar."""
+        """Decide whether a scan without returns means that the lidar is blind."""
         if not self.config.stop_when_blind:
             return ""
         if self._last_return_ns is None:
@@ -124,9 +124,9 @@ class ObservationCheck:
 def _nearest_return(
     ranges: npt.NDArray[np.float32], range_min: float, range_max: float
 ) -> tuple[float, bool]:
-    """Return the least valid range, inf if none, and whether a beam returned nothing."""
-    # Limits are rounded to the precision of the ranges: a range that equals the limit in
-    # the message must also equal it here.
+    """Return the least valid range (or inf), and whether a beam returned nothing."""
+    # Limits are rounded to the precision of the ranges, so that a range at the limit
+    # compares as equal to it.
     lowest = np.float32(range_min)
     highest = np.float32(range_max)
     nearest = np.float32(np.inf)

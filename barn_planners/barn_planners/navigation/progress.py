@@ -24,7 +24,8 @@ class ProgressCheck:
         """Update with the pose of a cycle and tell whether the robot is stuck.
 
         Args:
-            stamp_ns: Simulated time in ns. A pause of over one second restarts the clock.
+            stamp_ns: Simulated time in ns. A pause of over one second restarts the
+                clock.
             pose: Pose of the robot in any frame that stays the same.
 
         Returns:

@@ -1,8 +1,8 @@
 """Recovery as in move_base: what the robot does without a plan or a valid command.
 
-Patience first. When it runs out, four behaviors follow one another: clear the costmaps far
-from the robot, turn in place, clear them nearby too, turn again. Control is tried after
-each of them. If the last one does not help, the planner gives up.
+Patience first. When it runs out, four behaviors follow one another: clear the costmaps
+far from the robot, turn in place, clear them nearby too, turn again. Control is tried
+after each of them. If the last one does not help, the planner gives up.
 """
 
 import math
@@ -86,7 +86,7 @@ class Recovery:
             self.active = self._is_for_plan = True
 
     def record_missing_command(self, stamp_ns: int) -> None:
-        """Record a cycle without a valid command; start recovery when patience runs out."""
+        """Record a cycle without a command; start recovery when patience runs out."""
         patience_ns = nanoseconds(self.config.controller_patience_s)
         if stamp_ns - self._command_ns > patience_ns:
             self.active = True
@@ -137,7 +137,7 @@ class Recovery:
             costmap.clear_outside(pose, side_m)
 
     def _turn(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:
-        """Return the next command of a full turn to the left; None if done or blocked."""
+        """Return the next command of a full left turn; None if done or blocked."""
         config = self.config
         if self._last_yaw is None:
             self._last_yaw = pose.yaw

@@ -21,7 +21,7 @@ from barn_worlds.base.types import STOP, Pose2D, Scan
 
 
 class ScanPlanner(Planner):
-    """Drives to the goal by its scans. It ignores a map, and nothing in it is random."""
+    """Drives to the goal by its scans, without a map or randomness."""
 
     def __init__(self, check: ObservationCheckConfig, goal_tolerance_m: float):
         self._check = ObservationCheck(check)

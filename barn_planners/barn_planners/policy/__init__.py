@@ -1,1 +1,1 @@
-"""Learned policies: their files, observations and actions, and the planner that uses them."""
+"""Learned policies: files, observations, actions and a planner."""

@@ -1,8 +1,9 @@
 """The check that keeps a policy's commands from driving into obstacles.
 
-A command is safe if the robot, driven by it until it could have stopped, comes no nearer to
-an obstacle than a margin, or than it is already. An unsafe command is replaced by the safe
-one that differs least, or by a stop. Nothing behind the robot is seen.
+A command is safe if the robot, driven by it until it could have stopped, comes no
+nearer to an obstacle than a margin, or than it is already. An unsafe command is
+replaced by the safe one that differs least, or by a stop. Nothing behind the robot is
+seen.
 """
 
 import itertools

@@ -1,7 +1,7 @@
 """Files of learned policies: layers of numbers and a JSON header, nothing executable.
 
-A policy file is a .npz. For each layer k it holds float32 arrays `weights_k.npy` (inputs,
-outputs) and `biases_k.npy` (outputs,). Its header is `policy.json`::
+A policy file is a .npz. For each layer k it holds float32 arrays `weights_k.npy`
+(inputs, outputs) and `biases_k.npy` (outputs,). Its header is `policy.json`::
 
     {"schema": 1, "layers": [45, 64, 64, 2], "activation": "tanh", "output": "clip",
      "observation": {...}, "action": {...}, "about": {...}}
@@ -146,7 +146,7 @@ class PolicyNetwork:
 def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
     """Return values @ weights + biases, summed in a fixed order.
 
-    BLAS would be as fast, but its order of summation depends on threads and machine.
+    The order of summation in BLAS depends on its threads and on the machine.
 
     Args:
         values: Inputs (n,).

@@ -1,7 +1,7 @@
 """A learned policy as a planner.
 
-Observations and actions are those of the learning environment, so what was trained there
-drives here; see docs/learning.md.
+Observations and actions are those of the learning environment, so what was trained
+there drives here; see docs/learning.md.
 """
 
 import importlib.resources

@@ -102,7 +102,7 @@ class PolicyAction(Checked):
         return Velocity2D(*self.commands(action[None])[0].tolist())
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
-        """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
+        """Return the speeds and yaw rates (n, 2) of actions (n, 2)."""
         # For a single action np.clip takes longer than the rest of this method.
         values = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
         speed_range = self.max_speed_mps - self.min_speed_mps
@@ -132,7 +132,7 @@ class ObservationEncoder:
         )
 
     def problem(self, scan: Scan) -> str:
-        """Return in one line why this policy cannot use such scans, or an empty text."""
+        """Return in one line why this policy cannot use a scan, or an empty text."""
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
             self._geometry = geometry
@@ -224,7 +224,7 @@ class ObservationEncoder:
             available = f"{angles[0]:.3f} to {angles[-1]:.3f} rad"
             return f"the policy sees from {needed}, the scan only from {available}"
 
-        # Half a sector beyond both ends still counts: angles of real lidars are rounded.
+        # Beams up to half a sector beyond both ends belong to the outermost sectors.
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
         end_angle = config.angle_max_rad + 0.5 * width
@@ -285,8 +285,8 @@ def nearest_returns(
 ) -> None:
     """Fill the nearest return of each sector, as a share of the limit.
 
-    Invalid returns (NaN), and those that are too near beside valid ones, do not count. A
-    sector whose returns are all too near has the share 0.
+    Invalid returns (NaN), and those that are too near beside valid ones, do not count.
+    A sector whose returns are all too near has the share 0.
 
     Args:
         ranges: Ranges (beams,) in m, from right to left.

@@ -1,11 +1,11 @@
 """The node that runs any registered planner.
 
 Subscribes: scan, odom, goal_pose; with `use_map` also map and amcl_pose.
-Publishes: cmd_vel (Twist or TwistStamped), plan, local_plan, local_costmap/costmap, band,
-candidates, diagnostics.
+Publishes: cmd_vel (Twist or TwistStamped), plan, local_plan, local_costmap/costmap,
+band, candidates, diagnostics.
 Services: ~/ready, ~/reset (Trigger).
-Parameters: those of `NodeConfig`, and all fields of the planner's configuration. Changes of
-the latter take effect at the next ~/reset.
+Parameters: those of `NodeConfig`, and all fields of the planner's configuration.
+Changes of the latter take effect at the next ~/reset.
 """
 
 import signal

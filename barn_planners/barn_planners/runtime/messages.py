@@ -1,4 +1,4 @@
-"""The serialized messages of a planner: its node sends them, a direct trial records them."""
+"""The serialized messages of a planner, which a node sends and a bag records."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -91,7 +91,7 @@ def _colors(costs: FloatArray, has_costs: bool) -> FloatArray:
 
 
 def _spread_indices(count: int, limit: int) -> npt.NDArray[np.int64]:
-    """Return at most `limit` of the numbers from 0 to count - 1, evenly, with both ends."""
+    """Return at most `limit` of the numbers below `count`, evenly, with both ends."""
     indices: npt.NDArray[np.int64] = (
         np.linspace(0, count - 1, min(count, limit)).round().astype(np.int64)
     )
@@ -99,7 +99,7 @@ def _spread_indices(count: int, limit: int) -> npt.NDArray[np.int64]:
 
 
 class PlannerMessages:
-    """Makes the messages of one planner: each command, and what it shows at intervals."""
+    """Makes the messages of one planner: commands, and views at intervals."""
 
     def __init__(
         self,
@@ -225,7 +225,7 @@ class PlannerMessages:
 
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
-    """Return the MarkerArray of an elastic band: discs, and a line through their centers.
+    """Return the MarkerArray of an elastic band: discs and a line through them.
 
     Args:
         band: Bubbles (n, 3): x, y and radius in m.
@@ -287,7 +287,7 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
 
 
 def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:
-    """Give a line marker its width and points; return the names of their coordinates."""
+    """Add points to a line marker; return the names of their coordinates."""
     line.scale.x = width_m
     line.points = [make_message("geometry_msgs/msg/Point") for _ in range(count)]
     return tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")

@@ -42,8 +42,8 @@ class PlannerRuntime:
             planner: Planner to run.
             seed: Seed of the next tasks; it can be changed between them.
             use_map: Whether a task needs a map.
-            repeat_command: Whether to send the last command again in cycles without one,
-                so that a simulator in lockstep does not wait.
+            repeat_command: Whether to send the last command again in cycles without
+                one, so that a simulator in lockstep does not wait.
         """
         self.planner = planner
         self.seed = seed
@@ -110,9 +110,10 @@ class PlannerRuntime:
         return RuntimeOutput(self._command, decision)
 
     def warm_up(self) -> None:
-        """Run the planner on made-up readings, so that kernels are compiled before a trial.
+        """Run the planner on made-up readings, so that its kernels are compiled.
 
-        Otherwise the first cycles of the first trial would be much slower than the others.
+        Otherwise the first cycles of the first trial would be much slower than the
+        others.
         """
         occupancy = None
         if self._use_map:

@@ -29,12 +29,12 @@ class SyncConfig(Checked):
 
 
 class Synchronizer:
-    """Returns an observation for each scan once the readings that belong to it are there.
+    """Returns an observation for each scan once its readings have arrived.
 
-    If a source sends one reading per scan with the scan's own stamp, as in lockstep, that
-    reading is awaited. Otherwise the latest reading not after the scan is used, as soon as
-    a later reading or the next scan shows that no better one will come. Such a source is
-    not awaited again until one of its stamps matches a scan.
+    If a source sends one reading per scan with the scan's own stamp, as in lockstep,
+    that reading is awaited. Otherwise the latest reading not after the scan is used, as
+    soon as a later reading or the next scan shows that no better one will come. Such a
+    source is not awaited again until one of its stamps matches a scan.
     """
 
     def __init__(self, config: SyncConfig, *, use_pose: bool):
@@ -73,8 +73,8 @@ class Synchronizer:
     def add_scan(self, scan: Scan) -> list[Observation]:
         """Add a scan; return the observations that it completes, oldest first.
 
-        A scan that is older than the last one means that time has restarted: everything is
-        forgotten and `restarted` is set.
+        A scan that is older than the last one means that time has restarted: everything
+        is forgotten and `restarted` is set.
         """
         newest_ns = self._scan.stamp_ns if self._scan is not None else self._last_ns
         if newest_ns is not None and scan.stamp_ns < newest_ns:

@@ -17,7 +17,8 @@ class FusedOdometry:
     The filter trusts the IMU's absolute yaw. So the heading has that sensor's noise but
     does not drift, while the position drifts with every slip of the wheels. A biased
     gyro without a compass makes the heading drift, too, in proportion to time. Noise is
-    drawn once per update, at the odometry's own rate, whether or not the update is read.
+    drawn once per update, at the odometry's own rate, whether or not the update is
+    read.
     """
 
     def __init__(

@@ -101,8 +101,8 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
     names = _sort_names(candidates)
     siblings = _siblings(_shorten(name), names)
     ellipsis = ", ..." if len(siblings) > _MOST_NAMES else ""
-    known_names = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"
-    return suggest_similar(name, names) or known_names
+    alternatives = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"
+    return suggest_similar(name, names) or alternatives
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:

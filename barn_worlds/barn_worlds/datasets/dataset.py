@@ -1,4 +1,4 @@
-"""Data sets: numbered worlds from the package, a folder or a file, all used the same way."""
+"""Data sets: numbered worlds from the package, a folder or a file."""
 
 import hashlib
 import re
@@ -59,6 +59,7 @@ class Dataset:
                 f"worlds from {min(self.readers)} to {max(self.readers)}"
             )
         if world_number not in self._cache:
+            # Worlds of a large data set would fill the memory.
             if len(self._cache) >= _MAX_CACHED_WORLDS:
                 self._cache.clear()
             self._cache[world_number] = self.readers[world_number]()
@@ -101,7 +102,8 @@ class Dataset:
             if needed_cells > planned_cells:
                 raise WorldError(
                     f"{self.name} is made for robot {intended_robot}, with paths for "
-                    f"{planned_cells} x {planned_cells} cells of {world.resolution_m:g} m: "
+                    f"{planned_cells} x {planned_cells} cells of "
+                    f"{world.resolution_m:g} m: "
                     f"robot {robot.name} takes {needed_cells} x {needed_cells}; "
                     f"name one that fits, such as {intended_robot}"
                 )
@@ -125,20 +127,21 @@ def dataset_files() -> dict[str, Path]:
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
     """Open a data set.
 
-    A world has the number in its file's name. If a number is missing or not unique, files
-    are numbered from 0 in order of name.
+    A world has the number in its file's name. If a number is missing or not unique,
+    files are numbered from 0 in order of name.
 
     Args:
-        source: The name of a shipped data set (barn300), a data set file (.npz), a folder
-            in the original layout, a folder of Gazebo worlds (.world, .sdf, gzipped or
-            not), of the suite's YAML (.world.yaml), of .npy grids or of map_server maps
-            (.yaml), or one such file.
+        source: The name of a shipped data set (barn300), a data set file (.npz), a
+            folder in the original layout, a folder of Gazebo worlds (.world, .sdf,
+            gzipped or not), of the suite's YAML (.world.yaml), of .npy grids or of
+            map_server maps (.yaml), or one such file.
         robot: Its footprint is used to plan paths if the source has neither paths nor a
             footprint.
 
     Raises:
         WorldError: If the source is no data set or cannot be read.
     """
+    # A shipped name wins over a file of the same name.
     shipped_file = dataset_files().get(str(source))
     if shipped_file is not None:
         return _open_file(shipped_file)
@@ -222,9 +225,9 @@ def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
     """Return the numbers that a selection names, in its order, each once.
 
     Args:
-        spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a
-            Python range, end excluded) select the numbers that exist, at least one; of
-            numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
+        spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
+            a Python range, end excluded) select the numbers that exist, at least one;
+            of numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
         world_numbers: Numbers to select from.
 
     Raises:

@@ -83,7 +83,7 @@ TABLE_I: tuple[WorldParameters, ...] = tuple(
 
 @dataclass(frozen=True)
 class DatasetParameters(Checked):
-    """What a data set is generated with; the defaults are those of the shipped barn300."""
+    """What a data set is generated with, by default the shipped barn300."""
 
     name: str = quantity("barn300", "name of the data set")
     seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
@@ -126,6 +126,7 @@ def cell_size_m(robot: Robot) -> float:
     It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
     the Jackal, and passages are as wide for it.
     """
+    # Rounded up, so that the robot still takes 5 x 5 cells.
     scale = 1000.0 * WorldParameters().resolution_m * robot.reach_m
     return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
 
@@ -141,8 +142,8 @@ def generate_world(
 
     Args:
         parameters: Cellular automaton, size and footprint.
-        generator: Source of all randomness. Only its method `random` is used, whose stream
-            NumPy is least likely to change.
+        generator: Source of all randomness. Only its method `random` is used, whose
+            stream NumPy is least likely to change.
         name: Name of the world.
         seed: What `generator` was seeded with, for the provenance.
 
@@ -194,8 +195,8 @@ def generate_dataset(
 ) -> list[World]:
     """Return the worlds of a data set, one parameter set after the other.
 
-    World k of set s comes from SeedSequence(seed, spawn_key=(s, k)), so it does not depend
-    on how many other worlds there are.
+    World k of set s comes from SeedSequence(seed, spawn_key=(s, k)), so it does not
+    depend on how many other worlds there are.
 
     Args:
         parameters: Parameter sets, number of worlds and seed.
@@ -223,8 +224,8 @@ def generate_dataset(
 def narrowness(world: World) -> float:
     """Return a simple proxy for difficulty: minus the mean distance from obstacles.
 
-    Distances are in cells, from the path's cells to the closest occupied C-space cell. If
-    nothing is occupied, it is minus the longer side of the grid.
+    Distances are in cells, from the path's cells to the closest occupied C-space cell.
+    If nothing is occupied, it is minus the longer side of the grid.
     """
     occupied = np.argwhere(world.cspace)
     if len(occupied) == 0:
@@ -370,14 +371,15 @@ def automaton_grids(
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
     """Return the grid after one iteration of the cellular automaton.
 
-    Cells above the first and below the last row count as filled, corners included. Cells
-    beside the first and the last column count as free.
+    Cells above the first and below the last row count as filled, corners included.
+    Cells beside the first and the last column count as free.
 
     Args:
         grid: (rows, cols), True where filled.
         fill_threshold: A cell with at least so many filled cells among its 8 neighbors
             is filled.
-        clear_threshold: A cell with at most so many is cleared; any other stays as it is.
+        clear_threshold: A cell with at most so many is cleared; any other stays as it
+            is.
     """
     rows, cols = grid.shape
     smoothed = np.empty((rows, cols), np.bool_)

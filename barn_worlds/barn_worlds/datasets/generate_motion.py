@@ -47,11 +47,11 @@ _CROSSING_KEY = 4
 
 @dataclass(frozen=True)
 class MotionParameters(Checked):
-    """What the motions of a class are generated with; both ends of a range are included.
+    """What the motions of a class are generated with; ranges include both ends.
 
     Speeds are on a grid. A profile has a mean speed and a spread, both drawn uniformly;
-    each piece of it has a speed from the normal distribution with these, at least one step
-    of the grid.
+    each piece of it has a speed from the normal distribution with these, at least one
+    step of the grid.
     """
 
     difficulty: str = quantity("easy", "name of the class")
@@ -178,8 +178,8 @@ def generate_arenas(
     """Return random arenas of one class.
 
     Profile k comes from SeedSequence(seed, spawn_key=(0, k)), world k from spawn_key
-    (1, k), so neither depends on how many others there are. The obstacles of a world are
-    drawn from the profiles without replacement.
+    (1, k), so neither depends on how many others there are. The obstacles of a world
+    are drawn from the profiles without replacement.
 
     Args:
         parameters: The class.
@@ -192,6 +192,7 @@ def generate_arenas(
     for number in range(worlds):
         generator = _generator(seed, _ARENA_KEY, number)
         count = _integer(generator, parameters.obstacles_min, parameters.obstacles_max)
+        # Sorting random numbers shuffles; `permutation` may change with NumPy.
         shuffled = np.argsort(generator.random(parameters.profiles), kind="stable")
         moving = []
         for profile in shuffled[:count].tolist():
@@ -212,8 +213,8 @@ def add_motion(
 ) -> World:
     """Return a world with obstacles that move on polynomials across its field.
 
-    They pass through the obstacles of its grid, as DynaBARN's pass through walls. They stay
-    out of the lead-in, so that the start stays free.
+    They pass through the obstacles of its grid, as DynaBARN's pass through walls. They
+    stay out of the lead-in, so that the start stays free.
 
     Args:
         world: What moves in it already stays.
@@ -237,11 +238,11 @@ def add_motion(
 def add_crossings(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
-    """Return a world with obstacles that cross its path, as pedestrians cross a corridor.
+    """Return a world with obstacles that cross its path like pedestrians.
 
     Each moves straight from one side of the field to the other and back without a rest,
-    square to the direction from start to goal. Its place on the path, speed, side and phase
-    are random.
+    square to the direction from start to goal. Its place on the path, speed, side and
+    phase are random.
 
     Args:
         world: What moves in it already stays.
@@ -274,7 +275,7 @@ def add_crossings(
 
 
 def _field(world: World) -> tuple[float, float, float, float]:
-    """Return x_min, y_min, x_max, y_max of where obstacles move, without the lead-in."""
+    """Return x_min, y_min, x_max, y_max of where obstacles move: not the lead-in."""
     if world.corner_m is not None:
         return -_HALF_M, -_HALF_M, _HALF_M, _HALF_M
     left, _, right, above = world.bounds_m
@@ -332,10 +333,11 @@ def _polynomial_points(
 ) -> Points:
     """Return points (n, 2) in m along a random polynomial, from border to border.
 
-    The polynomial is fitted to random points with whole meters (through them, if there is
-    one more than its order). The motion follows it from its first to its last crossing of
-    the border, through samples at fixed x that lie inside, and through the random points
-    themselves. Where the polynomial leaves the arena, the motion cuts short.
+    The polynomial is fitted to random points with whole meters (through them, if there
+    is one more than its order). The motion follows it from its first to its last
+    crossing of the border, through samples at fixed x that lie inside, and through the
+    random points themselves. Where the polynomial leaves the arena, the motion cuts
+    short.
     """
     for _ in range(_ATTEMPTS):
         order = _integer(generator, parameters.order_min, parameters.order_max)
@@ -390,7 +392,7 @@ def _border_crossings(coefficients: Floats) -> Floats:
 def _drive_through(
     points: Points, parameters: MotionParameters, generator: np.random.Generator
 ) -> Motion:
-    """Return the motion through points (n, 2), in a random direction and at random speeds.
+    """Return the motion through points (n, 2), at random speeds and from a random end.
 
     Times and places are rounded to 0.01, as in DynaBARN's files.
     """
@@ -407,6 +409,7 @@ def _drive_through(
         distance_m = float(np.hypot(*(point - before)))
         time_s += max(distance_m / speed, 0.01)
         key_s = round(time_s, 2)
+        # Keys of the same rounded time would be no motion.
         if key_s > previous_key_s:
             keys.append((key_s, *_round_point(point)))
         previous_key_s = key_s

@@ -1,8 +1,8 @@
 """The colors of everything that is drawn, each named by what it stands for.
 
-Hues of scenes are Okabe and Ito's, which color-blind readers can tell apart. Planners are
-dark and light in turn: each has a contrast of 3:1 to the paper, and a dark one 3:1 to a
-light one (WCAG 2.2, 1.4.11).
+Hues of scenes are Okabe and Ito's, which color-blind readers can tell apart. Planners
+are dark and light in turn: each has a contrast of 3:1 to the paper, and a dark one 3:1
+to a light one (WCAG 2.2, 1.4.11).
 """
 
 BLUE = "#0072B2"

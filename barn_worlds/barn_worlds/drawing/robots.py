@@ -1,4 +1,4 @@
-"""A picture of a robot from above: outline, wheels, casters, center of mass and lidar."""
+"""A picture of a robot from above: outline, wheels, casters, mass and lidar."""
 
 import math
 from typing import Any

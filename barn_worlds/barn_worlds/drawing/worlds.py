@@ -139,6 +139,7 @@ def _draw_world(
 ) -> tuple[Figure, Axes]:
     """Return a figure of what stands in a world, and its axes in meters."""
     left, below, right, above = world.bounds_m
+    # The grid, without the containment in front of it.
     field = (left, right, above - world.cols * world.resolution_m, above)
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
     scene = scene_of(world, start or first, goal or last, goal_distance_m)
@@ -168,6 +169,7 @@ def _draw_world(
         axes.scatter([], [], color=palette.OBSTACLE, label="obstacle")
 
     if goal is not None:
+        # The protocol may place the goal beyond the grid.
         above = max(above, goal.y + goal_distance_m + 0.2)
     axes.set(
         xlim=(left, right),
@@ -244,6 +246,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
     clock = axes.text(0.02, 0.02, "", transform=axes.transAxes, fontsize=12)
     obstacles.set_animated(True)
     clock.set_animated(True)
+    # What is animated is left out of this.
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
 

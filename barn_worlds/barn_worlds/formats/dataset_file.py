@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,8 @@ class DatasetFile:
     @property
     def indices(self) -> list[int]:
         """Numbers of the worlds in the order of the file."""
-        return [int(index) for index in self.arrays["index"]]
+        indices: list[int] = self.arrays["index"].tolist()
+        return indices
 
     def world(self, position: int) -> World:
         """Return the world at a position in the file.
@@ -136,13 +138,15 @@ class DatasetFile:
                     self._build_motion(int(index)),
                 )
             )
-        x_m, y_m = map(float, arrays["corner_m"][position])
-        is_arena = not (np.isnan(x_m) and np.isnan(y_m))
-        return {
-            "walls": tuple(Wall(*row) for row in walls),
+        scene: dict[str, Any] = {
+            "walls": tuple(starmap(Wall, walls)),
             "moving": tuple(moving),
-            "corner_m": (x_m, y_m) if is_arena else None,
         }
+        x_m, y_m = map(float, arrays["corner_m"][position])
+        # Only arenas have a corner.
+        if not (np.isnan(x_m) and np.isnan(y_m)):
+            scene["corner_m"] = (x_m, y_m)
+        return scene
 
     def _build_motion(self, index: int) -> Motion:
         arrays = self.arrays
@@ -187,7 +191,7 @@ def write_dataset_file(
     path: Path,
     name: str,
     worlds: Mapping[int, World],
-    about: Mapping[str, Any] | None = None,
+    extra_entries: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a data set file and its manifest beside it (NAME.manifest.json).
 
@@ -195,7 +199,7 @@ def write_dataset_file(
         path: File to write.
         name: Name of the data set.
         worlds: Worlds by number.
-        about: Further entries of the manifest, such as the parameters of the generator.
+        extra_entries: Further entries of the manifest, such as generator parameters.
 
     Raises:
         WorldError: If a file cannot be written.
@@ -212,7 +216,7 @@ def write_dataset_file(
             [world.footprint_cells for world in ordered], np.int32
         ),
     }
-    manifest = _manifest(name, worlds, about or {})
+    manifest = _manifest(name, worlds, extra_entries or {})
     if any(
         world.walls or world.moving or world.corner_m is not None for world in ordered
     ):
@@ -225,7 +229,7 @@ def write_dataset_file(
 
 
 def _manifest(
-    name: str, worlds: Mapping[int, World], about: Mapping[str, Any]
+    name: str, worlds: Mapping[int, World], extra_entries: Mapping[str, Any]
 ) -> dict[str, Any]:
     # Many worlds have the same parameters, which the manifest holds once.
     parameter_sets: list[dict[str, Any]] = []
@@ -250,7 +254,7 @@ def _manifest(
     return {
         "name": name,
         "made_by": f"barn_worlds {barn_worlds.__version__}",
-        **about,
+        **extra_entries,
         "parameter_sets": parameter_sets,
         "worlds": entries,
     }

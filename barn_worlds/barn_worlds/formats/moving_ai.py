@@ -45,7 +45,9 @@ def read_grid(path: Path) -> BoolGrid:
         )
 
     lines = content[header.end() :].split()
-    problem = "" if len(lines) == height else f"{len(lines)} lines"
+    problem = ""
+    if len(lines) != height:
+        problem = f"{len(lines)} lines"
     for number, line in enumerate(lines, _HEADER_LINES + 1):
         if len(line) != width or line.strip(_LETTERS):
             problem = f"line {number}"

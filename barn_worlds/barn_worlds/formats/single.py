@@ -186,7 +186,9 @@ def _read_map(path: Path, robot: Robot, name: str) -> World:
         )
     grid = validate_grid(grid, str(path))
     world = _build_beside(path, grid, resolution_m, robot, name, "map")
-    return plan_course(world, robot, course) if course else world
+    if course is None:
+        return world
+    return plan_course(world, robot, course)
 
 
 def _build_beside(

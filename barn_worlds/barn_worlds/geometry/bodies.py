@@ -1,4 +1,4 @@
-"""Upright cylinders and boxes at poses, to draw them or to measure distances to them."""
+"""Upright cylinders and boxes at poses, to be drawn or measured."""
 
 import math
 from collections.abc import Sequence

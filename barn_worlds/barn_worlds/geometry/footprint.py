@@ -10,7 +10,7 @@ from barn_worlds.geometry import kernels
 
 
 class Footprint:
-    """A convex outline in base_link, in meters: a polygon, or a disc about base_link."""
+    """A convex outline in base_link, in meters: a polygon, or a disc about it."""
 
     # (k, 2), counterclockwise; of a disc, a polygon around it to be drawn.
     corners_m: Floats
@@ -62,7 +62,7 @@ class Footprint:
         return distances
 
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
-        """Return the distances (n,) in m from the robot to shapes, 0 where they overlap.
+        """Return the distances (n,) in m from the robot to shapes, 0 for overlap.
 
         Args:
             shapes: (n, 7), see `geometry.kernels`.
@@ -150,6 +150,7 @@ class Rectangle(Footprint):
         beyond_x = np.abs(x - center_x) - half_x
         beyond_y = np.abs(y - center_y) - half_y
         outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
+        # One of both is 0.
         distances: Floats = outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
         return distances
 

@@ -1,9 +1,9 @@
 """Compiled loops: distances of convex outlines from bodies, and times to contact.
 
 A shape is a row of 7 numbers: x, y in m in the map frame, radius, half length and half
-width in m, cosine and sine of its heading. A cylinder has half sizes 0, a box radius 0. An
-outline moves with a pose x, y, yaw. It is a rectangle given by its extent x_min, y_min,
-x_max, y_max, or a convex polygon given by its counterclockwise corners (k, 2).
+width in m, cosine and sine of its heading. A cylinder has half sizes 0, a box radius 0.
+An outline moves with a pose x, y, yaw. It is a rectangle given by its extent x_min,
+y_min, x_max, y_max, or a convex polygon given by its counterclockwise corners (k, 2).
 """
 
 import math
@@ -104,6 +104,7 @@ def gaps_to_rectangle(
             gaps[i] = max(0.0, gap)
             continue
 
+        # Seen from the center of the rectangle.
         ux, uy = _to_frame(shape[_COS], shape[_SIN], c, s)
         gaps[i] = box_gap(
             ahead - 0.5 * (extent[0] + extent[2]),
@@ -211,8 +212,8 @@ def times_to_rectangle(
         vx, vy = _to_frame(velocities[i, 0], velocities[i, 1], c, s)
         vx -= speed
 
-        # The center of the disc meets the rectangle widened by the radius: two rectangles
-        # and a disc at every corner.
+        # The center of the disc meets the rectangle widened by the radius: two
+        # rectangles and a disc at every corner.
         first = min(
             entry_time(px, py, vx, vy, half_x + radius, half_y),
             entry_time(px, py, vx, vy, half_x, half_y + radius),
@@ -408,6 +409,7 @@ def times_to_polygon(
     c = math.cos(yaw)
     s = math.sin(yaw)
     count = len(corners)
+    # A disc is one corner, its center, and no sides.
     for i in range(len(shapes)):
         reach = radius + _disc_radius(shapes[i])
         px, py = _to_frame(shapes[i, _X] - x, shapes[i, _Y] - y, c, s)

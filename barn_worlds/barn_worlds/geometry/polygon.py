@@ -35,7 +35,8 @@ class HalfPlane(NamedTuple):
         return self._replace(distance=self.distance + distance_m)
 
     def intersect(self, other: "HalfPlane") -> Corner:
-        """Return the point where the borders of two half-planes meet (Cramer's rule)."""
+        """Return the point where the borders of two half-planes meet."""
+        # Cramer's rule.
         p_x, p_y, p = self
         q_x, q_y, q = other
         determinant = p_x * q_y - p_y * q_x
@@ -64,7 +65,7 @@ def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) ->
 
 
 def convex_hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
-    """Return the convex hull, counterclockwise and without corners on straight sides."""
+    """Return the convex hull, counterclockwise, no corners on straight sides."""
     ordered = sorted(set(points))
     if len(ordered) < 3:
         return tuple(ordered)

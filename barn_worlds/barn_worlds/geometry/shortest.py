@@ -1,17 +1,17 @@
 """The shortest path of a disc among equal upright cylinders, bounded from below.
 
-A disc that keeps clear of cylinders moves as a point among discs that have both radii. The
-path of this module is never longer than the shortest one of that point:
+A disc that keeps clear of cylinders moves as a point among discs that have both radii.
+The path of this module is never longer than the shortest one of that point:
 
-1. Each disc of radius r contains a regular polygon with corners on its circle. The polygons
-   are smaller, so a shortest path among them is at most as long. It goes straight from
-   corner to corner, and touches the polygon at each.
-2. Each polygon contains the disc of radius r cos(pi / corners). Two corners see each other
-   where the segment between them keeps clear of these discs. All pairs that see each other
-   among the polygons do so, and perhaps more.
+1. Each disc of radius r contains a regular polygon with corners on its circle. The
+   polygons are smaller, so a shortest path among them is at most as long. It goes
+   straight from corner to corner, and touches the polygon at each.
+2. Each polygon contains the disc of radius r cos(pi / corners). Two corners see each
+   other where the segment between them keeps clear of these discs. All pairs that see
+   each other among the polygons do so, and perhaps more.
 
-So the shortest path over pairs that see each other is at most as long as the shortest among
-the polygons, and that one at most as long as the true one.
+So the shortest path over pairs that see each other is at most as long as the shortest
+among the polygons, and that one at most as long as the true one.
 """
 
 import math
@@ -58,7 +58,7 @@ def shortest_path_bound_m(
 
 @njit(cache=True)
 def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Return the corners (n, 2) outside all inner discs, and their directions (n, 2)."""
+    """Return the corners (n, 2) outside all inner discs, and directions (n, 2)."""
     capacity = len(centers) * CORNERS + 1
     corners = np.empty((capacity, 2))
     outward = np.empty((capacity, 2))
@@ -67,6 +67,7 @@ def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
     for i in range(len(centers)):
         dx = centers[:, 0] - centers[i, 0]
         dy = centers[:, 1] - centers[i, 1]
+        # Only these can cover a corner.
         neighbors = centers[np.hypot(dx, dy) < 2.0 * radius]
         for k in range(CORNERS):
             angle = 2.0 * math.pi * k / CORNERS
@@ -100,8 +101,8 @@ def _sees(a: Floats, b: Floats, centers: Floats, radius: float) -> bool:
 def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> float:
     """Return the length of the shortest path over points, inf where there is none.
 
-    It leads from the last but one point to the last, by A* with the straight line to the
-    goal as the heuristic.
+    It leads from the last but one point to the last, by A* with the straight line to
+    the goal as the heuristic.
 
     Args:
         points: Corners of polygons, then start and goal, (n + 2, 2).
@@ -150,8 +151,8 @@ def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> 
 def _touches(outward: Floats, point: int, dx: float, dy: float, length: float) -> bool:
     """Tell whether a leg touches the polygon at a corner.
 
-    It does if it lies within half the corner's angle of the tangent. Start and goal, which
-    have no direction, are touched by every leg.
+    It does if it lies within half the corner's angle of the tangent. Start and goal,
+    which have no direction, are touched by every leg.
     """
     if point >= len(outward):
         return True

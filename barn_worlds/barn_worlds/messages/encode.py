@@ -192,11 +192,16 @@ class TransformEncoder:
             frames: Pairs of a frame and its child frame.
         """
         transforms = [_make_transform(frame, child) for frame, child in frames]
-        parts = ("translation.x", "translation.y", "rotation.z", "rotation.w")
+        varying = (
+            *STAMP_FIELDS,
+            "transform.translation.x",
+            "transform.translation.y",
+            "transform.rotation.z",
+            "transform.rotation.w",
+        )
         fields = []
         for index in range(len(frames)):
-            fields += [f"transforms.{index}.{name}" for name in STAMP_FIELDS]
-            fields += [f"transforms.{index}.transform.{name}" for name in parts]
+            fields += [f"transforms.{index}.{name}" for name in varying]
         message = make_message(self.type_name, transforms=transforms)
         self._template = Template(message, fields)
 

@@ -133,8 +133,8 @@ def decode_scene(data: bytes) -> TrialScene:
         radius_m,
         height_m,
         path,
-        Pose2D(*start[0].tolist()) if len(start) else None,
-        Pose2D(*goal[0].tolist()) if len(goal) else None,
+        _first_pose(start),
+        _first_pose(goal),
         goal_distance_m,
     )
 
@@ -291,6 +291,10 @@ def _read_poses(markers: Iterable[Message]) -> Floats:
     poses = [decode.planar_pose(marker.pose) for marker in markers]
     rows = [(pose.x, pose.y, pose.yaw) for pose in poses]
     return np.array(rows, np.float64).reshape(-1, 3)
+
+
+def _first_pose(poses: Floats) -> Pose2D | None:
+    return Pose2D(*poses[0].tolist()) if len(poses) else None
 
 
 def _read_bodies(name: str, markers: list[Message], most: int) -> Bodies:

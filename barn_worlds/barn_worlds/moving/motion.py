@@ -1,7 +1,7 @@
 """Obstacles that move, as data: their shapes, their motions and the walls around them.
 
-Where an obstacle is depends on the time alone. The robot does not change its motion, and
-obstacles pass through each other and through walls.
+Where an obstacle is depends on the time alone. The robot does not change its motion,
+and obstacles pass through each other and through walls.
 """
 
 import json
@@ -39,14 +39,14 @@ _SAME_POINT_M = 1e-3
 class Motion(Checked):
     """A path over time that repeats.
 
-    gazebo: Between keys, what Gazebo Classic's PoseAnimation does: a cubic Hermite curve
-    over the share of the time between two keys, with uniform Catmull-Rom tangents of
-    tension 0. The tangent at an end is half the step to its neighbor; if the first and the
-    last key are at the same place, it is that of a closed curve. (Below a millionth of a
-    segment Gazebo rounds down to the key; this does not.)
+    gazebo: Between keys, what Gazebo Classic's PoseAnimation does: a cubic Hermite
+    curve over the share of the time between two keys, with uniform Catmull-Rom tangents
+    of tension 0. The tangent at an end is half the step to its neighbor; if the first
+    and the last key are at the same place, it is that of a closed curve. (Below a
+    millionth of a segment Gazebo rounds down to the key; this does not.)
 
-    linear: Straight between keys. Both kinds rest at the last key until the period ends,
-    then jump to the first; before the time of the first key they rest there.
+    linear: Straight between keys. Both kinds rest at the last key until the period
+    ends, then jump to the first; before the time of the first key they rest there.
 
     polynomial: A polynomial of the share of the period that has passed.
     """
@@ -81,12 +81,13 @@ class Motion(Checked):
     def pieces(self) -> tuple[Floats, Floats, Floats]:
         """Return the motion as n polynomials, one after the other.
 
-        Returns:
-            Begin (n,) and duration (n,) in s of each piece, and coefficients (n, 2, k) in
+        Returns: Begin (n,) and duration (n,) in s of each piece, and coefficients (n,
+            2, k) in
             m: of x and y, of the powers 0, 1, ... of the share of the piece that has
             passed.
         """
         if self.kind == "polynomial":
+            # One piece, (1, 2, k).
             coefficients = np.array(self.coefficients_m).T[None]
             return np.zeros(1), np.array([self.period_s]), coefficients
 
@@ -145,7 +146,7 @@ class Motion(Checked):
 def _number_table(
     name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str
 ) -> Floats:
-    """Return rows of numbers as an array (n, width); ConfigError if one is malformed."""
+    """Return rows of numbers as an array (n, width); ConfigError for a bad one."""
     for number, row in enumerate(rows):
         if len(row) != width:
             raise ConfigError(

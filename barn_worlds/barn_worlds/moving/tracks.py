@@ -10,9 +10,9 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Floats, Integers, Points
 from barn_worlds.moving.motion import MovingObstacle
 
-# Motions of n obstacles for `evaluate`: the first piece (n + 1,) of each; begin (m,) and
-# duration (m,) in s, and coefficients (m, 2, k) of all pieces; period (n,) and phase (n,)
-# in s. A tuple, since numba takes no objects.
+# Motions of n obstacles for `evaluate`: the first piece (n + 1,) of each; begin (m,)
+# and duration (m,) in s, and coefficients (m, 2, k) of all pieces; period (n,) and
+# phase (n,) in s. A tuple, since numba takes no objects.
 MotionTable = tuple[Integers, Floats, Floats, Floats, Floats, Floats]
 
 
@@ -72,8 +72,8 @@ class Tracks:
     def at(self, time_s: float) -> tuple[Points, Points]:
         """Return positions (n, 2) in m and velocities (n, 2) in m/s at a time.
 
-        They are in the map frame. A velocity is that of the motion itself: a jump to its
-        begin has none.
+        They are in the map frame. A velocity is that of the motion itself: a jump to
+        its begin has none.
         """
         positions = np.empty((len(self), 2))
         velocities = np.empty((len(self), 2))
@@ -81,7 +81,7 @@ class Tracks:
         return positions, velocities
 
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
-        """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
+        """Return positions and velocities (m, n, 2) in m and m/s at m times."""
         times_s = np.asarray(times_s, np.float64)
         positions = np.empty((len(times_s), len(self), 2))
         velocities = np.empty((len(times_s), len(self), 2))
@@ -120,6 +120,7 @@ def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
     """
     steps_m = np.linalg.norm(np.diff(positions, axis=0), axis=2)
     speeds_mps = np.linalg.norm(velocities, axis=2)
+    # Twice the way at the faster end: speeds change between the samples.
     reach_m = 2.0 * step_s * np.maximum(speeds_mps[1:], speeds_mps[:-1])
     is_jump: BoolGrid = steps_m > 0.2 + reach_m
     return is_jump
@@ -131,8 +132,8 @@ def evaluate(
 ) -> None:
     """Write where obstacles are at a time.
 
-    Each follows the piece that it is in; before the first piece and after the last one it
-    rests.
+    Each follows the piece that it is in; before the first piece and after the last one
+    it rests.
 
     Args:
         time_s: Seconds since all motions began, phases apart.

@@ -77,6 +77,7 @@ def _free_domains() -> list[int]:
 
 def _busy_domains() -> set[int]:
     """Return the domains whose ports are open on this host."""
+    # Programs of other users count as well, so the tables of the kernel are the source.
     domains = set()
     for table in ("/proc/net/udp", "/proc/net/udp6"):
         with suppress(OSError):

@@ -65,14 +65,10 @@ class NodeLaunch:
 
     def description(self) -> LaunchDescription:
         """Return the node with its arguments."""
-        arguments = [
-            launch_argument(name, "", meaning)
-            for name, (_, meaning) in self._parameters().items()
-        ]
-        if self.use_sim_time is not None:
-            name, meaning = SIM_TIME
-            default = str(self.use_sim_time).lower()
-            arguments.append(launch_argument(name, default, meaning))
+        arguments = []
+        defaults = {SIM_TIME[0]: str(self.use_sim_time).lower()}
+        for name, (_, meaning) in self._parameters().items():
+            arguments.append(launch_argument(name, defaults.get(name, ""), meaning))
         for name in self.topics:
             meaning = f"topic to use for {name}"
             arguments.append(launch_argument(topic_argument(name), name, meaning))
@@ -90,14 +86,14 @@ class NodeLaunch:
                 if "." not in name and name not in self.leave_out:
                     kind = list[str] if isinstance(value, tuple) else type(value)
                     parameters[name] = (kind, declaration.summary())
+        if self.use_sim_time is not None:
+            name, meaning = SIM_TIME
+            parameters[name] = (bool, meaning)
         return parameters
 
     def _make_node(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        kinds = {name: kind for name, (kind, _) in self._parameters().items()}
-        if self.use_sim_time is not None:
-            kinds[SIM_TIME[0]] = bool
         values = {}
-        for name, kind in kinds.items():
+        for name, (kind, _) in self._parameters().items():
             argument = LaunchConfiguration(name)
             # An empty argument leaves the parameter to the file or the node.
             if argument.perform(context):

@@ -1,9 +1,9 @@
 """Where the cells of a world are in meters, and the map that planners get.
 
-All positions are in the Gazebo world frame of the original files, which the suite uses as
-its map frame. The robot drives in +y: rows lie along x, columns along y. A standard world
-(30 x 30 cells of 0.15 m) is 4.5 m wide; its cells are at x = -4.425 + 0.15 row and
-y = 5.175 + 0.15 column. The containment, a back wall and two side walls of the same
+All positions are in the Gazebo world frame of the original files, which the suite uses
+as its map frame. The robot drives in +y: rows lie along x, columns along y. A standard
+world (30 x 30 cells of 0.15 m) is 4.5 m wide; its cells are at x = -4.425 + 0.15 row
+and y = 5.175 + 0.15 column. The containment, a back wall and two side walls of the same
 cylinders, encloses the 5.1 m in front of column 0, where robots start. Worlds of other
 sizes keep the right side wall at x = 0 and the same distance in front.
 """
@@ -98,8 +98,8 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
 def hollow_cells(grid: BoolGrid) -> BoolGrid:
     """Return the filled cells (rows, cols) whose 8 neighbors are all filled.
 
-    The .world files leave them out, since nothing can touch them. A cell on the border is
-    never hollow.
+    The .world files leave them out, since nothing can touch them. A cell on the border
+    is never hollow.
     """
     free = np.pad(~grid, 1, constant_values=True)
     inner: BoolGrid = ~configuration_space(free, 3)[1:-1, 1:-1]
@@ -121,13 +121,13 @@ def world_map(
     Args:
         grid: (rows, cols), True where filled.
         cell_m: Size of the grid's cells.
-        resolution_m: Size of the map's cells. By default that of the grid's: each filled
-            cell becomes one occupied cell (30 x 66 for the standard world). At any other
-            resolution every cell that a cylinder reaches into is occupied.
-        historical: Shift the grid one cell toward the start, as the maps of the original
-            data set do (0.15 m off the obstacles).
-        corner_m: Outer corner of cell (0, 0) of an arena. Its map has no containment and
-            is never historical.
+        resolution_m: Size of the map's cells. By default that of the grid's: each
+            filled cell becomes one occupied cell (30 x 66 for the standard world). At
+            any other resolution every cell that a cylinder reaches into is occupied.
+        historical: Shift the grid one cell toward the start, as the maps of the
+            original data set do (0.15 m off the obstacles).
+        corner_m: Outer corner of cell (0, 0) of an arena. Its map has no containment
+            and is never historical.
 
     Raises:
         WorldError: If the resolution is too fine.

@@ -39,8 +39,8 @@ def parse_course(numbers: Sequence[float], where: str) -> Course:
     """Return the start and goal of some numbers.
 
     Args:
-        numbers: x, y and yaw of the start, x, y and perhaps yaw of the goal. Without a yaw
-            the goal faces away from the start.
+        numbers: x, y and yaw of the start, x, y and perhaps yaw of the goal. Without a
+            yaw the goal faces away from the start.
         where: Beginning of the error message, such as the name of a file.
 
     Raises:
@@ -100,8 +100,8 @@ def build_world(
 def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
     """Return a world as a robot drives it.
 
-    A world without start and goal stays as it is: its protocol says where to start. Given
-    ends are kept, and chosen ones chosen anew for a robot of another size.
+    A world without start and goal stays as it is: its protocol says where to start.
+    Given ends are kept, and chosen ones chosen anew for a robot of another size.
 
     Args:
         world: With start and goal of its own or without.
@@ -116,6 +116,7 @@ def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> Wo
     if world.start is None or world.goal is None:
         return world
 
+    # Robots of as many cells share paths.
     fits = robot.footprint_cells(world.resolution_m) == world.footprint_cells
     if world.provenance.path_source == AUTOMATIC_COURSE:
         return world if fits else plan_course(world, robot)
@@ -170,7 +171,7 @@ def _end_poses(path: Cells, world: World) -> Course:
 
 
 def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> None:
-    """Raise WorldError if an end is off the map or the robot touches something there."""
+    """Raise WorldError if an end is off the map or something blocks it."""
     left, below, right, above = world.bounds_m
     for end, pose in (("start", start), ("goal", goal)):
         where = f"{world.name}: {end} ({pose.x:g}, {pose.y:g})"
@@ -245,7 +246,8 @@ def _choose_path(
         # Label 0 is what is blocked.
         region = labels == 1 + np.argmax(sizes[1:])
 
-        # The cell farthest from any cell is one end, the one farthest from it the other.
+        # The cell farthest from any cell is one end, the one farthest from it the
+        # other.
         first = _farthest(region, np.argwhere(region)[0], np.inf)
         last = _farthest(region, first, LONGEST_AUTOMATIC_M / cell_m)
         path = plan_path(
@@ -255,8 +257,8 @@ def _choose_path(
             return path
 
     raise WorldError(
-        f"{world.name}: robot {robot.name}, {footprint_cells} x {footprint_cells} cells, "
-        "finds no path in it"
+        f"{world.name}: robot {robot.name}, {footprint_cells} x {footprint_cells} "
+        "cells, finds no path in it"
     )
 
 

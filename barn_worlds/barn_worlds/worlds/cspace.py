@@ -1,4 +1,4 @@
-"""The configuration space on a grid (where a robot's center may be), and free regions."""
+"""The configuration space on a grid, where a robot's center may be, and its regions."""
 
 import numpy as np
 from numba import njit
@@ -53,6 +53,7 @@ def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
                 rows_since_filled = 0
             else:
                 rows_since_filled += 1
+            # Known now: no later row is within reach.
             if row >= reach:
                 near[row - reach, column] = rows_since_filled <= 2 * reach
     return near
@@ -61,8 +62,8 @@ def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
     """Return the free region that leads from the first to the last column, or None.
 
-    As in the paper's generator, it is the largest 4-connected free region that touches the
-    first column, provided that it is also the largest that touches the last one.
+    As in the paper's generator, it is the largest 4-connected free region that touches
+    the first column, provided that it is also the largest that touches the last one.
     """
     labels, sizes = _label(np.ascontiguousarray(~cspace), 4)
     first = _largest(labels[:, 0], sizes)
@@ -81,10 +82,9 @@ def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integer
         free: (rows, cols), True where free.
         neighbors: 4 to connect cells at their sides, 8 also at their corners.
 
-    Returns:
-        The label (rows, cols) of each cell's region, and the number of cells by label.
-        Labels start at 1 and rise in reading order. Label 0 means not free; its number is
-        0.
+    Returns: The label (rows, cols) of each cell's region, and the number of cells by
+        label. Labels start at 1 and rise in reading order. Label 0 means not free; its
+        number is 0.
     """
     labels, sizes = _label(np.ascontiguousarray(free), neighbors)
     return labels, sizes[: labels.max(initial=0) + 1]

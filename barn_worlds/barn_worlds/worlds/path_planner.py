@@ -1,7 +1,7 @@
-"""The path through a world: planned on the C-space with limited turns (paper, Sec. III-A).
+"""The path through a world, with limited turns on the C-space (paper, Sec. III-A).
 
-The parameters reproduce all 50 shared paths of the original data set cell by cell, apart
-from their first cell, which occurs twice there.
+The parameters reproduce all 50 shared paths of the original data set cell by cell,
+apart from their first cell, which occurs twice there.
 """
 
 import heapq
@@ -33,9 +33,10 @@ def plan_path(
 ) -> Cells | None:
     """Plan a path of free cells with limited turns.
 
-    Steps go to the 8 neighbors, but not between two occupied cells that touch at a corner.
-    The inflation term affects a cell's priority but not its cost. Where the original's
-    search finds nothing, A* over cells and directions finds a path if there is one.
+    Steps go to the 8 neighbors, but not between two occupied cells that touch at a
+    corner. The inflation term affects a cell's priority but not its cost. Where the
+    original's search finds nothing, A* over cells and directions finds a path if there
+    is one.
 
     Args:
         cspace: (rows, cols), True where occupied.
@@ -71,8 +72,8 @@ def plan_path(
 def plan_through(cspace: BoolGrid) -> Cells | None:
     """Plan a path from the first to the last column.
 
-    It begins and ends at the middle of the region that leads through; of two equally close
-    cells it takes the lower row.
+    It begins and ends at the middle of the region that leads through; of two equally
+    close cells it takes the lower row.
 
     Args:
         cspace: (rows, cols), True where occupied.
@@ -96,11 +97,11 @@ def inflation(cspace: BoolGrid) -> Floats:
     """Return the penalty on the priority of each cell near an obstacle.
 
     Args:
-        cspace: (rows, cols), True where occupied; the border of the grid is no obstacle.
+        cspace: (rows, cols), True where occupied; the border of the grid is no
+            obstacle.
 
-    Returns:
-        (rows, cols): weight / Euclidean distance in cells to the nearest occupied cell, 0
-        beyond the inflation distance.
+    Returns: (rows, cols): weight / Euclidean distance in cells to the nearest occupied
+        cell, 0 beyond the inflation distance.
     """
     rows, cols = cspace.shape
     reach = math.floor(INFLATION_CELLS)
@@ -124,20 +125,22 @@ def search(
 ) -> Cells:
     """Search a path, cells in order of cost so far plus penalty.
 
-    The original's search discovers a cell without a heuristic. An open cell that is then
-    reached at less cost changes its predecessor, and gets a priority with the Euclidean
-    distance to the goal. So the first discovery nearly always decides, and because of the
-    turn limit it may miss an existing path.
+    The original's search discovers a cell without a heuristic. An open cell that is
+    then reached at less cost changes its predecessor, and gets a priority with the
+    Euclidean distance to the goal. So the first discovery nearly always decides, and
+    because of the turn limit it may miss an existing path.
 
-    The complete search is A* over pairs of cell and direction, with the octile distance as
-    the heuristic. It finds a path if there is one; without a penalty it is a shortest one.
+    The complete search is A* over pairs of cell and direction, with the octile distance
+    as the heuristic. It finds a path if there is one; without a penalty it is a
+    shortest one.
 
     Args:
         free: (rows, cols), True where free.
         penalty: (rows, cols) on the priority of cells.
         start: First cell, as row * cols + column.
         goal: Last cell, likewise.
-        complete: Whether to search over cells and directions instead of as the original.
+        complete: Whether to search over cells and directions instead of as the
+            original.
 
     Returns:
         Cells (n, 2) with both ends; empty if there is no path.
@@ -178,6 +181,7 @@ def search(
             new_cost = cost[state] + _LENGTHS[turn]
             if new_cost >= cost[target_state] or done[target_state]:
                 continue
+            # Without a heuristic where the original has none.
             remaining = 0.0
             if complete or cost[target_state] < np.inf:
                 remaining = _remaining(target, goal, cols, complete)

@@ -19,7 +19,8 @@ _SURROUNDINGS_M = 20.0
 class TrialScene(NamedTuple):
     """What stands in a trial and where it leads, in the map frame in meters."""
 
-    # Centers (k, 2) of the upright cylinders of the world's grid and of its containment.
+    # Centers (k, 2) of the upright cylinders of the world's grid and of its
+    # containment.
     obstacles_m: Points
     walls_m: Points
     # Of every cylinder.
@@ -59,7 +60,7 @@ class TrialScene(NamedTuple):
     def view_m(
         self, low: Floats, high: Floats, *driven_m: Points
     ) -> tuple[Floats, Floats]:
-        """Return the corners of a picture: of a wide world only what is near the course.
+        """Return the corners of a picture; of a wide world, of what is near the course.
 
         Args:
             low: Lower left corner (2,) of the world.

@@ -57,21 +57,22 @@ class World:
     name: str
     # (rows, cols), True where filled.
     grid: BoolGrid
-    # (n, 2) row and column of free, adjoining cells from the first to the last column; a
-    # cell may be repeated.
+    # (n, 2) row and column of free, adjoining cells from the first to the last column;
+    # a cell may be repeated.
     path: Cells
     # Size of a cell.
     resolution_m: float = geometry.STANDARD_CELL_M
     # Odd side of the robot's square footprint, for the C-space.
     footprint_cells: int = 5
     provenance: Provenance = field(default_factory=Provenance)
-    # What stands and moves beside the grid's cylinders; the C-space does not contain it.
+    # What stands and moves beside the grid's cylinders; the C-space does not contain
+    # it.
     walls: tuple[Wall, ...] = ()
     moving: tuple[MovingObstacle, ...] = ()
     # Outer corner of cell (0, 0) of an arena, which has no containment.
     corner_m: tuple[float, float] | None = None
-    # In the map frame, both or none. Without them the protocol says where trials start and
-    # end (`worlds.course`).
+    # In the map frame, both or none. Without them the protocol says where trials start
+    # and end (`worlds.course`).
     start: Pose2D | None = None
     goal: Pose2D | None = None
 
@@ -96,8 +97,8 @@ class World:
         limit = 2 * LARGEST_SIDE
         if not (isinstance(side, int) and 0 < side < limit and side % 2):
             raise WorldError(
-                f"{self.name}: footprint must be an odd number of cells from 1 to {limit}, "
-                f"got {side}"
+                f"{self.name}: footprint must be an odd number of cells "
+                f"from 1 to {limit}, got {side}"
             )
         check_scene(self.walls, self.moving, self.name)
         for coordinate in self.corner_m or ():
@@ -147,7 +148,7 @@ class World:
 
     @cached_property
     def obstacles_m(self) -> Points:
-        """Centers (n, 2) of the grid's cylinders, without those that nothing can touch."""
+        """Centers (n, 2) of the grid's cylinders that something can touch."""
         cells = np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
         return _read_only(self.cell_centers_m(cells))
 
@@ -179,9 +180,10 @@ class World:
         """Return the path (n, 2) in meters.
 
         Args:
-            historical: Convert cells as the original tools do, which also placed the goals
-                of the paper's trials: one cell too low in x and two thirds of a cell too
-                low in y (0.15 and 0.10 m in a standard world). Arenas are not affected.
+            historical: Convert cells as the original tools do, which also placed the
+                goals of the paper's trials: one cell too low in x and two thirds of a
+                cell too low in y (0.15 and 0.10 m in a standard world). Arenas are not
+                affected.
         """
         offset = (0.0, 0.0)
         if historical and self.corner_m is None:
@@ -208,7 +210,7 @@ class World:
 
     @cached_property
     def occupied(self) -> BoolGrid:
-        """Filled cells (rows, cols), with those that the walls of an arena reach into."""
+        """Filled cells (rows, cols), and those that walls of an arena reach into."""
         if self.corner_m is None:
             return self.grid
         return _read_only(self.occupancy_map().data.T > 0)

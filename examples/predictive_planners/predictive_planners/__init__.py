@@ -1,1 +1,1 @@
-"""Planners that predict moving obstacles: `tracker` finds them, `planners` avoid them."""
+"""Planners that predict moving obstacles, and the tracker that finds them."""

@@ -1,7 +1,7 @@
 """Follow-the-gap and MPPI that predict moving obstacles.
 
-Everything else is as in `gap` and `mppi`, so a comparison shows what prediction is worth.
-setup.py announces the entries at the end of this file.
+Everything else is as in `gap` and `mppi`, so a comparison shows what prediction is
+worth. setup.py announces the entries at the end of this file.
 """
 
 from dataclasses import dataclass, field
@@ -99,7 +99,7 @@ class PredictiveGapPlanner(GapPlanner):
 
 
 class PredictiveMppiController(MppiController):
-    """Adds costs to trajectories that meet a predicted disc, more for earlier meetings."""
+    """Adds costs to trajectories that meet a predicted disc, the more the sooner."""
 
     def __init__(self, config: PredictiveMppiConfig) -> None:
         super().__init__(config.mppi)

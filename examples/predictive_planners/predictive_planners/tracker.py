@@ -1,9 +1,9 @@
 """A tracker that finds discs in scans and estimates a constant velocity of each.
 
 A circle is fitted to each cluster of returns (I. Kasa, IEEE Trans. Instrumentation and
-Measurement 25(1), 1976). Its center does not wander as the robot drives past, unlike the
-mean of the returns. A cluster that is not round is a wall. An alpha-beta filter continues
-each track by the nearest circle.
+Measurement 25(1), 1976). Its center does not wander as the robot drives past, unlike
+the mean of the returns. A cluster that is not round is a wall. An alpha-beta filter
+continues each track by the nearest circle.
 """
 
 import math
@@ -163,7 +163,7 @@ class Tracker:
         return circles
 
     def _match(self, circles: list[Circle], period_s: float, stamp_ns: int) -> None:
-        """Continue tracks by circles, the nearest pair first; other circles begin tracks."""
+        """Continue tracks by circles, nearest first; other circles begin tracks."""
         pairs = [
             (float(np.hypot(*(circle.center - track.center))), i, j)
             for i, track in enumerate(self._tracks)
@@ -182,7 +182,7 @@ class Tracker:
 
 
 def fit_circle(points: FloatArray) -> Circle:
-    """Return the circle that fits points (n, 2) best; its radius is infinite for a line."""
+    """Return the circle that fits points (n, 2); a line has infinite radius."""
     middle = points.mean(axis=0)
     offsets = points - middle
     squares = (offsets**2).sum(axis=1)
@@ -218,7 +218,7 @@ def transform_discs(discs: FloatArray, frame: Pose2D) -> FloatArray:
 def meeting_distances(
     discs: FloatArray, directions: FloatArray, radius_m: float, speed_mps: float
 ) -> FloatArray:
-    """Return how far a robot at the origin drives in each direction until it meets a disc.
+    """Return how far a robot drives in each direction until it meets a disc.
 
     Args:
         discs: Discs (k, 5) as of `Tracker`, in base_link.
@@ -229,8 +229,8 @@ def meeting_distances(
     Returns:
         Distances (n,) in m; +inf where no disc is met.
     """
-    # Seen from the robot, a disc moves along a line. It is met where its distance equals
-    # the sum of the radii: the first solution of a quadratic equation.
+    # Seen from the robot, a disc moves along a line. It is met where its distance
+    # equals the sum of the radii: the first solution of a quadratic equation.
     units = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:, None, :]
     motion_per_m = discs[None, :, 2:4] / speed_mps - units
     offset = discs[None, :, :2]

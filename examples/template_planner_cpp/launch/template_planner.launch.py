@@ -1,4 +1,7 @@
-"""Start the node: `ros2 launch template_planner_cpp template_planner.launch.py max_speed_mps:=0.8`."""
+"""Start the node.
+
+ros2 launch template_planner_cpp template_planner.launch.py max_speed_mps:=0.8
+"""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument

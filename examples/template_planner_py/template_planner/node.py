@@ -1,7 +1,7 @@
 """The algorithm as a node in plain rclpy. It runs wherever ROS does, without the suite.
 
-Subscribes: goal_pose, scan, and the robot's pose in the goal's frame: odom, or amcl_pose
-with the parameter `use_map`.
+Subscribes: goal_pose, scan, and the robot's pose in the goal's frame: odom, or
+amcl_pose with the parameter `use_map`.
 Publishes: cmd_vel, one command per scan, which a simulator in lockstep waits for.
 """
 

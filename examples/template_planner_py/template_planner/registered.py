@@ -1,7 +1,8 @@
 """The algorithm as a planner of the suite: `barn run --planner template`.
 
-It runs in the process of a direct trial, or in the suite's node. setup.py announces ENTRY
-in the entry point group `barn_planners.planners`, so installing the package is enough.
+It runs in the process of a direct trial, or in the suite's node. setup.py announces
+ENTRY in the entry point group `barn_planners.planners`, so installing the package is
+enough.
 """
 
 from dataclasses import dataclass

@@ -24,7 +24,8 @@ SUITE = {
     "worker": "running.worker",
     "run": "-m barn_eval run",
 }
-KIND, FOLDER = sys.argv[1], Path(sys.argv[2])
+KIND = sys.argv[1]
+FOLDER = Path(sys.argv[2])
 
 if KIND == "import":
     import a_package_that_is_not_there  # type: ignore[import-not-found]  # noqa: F401
@@ -112,10 +113,8 @@ def meet(_: Node) -> None:
 
 def flood(planner: Node, megabytes: int, rate_hz: float) -> None:
     """Publish messages of so many megabytes at a rate from now on, while the scans are answered."""
-    sender, message = (
-        planner.create_publisher(String, "flood", 10),
-        String(data=megabytes * 1_000_000 * "x"),
-    )
+    sender = planner.create_publisher(String, "flood", 10)
+    message = String(data=megabytes * 1_000_000 * "x")
 
     def send() -> None:
         while True:

@@ -42,8 +42,8 @@ def train_model(
 ) -> DifficultyModel:
     """Train a model in all worlds that every planner drove.
 
-    The same arguments give the same model. Its uncertainty comes from further models, each
-    trained without a fifth of the worlds: five, or as few as leave 300 worlds out.
+    The same arguments give the same model. Its uncertainty comes from further models,
+    each trained without a fifth of the worlds: five, or as few as leave 300 worlds out.
 
     Args:
         worlds: Worlds by number.
@@ -53,24 +53,24 @@ def train_model(
     Raises:
         ModelError: If there are too few worlds, or one is reserved for judging.
     """
-    known_worlds = worlds_with_trials(worlds, trials)
-    require_trainable(known_worlds)
-    inputs = inputs_of(known_worlds)
+    trial_worlds = worlds_with_trials(worlds, trials)
+    require_trainable(trial_worlds)
+    inputs = inputs_of(trial_worlds)
     difficulty = trials.difficulty()
 
-    fold_count = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(known_worlds))
-    folds = fold_masks(len(known_worlds), _CALIBRATION_FOLDS, seed)[:fold_count]
-    masks = np.concatenate([np.ones((1, len(known_worlds)), np.bool_), folds])
+    fold_count = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(trial_worlds))
+    folds = fold_masks(len(trial_worlds), _CALIBRATION_FOLDS, seed)[:fold_count]
+    masks = np.concatenate([np.ones((1, len(trial_worlds)), np.bool_), folds])
     model, *fold_models = train_models(inputs, trials, masks, seed)
 
     predicted, _ = model.difficulty(inputs)
     # Sorted, so that the order of the worlds does not matter.
-    checksums = "\n".join(sorted(world.checksum for world in known_worlds))
-    about = {
+    checksums = "\n".join(sorted(world.checksum for world in trial_worlds))
+    description = {
         "title": TITLE,
         "seed": seed,
         "planners": list(trials.planner_names),
-        "training_worlds": len(known_worlds),
+        "training_worlds": len(trial_worlds),
         "training_trials": len(trials.in_worlds(trials.world_numbers)),
         "worlds_sha256": hashlib.sha256(checksums.encode()).hexdigest(),
         "training_mse": float(np.mean((predicted - difficulty) ** 2)),
@@ -79,7 +79,7 @@ def train_model(
         model.planners,
         model.networks,
         _relative_std(fold_models, folds, inputs, difficulty),
-        about,
+        description,
     )
 
 
@@ -88,8 +88,8 @@ def require_trainable(worlds: Sequence[World]) -> None:
     reserved_world = find_reserved_world(worlds)
     if reserved_world is not None:
         raise ModelError(
-            f"{reserved_world.name} is a world of {RESERVED_DATASET}, which judges models "
-            "and is never trained on"
+            f"{reserved_world.name} is a world of {RESERVED_DATASET}, which judges "
+            "models and is never trained on"
         )
 
 
@@ -121,8 +121,8 @@ def _relative_std(
 ) -> float:
     """Return the relative error that 68.3 % of the left-out worlds do not exceed.
 
-    The disagreement of a model's networks is taken out of the error, since the prediction
-    adds it again.
+    The disagreement of a model's networks is taken out of the error, since the
+    prediction adds it again.
     """
     relative_errors = []
     for model, mask in zip(models, folds, strict=True):
@@ -134,7 +134,7 @@ def _relative_std(
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """How a network is built and trained: AdamW on small batches, mirrored at random."""
+    """How a network is built and trained: AdamW on small, randomly mirrored batches."""
 
     # Of each of the layers along the route.
     filters: int = 48
@@ -293,7 +293,7 @@ class NetworkTraining:
     def _random_layer(
         self, shape: tuple[int, ...], fan_in: int, units: int
     ) -> LayerTensors:
-        """Return weights of a shape and biases (units,), uniform as PyTorch draws them."""
+        """Return weights of a shape and biases (units,), as PyTorch draws them."""
         weights = torch.rand(shape, generator=self._generator)
         bias = torch.rand((units,), generator=self._generator)
         scale = fan_in**0.5

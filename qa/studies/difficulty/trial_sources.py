@@ -25,8 +25,8 @@ def load_trials(
         dataset: Data set of the worlds, if it is not the one that the results name.
 
     Raises:
-        BarnError: If a folder cannot be read, its worlds are in another data set, or the
-            planner has no trials.
+        BarnError: If a folder cannot be read, its worlds are in another data set, or
+            the planner has no trials.
     """
     parts = [read_trials(folder, dataset) for folder in folders]
     worlds, trials = parts[0] if len(parts) == 1 else join_trials(parts)
@@ -36,7 +36,8 @@ def load_trials(
 def read_trials(folder: Path, dataset: str = "") -> WorldTrials:
     """Return the worlds of a results folder that every planner drove, and their trials.
 
-    Worlds are identified by checksum, so their numbers in the data set may have changed.
+    Worlds are identified by checksum, so their numbers in the data set may have
+    changed.
 
     Args:
         folder: Results folder.

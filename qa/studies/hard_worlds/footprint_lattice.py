@@ -1,9 +1,9 @@
 """Paths of a turned footprint through a grid, with a margin that is proven.
 
-A robot turns in place and drives straight ahead on a lattice of three points per cell and
-16 headings. The footprint is checked at nine poses along each motion. Between two of them
-no point of it moves more than half of their distance from the nearer one, so the margin
-holds all along if it holds at the poses with this half step added.
+A robot turns in place and drives straight ahead on a lattice of three points per cell
+and 16 headings. The footprint is checked at nine poses along each motion. Between two
+of them no point of it moves more than half of their distance from the nearer one, so
+the margin holds all along if it holds at the poses with this half step added.
 """
 
 import heapq
@@ -177,7 +177,7 @@ def _forbid(allowed: BoolGrid, cylinders: Cells, points: Integers) -> None:
 def _search(
     drives: BoolGrid, turns: BoolGrid, start: Integers, goal: Integers
 ) -> Integers:
-    """Return the states x, y, heading (n, 3) of the cheapest path, by A*; else (0, 3)."""
+    """Return the states x, y, heading (n, 3) of the cheapest path by A*, or (0, 3)."""
     headings, x_count, y_count = drives.shape
     cost = np.full(headings * x_count * y_count, np.inf)
     parent = np.full(headings * x_count * y_count, -1, np.int64)

@@ -1,4 +1,4 @@
-"""Write a data set of hard worlds, with paths proven for the turned footprint of a robot.
+"""Write a data set of hard worlds, with paths proven for a robot's turned footprint.
 
     python qa/studies/hard_worlds/generate_hard_worlds.py out/mine.npz --seed 7
     python qa/studies/hard_worlds/generate_hard_worlds.py out/burger.npz --kind doors \

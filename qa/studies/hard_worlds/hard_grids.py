@@ -1,7 +1,7 @@
 """Random grids with narrow passages, dead ends, turns or clutter.
 
-The order of the random draws is part of the definition: the grids of a seed must stay the
-same, since `barn_hard` is generated from one.
+The order of the random draws is part of the definition: the grids of a seed must stay
+the same, since `barn_hard` is generated from one.
 """
 
 from collections.abc import Callable, Mapping

@@ -121,7 +121,8 @@ def generate_hard_worlds(
         seed: Seed of all randomness.
         robot: The robot that paths are proven for.
         name: Worlds are named NAME_KIND_NUMBER.
-        progress: Called after each world with the number of worlds so far and the total.
+        progress: Called after each world with the number of worlds so far and the
+            total.
     """
     worlds = []
     for kind in kinds:

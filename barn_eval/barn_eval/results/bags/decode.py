@@ -1,4 +1,4 @@
-"""What is read from a bag: the content of each type of message, and what the bag says of its trial."""
+"""What is read from a bag: the content of each type of message, and its trial."""
 
 import math
 from collections.abc import Callable
@@ -17,56 +17,60 @@ from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 
-_MOST_CELLS = 1 << 24
-_MOST_BEAMS = 100_000
-_MOST_LETTERS = 60
 RECOVERING = PlannerStatus.RECOVERING.value
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+_MAX_CELLS = 1 << 24
+_MAX_BEAMS = 100_000
+_MAX_LETTERS = 60
 
 
 def _odometry(data: bytes) -> Odometry:
-    found = decode.odometry(data)
-    _require_finite(
-        found.velocity.linear, found.velocity.angular, *_numbers(found.pose)
-    )
-    return found
+    odometry = decode.odometry(data)
+    velocity = odometry.velocity
+    _require_finite(velocity.linear, velocity.angular, *_numbers(odometry.pose))
+    return odometry
 
 
 def _goal(data: bytes) -> Pose2D:
-    found = decode.pose(data)
-    _require_finite(*_numbers(found))
-    return found
+    goal = decode.pose(data)
+    _require_finite(*_numbers(goal))
+    return goal
 
 
 def _number(data: bytes) -> float:
-    found = decode.number(data)
-    _require_finite(found)
-    return found
+    number = decode.number(data)
+    _require_finite(number)
+    return number
 
 
 def _scan(data: bytes) -> Scan:
-    found = decode.scan(data)
-    if not 0 < len(found.ranges) <= _MOST_BEAMS:
-        raise MessageError(f"a scan of {len(found.ranges)} beams")
-    _require_finite(found.angle_min, found.angle_increment, found.range_min)
-    return found
+    scan = decode.scan(data)
+    if not 0 < len(scan.ranges) <= _MAX_BEAMS:
+        raise MessageError(f"a scan of {len(scan.ranges)} beams")
+    _require_finite(scan.angle_min, scan.angle_increment, scan.range_min)
+    return scan
 
 
 def _grid(data: bytes) -> OccupancyMap:
-    found = decode.occupancy_map(data)
-    if not 0 < found.data.size <= _MOST_CELLS or found.resolution <= 0.0:
-        raise MessageError(f"a grid of {found.data.size} cells of {found.resolution} m")
-    _require_finite(found.resolution, found.origin_x, found.origin_y)
-    return found
+    grid = decode.occupancy_map(data)
+    if not 0 < grid.data.size <= _MAX_CELLS or grid.resolution <= 0.0:
+        raise MessageError(f"a grid of {grid.data.size} cells of {grid.resolution} m")
+    _require_finite(grid.resolution, grid.origin_x, grid.origin_y)
+    return grid
 
 
 def _mounts(data: bytes) -> dict[str, Pose2D]:
-    found = {
-        one.child: one.pose
-        for one in decode.transforms(data)
-        if one.parent.lstrip("/") == "base_link"
-    }
-    _require_finite(*(number for pose in found.values() for number in _numbers(pose)))
-    return found
+    """Return where frames are mounted on the robot."""
+    mounts = {}
+    for transform in decode.transforms(data):
+        if transform.parent.lstrip("/") == "base_link":
+            _require_finite(*_numbers(transform.pose))
+            mounts[transform.child] = transform.pose
+    return mounts
+
+
+def _outcome(data: bytes) -> str:
+    return decode.text(data)[:_MAX_LETTERS]
 
 
 def _numbers(pose: Pose2D) -> tuple[float, float, float]:
@@ -79,22 +83,17 @@ def _require_finite(*values: float) -> None:
 
 
 def decode_planner_status(data: bytes) -> str:
-    """Return the status that one of the suite's planners reports, an empty text for any other report."""
+    """Return the status that a planner of the suite reports, empty for others."""
     try:
-        return next(
-            (
-                values["status"]
-                for values in decode.diagnostics(data)
-                if "status" in values
-            ),
-            "",
-        )
+        for values in decode.diagnostics(data):
+            if "status" in values:
+                return values["status"]
     except MessageError:
-        return ""
+        pass
+    return ""
 
 
-Read = Callable[[bytes], Any]
-_READ: tuple[tuple[Topic, Read], ...] = (
+_READERS: tuple[tuple[Topic, Callable[[bytes], Any]], ...] = (
     (topics.GROUND_TRUTH, _odometry),
     (topics.ODOM, _odometry),
     (topics.SCAN, _scan),
@@ -109,51 +108,73 @@ _READ: tuple[tuple[Topic, Read], ...] = (
     (topics.BAND, decode.markers),
     (topics.CANDIDATES, decode.markers),
     (topics.SCORE, _number),
-    (topics.OUTCOME, lambda data: decode.text(data)[:_MOST_LETTERS]),
+    (topics.OUTCOME, _outcome),
     (topics.TF_STATIC, _mounts),
     (topics.WORLD, decode_scene),
     (topics.MOVING, decode_moving),
     (topics.MOVING_POSES, decode_moving_poses),
     (topics.DIAGNOSTICS, decode_planner_status),
 )
-# What is read of each topic, by the types that it may have.
-TOPICS = {
-    topic.path: {one.type_name: read for one, read in _READ if one.path == topic.path}
-    for topic, _ in _READ
-}
-_IN_FRAME = {
-    one.type_name
-    for one in (topics.ODOM, topics.SCAN, topics.MAP, topics.GOAL_POSE, topics.PLAN)
+
+# Reader of each topic by type: a topic may have several.
+TOPICS: dict[str, dict[str, Callable[[bytes], Any]]] = {}
+for _topic, _reader in _READERS:
+    TOPICS.setdefault(_topic.path, {})[_topic.type_name] = _reader
+
+# Types whose content is in the frame of their header.
+_FRAME_TYPES = {
+    topic.type_name
+    for topic in (topics.ODOM, topics.SCAN, topics.MAP, topics.GOAL_POSE, topics.PLAN)
 }
 
 
 def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any]:
-    """Return what a message says, and in which frame, if it is of one; MessageError for what makes no sense."""
+    """Return the frame of a message, empty without one, and its content.
+
+    Args:
+        topic: One of `TOPICS`.
+        type_name: One of the types that the topic may have.
+        data: The message as recorded.
+
+    Raises:
+        MessageError: The content makes no sense.
+    """
     content = TOPICS[topic][type_name](data)
     if isinstance(content, decode.Markers):
         return content.frame, content
-    return decode.header(data).frame if type_name in _IN_FRAME else "", content
-
-
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
+    if type_name in _FRAME_TYPES:
+        return decode.header(data).frame, content
+    return "", content
 
 
 def map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return where the planner's map frame lies among the true poses: localisation is off with the map by as much.
+    """Return where the planner's map frame lies among the true poses.
 
-    A pose that is matched to the map by particles has no fixed offset; there the map is off by its one cell.
+    Localization is off with the map by as much.
     """
-    off = read_specification(trial, "localisation", "offset_x_m", "offset_y_m")
-    if off is None:
+    offset = read_specification(trial, "localisation", "offset_x_m", "offset_y_m")
+    if offset is None:
         return ORIGIN
-    matched = trial["simulator"]["localisation"].get("historical_map") is True
-    return Pose2D(0.0 - off[0], (STANDARD_CELL_M if matched else 0.0) - off[1], 0.0)
+    # A pose that particles match to the map has no fixed offset; the map is off by one
+    # cell.
+    is_matched = trial["simulator"]["localisation"].get("historical_map") is True
+    map_y = STANDARD_CELL_M if is_matched else 0.0
+    return Pose2D(0.0 - offset[0], map_y - offset[1], 0.0)
 
 
 def read_specification(
     trial: dict[str, Any], part: str, *names: str
 ) -> list[float] | None:
-    """Return fields of a part of the simulator's configuration, None where they are not there as finite numbers."""
+    """Return numbers of a trial's simulator configuration.
+
+    Args:
+        trial: Specification of the trial, as its bag has it.
+        part: Part of the configuration, such as "lidar".
+        *names: Fields of that part.
+
+    Returns:
+        The values; None unless all are there as finite numbers.
+    """
     try:
         values = [float(trial["simulator"][part][name]) for name in names]
     except (KeyError, TypeError, ValueError):
@@ -162,18 +183,27 @@ def read_specification(
 
 
 def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
-    """Return the robot of a trial, the Jackal where none is named, and a note where it cannot be read."""
+    """Return the robot of a trial, and a note if it cannot be read.
+
+    That is the standard robot where none is named.
+    """
     try:
         return chassis_in(trial.get("simulator")), ""
     except ConfigError as error:
-        return (
-            STANDARD_ROBOT.chassis,
-            f"drawn as a {STANDARD_ROBOT.name}, for its robot cannot be read: {error}",
+        note = (
+            f"drawn as a {STANDARD_ROBOT.name}, for its robot cannot be read: {error}"
         )
+        return STANDARD_ROBOT.chassis, note
 
 
 def metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
-    """Return a mapping that a bag has as JSON under a name and key; empty where it has none."""
+    """Return a mapping that a bag has as JSON; empty if it has none.
+
+    Args:
+        bag: The bag, read so far that it has its metadata.
+        name: Name of the metadata.
+        key: Key in the metadata.
+    """
     try:
         content = parse_json(bag.metadata.get(name, {}).get(key, "{}"), name)
     except ConfigError:

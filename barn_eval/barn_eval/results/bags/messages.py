@@ -1,4 +1,4 @@
-"""The messages of a trial's bag: those of its nodes, and beyond them the true scene and the score."""
+"""The messages of a trial's bag: its nodes' and, beyond them, true scene and score."""
 
 from collections.abc import Iterable, Iterator
 
@@ -34,68 +34,64 @@ from barn_worlds.messages.topics import (
 )
 from barn_worlds.worlds.scene import TrialScene, scene_of
 
-TRUE_TOPICS = (
-    topics.WORLD,
-    topics.MOVING,
-    topics.MOVING_POSES,
-)  # which nobody publishes
-PUSHED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
+# Topics that nobody publishes.
+TRUE_TOPICS = (topics.WORLD, topics.MOVING, topics.MOVING_POSES)
+
+# By which an obstacle has been pushed and does not only tremble.
+PUSHED_M = 0.01
 
 
 def trial_scene(spec: TrialSpec) -> TrialScene:
     """Return the scene in which a trial begins."""
-    return scene_of(
-        spec.world,
-        spec.course.start,
-        spec.course.goal,
-        spec.scaled_protocol.goal_distance_m,
-    )
+    course = spec.course
+    distance_m = spec.scaled_protocol.goal_distance_m
+    return scene_of(spec.world, course.start, course.goal, distance_m)
 
 
 def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
-    """Return the scene in which a trial begins, as a message."""
+    """Return the scene in which a trial begins, as a message.
+
+    Args:
+        spec: The trial.
+        stamp_ns: Time of the message.
+    """
     return OutgoingMessage(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
-
-
-def last_scene(
-    spec: TrialSpec, cylinders_m: Floats, stamp_ns: int
-) -> OutgoingMessage | None:
-    """Return the scene with cylinders at centres (k, 2), in the order of `World.cylinders_m`; None if none moved."""
-    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > PUSHED_M).any():
-        return None
-    return OutgoingMessage(
-        topics.WORLD,
-        encode_scene(trial_scene(spec).with_cylinders_at(cylinders_m), stamp_ns),
-    )
 
 
 def moving_obstacle_scene(
     spec: TrialSpec, since_start_ns: int, stamp_ns: int
 ) -> list[OutgoingMessage]:
-    """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
-    some = spec.world.moving or spec.world.walls
-    if not some or since_start_ns % nanoseconds(topics.MOVING.period_s):
+    """Return moving obstacles and walls, if there are any and messages are due.
+
+    Args:
+        spec: The trial.
+        since_start_ns: Time since the trial's first reading.
+        stamp_ns: Time of the messages.
+    """
+    world = spec.world
+    is_due = since_start_ns % nanoseconds(topics.MOVING.period_s) == 0
+    if not is_due or not (world.moving or world.walls):
         return []
     time_s = spec.phase_s + seconds(since_start_ns)
+    shapes = encode_moving(world, time_s, stamp_ns)
+    poses = encode_moving_poses(world, time_s, stamp_ns)
     return [
-        OutgoingMessage(topics.MOVING, encode_moving(spec.world, time_s, stamp_ns)),
-        OutgoingMessage(
-            topics.MOVING_POSES, encode_moving_poses(spec.world, time_s, stamp_ns)
-        ),
+        OutgoingMessage(topics.MOVING, shapes),
+        OutgoingMessage(topics.MOVING_POSES, poses),
     ]
 
 
-# What is published: a number to plot, a word to show, and a text within the scene.
+# Topics of the score: a number to plot, a word to show, and a text within the scene.
 TOPICS = (topics.SCORE, topics.OUTCOME, topics.SCORE_TEXT)
 RUNNING = "running"
 _PERIOD_NS = nanoseconds(topics.SCORE.period_s)
 _BELOW_START_M = 1.5
-_TEXT_M = 0.3
-_TEXT_COLOUR = (0.0, 0.0, 0.0, 1.0)
+_LETTER_M = 0.3
+_BLACK = (0.0, 0.0, 0.0, 1.0)
 
 
 class ScoreReporter:
-    """Says twice a second, and once more at the verdict, how a trial stands."""
+    """Reports how a trial stands, twice a second and once more at the verdict."""
 
     def __init__(self, spec: TrialSpec) -> None:
         self._course = spec.course
@@ -104,149 +100,141 @@ class ScoreReporter:
         self._concluded = False
 
     def take(self, standing: Standing, stamp_ns: int) -> Iterator[OutgoingMessage]:
-        """Yield what is due at the end of an instant."""
-        due = (
-            self._due_ns is None
-            or stamp_ns >= self._due_ns
-            or standing.outcome is not None
-        )
-        if self._concluded or not due:
+        """Yield the messages that are due at the end of an instant.
+
+        Args:
+            standing: How the trial stands.
+            stamp_ns: Time of the instant.
+        """
+        outcome = standing.outcome
+        is_due = self._due_ns is None or stamp_ns >= self._due_ns
+        if self._concluded or not (is_due or outcome):
             return
-        self._due_ns, self._concluded = (
-            stamp_ns + _PERIOD_NS,
-            standing.outcome is not None,
-        )
-        value, start = running_score(standing, self._course), self._course.start
-        yield OutgoingMessage(topics.SCORE, encode.encode_number(value))
-        yield OutgoingMessage(
-            topics.OUTCOME,
-            encode.encode_text(standing.outcome.value if standing.outcome else RUNNING),
-        )
+        self._due_ns = stamp_ns + _PERIOD_NS
+        self._concluded = outcome is not None
+
+        score = running_score(standing, self._course)
+        word = outcome.value if outcome else RUNNING
+        yield OutgoingMessage(topics.SCORE, encode.encode_number(score))
+        yield OutgoingMessage(topics.OUTCOME, encode.encode_text(word))
+
         text = make_marker(
             FRAMES.of(topics.SCORE_TEXT),
             "score",
             TEXT_VIEW_FACING,
-            color=_TEXT_COLOUR,
+            color=_BLACK,
             stamp_ns=stamp_ns,
         )
-        text.pose.position.x, text.pose.position.y = start.x, start.y - _BELOW_START_M
-        text.scale.z, text.text = (
-            _TEXT_M,
-            "\n".join(_lines(self._title, standing, value)),
-        )
-        yield OutgoingMessage(
-            topics.SCORE_TEXT,
-            serialize(make_message(topics.SCORE_TEXT.type_name, markers=[text])),
-        )
+        text.pose.position.x = self._course.start.x
+        text.pose.position.y = self._course.start.y - _BELOW_START_M
+        text.scale.z = _LETTER_M
+        text.text = self._describe(standing, score)
+        message = make_message(topics.SCORE_TEXT.type_name, markers=[text])
+        yield OutgoingMessage(topics.SCORE_TEXT, serialize(message))
+
+    def _describe(self, standing: Standing, score: float) -> str:
+        clock = "clock not started"
+        if standing.clock_s is not None:
+            clock = f"{standing.clock_s:.2f} s on the clock"
+        distance = ""
+        if standing.goal_distance_m is not None:
+            distance = f"{standing.goal_distance_m:.2f} m to the goal"
+        contact = f"{standing.contact_s:.2f} s in contact"
+        worth = f"worth {score:.3f} if there now"
+        if standing.outcome:
+            worth = f"{standing.outcome.value}: {score:.3f}"
+        return "\n".join((self._title, clock, distance, contact, worth))
 
 
 def running_score(standing: Standing, course: Course) -> float:
-    """Return the challenge metric: that of the verdict or, before it, what it would be if the goal were reached now."""
+    """Return the challenge metric of a verdict, or of reaching the goal right now.
+
+    Args:
+        standing: How the trial stands.
+        course: Start, goal and lengths of its world.
+    """
     outcome = standing.outcome or Outcome.SUCCESS
-    on_clock_s = standing.clock_s if standing.outcome else standing.clock_s or 0.0
-    return challenge_metric(
-        Verdict(outcome, "", on_clock_s, 0.0, 0.0), course.optimal_time_s
-    )
+    clock_s = standing.clock_s
+    if standing.outcome is None:
+        clock_s = clock_s or 0.0
+    verdict = Verdict(outcome, "", clock_s, 0.0, 0.0)
+    return challenge_metric(verdict, course.optimal_time_s)
 
 
-def _lines(title: str, standing: Standing, value: float) -> list[str]:
-    clock = (
-        "clock not started"
-        if standing.clock_s is None
-        else f"{standing.clock_s:.2f} s on the clock"
-    )
-    left = (
-        ""
-        if standing.goal_distance_m is None
-        else f"{standing.goal_distance_m:.2f} m to the goal"
-    )
-    contact = f"{standing.contact_s:.2f} s in contact"
-    outcome = (
-        f"{standing.outcome.value}: {value:.3f}"
-        if standing.outcome
-        else f"worth {value:.3f} if there now"
-    )
-    return [title, clock, left, contact, outcome]
-
-
-# Announced at the start, so that every bag lists them; what a planner shows is announced when it does.
+# Announced at the start, so that every bag lists them; what a planner shows is
+# announced when it does.
 _ALWAYS = (
-    *(
-        topics.CLOCK,
-        topics.ODOM,
-        topics.GROUND_TRUTH,
-        topics.AMCL_POSE,
-        topics.TF,
-        topics.COLLISION,
-    ),
-    *(
-        topics.JOINT_STATES,
-        topics.GOAL_POSE,
-        topics.CMD_VEL,
-        topics.SCAN,
-        *TOPICS,
-        topics.TF_STATIC,
-        topics.WORLD,
-    ),
+    topics.CLOCK,
+    topics.ODOM,
+    topics.GROUND_TRUTH,
+    topics.AMCL_POSE,
+    topics.TF,
+    topics.COLLISION,
+    topics.JOINT_STATES,
+    topics.GOAL_POSE,
+    topics.CMD_VEL,
+    topics.SCAN,
+    *TOPICS,
+    topics.TF_STATIC,
+    topics.WORLD,
 )
 
 
 class TrialBag:
-    """Record a trial instant by instant; every message carries the time of its instant."""
+    """Records a trial instant by instant; a message carries the time of its instant."""
 
     def __init__(self, recorder: Recorder, spec: TrialSpec) -> None:
-        self._recorder, self._spec, self._score = recorder, spec, ScoreReporter(spec)
-        self._frames = frames = Frames(planning=spec.planning_frame)
-        self._simulator, self._planner = (
-            SimulatorMessages(spec.simulator, frames),
-            PlannerMessages(frames),
-        )
-        self._goal = PoseStampedEncoder(frames.of(topics.GOAL_POSE))
+        """Announce the topics of a trial.
+
+        Args:
+            recorder: Recorder of the bag, which stays open.
+            spec: The trial.
+        """
+        self._recorder = recorder
+        self._spec = spec
+        self._score = ScoreReporter(spec)
+        self._frames = Frames(planning=spec.planning_frame)
+        self._simulator = SimulatorMessages(spec.simulator, self._frames)
+        self._planner = PlannerMessages(self._frames)
+        self._goal = PoseStampedEncoder(self._frames.of(topics.GOAL_POSE))
         self._goal_period_ns = nanoseconds(spec.protocol.goal_period_s)
         self._next_goal_ns: int | None = 0
-        for topic in (
-            topics.ROBOT_DESCRIPTION,
-            *(() if spec.map is None else (topics.MAP,)),
-            *_ALWAYS,
-        ):
+
+        self._announce(topics.ROBOT_DESCRIPTION)
+        if spec.map is not None:
+            self._announce(topics.MAP)
+        for topic in _ALWAYS:
             self._announce(topic)
 
     def begin(self, first: Sensors) -> None:
         """Record what is published once, at the start."""
-        spec, stamp_ns = self._spec, first.stamp_ns
+        spec = self._spec
+        stamp_ns = first.stamp_ns
         self._record(self._simulator.constant(), stamp_ns)
         if spec.map is not None:
-            self._record(
-                [
-                    OutgoingMessage(
-                        topics.MAP,
-                        encode_map(spec.map, stamp_ns, self._frames.of(topics.MAP)),
-                    )
-                ],
-                stamp_ns,
-            )
+            data = encode_map(spec.map, stamp_ns, self._frames.of(topics.MAP))
+            self._record([OutgoingMessage(topics.MAP, data)], stamp_ns)
         self._record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
-        """Record the readings of an instant, the scan where the planner is asked, and the goal where it is sent."""
+        """Record the readings of an instant, and the goal when it is sent.
+
+        Args:
+            sensors: The readings.
+            asked: Whether the planner gets them; if not, the scan is left out.
+        """
         stamp_ns = sensors.stamp_ns
-        readings = self._simulator.sensors(sensors, stamp_ns)
-        self._record(
-            (one for one in readings if asked or one.topic is not topics.SCAN), stamp_ns
-        )
+        for message in self._simulator.sensors(sensors, stamp_ns):
+            if asked or message.topic is not topics.SCAN:
+                self._record([message], stamp_ns)
         self._record(moving_obstacle_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
+
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
-            self._record(
-                [
-                    OutgoingMessage(
-                        topics.GOAL_POSE, self._goal.encode(self._spec.goal, stamp_ns)
-                    )
-                ],
-                stamp_ns,
-            )
-            self._next_goal_ns = (
-                stamp_ns + self._goal_period_ns if self._goal_period_ns else None
-            )
+            data = self._goal.encode(self._spec.goal, stamp_ns)
+            self._record([OutgoingMessage(topics.GOAL_POSE, data)], stamp_ns)
+            self._next_goal_ns = None
+            if self._goal_period_ns:
+                self._next_goal_ns = stamp_ns + self._goal_period_ns
 
     def answer(
         self,
@@ -255,19 +243,39 @@ class TrialBag:
         planner: Planner,
         stamp_ns: int,
     ) -> None:
-        """Record the planner's answer to the readings of an instant and what it shows."""
+        """Record the planner's answer to the readings of an instant.
+
+        Args:
+            command: The command, if the planner gives one.
+            decision: What the planner has decided.
+            planner: The planner, for what it shows beside its command.
+            stamp_ns: Time of the instant.
+        """
         if command is not None:
             self._record([self._planner.command(command, stamp_ns)], stamp_ns)
         self._record(self._planner.display(planner, decision, stamp_ns), stamp_ns)
 
     def standing(self, standing: Standing, stamp_ns: int) -> None:
-        """Record how the trial stands at the end of an instant, when that is due."""
+        """Record how the trial stands, when that is due.
+
+        Args:
+            standing: How it stands at the end of an instant.
+            stamp_ns: Time of the instant.
+        """
         self._record(self._score.take(standing, stamp_ns), stamp_ns)
 
     def conclude(self, cylinders_m: Floats, stamp_ns: int) -> None:
-        """Record where obstacles stand at the end, centres (k, 2) m, if any has been pushed."""
-        scene = last_scene(self._spec, cylinders_m, stamp_ns)
-        self._record([scene] if scene else [], stamp_ns)
+        """Record where obstacles stand at the end, if any has been pushed.
+
+        Args:
+            cylinders_m: Centers (k, 2) in m, in the order of `World.cylinders_m`.
+            stamp_ns: Time of the last instant.
+        """
+        dx, dy = (cylinders_m - self._spec.world.cylinders_m).T
+        if (np.hypot(dx, dy) > PUSHED_M).any():
+            scene = trial_scene(self._spec).with_cylinders_at(cylinders_m)
+            data = encode_scene(scene, stamp_ns)
+            self._record([OutgoingMessage(topics.WORLD, data)], stamp_ns)
 
     def _record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
         for topic, data in messages:
@@ -275,6 +283,6 @@ class TrialBag:
             self._recorder.write(topic.path, data, stamp_ns)
 
     def _announce(self, topic: Topic) -> None:
-        """Announce a topic as a player should offer it, which is with a queue for many messages."""
+        """Announce a topic as a player offers it: with a queue for many messages."""
         qos = LATCHED if topic.qos.durability == LATCHED.durability else RELIABLE
         self._recorder.add_topic(topic.path, topic.type_name, qos)

@@ -1,4 +1,4 @@
-"""The moving obstacles of a trial as its bag has them: poses ten times a second, and what lies between."""
+"""The moving obstacles of a trial as its bag has them: ten poses a second."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,14 +10,22 @@ from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint
 
 TRAIL_S = 2.0
-MAX_EXTRAPOLATION_S = 0.1  # the last poses are as much older than the last reading
-# Nothing is taken for a motion that is this much faster than the same obstacle just before and just after.
-_JUMP_MPS, _JUMP_RATIO = 3.0, 3.0
+
+# The last poses are as much older than the last reading.
+MAX_EXTRAPOLATION_S = 0.1
+
+# A step is a jump and no motion if it is this much faster than the same obstacle just
+# before and just after.
+_JUMP_MPS = 3.0
+_JUMP_RATIO = 3.0
+
+# Tolerance, in s, for times that have been rounded.
+_ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotions:
-    """Moving obstacles over time, and the walls that stand between them, in the map frame."""
+    """Moving obstacles over time, and the walls between them, in the map frame."""
 
     times_s: Floats  # (m,) ascending, m at least 1
     places: Floats  # (m, n, 2) m
@@ -26,68 +34,88 @@ class RecordedMotions:
 
     @cached_property
     def jumps(self) -> Bools:
-        """Whether (m, n) an obstacle has jumped to a place from the one before; an obstacle does so as it repeats."""
-        found = np.zeros(self.places.shape[:2], np.bool_)
+        """Whether (m, n) an obstacle has jumped to a place from the one before.
+
+        An obstacle does so as it repeats its motion.
+        """
+        jumps = np.zeros(self.places.shape[:2], np.bool_)
         if len(self.times_s) > 1:
             steps = np.linalg.norm(np.diff(self.places, axis=0), axis=2)
             speeds = np.pad(steps / np.diff(self.times_s)[:, None], ((1, 1), (0, 0)))
-            usual = np.maximum(speeds[:-2], speeds[2:])
-            found[1:] = speeds[1:-1] > _JUMP_MPS + _JUMP_RATIO * usual
-        return found
+            neighbors = np.maximum(speeds[:-2], speeds[2:])
+            jumps[1:] = speeds[1:-1] > _JUMP_MPS + _JUMP_RATIO * neighbors
+        return jumps
 
     def at(self, times_s: Floats) -> Floats:
-        """Return places (t, n, 2) at times (t,): straight between two, and on for a moment after the last."""
+        """Return the obstacles' places (t, n, 2) in m at times (t,).
+
+        They move straight between two poses, and on for a moment after the last.
+        """
         if len(self.times_s) == 1:
             return np.repeat(self.places, len(times_s), axis=0)
-        before = np.clip(
-            np.searchsorted(self.times_s, times_s + 1e-9, side="right") - 1,
-            0,
-            len(self.times_s) - 2,
-        )
+        after = np.searchsorted(self.times_s, times_s + _ROUNDING_S, side="right")
+        before = np.clip(after - 1, 0, len(self.times_s) - 2)
         after_s = np.clip(times_s - self.times_s[before], 0.0, None)
         period_s = self.times_s[before + 1] - self.times_s[before]
         share = np.minimum(after_s, period_s + MAX_EXTRAPOLATION_S) / period_s
-        jump = self.jumps[before + 1]
-        share = np.where(
-            jump, np.floor(np.minimum(share, 1.0))[:, None], share[:, None]
-        )[..., None]
-        places: Floats = self.places[before] + share * (
-            self.places[before + 1] - self.places[before]
-        )
+
+        # An obstacle that jumps stays until the moment of the jump.
+        stepped = np.floor(np.minimum(share, 1.0))
+        share = np.where(self.jumps[before + 1], stepped[:, None], share[:, None])
+        steps = self.places[before + 1] - self.places[before]
+        places: Floats = self.places[before] + share[..., None] * steps
         return places
 
-    def placed(self, time_s: float) -> Bodies:
+    def bodies_at(self, time_s: float) -> Bodies:
         """Return the obstacles where they are at a time."""
         return self.bodies.move_to(self.at(np.array([time_s]))[0])
 
     def trails(self, time_s: float) -> list[Points]:
-        """Return where each was in the last `TRAIL_S`, (k, 2) m, since it last jumped."""
-        now = self.at(np.array([time_s]))[0]
-        last = int(np.searchsorted(self.times_s, time_s + 1e-9, side="right"))
-        first = int(np.searchsorted(self.times_s, time_s - TRAIL_S))
-        begun = [
-            max(np.flatnonzero(jumps), default=0) for jumps in self.jumps[first:last].T
-        ]  # at the last jump
-        return [
-            np.vstack([self.places[first + begin : last, k], now[k]])
-            for k, begin in enumerate(begun)
-        ]
+        """Return where each obstacle was in the last `TRAIL_S`, since it last jumped.
+
+        Args:
+            time_s: End of the trails.
+
+        Returns:
+            Points (k, 2) in m of each obstacle.
+        """
+        places_now = self.at(np.array([time_s]))[0]
+        end = int(np.searchsorted(self.times_s, time_s + _ROUNDING_S, side="right"))
+        start = int(np.searchsorted(self.times_s, time_s - TRAIL_S))
+        trails = []
+        for k, place in enumerate(places_now):
+            jumps = np.flatnonzero(self.jumps[start:end, k])
+            last_jump = max(jumps, default=0)
+            past = self.places[start + last_jump : end, k]
+            trails.append(np.vstack([past, place]))
+        return trails
 
     def gaps(self, times_s: Floats, poses: Floats, outline: Footprint) -> Floats:
-        """Return the distance (t,) in m from the robot's outline at poses (t, 3) to what is nearest, walls included."""
+        """Return the distance (t,) from the robot to what is nearest, walls included.
+
+        Args:
+            times_s: Times (t,).
+            poses: Poses (t, 3) of the robot at these times: x, y m, yaw rad.
+            outline: Outline of the robot in base_link.
+        """
         return compute_gaps(self.bodies, self.walls, self.at(times_s), poses, outline)
 
 
 def compute_gaps(
     bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outline: Footprint
 ) -> Floats:
-    """Return the distance (t,) in m from the robot's outline at poses (t, 3) to the nearest of bodies and walls.
+    """Return the distance (t,) in m from the robot to the nearest of bodies and walls.
 
-    places (t, n, 2): of the bodies.
+    Args:
+        bodies: Moving bodies, n of them.
+        walls: Bodies that stand.
+        places: Centers (t, n, 2) of the moving bodies in m.
+        poses: Poses (t, 3) of the robot: x, y m, yaw rad.
+        outline: Outline of the robot in base_link.
     """
-    rows = np.concatenate([bodies.shapes(), walls.shapes()])
-    found = np.empty(len(poses))
-    for k, (at, (x, y, yaw)) in enumerate(zip(places, poses.tolist(), strict=True)):
-        rows[: len(at), :2] = at
-        found[k] = outline.gaps(rows, x, y, yaw).min(initial=np.inf)
-    return found
+    shapes = np.concatenate([bodies.shapes(), walls.shapes()])
+    gaps = np.empty(len(poses))
+    for k, (x, y, yaw) in enumerate(poses.tolist()):
+        shapes[: places.shape[1], :2] = places[k]
+        gaps[k] = outline.gaps(shapes, x, y, yaw).min(initial=np.inf)
+    return gaps

@@ -1,7 +1,8 @@
-"""Recording of a trial as a rosbag2 directory with one MCAP file, from bytes that are already serialised.
+"""Recording of a trial as a rosbag2 directory with one MCAP file, from bytes.
 
-While it is written the directory has a name ending in `.partial`; it gets its own when it is finished. Whatever kills
-the writer, the partial file is readable up to the last whole second of the trial.
+While it is written, the directory has a name that ends in `.partial`; it gets its own
+name when it is finished. Whatever kills the writer, the partial file is readable up to
+the last whole second of the trial.
 """
 
 import json
@@ -22,7 +23,7 @@ from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import RELIABLE, Qos
 
-METADATA_VERSION = 9  # of metadata.yaml, what rosbag2 of Jazzy writes
+METADATA_VERSION = 9  # of metadata.yaml, as rosbag2 of Jazzy writes it
 PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is faster
@@ -30,29 +31,39 @@ _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
 @dataclass
-class _Topic:
+class _RecordedTopic:
     name: str
     type_name: str
     qos: Qos
     type_hash: str
-    channel: int
-    count: int = 0
+    channel: int  # its number in the file
+    count: int = 0  # messages so far
 
 
 class Recorder:
-    """Write the bag of one trial; leaving its context without `finish` abandons it under its partial name."""
+    """Writes the bag of one trial.
+
+    Leaving its context without `finish` abandons the bag under its partial name.
+    """
 
     def __init__(self, path: Path, types: Typestore | None = None) -> None:
+        """Begin a bag.
+
+        Args:
+            path: Directory of the bag, which must not exist.
+            types: Message types that can be recorded, those of Jazzy by default.
+        """
         if path.exists():
             raise BagError(f"{path}: exists already")
         self.path = path
         self.partial_path = path.with_name(path.name + PARTIAL)
         self._types = types or jazzy_types()
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, _RecordedTopic] = {}
         self._schemas: dict[str, int] = {}
-        self._custom: dict[str, str] = {}
+        self._custom_data: dict[str, str] = {}
         self._first_ns: int | None = None
-        self._last_ns = self._flushed_ns = 0
+        self._last_ns = 0
+        self._flushed_ns = 0
         self._file_name = f"{path.name}_0.mcap"
         with self._failures():
             if self.partial_path.exists():
@@ -73,84 +84,111 @@ class Recorder:
         self.abandon()
 
     def knows(self, type_name: str) -> bool:
-        """Tell whether messages of a type such as "nav_msgs/msg/Odometry" can be recorded."""
+        """Tell whether a type such as "nav_msgs/msg/Odometry" can be recorded."""
         return type_name in self._types.fielddefs
 
     def add_topic(
         self, name: str, type_name: str, qos: Qos = RELIABLE, known_as: str = ""
     ) -> None:
-        """Announce a topic, and what it is read as if that is not its name; BagError for an unknown or another type."""
-        if (known := self._topics.get(name)) is not None:
-            if known.type_name != type_name:
+        """Announce a topic, unless that has been done.
+
+        Args:
+            name: Name of the topic.
+            type_name: Type of its messages.
+            qos: Quality of service that a player offers.
+            known_as: Name of the topic that it is read as, if that is another one.
+
+        Raises:
+            BagError: The type is unknown, or the topic has another one.
+        """
+        topic = self._topics.get(name)
+        if topic is not None:
+            if topic.type_name != type_name:
                 raise BagError(
-                    f"{self.path}: topic {name} is recorded as {known.type_name}, not as {type_name}"
+                    f"{self.path}: topic {name} is recorded as {topic.type_name}, not"
+                    f" as {type_name}"
                 )
             return
         if not self.knows(type_name):
-            near = suggest(type_name, self._types.fielddefs)
-            raise BagError(f"{self.path}: unknown type {type_name!r} of {name}{near}")
+            hint = suggest(type_name, self._types.fielddefs)
+            raise BagError(f"{self.path}: unknown type {type_name!r} of {name}{hint}")
+
         if type_name not in self._schemas:
             definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
             self._schemas[type_name] = self._writer.register_schema(
                 type_name, "ros2msg", definition.encode()
             )
         type_hash = self._types.hash_rihs01(type_name)
-        described = {
-            "offered_qos_profiles": _yaml([_profile(qos)]),
+        metadata = {
+            "offered_qos_profiles": _to_yaml([_profile(qos)]),
             "topic_type_hash": type_hash,
         }
-        described |= {"known_as": known_as} if known_as else {}
+        if known_as:
+            metadata["known_as"] = known_as
         channel = self._writer.register_channel(
-            name, "cdr", self._schemas[type_name], described
+            name, "cdr", self._schemas[type_name], metadata
         )
-        self._topics[name] = _Topic(name, type_name, qos, type_hash, channel)
+        self._topics[name] = _RecordedTopic(name, type_name, qos, type_hash, channel)
 
     def write(self, topic: str, data: bytes, stamp_ns: int) -> None:
-        """Write one serialised message (CDR with its header) of a topic announced before."""
-        entry = self._topics[topic]
-        entry.count += 1
+        """Write one message.
+
+        Args:
+            topic: Name of a topic that was announced.
+            data: The message as CDR with its header.
+            stamp_ns: Time of the log.
+        """
+        recorded_topic = self._topics[topic]
+        recorded_topic.count += 1
         if self._first_ns is None:
-            self._first_ns = self._flushed_ns = stamp_ns
+            self._first_ns = stamp_ns
+            self._flushed_ns = stamp_ns
         self._last_ns = max(self._last_ns, stamp_ns)
         try:
             self._writer.add_message(
-                entry.channel, stamp_ns, data, stamp_ns, entry.count
+                recorded_topic.channel, stamp_ns, data, stamp_ns, recorded_topic.count
             )
             if stamp_ns - self._flushed_ns >= NANOSECONDS_PER_SECOND:
                 self._flushed_ns = stamp_ns
                 self._writer.flush()
-        except OSError:  # `with` would cost some percent of what a message does
+        except OSError:
+            # A context around all messages would cost some percent of their time.
             with self._failures():
                 raise
 
     def add_metadata(self, name: str, content: Mapping[str, Any]) -> None:
-        """Add a named mapping to the file and to metadata.yaml; values that are not text become JSON."""
-        texts = {
-            key: value if isinstance(value, str) else json.dumps(value)
-            for key, value in content.items()
-        }
+        """Add a named mapping to the file and to metadata.yaml.
+
+        Args:
+            name: Name of the mapping.
+            content: The mapping; values that are not text become JSON.
+        """
+        texts = {}
+        for key, value in content.items():
+            texts[key] = value if isinstance(value, str) else json.dumps(value)
+            self._custom_data[f"{name}.{key}"] = texts[key]
         with self._failures():
             self._writer.flush()
             self._writer.add_metadata(name, texts)
             self._stream.flush()
-        self._custom |= {f"{name}.{key}": value for key, value in texts.items()}
 
     def finish(self) -> Path:
         """Complete the bag, give it its name and return that."""
-        about = self._description()
+        description = self._description()
         with self._failures():
             self._writer.flush()
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": _yaml(about)})
+            self._writer.add_metadata(
+                "rosbag2", {"serialized_metadata": _to_yaml(description)}
+            )
             self._writer.finish()
             self._stream.close()
-            (self.partial_path / "metadata.yaml").write_text(
-                _yaml({"rosbag2_bagfile_information": about}), "utf-8"
-            )
+            text = _to_yaml({"rosbag2_bagfile_information": description})
+            (self.partial_path / "metadata.yaml").write_text(text, "utf-8")
             self.partial_path.rename(self.path)
         return self.path
 
     def abandon(self) -> None:
-        """Leave what has been written under the partial name; nothing if the bag is finished."""
+        """Leave what was written under the partial name, unless the bag is finished."""
         if not self._stream.closed:
             with self._failures():
                 self._writer.flush()
@@ -160,16 +198,21 @@ class Recorder:
         return convert_os_errors(BagError, f"{self.partial_path}: cannot record")
 
     def _description(self) -> dict[str, Any]:
+        """Return the bag as metadata.yaml describes it."""
         first_ns = self._first_ns or 0
-        start, lasted = (
-            {"nanoseconds_since_epoch": first_ns},
-            {"nanoseconds": self._last_ns - first_ns},
-        )
+        start = {"nanoseconds_since_epoch": first_ns}
+        duration = {"nanoseconds": self._last_ns - first_ns}
         count = sum(topic.count for topic in self._topics.values())
+        file = {
+            "path": self._file_name,
+            "starting_time": start,
+            "duration": duration,
+            "message_count": count,
+        }
         return {
             "version": METADATA_VERSION,
             "storage_identifier": "mcap",
-            "duration": lasted,
+            "duration": duration,
             "starting_time": start,
             "message_count": count,
             "topics_with_message_count": [
@@ -178,15 +221,8 @@ class Recorder:
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [self._file_name],
-            "files": [
-                {
-                    "path": self._file_name,
-                    "starting_time": start,
-                    "duration": lasted,
-                    "message_count": count,
-                }
-            ],
-            "custom_data": dict(self._custom),
+            "files": [file],
+            "custom_data": self._custom_data,
             "ros_distro": "jazzy",
         }
 
@@ -206,25 +242,22 @@ def _profile(qos: Qos) -> dict[str, Any]:
     }
 
 
-def _topic_entry(topic: _Topic) -> dict[str, Any]:
-    about: dict[str, Any] = {
+def _topic_entry(topic: _RecordedTopic) -> dict[str, Any]:
+    metadata = {
         "name": topic.name,
         "type": topic.type_name,
         "serialization_format": "cdr",
-    }
-    about |= {
         "offered_qos_profiles": [_profile(topic.qos)],
         "type_description_hash": topic.type_hash,
     }
-    return {"topic_metadata": about, "message_count": topic.count}
+    return {"topic_metadata": metadata, "message_count": topic.count}
 
 
-def _yaml(content: object) -> str:
-    plain = json.loads(
-        json.dumps(content)
-    )  # nothing in it twice, for which there would be anchors
-    return str(
-        yaml.dump(
-            plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10_000
-        )
+def _to_yaml(content: object) -> str:
+    # PyYAML writes an object that is in it twice as an anchor and an alias. After JSON
+    # nothing is in it twice.
+    plain = json.loads(json.dumps(content))
+    text = yaml.dump(
+        plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10_000
     )
+    return str(text)
