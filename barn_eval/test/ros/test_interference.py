@@ -17,6 +17,7 @@ from ros_runs import (
     make_plan,
     messages,
     node_process,
+    nothing_left,  # noqa: F401 (a fixture)
 )
 from waiting import until
 
@@ -105,7 +106,10 @@ def test_an_earlier_simulator_is_not_the_planners_fault(tmp_path, monkeypatch):
     assert not (tmp_path / "run" / "logs" / "planner.log").exists()
 
 
-def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_left):
+def test_an_evaluator_without_processor_time_is_waited_for(
+    tmp_path,
+    nothing_left,  # noqa: F811
+):
     longer = replace(
         SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False
     )
