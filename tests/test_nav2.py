@@ -325,7 +325,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     )
 
 
-def test_each_trial_gets_a_fresh_nav2(with_more_messages):
+def test_each_trial_gets_a_fresh_nav2(with_extra_messages):
     """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
     script = Path(__file__).with_name("nav2_stand_in.py")
     with reserve_domain({}) as domain:

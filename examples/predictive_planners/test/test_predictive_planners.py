@@ -113,7 +113,7 @@ def test_two_that_cross_keep_their_velocities():
     assert by_x[:, 2:4] == pytest.approx(np.array([[0.0, -1.0], [0.0, 1.0]]), abs=0.1)
 
 
-def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
+def test_a_track_ends_when_unseen_and_a_reset_forgets_all():
     def gone(time_s):
         return [] if time_s > 1.0 else [(3.0, time_s, 0.5)]
 
@@ -204,7 +204,7 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
     return nearest, pose.x
 
 
-def test_a_planner_that_predicts_keeps_farther_from_a_disc_that_crosses_its_way():
+def test_a_predicting_planner_keeps_away_from_a_crossing_disc():
     plain = crossing("gap")
     predictive = crossing("gap_predictive")
     assert predictive[0] > plain[0] and predictive[0] > 0.28
