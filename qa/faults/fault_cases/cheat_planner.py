@@ -117,7 +117,7 @@ def edit_results(_: Node) -> None:
 def read_the_seed(_: Node) -> None:
     """Read what this trial is from the evaluator's file."""
     for path in OUT.rglob("assignment.json"):
-        report(f"seed {json.loads(path.read_text())['experiment']['seed']}")
+        report(f"seed {json.loads(path.read_text())['run']['seed']}")
 
 
 def look_at_the_suite(_: Node) -> None:
