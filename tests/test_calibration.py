@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from analysis.test_compare import write_folder
 from calibrate import main
 from calibration import calibrate
 from click.testing import CliRunner
 from published import published_trials, read_published
+from results.test_rows import result as a_result
 from scipy import stats
-from test_compare import write_folder
-from test_rows import result as a_result
 
 from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from judge_difficulty import main as judge
+from model.test_model import make_trials
 from reproduce_work import experiment_of, write_invented
-from test_model import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source

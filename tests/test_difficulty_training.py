@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_model import make_trials
+from model.test_model import make_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.evaluation import (

@@ -27,18 +27,18 @@ from runner import ROOT, prepare, seconds_needed, source_of, survivals
 
 # Modules, and the test files of their packages that are to kill their mutants.
 TESTS = {
-    "barn_eval.trials.rules": ["test_referee"],
-    "barn_eval.trials.referee": ["test_referee"],
-    "barn_eval.trials.protocol": ["test_protocol"],
-    "barn_eval.trials.outcome": ["test_scores"],
-    "barn_eval.trials.seeds": ["test_scores"],
-    "barn_eval.trials.trajectory": ["test_trajectory"],
-    "barn_eval.trials.encounters": ["test_encounters"],
-    "barn_eval.ros.adapter": ["test_adapter"],
-    "barn_eval.ros.sequencer": ["test_sequencer"],
-    "barn_eval.analysis.statistics": ["test_statistics"],
-    "barn_eval.analysis.compare": ["test_compare"],
-    "barn_eval.analysis.measures": ["test_measures"],
+    "barn_eval.trials.rules": ["trials/test_referee"],
+    "barn_eval.trials.referee": ["trials/test_referee"],
+    "barn_eval.trials.protocol": ["trials/test_protocol"],
+    "barn_eval.trials.outcome": ["trials/test_outcome"],
+    "barn_eval.trials.seeds": ["trials/test_outcome"],
+    "barn_eval.trials.trajectory": ["trials/test_trajectory"],
+    "barn_eval.trials.encounters": ["trials/test_encounters"],
+    "barn_eval.ros.adapter": ["ros/test_adapter"],
+    "barn_eval.ros.sequencer": ["ros/test_sequencer"],
+    "barn_eval.analysis.statistics": ["analysis/test_statistics"],
+    "barn_eval.analysis.compare": ["analysis/test_compare"],
+    "barn_eval.analysis.measures": ["analysis/test_measures"],
     "barn_metrics.bootstrap": ["test_bootstrap"],
 }
 
