@@ -328,7 +328,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     )
 
 
-def test_each_trial_gets_a_fresh_nav2(with_more_messages):
+def test_each_trial_gets_a_fresh_nav2(with_extra_messages):
     """The node nav2_trial with stand-ins for lifecycle manager and navigator.
 
     They run in another process.

@@ -129,7 +129,7 @@ def read_the_seed(_: Node) -> None:
     """Read what this trial is from the evaluator's file."""
     for path in OUT.rglob("assignment.json"):
         assignment = json.loads(path.read_text())
-        report(f"seed {assignment['experiment']['seed']}")
+        report(f"seed {assignment['run']['seed']}")
 
 
 def look_at_the_suite(_: Node) -> None:
