@@ -359,8 +359,7 @@ def python_examples():
     ]:
         members |= {
             f"{noun}.{name}": member
-            for name, member in vars(module).items()
-            if inspect.isfunction(member)
+            for name, member in inspect.getmembers(module, inspect.isfunction)
         }
     for name, member in members.items():
         text = inspect.getdoc(member) or ""
