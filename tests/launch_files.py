@@ -7,13 +7,8 @@ from pathlib import Path
 
 from barn_worlds.base.config import fields_of
 
-SHARED = (
-    Path(__file__).resolve().parents[1]
-    / "barn_worlds"
-    / "barn_worlds"
-    / "ros"
-    / "launching.py"
-)
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT / "barn_worlds/barn_worlds/ros/launching.py"
 
 
 @cache
@@ -27,14 +22,10 @@ def launch_arguments(path: Path) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("barn_"):
             for config in (
-                one.name for one in node.names if one.name.endswith("Config")
+                alias.name for alias in node.names if alias.name.endswith("Config")
             ):
-                names |= {
-                    name
-                    for name, _, _ in fields_of(
-                        getattr(import_module(node.module), config)()
-                    )
-                }
+                config_class = getattr(import_module(node.module), config)
+                names |= {name for name, _, _ in fields_of(config_class())}
     return names
 
 

@@ -58,14 +58,15 @@ peer.node.create_timer(1.0, look)
 
 
 def until_it_says(text):
-    found = []
+    responses = []
     peer.wait(
         lambda: (
-            found.append(peer.call("nav2_trial/ready")) or found[-1].message == text
+            responses.append(peer.call("nav2_trial/ready"))
+            or responses[-1].message == text
         ),
         text,
     )
-    print(found[-1].success, found[-1].message)
+    print(responses[-1].success, responses[-1].message)
 
 
 def reset():
@@ -99,7 +100,7 @@ state["obedient"] = False
 refused = reset()
 print(refused.success, refused.message)
 until_it_says("lifecycle_manager_navigation could not do RESET")
-code, said = trial_node.stop()
-print("ended with", code, "Traceback" in said)
-print(said, file=sys.stderr)
+code, log = trial_node.stop()
+print("ended with", code, "Traceback" in log)
+print(log, file=sys.stderr)
 peer.close()

@@ -19,7 +19,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig
 
-PARAMETERS = Path(__file__).resolve().parents[1] / "examples" / "nav2" / "params"
+PARAMETERS = Path(__file__).resolve().parents[1] / "examples/nav2/params"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 BUILT = [
     str(path)

@@ -30,13 +30,13 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 def test_commands_are_the_originals(path):
     recording = tool.Recording(path)
-    given, plan, seen = (
+    from_plan, plan, from_readings = (
         list(tool.Replay(recording, depth, SETTINGS[recording.planner]).compare())
         for depth in tool.DEPTHS
     )
-    assert len(given) == len(plan) == len(seen) > 50
-    assert tool.share(given, tool.TIGHT) >= GIVEN
-    assert tool.share(seen, tool.LOOSE) >= SEEN
+    assert len(from_plan) == len(plan) == len(from_readings) > 50
+    assert tool.share(from_plan, tool.TIGHT) >= GIVEN
+    assert tool.share(from_readings, tool.LOOSE) >= SEEN
     assert all(cycle.plan for cycle in plan), (
         "navfn's plans are equal on its own costmap"
     )

@@ -19,10 +19,10 @@ TRAINING = EXAMPLES / "policy_training"
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
+def installed_packages(tmp_path_factory):
     """Return the environment in which the packages are installed, entry points and all, in a folder of its own."""
     folder = tmp_path_factory.mktemp("installed")
-    sources = [folder / one.name for one in (PYTHON, PREDICTIVE)]
+    sources = [folder / package.name for package in (PYTHON, PREDICTIVE)]
     for source in sources:
         shutil.copytree(
             EXAMPLES / source.name, source, ignore=shutil.ignore_patterns("__pycache__")
@@ -80,11 +80,11 @@ def barn(environment, folder, *arguments):
 @pytest.mark.parametrize(
     "folder", [PYTHON, PREDICTIVE, TRAINING], ids=lambda folder: folder.name
 )
-def test_its_own_tests_pass(installed, tmp_path, folder):
+def test_its_own_tests_pass(installed_packages, tmp_path, folder):
     if folder is TRAINING:
         pytest.importorskip("stable_baselines3")
     done = python(
-        installed,
+        installed_packages,
         tmp_path,
         "pytest",
         "-q",
@@ -96,10 +96,10 @@ def test_its_own_tests_pass(installed, tmp_path, folder):
 
 
 def test_registered_it_refuses_what_its_configuration_does_not_allow(
-    installed, tmp_path
+    installed_packages, tmp_path
 ):
     done = python(
-        installed,
+        installed_packages,
         tmp_path,
         "barn_eval",
         "run",
@@ -113,11 +113,13 @@ def test_registered_it_refuses_what_its_configuration_does_not_allow(
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(installed, tmp_path):
+def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(
+    installed_packages, tmp_path
+):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     node = f"{sys.executable} -m template_planner.node"
     (result,) = barn(
-        installed,
+        installed_packages,
         tmp_path,
         "--mode",
         "ros",
@@ -130,7 +132,7 @@ def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(installed, tmp_pa
 
 
 def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(
-    installed, tmp_path
+    installed_packages, tmp_path
 ):
     rows = []
     for mode in ("direct", "ros"):
@@ -145,7 +147,7 @@ def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ro
             "--mode",
             mode,
         ]
-        (row,) = barn(installed, tmp_path / mode, *settings)
+        (row,) = barn(installed_packages, tmp_path / mode, *settings)
         assert row["outcome"] == "success"
         rows.append({key: row[key] for key in ("planner", "scores", "measures")})
     assert rows[0] == rows[1]

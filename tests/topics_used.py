@@ -28,14 +28,14 @@ def trees_of(package):
 
 def topics_of(package):
     """Return the topics of the catalogue that a package's nodes publish or subscribe to."""
-    found = set()
+    names = set()
     for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
         if (
             isinstance(node, ast.Attribute)
             and isinstance(node.value, ast.Name)
             and node.value.id == "topics"
         ):
-            found.add(CATALOGUE.get(node.attr))
+            names.add(CATALOGUE.get(node.attr))
         elif isinstance(node, ast.ImportFrom) and node.module == topics.__name__:
-            found |= {CATALOGUE.get(alias.name) for alias in node.names}
-    return found - {None} - ONLY_TYPES.get(package, set())
+            names |= {CATALOGUE.get(alias.name) for alias in node.names}
+    return names - {None} - ONLY_TYPES.get(package, set())

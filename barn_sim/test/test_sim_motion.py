@@ -134,7 +134,7 @@ def test_episodes_move_freely_and_touch_obstacles():
     assert any(touched) and not all(touched)
 
 
-def test_robots_that_share_clients_move_as_with_clients_of_their_own():
+def test_robots_that_share_clients_move_as_with_their_own():
     seeds = range(6)
     with closing(ScenePool()) as scenes:
         shared = [

@@ -50,13 +50,13 @@ class Reached:
             ]
 
 
-def counted(content: dict[str, Any]) -> dict[str, Reached]:
+def count_branches(content: dict[str, Any]) -> dict[str, Reached]:
     """Return the branches by package, and of all, from what coverage.py tells as JSON."""
-    found: dict[str, Reached] = defaultdict(Reached)
-    for path, one in content["files"].items():
+    branches: dict[str, Reached] = defaultdict(Reached)
+    for path, file_report in content["files"].items():
         for name in (path.split("/")[0], "all"):
-            found[name].add(path, one)
-    return dict(sorted(found.items(), key=lambda item: (item[0] == "all", item[0])))
+            branches[name].add(path, file_report)
+    return dict(sorted(branches.items(), key=lambda item: (item[0] == "all", item[0])))
 
 
 def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
@@ -68,7 +68,7 @@ def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
     )
 
 
-def by_reason(
+def group_by_reason(
     missing: Mapping[str, list[tuple[int, int]]], reasons: Mapping[str, str]
 ) -> dict[str, int]:
     """Return the number of branches not reached by reason, the most first."""
@@ -81,7 +81,7 @@ def by_reason(
     return dict(counts.most_common())
 
 
-def collected() -> dict[str, Any]:
+def collect() -> dict[str, Any]:
     """Return what coverage.py has collected; ClickException if there is nothing."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "coverage.json"
@@ -103,23 +103,27 @@ def collected() -> dict[str, Any]:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def main(goal: float, as_json: bool) -> None:
     """Report the branches that tests reach."""
-    found = counted(collected())
+    branches = count_branches(collect())
     reasons = yaml.safe_load(REASONS.read_text("utf-8"))
-    whys = by_reason(found["all"].missing, reasons)
+    whys = group_by_reason(branches["all"].missing, reasons)
     if as_json:
         content = {
-            name: asdict(one) | {"percent": one.percent} for name, one in found.items()
+            name: asdict(reached) | {"percent": reached.percent}
+            for name, reached in branches.items()
         }
         click.echo(json.dumps(content | {"reasons": whys}, indent=2))
     else:
-        shown = Table("", "branches", "reached", "%")
-        for name, one in found.items():
-            shown.add_row(
-                name, str(one.branches), str(one.reached), f"{one.percent:.1f}"
+        table = Table("", "branches", "reached", "%")
+        for name, reached in branches.items():
+            table.add_row(
+                name,
+                str(reached.branches),
+                str(reached.reached),
+                f"{reached.percent:.1f}",
             )
         console = Console()
-        console.print(shown)
-        for path, gaps in found["all"].missing.items():
+        console.print(table)
+        for path, gaps in branches["all"].missing.items():
             texts = (
                 f"{start} to {end}" if end else f"{start} to the end"
                 for start, end in gaps
@@ -137,7 +141,7 @@ def main(goal: float, as_json: bool) -> None:
                 highlight=False,
                 soft_wrap=True,
             )
-    sys.exit(int(found["all"].percent < goal))
+    sys.exit(int(branches["all"].percent < goal))
 
 
 if __name__ == "__main__":

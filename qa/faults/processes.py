@@ -38,23 +38,23 @@ class Usage:
     threads: int = 0
 
 
-def marked(mark: str) -> list[Seen]:
+def list_marked(mark: str) -> list[Seen]:
     """Return the living processes with that mark in their environment, in the order of their numbers."""
-    wanted = f"{MARK}={mark}".encode()
-    found = []
+    entry = f"{MARK}={mark}".encode()
+    processes = []
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():
             continue
         with suppress(OSError, IndexError):
-            if wanted in (folder / "environ").read_bytes().split(b"\0"):
+            if entry in (folder / "environ").read_bytes().split(b"\0"):
                 fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
                 if fields[0] not in "ZX":
-                    found.append(
+                    processes.append(
                         Seen(
                             int(folder.name), int(fields[19]), role(_arguments(folder))
                         )
                     )
-    return sorted(found, key=lambda one: one.pid)
+    return sorted(processes, key=lambda process: process.pid)
 
 
 def role(arguments: Sequence[str]) -> str:
@@ -69,7 +69,7 @@ def role(arguments: Sequence[str]) -> str:
             (
                 name
                 for part, name in _NODES.items()
-                if any(part in one for one in arguments)
+                if any(part in argument for argument in arguments)
             ),
             "other",
         )
@@ -93,22 +93,23 @@ def usage(process: Seen) -> Usage:
     )
 
 
-def ended(mark: str, limit_s: float) -> list[Seen]:
+def wait_for_end(mark: str, limit_s: float) -> list[Seen]:
     """Wait for all processes with a mark to end, and return those that have not within the limit."""
     deadline = time.monotonic() + limit_s
-    while (left := marked(mark)) and time.monotonic() < deadline:
+    while (left := list_marked(mark)) and time.monotonic() < deadline:
         time.sleep(0.1)
     return left
 
 
-def mapped(processes: Sequence[Seen]) -> set[str]:
+def list_segments(processes: Sequence[Seen]) -> set[str]:
     """Return the names of the entries of shared memory that processes have mapped."""
     names: set[str] = set()
-    for one in processes:
+    for process in processes:
         with suppress(OSError):
             names.update(
                 re.findall(
-                    rf"{SHARED_MEMORY}/(\S+)", Path(f"/proc/{one.pid}/maps").read_text()
+                    rf"{SHARED_MEMORY}/(\S+)",
+                    Path(f"/proc/{process.pid}/maps").read_text(),
                 )
             )
     return names
@@ -125,5 +126,5 @@ def _arguments(folder: Path) -> list[str]:
 
 
 def _number(text: str, name: str) -> int:
-    found = re.search(rf"^{name}:\s+(\d+)", text, re.MULTILINE)
-    return int(found.group(1)) if found else 0
+    match = re.search(rf"^{name}:\s+(\d+)", text, re.MULTILINE)
+    return int(match.group(1)) if match else 0

@@ -131,10 +131,10 @@ def _common(
 ) -> tuple[TimedTrials, TimedTrials]:
     """Return our trials and the published ones in the worlds that both have."""
     ours = TimedTrials(
-        np.array([one.world for one in entry.results], np.int64),
-        np.array([one.scores.scored_time_s for one in entry.results]),
-        np.array([not one.scores.success for one in entry.results]),
-        {one.world: one.scores.path_length_m for one in entry.results},
+        np.array([result.world for result in entry.results], np.int64),
+        np.array([result.scores.scored_time_s for result in entry.results]),
+        np.array([not result.scores.success for result in entry.results]),
+        {result.world: result.scores.path_length_m for result in entry.results},
     )
     shared = sorted(ours.lengths_m.keys() & published.lengths_m.keys())
     if not shared:
@@ -158,7 +158,7 @@ def _calibration(
     return Calibration(
         label=entry.label,
         planner=entry.planner,
-        protocol=", ".join(sorted({one.protocol for one in entry.results})),
+        protocol=", ".join(sorted({result.protocol for result in entry.results})),
         worlds=_world_times(ours, published),
         correlation=_correlation(ours, published),
         correlation_of_successes=rank_correlation(
@@ -231,7 +231,7 @@ def _determination(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> Interval
 
 def _together(entries: Sequence[Entry]) -> list[list[str]]:
     """Return the labels that are averaged: all of one task if no planner is there twice, else those of one folder."""
-    tasks = {one.task for entry in entries for one in entry.results}
+    tasks = {result.task for entry in entries for result in entry.results}
     if len({entry.planner for entry in entries}) == len(entries) and len(tasks) == 1:
         groups = [[entry.label for entry in entries]]
     else:
@@ -256,8 +256,10 @@ def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes,
         for side in (ours, published)
     ]
     return tuple(
-        WorldTimes(one, mine[one], theirs[one], failed[0][one], failed[1][one])
-        for one in mine
+        WorldTimes(
+            number, mine[number], theirs[number], failed[0][number], failed[1][number]
+        )
+        for number in mine
     )
 
 
@@ -279,7 +281,8 @@ def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
         for side in (ours, published)
     )
     ratio = bootstrap_interval(
-        lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine)
+        lambda sample: mine[sample].sum(axis=-1) / theirs[sample].sum(axis=-1),
+        len(mine),
     )
     low, high = (
         None if limit is None else 100.0 * (limit - 1.0)
@@ -297,9 +300,12 @@ def _equal_failures(trials: TimedTrials) -> TimedTrials:
 
 def _only(trials: TimedTrials, worlds: Collection[int]) -> TimedTrials:
     """Return the trials in some of the worlds."""
-    kept = np.isin(trials.worlds, sorted(worlds))
+    selected = np.isin(trials.worlds, sorted(worlds))
     return TimedTrials(
-        trials.worlds[kept], trials.times_s[kept], trials.failed[kept], trials.lengths_m
+        trials.worlds[selected],
+        trials.times_s[selected],
+        trials.failed[selected],
+        trials.lengths_m,
     )
 
 

@@ -59,7 +59,7 @@ class Planar:
         return self.go(0.0, math.inf, speed_m_s)[1]
 
     def go(
-        self, wanted_m_s: float, duration_s: float, start_m_s: float = 0.0
+        self, target_m_s: float, duration_s: float, start_m_s: float = 0.0
     ) -> tuple[float, float]:
         """Return speed (m/s) and distance (m) so long after a robot was given a forward speed.
 
@@ -67,7 +67,7 @@ class Planar:
         """
         drive = self.robot.drive
         grips = self.grip_m_s2(-1), self.grip_m_s2(1)
-        asked = rim = speed = start_m_s
+        command = rim = speed = start_m_s
         time_s = distance = 0.0
         while time_s < duration_s and (
             duration_s < math.inf
@@ -76,9 +76,13 @@ class Planar:
         ):
             if time_s >= drive.command_latency_s:
                 most = drive.max_acceleration_m_s2 * _STEP_S
-                asked += max(-most, min(most, wanted_m_s - asked))
+                command += max(-most, min(most, target_m_s - command))
             lag = drive.motor_lag_s
-            rim = asked if lag == 0.0 else rim + (asked - rim) * min(_STEP_S / lag, 1.0)
+            rim = (
+                command
+                if lag == 0.0
+                else rim + (command - rim) * min(_STEP_S / lag, 1.0)
+            )
             speed += max(-grips[0] * _STEP_S, min(grips[1] * _STEP_S, rim - speed))
             distance += speed * _STEP_S
             time_s += _STEP_S

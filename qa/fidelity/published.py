@@ -65,8 +65,8 @@ class TimedTrials:
         return next(
             (
                 world
-                for world, one in lengths_m
-                if abs(one - self.lengths_m[world]) > SAME_LENGTH_M
+                for world, length_m in lengths_m
+                if abs(length_m - self.lengths_m[world]) > SAME_LENGTH_M
             ),
             None,
         )
@@ -94,12 +94,15 @@ def read_published(path: Path) -> dict[str, TimedTrials]:
 
 
 def _trials(
-    found: list[tuple[int, float]], lengths: Mapping[int, float]
+    times_by_world: list[tuple[int, float]], lengths: Mapping[int, float]
 ) -> TimedTrials:
-    times = np.array([time for _, time in found])
+    times = np.array([time for _, time in times_by_world])
     failed = np.isclose(times, FAILURE_TIME_S, rtol=0.0, atol=1e-9) | (times >= LIMIT_S)
     return TimedTrials(
-        np.array([world for world, _ in found], np.int64), times, failed, lengths
+        np.array([world for world, _ in times_by_world], np.int64),
+        times,
+        failed,
+        lengths,
     )
 
 
@@ -143,12 +146,12 @@ def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
 def main(table: Path) -> None:
     """Judge the shipped weights by published times."""
     try:
-        found = evaluate(*published_trials(table), load_model(), EvaluationConfig())
+        report = evaluate(*published_trials(table), load_model(), EvaluationConfig())
     except BarnError as error:
         raise click.ClickException(str(error)) from None
-    for one in found.scores:
+    for score in report.scores:
         click.echo(
-            f"{one.name}: error {one.mse.text()}, R2 {one.r2.text()}, Spearman {one.spearman.text()}"
+            f"{score.name}: error {score.mse.text()}, R2 {score.r2.text()}, Spearman {score.spearman.text()}"
         )
 
 

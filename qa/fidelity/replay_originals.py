@@ -112,7 +112,7 @@ class Recording:
 
     def plan(self, cycle: int) -> FloatArray:
         """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
-        points = self._joined("plan", cycle)
+        points = self._join("plan", cycle)
         resolution = self.number("global_resolution")
         origin: FloatArray = self._arrays["global_origin"]
         lines: FloatArray = (
@@ -122,7 +122,7 @@ class Recording:
 
     def band(self, cycle: int) -> FloatArray:
         """Return the bubbles (n, 3) after a cycle: x, y, radius in m."""
-        return self._joined("band", cycle)
+        return self._join("band", cycle)
 
     def command(self, cycle: int) -> Velocity2D | None:
         """Return what was sent in a cycle, None for nothing."""
@@ -133,7 +133,7 @@ class Recording:
             else None
         )
 
-    def _joined(self, name: str, cycle: int) -> FloatArray:
+    def _join(self, name: str, cycle: int) -> FloatArray:
         end = self._ends[name][cycle]
         points: FloatArray = self._arrays[name][
             end - self._arrays[f"{name}_n"][cycle] : end
@@ -233,9 +233,9 @@ class Replay(NavigationPlanner):
             raise ConfigError(
                 f"{recording.name}: {recording.planner!r} follows no global plan"
             )
-        made = planner_entry(recording.planner).build(config)
-        assert isinstance(made, NavigationPlanner)
-        super().__init__(config, made.controller)
+        planner = planner_entry(recording.planner).build(config)
+        assert isinstance(planner, NavigationPlanner)
+        super().__init__(config, planner.controller)
         self._recording = recording
         self._depth = depth
         self._given: list[_RecordedCosts | _RecordedPlans] = []
@@ -259,15 +259,17 @@ class Replay(NavigationPlanner):
         """Yield the driving cycles: those in which the original's local planner was asked and sent a command."""
         sent = STOP
         for number in range(self._recording.cycles):
-            for given in self._given:
-                given.cycle = number
+            for stand_in in self._given:
+                stand_in.cycle = number
             ours = self.step(self._recording.observation(number)).command
             sent = sent if ours is None else ours
             original = self._recording.command(number)
             if original is not None and number > 0:
-                yield self._compared(number, sent, original)
+                yield self._compare_commands(number, sent, original)
 
-    def _compared(self, number: int, sent: Velocity2D, original: Velocity2D) -> Cycle:
+    def _compare_commands(
+        self, number: int, sent: Velocity2D, original: Velocity2D
+    ) -> Cycle:
         recorded = self._recording
         band = self.controller.view().band
         local, whole = (
@@ -291,8 +293,10 @@ class Replay(NavigationPlanner):
         )
 
 
-def _near(one: FloatArray, other: FloatArray) -> bool:
-    return one.shape == other.shape and bool((np.abs(one - other) <= _PLACE_M).all())
+def _near(values: FloatArray, other_values: FloatArray) -> bool:
+    return values.shape == other_values.shape and bool(
+        (np.abs(values - other_values) <= _PLACE_M).all()
+    )
 
 
 def share(cycles: Sequence[Cycle], tolerance: tuple[float, float]) -> float:
@@ -356,17 +360,17 @@ def main(
         click.echo(
             f"{depth:18} cycles{'tight':>10}{'loose':>10}{'local':>10}{'global':>10}{'plan':>10}{'band':>10}"
         )
-        found: list[Cycle] = []
+        all_cycles: list[Cycle] = []
         for path in paths:
             recording = Recording(path)
             cycles = list(Replay(recording, depth, overrides).compare())
-            found += cycles
+            all_cycles += cycles
             click.echo(row(recording.name, cycles))
             for cycle in [cycle for cycle in cycles if not cycle.within(TIGHT)][
                 :partings
             ]:
                 click.echo(f"    {cycle}")
-        click.echo(row("all", found))
+        click.echo(row("all", all_cycles))
 
 
 if __name__ == "__main__":

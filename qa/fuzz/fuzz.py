@@ -63,7 +63,7 @@ def finding(reader: Reader, path: Path) -> tuple[str, bool]:
     return (f"took {took_s:.1f} s" if took_s > LIMIT_S else ""), read
 
 
-def prepared(reader: Reader, name: str, folder: Path) -> list[bytes]:
+def prepare(reader: Reader, name: str, folder: Path) -> list[bytes]:
     """Return the contents that inputs are made from, and warm up what the reader loads and compiles."""
     seeds = reader.seeds(folder)
     for seed in seeds:
@@ -85,7 +85,7 @@ def fuzz(
     """Return how many inputs were tried, how many of them were read, and the findings, whose files go to `out`."""
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
-        seeds = prepared(reader, name, Path(folder))
+        seeds = prepare(reader, name, Path(folder))
         shared = RawArray("q", [first, 0])
         findings: list[str] = []
         end = time.monotonic() + seconds
@@ -104,10 +104,10 @@ def fuzz(
             )
             child = get_context("fork").Process(target=_child, args=arguments)
             child.start()
-            why = _watched(child, shared)
+            why = _watch(child, shared)
             if child.exitcode != 0:
                 number = shared[_NUMBER]
-                content = made(reader, seeds, name, seed, number)
+                content = make_input(reader, seeds, name, seed, number)
                 findings.append(
                     keep(
                         out,
@@ -123,7 +123,7 @@ def fuzz(
         return shared[_NUMBER] - first, shared[_READ], findings
 
 
-def made(
+def make_input(
     reader: Reader, seeds: Sequence[bytes], name: str, seed: int, number: int
 ) -> bytes:
     """Return an input."""
@@ -140,7 +140,7 @@ def keep(out: Path, name: str, content: bytes, complaint: str) -> str:
     return f"{stem}.txt"
 
 
-def _watched(child: Any, shared: Any) -> str:
+def _watch(child: Any, shared: Any) -> str:
     """Wait for a child and return why it was killed, if it was: an input that takes far too long."""
     at = -1
     since_s = 0.0
@@ -181,14 +181,14 @@ def _child(
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stderr = sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
     gc.freeze()  # what the parent has loaded need not be looked through again and again
-    seen = set()
+    reported = set()
     while shared[_NUMBER] < target and time.monotonic() < end:
-        content = made(reader, seeds, name, seed, shared[_NUMBER])
+        content = make_input(reader, seeds, name, seed, shared[_NUMBER])
         (folder / reader.name).write_bytes(content)
         complaint, read = finding(reader, folder / reader.name)
         kind = "".join(complaint.splitlines()[-3:-1])[:200] or complaint
-        if complaint and kind not in seen:
-            seen.add(kind)
+        if complaint and kind not in reported:
+            reported.add(kind)
             keep(out, name, content, complaint)
         shared[_READ] += read
         shared[_NUMBER] += 1
@@ -197,7 +197,7 @@ def _child(
 def _corpus_findings(name: str) -> Iterator[str]:
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
-        prepared(reader, name, Path(folder))
+        prepare(reader, name, Path(folder))
         for path in corpus(name):
             (Path(folder) / reader.name).write_bytes(path.read_bytes())
             complaint, _ = finding(reader, Path(folder) / reader.name)
@@ -252,25 +252,25 @@ def main(
     failed = False
     for name in names or READERS:
         findings = list(_corpus_findings(name)) if with_corpus else []
-        told = (
+        text = (
             f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings\n"
             if with_corpus
             else ""
         )
-        tried = read = 0
+        input_count = read = 0
         if inputs:
-            tried, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
-            told += f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings\n"
+            input_count, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
+            text += f"{name}: {input_count} inputs, {read} read, {input_count - read} refused, {len(fresh)} findings\n"
             findings += fresh
-        told += "".join(f"  {line}\n" for line in findings)
+        text += "".join(f"  {line}\n" for line in findings)
         whole = {
             "reader": name,
             "seed": seed,
-            "inputs": tried,
+            "inputs": input_count,
             "read": read,
             "findings": findings,
         }
-        click.echo(json.dumps(whole) if as_json else told.rstrip())
+        click.echo(json.dumps(whole) if as_json else text.rstrip())
         failed |= bool(findings)
     sys.exit(int(failed))
 

@@ -36,9 +36,9 @@ class Reference:
         for name, section in self.sections.items():
             begin = f"<!-- {name}: begin -->"
             end = f"<!-- {name}: end -->"
-            before, found, rest = text.partition(begin)
+            before, marker, rest = text.partition(begin)
             _, closed, after = rest.partition(end)
-            if not found or not closed:
+            if not marker or not closed:
                 raise ValueError(f"{readme}: lacks {begin} ... {end}")
             text = f"{before}{begin}\n\n{section}\n\n{end}{after}"
         return {readme: text} | {
@@ -53,14 +53,14 @@ class Reference:
     def outdated(self, package: Path) -> list[str]:
         """Return the files that are not current, and parameter files that should not exist."""
         contents = self.contents(package)
-        kept = {
+        written = {
             path: path.read_text("utf-8")
             for path in (package / "README.md", *package.glob("config/*.yaml"))
         }
         return sorted(
             path.name
-            for path in {*contents, *kept}
-            if contents.get(path) != kept.get(path)
+            for path in {*contents, *written}
+            if contents.get(path) != written.get(path)
         )
 
 
@@ -74,10 +74,10 @@ def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ())
         [
             f"`{name}`",
             *(_cell(config[name]) for config in values),
-            about.unit,
-            about.summary(unit=False),
+            parameter.unit,
+            parameter.summary(unit=False),
         ]
-        for name, about, _ in fields_of(next(iter(columns.values())))
+        for name, parameter, _ in fields_of(next(iter(columns.values())))
         if name not in leave_out
     ]
     return markdown_table(["parameter", *columns, "unit", "meaning"], rows)
@@ -95,16 +95,16 @@ def parameter_file(
     node: which nodes it is for, such as "/**/simulator" (that node in any namespace). first: parameters that are in no
     configuration. A parameter that is in two of them has the value of the last.
     """
-    found = {
-        name: (about, value)
+    parameters = {
+        name: (parameter, value)
         for config in configs
-        for name, about, value in fields_of(config)
+        for name, parameter, value in fields_of(config)
     }
     lines = [f"# {title}", f"{node}:", "  ros__parameters:"]
     lines += [f"    {_entry(name, value)}" for name, value in first.items()]
-    for name, (about, value) in found.items():
+    for name, (parameter, value) in parameters.items():
         if name not in leave_out:
-            lines += [f"    # {about.summary()}", f"    {_entry(name, value)}"]
+            lines += [f"    # {parameter.summary()}", f"    {_entry(name, value)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -113,7 +113,8 @@ def _cell(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, (list, tuple)):
         return ", ".join(
-            f"({_cell(one)})" if isinstance(one, tuple) else _cell(one) for one in value
+            f"({_cell(item)})" if isinstance(item, tuple) else _cell(item)
+            for item in value
         )
     return f"{value:g}" if isinstance(value, float) else str(value)
 
@@ -185,9 +186,9 @@ def planners() -> Reference:
 
     entries = {name: planner_entry(name) for name in planner_names()}
     ours = {
-        name: one
-        for name, one in entries.items()
-        if one.config_class.__module__.startswith("barn_planners.")
+        name: entry
+        for name, entry in entries.items()
+        if entry.config_class.__module__.startswith("barn_planners.")
     }
     texts = []
     files = {}
@@ -226,7 +227,7 @@ def evaluator() -> Reference:
     sections = {
         "commands": markdown_table(
             ["command", ""],
-            [[f"`barn {name}`", about] for name, about in COMMANDS.items()],
+            [[f"`barn {name}`", summary] for name, summary in COMMANDS.items()],
         ),
         "protocols": parameter_table(PROTOCOLS),
         "ros settings": parameter_table({"default": RosConfig()}),

@@ -46,12 +46,12 @@ def run_notebook(path: Path) -> None:
     from nbclient import NotebookClient  # noqa: PLC0415
 
     notebook = nbformat.read(path, as_version=4)
-    about = dict(notebook.metadata)
+    metadata = dict(notebook.metadata)
     with tempfile.TemporaryDirectory() as folder:
         NotebookClient(
             notebook, record_timing=False, resources={"metadata": {"path": folder}}
         ).execute()
-    notebook.metadata = about
+    notebook.metadata = metadata
     nbformat.write(notebook, path)
 
 
@@ -65,10 +65,10 @@ def main(parts: Sequence[str]) -> None:
     parameters: the parameter tables of all READMEs and the parameter files. worlds: shipped data sets that one command
     makes. notebooks: the results in the notebooks of examples/, which need `make extras`.
     """
-    for package, made in (
+    for package, build_reference in (
         REFERENCES.items() if not parts or "parameters" in parts else ()
     ):
-        made().write(ROOT / package)
+        build_reference().write(ROOT / package)
     for name in (*DATA_SETS, HARD_WORLDS) if not parts or "worlds" in parts else ():
         write_data_set(name, ROOT / "barn_worlds" / "barn_worlds" / "data")
     if parts and "notebooks" not in parts:

@@ -54,12 +54,12 @@ def notes_on(version: str) -> str:
     parts = re.split(
         r"(?m)^## \[(.+?)\].*$", (ROOT / "CHANGELOG.md").read_text("utf-8")
     )
-    found = dict(zip(parts[1::2], parts[2::2], strict=True))
-    if not found.get(version, "").strip():
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    if not sections.get(version, "").strip():
         raise click.ClickException(
-            f"CHANGELOG.md has nothing on {version}; it has {', '.join(found)}"
+            f"CHANGELOG.md has nothing on {version}; it has {', '.join(sections)}"
         )
-    return found[version].strip()
+    return sections[version].strip()
 
 
 if __name__ == "__main__":

@@ -31,11 +31,11 @@ def pages() -> list[Path]:
 
 def targets(page: Path) -> set[Path]:
     """Return the files within the repository that a page links to or shows."""
-    found = {
+    paths = {
         (page.parent / (link or image)).resolve()
         for link, image in LINK.findall(page.read_text("utf-8"))
     }
-    return {path for path in found if path.is_file() and path.is_relative_to(ROOT)}
+    return {path for path in paths if path.is_file() and path.is_relative_to(ROOT)}
 
 
 def lay_out(folder: Path) -> None:

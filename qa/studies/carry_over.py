@@ -109,16 +109,16 @@ class Trials:
 
     def failed(self, robot: str, planner: str) -> npt.NDArray[np.bool_]:
         """Return in which worlds (worlds,) any try failed."""
-        lost = [one.world for one in self.of(robot, planner) if not one.success]
+        lost = [trial.world for trial in self.of(robot, planner) if not trial.success]
         return np.isin(self.worlds, lost)
 
     def times(self, robot: str, planner: str) -> Floats:
         """Return the mean time of a robot in each world (worlds,), of all planners if they are taken together."""
         planners = self.planners if planner == TOGETHER else [planner]
-        found: Floats = np.mean(
-            [self.tries(robot, one).mean(axis=0) for one in planners], axis=0
+        mean_times: Floats = np.mean(
+            [self.tries(robot, name).mean(axis=0) for name in planners], axis=0
         )
-        return found
+        return mean_times
 
 
 def read_folders(folders: Sequence[Path]) -> Trials:
@@ -128,23 +128,23 @@ def read_folders(folders: Sequence[Path]) -> Trials:
         source = read_source(folder)
         dataset = open_dataset(str(source.configuration["dataset"]))
         standard = open_dataset(GRIDS)
-        for one in source.results:
-            world = dataset.load(one.world)
-            if not np.array_equal(world.grid, standard.load(one.world).grid):
+        for result in source.results:
+            world = dataset.load(result.world)
+            if not np.array_equal(world.grid, standard.load(result.world).grid):
                 raise ConfigError(
-                    f"{folder}: world {one.world} has not the grid of that of {GRIDS}"
+                    f"{folder}: world {result.world} has not the grid of that of {GRIDS}"
                 )
             name = source.chassis.name
             seed = int(source.configuration["seed"])
-            scores = one.scores
+            scores = result.scores
             time_s = round(scores.scored_time_s, 3)
             rows.append(
                 Trial(
                     name,
-                    one.planner,
+                    result.planner,
                     seed,
-                    one.repetition,
-                    one.world,
+                    result.repetition,
+                    result.world,
                     scores.success,
                     time_s,
                 )
@@ -154,11 +154,11 @@ def read_folders(folders: Sequence[Path]) -> Trials:
 
 def read_trials(path: Path) -> Trials:
     """Return the trials of a CSV file that `csv_text` made."""
-    made = []
+    trials = []
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
             numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
-            made.append(
+            trials.append(
                 Trial(
                     row["robot"],
                     row["planner"],
@@ -167,7 +167,7 @@ def read_trials(path: Path) -> Trials:
                     float(row["time_s"]),
                 )
             )
-    return Trials(tuple(made))
+    return Trials(tuple(trials))
 
 
 def csv_text(trials: Trials) -> str:
@@ -187,20 +187,20 @@ def results_table(trials: Trials) -> str:
     rows = []
     for planner in trials.planners:
         for robot in trials.robots:
-            found = trials.of(robot, planner)
-            worlds = np.array([one.world for one in found])
+            own_trials = trials.of(robot, planner)
+            worlds = np.array([one.world for one in own_trials])
             success, time = (
                 mean_interval(np.array(values, np.float64), worlds)
                 for values in (
-                    [100.0 * one.success for one in found],
-                    [one.time_s for one in found],
+                    [100.0 * one.success for one in own_trials],
+                    [one.time_s for one in own_trials],
                 )
             )
             rows.append(
                 [
                     spelling(planner),
                     f"`{robot}`",
-                    str(len(found)),
+                    str(len(own_trials)),
                     success.text(0),
                     time.text(1),
                 ]
@@ -216,8 +216,8 @@ def predictors(worlds: Integers) -> dict[str, Floats]:
     model = load_model()
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
-    found = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
-    return found | {
+    columns = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
+    return columns | {
         LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])
     }
 
@@ -254,13 +254,13 @@ def robots_table(trials: Trials) -> str:
             [
                 spelling(planner),
                 *across,
-                *(_repeatability(trials, one, planner) for one in trials.robots),
+                *(_repeatability(trials, robot, planner) for robot in trials.robots),
             ]
         )
     headings = [
         "planner",
         *(f"`{a}`, `{b}`" for a, b in pairs),
-        *(f"`{one}`, itself" for one in trials.robots),
+        *(f"`{robot}`, itself" for robot in trials.robots),
     ]
     return markdown_table(headings, rows)
 
@@ -270,10 +270,10 @@ def regression_table(trials: Trials) -> str:
 
     The last column is of all worlds, failures as they count.
     """
-    first, *others = trials.robots
+    first, *other_robots = trials.robots
     rows = []
     for planner in trials.planners:
-        for robot in others:
+        for robot in other_robots:
             x = trials.times(first, planner)
             y = trials.times(robot, planner)
             solved = ~(trials.failed(first, planner) | trials.failed(robot, planner))
@@ -281,10 +281,11 @@ def regression_table(trials: Trials) -> str:
                 _over(part, x[solved], y[solved])
                 for part in (intercept, slope, determination)
             ]
-            found = [*line, _over(determination, x, y)]
+            intervals = [*line, _over(determination, x, y)]
             digits = (1, 2, 2, 2)
             texts = [
-                one.text(places) for one, places in zip(found, digits, strict=True)
+                interval.text(places)
+                for interval, places in zip(intervals, digits, strict=True)
             ]
             rows.append(
                 [spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts]
@@ -304,34 +305,34 @@ def regression_table(trials: Trials) -> str:
 def slope(x: Floats, y: Floats) -> Floats:
     """Return the slope of the line of least squares through points, along the last axis."""
     x = x - x.mean(axis=-1, keepdims=True)
-    found: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
+    line_slope: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
         x**2
     ).sum(axis=-1)
-    return found
+    return line_slope
 
 
 def intercept(x: Floats, y: Floats) -> Floats:
     """Return where that line is at x = 0."""
-    found: Floats = y.mean(axis=-1) - slope(x, y) * x.mean(axis=-1)
-    return found
+    line_intercept: Floats = y.mean(axis=-1) - slope(x, y) * x.mean(axis=-1)
+    return line_intercept
 
 
 def determination(x: Floats, y: Floats) -> Floats:
     """Return the share of the variance of y that the line explains."""
-    found: Floats = slope(x, y) * slope(y, x)
-    return found
+    share: Floats = slope(x, y) * slope(y, x)
+    return share
 
 
 def scatter(trials: Trials) -> Figure:
     """Return the times of other robots over those of the first, a panel per planner."""
-    first, *others = trials.robots
+    first, *other_robots = trials.robots
     figure = new_figure(8.8, 8.4)
     all_s = [row.time_s for row in trials.rows]
     limits = (0.9 * min(all_s), 1.1 * max(all_s))
     for place, planner in enumerate(trials.planners):
         axes = figure.add_subplot(2, -(-len(trials.planners) // 2), place + 1)
         axes.plot(limits, limits, color=FAINT, lw=1.0)
-        for colour, robot in zip(PLANNERS, others, strict=False):
+        for colour, robot in zip(PLANNERS, other_robots, strict=False):
             times = trials.times(first, planner), trials.times(robot, planner)
             axes.scatter(*times, s=26, facecolor="none", edgecolor=colour, label=robot)
         label_axes(axes, f"{first} [s]", "other robot [s]", spelling(planner))
@@ -343,7 +344,7 @@ def scatter(trials: Trials) -> Figure:
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(),
         loc="outside lower center",
-        ncols=len(others),
+        ncols=len(other_robots),
     )
     return figure
 
@@ -378,7 +379,7 @@ def _repeatability(trials: Trials, robot: str, planner: str) -> str:
 def _over(
     statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats
 ) -> Interval:
-    return bootstrap_interval(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
+    return bootstrap_interval(lambda sample: statistic(x[sample], y[sample]), len(x))
 
 
 def tables(trials: Trials) -> dict[str, str]:
@@ -407,8 +408,8 @@ def main(sources: Sequence[Path], target: Path | None, figure: Path | None) -> N
             write_bytes(target, csv_text(trials).encode())
         if figure is not None:
             with style():
-                drawn = scatter(trials)
-            write_figure(drawn, figure)
+                scatter_figure = scatter(trials)
+            write_figure(scatter_figure, figure)
         for title, text in tables(trials).items():
             click.echo(f"{title}, {len(trials.worlds)} worlds:\n\n{text}\n")
     except BarnError as error:

@@ -130,8 +130,8 @@ def _tight_and_open(world: World) -> tuple[Cell, Cell]:
     values = cell_metrics(world.cspace, cells)
     tight = (values[:, 1] - values[:, 3]).argmax()
     everywhere = _free_cells_beside(world, cells)
-    others = cell_metrics(world.cspace, everywhere)
-    spacious = np.where(others[:, 0] == values[tight, 0], others[:, 3], -1.0).argmax()
+    metrics = cell_metrics(world.cspace, everywhere)
+    spacious = np.where(metrics[:, 0] == values[tight, 0], metrics[:, 3], -1.0).argmax()
     return _cell(cells[tight]), _cell(everywhere[spacious])
 
 

@@ -100,10 +100,10 @@ def automaton_figure(
 
 def example_worlds_figure(worlds: Iterable[World]) -> Figure:
     """Show worlds side by side, with their C-space, path and path length."""
-    chosen = list(worlds)
+    world_list = list(worlds)
     figure = new_figure(400)
     for axes, world in zip(
-        np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True
+        np.atleast_1d(figure.subplots(1, len(world_list))), world_list, strict=True
     ):
         show_cells(axes, world.grid, world.cspace)
         show_path(axes, world.path)
@@ -158,19 +158,25 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
 
 def table_i(dataset: Dataset) -> str:
     """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
-    made_with = [
+    parameter_sets = [
         dataset.load(index).provenance.parameters for index in dataset.world_numbers
     ]
-    repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
+    repetitions = Counter(
+        tuple(sorted(parameters.items())) for parameters in parameter_sets
+    )
     rows = []
     for name, published in TABLE_I.items():
-        ours = {parameters.get(name, "not recorded") for parameters in made_with}
-        rows.append([name.replace("_", " "), _listed(published), _listed(ours)])
-    rows.append(["repetitions", str(REPETITIONS), _listed(set(repetitions.values()))])
+        ours = {parameters.get(name, "not recorded") for parameters in parameter_sets}
+        rows.append(
+            [name.replace("_", " "), _join_values(published), _join_values(ours)]
+        )
+    rows.append(
+        ["repetitions", str(REPETITIONS), _join_values(set(repetitions.values()))]
+    )
     return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
-def _listed(values: Iterable[object]) -> str:
+def _join_values(values: Iterable[object]) -> str:
     return ", ".join(
         f"{value:.2f}" if isinstance(value, float) else str(value)
         for value in sorted(values, key=str)

@@ -50,7 +50,7 @@ def motion_statistics(world: World) -> MotionStatistics:
     """Return the figures of a world; WorldError where nothing moves."""
     if not world.moving:
         raise WorldError(f"{world.name}: nothing moves in it")
-    speeds = [mean_speed(one) for one in world.moving]
+    speeds = [mean_speed(motion) for motion in world.moving]
     positions, velocities = world.tracks.over(np.arange(0.0, DURATION_S, _STEP_S))
     path = world.path_m()
     length_m = math.dist(path[0], path[-1])
@@ -68,11 +68,11 @@ def motion_statistics(world: World) -> MotionStatistics:
         float(np.mean(speeds)),
         min(speeds),
         max(speeds),
-        float(np.mean([one.motion.period_s for one in world.moving])),
+        float(np.mean([motion.motion.period_s for motion in world.moving])),
         crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m)
         * 60.0
         / DURATION_S,
-        occupied(on_line[::4], beside[::4], reach_m, length_m),
+        occupied_share(on_line[::4], beside[::4], reach_m, length_m),
     )
 
 
@@ -80,11 +80,13 @@ def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
     """Return the means over worlds, but the slowest and the fastest obstacle of all."""
     each = [motion_statistics(world) for world in worlds]
     means = {
-        item.name: float(np.mean([getattr(one, item.name) for one in each]))
+        item.name: float(
+            np.mean([getattr(statistics, item.name) for statistics in each])
+        )
         for item in fields(MotionStatistics)
     }
-    means["slowest_mps"] = min(one.slowest_mps for one in each)
-    means["fastest_mps"] = max(one.fastest_mps for one in each)
+    means["slowest_mps"] = min(statistics.slowest_mps for statistics in each)
+    means["fastest_mps"] = max(statistics.fastest_mps for statistics in each)
     return MotionStatistics(**means)
 
 
@@ -106,7 +108,9 @@ def crossings(
     return int((other_side & within & ~jumped).sum())
 
 
-def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) -> float:
+def occupied_share(
+    on_line: Floats, beside: Floats, reach: Floats, length_m: float
+) -> float:
     """Return the share of the line's places that obstacles of a reach (n,) cover."""
     places = np.arange(_PLACE_M / 2.0, length_m, _PLACE_M)
     covered = np.zeros((len(on_line), len(places)), np.bool_)
@@ -119,14 +123,14 @@ def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) ->
 
 def by_class(source: str) -> dict[str, list[World]]:
     """Return the worlds of a data set by their class of motion."""
-    found: dict[str, list[World]] = {}
+    worlds_by_class: dict[str, list[World]] = {}
     dataset = open_dataset(source)
     for world in map(dataset.load, dataset.world_numbers):
-        given = world.provenance.parameters
-        found.setdefault(
-            str(given.get("motion", given).get("difficulty", "all")), []
+        parameters = world.provenance.parameters
+        worlds_by_class.setdefault(
+            str(parameters.get("motion", parameters).get("difficulty", "all")), []
         ).append(world)
-    return found
+    return worlds_by_class
 
 
 @click.command()

@@ -88,8 +88,8 @@ def draw_world_figure(
 
 def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
     """Return the figure of a world: obstacles, C-space with path, and the four metrics that cells have."""
-    chosen = as_formula(formula)
-    averages = asdict(world_metrics(world, chosen))
+    metric_formula = as_formula(formula)
+    averages = asdict(world_metrics(world, metric_formula))
     figure = new_figure(_height_px(world))
     panels = figure.subplots(2, 3)
     show_cells(panels[0, 0], world.grid)
@@ -97,7 +97,7 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
         f"Obstacles\n{float(world.grid.mean()):.0%} of the cells filled", fontsize=9
     )
     _draw_cspace(panels[0, 1], world, averages["tortuosity"])
-    maps = metric_maps(world.cspace, chosen)
+    maps = metric_maps(world.cspace, metric_formula)
     places = (panels[0, 2], *panels[1])
     for axes, metric in zip(places, CELL_METRICS, strict=True):
         draw_map(axes, metric, maps[metric.name])
@@ -108,8 +108,8 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
         )
     figure.suptitle(
         f"{world.name}: {world.rows} x {world.cols} cells of {world.resolution_m:g} m, "
-        f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {chosen.visibility}, "
-        f"dispersion {chosen.dispersion}, {chosen.axes} axes",
+        f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {metric_formula.visibility}, "
+        f"dispersion {metric_formula.dispersion}, {metric_formula.axes} axes",
         fontsize=9,
         parse_math=False,
     )
@@ -131,13 +131,13 @@ def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     colours = matplotlib.colormaps["cividis"].with_extremes(bad=UNKNOWN)
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
-    shown = np.ma.masked_invalid(values)
+    masked = np.ma.masked_invalid(values)
     norm = Normalize(0.0, top)
     ticks = None
     if metric.name == "dispersion":  # always even: every opening has two sides
         norm = BoundaryNorm(np.arange(-1.0, top + 2.0, 2.0), colours.N)
         ticks = np.arange(0.0, top + 1.0, 2.0)
-    picture = axes.imshow(shown, cmap=colours, norm=norm, interpolation="nearest")
+    picture = axes.imshow(masked, cmap=colours, norm=norm, interpolation="nearest")
     axes.set(xticks=[], yticks=[])
     figure = axes.get_figure()
     assert isinstance(figure, Figure)

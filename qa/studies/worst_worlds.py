@@ -26,12 +26,12 @@ def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:
     efficiency = table.pivot_table(
         index="world", columns="planner", values="efficiency", aggfunc="mean"
     ).dropna()
-    others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
+    mean_of_others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
         efficiency.shape[1] - 1
     )
     return {
         str(planner): int(world)
-        for planner, world in (others - efficiency).idxmax().items()
+        for planner, world in (mean_of_others - efficiency).idxmax().items()
     }
 
 
@@ -49,11 +49,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for planner, world in worst_worlds(options.results).items():
             path = options.figures / f"worst_{planner}.png"
-            drawn = barn.results.overlay(options.results, world)
-            drawn.figure.legends[0].remove()  # the page says whose colour is whose
-            drawn.figure.set_size_inches(_SIZE_IN)
-            drawn.figure.axes[0].set_ylim(*_SHOWN_M)
-            drawn.save(path)
+            overlay = barn.results.overlay(options.results, world)
+            overlay.figure.legends[0].remove()  # the page says whose colour is whose
+            overlay.figure.set_size_inches(_SIZE_IN)
+            overlay.figure.axes[0].set_ylim(*_SHOWN_M)
+            overlay.save(path)
             print(f"{path}: world {world}")
     except BarnError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -138,8 +138,8 @@ def _parse_course(
         numbers = ()
     if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
-            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal, in m and"
-            " rad"
+            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal,"
+            " in m and rad"
         )
     return numbers
 

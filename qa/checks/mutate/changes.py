@@ -84,7 +84,7 @@ def mutants_of(source: str) -> list[Mutant]:
     whole = source.encode()
     lines = whole.splitlines(keepends=True)
     starts = [sum(map(len, lines[:row])) for row in range(len(lines) + 1)]
-    found: dict[str, Mutant] = {}
+    mutants: dict[str, Mutant] = {}
     for node, where in _nodes(ast.parse(source), ""):
         for place, change in (*changes(node), *_removal(node)):
             top = place.lineno - 1
@@ -98,12 +98,14 @@ def mutants_of(source: str) -> list[Mutant]:
                 : len(was) + len(change.encode()) - (end - begin)
             ]
             text = (before + after).decode()
-            found[text] = Mutant(where, top + 1, _one_line(was), _one_line(now), text)
-    found.pop(source, None)
-    return sorted(found.values(), key=lambda one: one.line)
+            mutants[text] = Mutant(
+                where, top + 1, _join_lines(was), _join_lines(now), text
+            )
+    mutants.pop(source, None)
+    return sorted(mutants.values(), key=lambda mutant: mutant.line)
 
 
-def _one_line(text: bytes) -> str:
+def _join_lines(text: bytes) -> str:
     return " ".join(text.decode().split())
 
 
@@ -154,12 +156,13 @@ def changes(_node: ast.AST) -> list[Change]:
 
 @changes.register
 def _(node: ast.Compare) -> list[Change]:
-    found = _keys([node.left, *node.comparators])
+    compare_changes = _keys([node.left, *node.comparators])
     for index, operator in enumerate(node.ops):
         for other in COMPARISONS[type(operator)]:
             ops = [*node.ops[:index], other(), *node.ops[index + 1 :]]
-            found.append((node, _text(ast.Compare(node.left, ops, node.comparators))))
-    return found
+            comparison = ast.Compare(node.left, ops, node.comparators)
+            compare_changes.append((node, _text(comparison)))
+    return compare_changes
 
 
 @changes.register
@@ -171,33 +174,21 @@ def _(node: ast.BinOp) -> list[Change]:
             if _text(sides[0]) == _text(sides[1])
             else [(node, _text(ast.BinOp(sides[0], node.op, sides[1])))]
         )
-    return [(node, _text(ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)))]
+    operator = OPERATORS[type(node.op)]()
+    return [(node, _text(ast.BinOp(node.left, operator, node.right)))]
 
 
 @changes.register
 def _(node: ast.AugAssign) -> list[Change]:
-    return [
-        (
-            node,
-            ast.unparse(
-                ast.AugAssign(node.target, OPERATORS[type(node.op)](), node.value)
-            ),
-        )
-    ]
+    operator = OPERATORS[type(node.op)]()
+    change = ast.AugAssign(node.target, operator, node.value)
+    return [(node, ast.unparse(change))]
 
 
 @changes.register
 def _(node: ast.BoolOp) -> list[Change]:
-    return [
-        (
-            node,
-            _text(
-                ast.BoolOp(
-                    ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values
-                )
-            ),
-        )
-    ]
+    operator = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+    return [(node, _text(ast.BoolOp(operator, node.values)))]
 
 
 @changes.register
@@ -242,11 +233,13 @@ def _(node: ast.Attribute) -> list[Change]:
 def _(node: ast.Call) -> list[Change]:
     if getattr(node.func, "attr", getattr(node.func, "id", "")) in SYMMETRIC:
         return []
-    return [
-        (ast.Tuple([one, other], **_span(one, other)), f"{_text(other)}, {_text(one)}")
-        for one, other in pairwise(node.args)
-        if _text(one) != _text(other) and not (_is_text(one) and _is_text(other))
-    ]
+    swaps: list[Change] = []
+    for first, second in pairwise(node.args):
+        are_texts = _is_text(first) and _is_text(second)
+        if _text(first) != _text(second) and not are_texts:
+            both = ast.Tuple([first, second], **_span(first, second))
+            swaps.append((both, f"{_text(second)}, {_text(first)}"))
+    return swaps
 
 
 @changes.register(ast.If)

@@ -29,7 +29,7 @@ class Tried:
         return self.module, self.mutant.where, self.mutant.was, self.mutant.now
 
 
-def known_reasons() -> dict[Change, str]:
+def load_reasons() -> dict[Change, str]:
     """Return why the mutants listed in survivors.yaml survive."""
     listed = yaml.safe_load(REASONS.read_text("utf-8"))
     return {
@@ -43,7 +43,7 @@ def known_reasons() -> dict[Change, str]:
 
 def totals(tried: Sequence[Tried]) -> tuple[int, int, int, float]:
     """Return the numbers of mutants, of those killed and of those that survived, and the percentage killed."""
-    killed = sum(one.killed for one in tried)
+    killed = sum(outcome.killed for outcome in tried)
     return (
         len(tried),
         killed,
@@ -59,23 +59,23 @@ def summary(tried: Sequence[Tried]) -> str:
 
 def records(tried: Iterable[Tried]) -> list[dict[str, Any]]:
     """Return the survivors as plain data."""
-    reasons = known_reasons()
+    reasons = load_reasons()
     return [
-        {"line": one.mutant.line, "reason": reasons.get(one.change)}
-        | dict(zip(("module", "where", "was", "now"), one.change, strict=True))
-        for one in tried
-        if not one.killed
+        {"line": outcome.mutant.line, "reason": reasons.get(outcome.change)}
+        | dict(zip(("module", "where", "was", "now"), outcome.change, strict=True))
+        for outcome in tried
+        if not outcome.killed
     ]
 
 
 def survivors(tried: Iterable[Tried]) -> str:
     """Return the survivors with place, reason and difference."""
-    reasons = known_reasons()
+    reasons = load_reasons()
     return "".join(
-        f"{one.module}:{one.mutant.line} {one.mutant.where}: {reasons.get(one.change, NO_REASON)}\n"
-        f"- {one.mutant.was}\n+ {one.mutant.now}\n\n"
-        for one in tried
-        if not one.killed
+        f"{outcome.module}:{outcome.mutant.line} {outcome.mutant.where}: {reasons.get(outcome.change, NO_REASON)}\n"
+        f"- {outcome.mutant.was}\n+ {outcome.mutant.now}\n\n"
+        for outcome in tried
+        if not outcome.killed
     )
 
 
@@ -86,15 +86,15 @@ def write_page(path: Path, tried: Sequence[Tried]) -> None:
         one.module: [other for other in tried if other.module == one.module]
         for one in tried
     }
-    rows = [(f"`{module}`", *totals(found)) for module, found in modules.items()] + [
-        ("all", *totals(tried))
-    ]
+    rows = [
+        (f"`{module}`", *totals(outcomes)) for module, outcomes in modules.items()
+    ] + [("all", *totals(tried))]
     table = [
         "| module | mutants | killed | survived | killed, % |",
         "| --- | ---: | ---: | ---: | ---: |",
     ]
     table += ["| {} | {} | {} | {} | {:.1f} |".format(*row) for row in rows]
-    reasons = known_reasons()
+    reasons = load_reasons()
     left: dict[tuple[str, str, str], list[str]] = {}
     for one in tried:
         if not one.killed:

@@ -29,18 +29,18 @@ seed: 5
 _HELD = threading.Lock()
 
 
-def campaign(lab: Lab, *more: object) -> list[object]:
+def campaign(lab: Lab, *options: object) -> list[object]:
     """Return the words of a campaign of 12 trials by two workers."""
     (lab.folder / "short.yaml").write_text(_PROTOCOL)
     file = lab.folder / "campaign.yaml"
     file.write_text(_CAMPAIGN.format(folder=lab.folder))
-    workers = () if "--workers" in more else ("--workers", 2)
+    workers = () if "--workers" in options else ("--workers", 2)
     return [
         "campaign",
         file,
-        *(() if "--out" in more else ("--out", lab.out)),
+        *(() if "--out" in options else ("--out", lab.out)),
         *workers,
-        *more,
+        *options,
     ]
 
 
@@ -50,41 +50,41 @@ def tables(out: Path) -> dict[str, bytes]:
 
 
 @cache
-def _undisturbed() -> Path:
+def _drive_undisturbed() -> Path:
     lab = Lab(scratch(), LIMIT_S)
     lab.barn(*campaign(lab, "--workers", 1))
     return lab.out
 
 
-def undisturbed() -> Path:
+def run_undisturbed() -> Path:
     """Return the folder of the same campaign of one worker, without any disturbance."""
     with _HELD:
-        return _undisturbed()
+        return _drive_undisturbed()
 
 
-def resumed(lab: Lab, *more: object) -> str:
+def resume(lab: Lab, *options: object) -> str:
     """Run the campaign to its end; Wrong if its tables are not the undisturbed ones to the byte."""
-    there = len(lab.rows())
-    lab.barn(*campaign(lab, *more))
-    return same(lab, there)
+    row_count = len(lab.rows())
+    lab.barn(*campaign(lab, *options))
+    return same(lab, row_count)
 
 
-def same(lab: Lab, there: int) -> str:
+def same(lab: Lab, row_count: int) -> str:
     """Wrong if the tables are not the undisturbed ones to the byte."""
     hold(
-        tables(lab.out) == tables(undisturbed()),
+        tables(lab.out) == tables(run_undisturbed()),
         "the tables differ from the undisturbed ones",
     )
     hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
     return (
-        f"{there} rows kept; tables equal to the byte"
-        if there
+        f"{row_count} rows kept; tables equal to the byte"
+        if row_count
         else "tables equal to the byte"
     )
 
 
-def _interrupted(lab: Lab, number: int) -> str:
-    undisturbed()
+def _interrupt(lab: Lab, number: int) -> str:
+    run_undisturbed()
     run = lab.start(*campaign(lab))
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
     kill([run.pid], number) if number in (
@@ -97,7 +97,7 @@ def _interrupted(lab: Lab, number: int) -> str:
         ended = lab.finish(run, 130)
         hold("the same command resumes" in ended.text, ended.text)
     lab.until(lambda: not lab.processes(), "the end of the workers")
-    return resumed(lab)
+    return resume(lab)
 
 
 for _number in (
@@ -107,7 +107,7 @@ for _number in (
     signal.SIGHUP,
     signal.SIGQUIT,
 ):
-    _said = (
+    signal_note = (
         ""
         if _number == signal.SIGKILL
         else "It ends with code 130 and says how to resume. "
@@ -116,16 +116,16 @@ for _number in (
         FAMILY,
         _number.name.lower(),
         f"The campaign gets {_number.name} after two trials, and is then run again.",
-        f"{_said}No worker is left; the tables are the undisturbed ones to the byte.",
-        partial(_interrupted, number=_number),
+        f"{signal_note}No worker is left; the tables are the undisturbed ones to the byte.",
+        partial(_interrupt, number=_number),
     )
 
 
-def _disturbed(
-    lab: Lab, disturb: Callable[[Lab], object], *more: object, words: str = ""
+def _disturb(
+    lab: Lab, disturb: Callable[[Lab], object], *options: object, words: str = ""
 ) -> str:
-    undisturbed()
-    run = lab.start(*campaign(lab, *more))
+    run_undisturbed()
+    run = lab.start(*campaign(lab, *options))
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
     disturb(lab)
     ended = lab.finish(run)
@@ -140,9 +140,9 @@ def _suspend(lab: Lab, text: str = "", for_s: float = 8.0) -> None:
     kill(pids, signal.SIGCONT)
 
 
-def _loaded(lab: Lab) -> str:
+def _load_machine(lab: Lab) -> str:
     """Let a campaign compete with 30 busy processes of its own priority, which is a low one, for a minute at most."""
-    undisturbed()
+    run_undisturbed()
     low = ["nice", "-n", "10"]
     busy = [
         subprocess.Popen(
@@ -163,7 +163,7 @@ add(
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturbed(
+    lambda lab: _disturb(
         lab,
         lambda lab: kill(lab.processes("s.worker")[:1]),
         words="was killed by SIGKILL",
@@ -174,7 +174,7 @@ add(
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturbed(
+    lambda lab: _disturb(
         lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"
     ),
 )
@@ -183,7 +183,7 @@ add(
     "worker-stopped",
     "A worker gets SIGSTOP, for ever; trials may take 25 s.",
     f"It is given up after its time, and its trial is tried again. {_MUST}",
-    lambda lab: _disturbed(
+    lambda lab: _disturb(
         lab,
         lambda lab: kill(lab.processes("s.worker")[:1], 19),
         "--execution",
@@ -196,28 +196,28 @@ add(
     "machine-suspended",
     "All processes of the campaign are suspended for 8 s.",
     f"It goes on. {_MUST}",
-    lambda lab: _disturbed(lab, _suspend),
+    lambda lab: _disturb(lab, _suspend),
 )
 add(
     FAMILY,
     "workers-suspended",
     "Both workers are suspended for 40 s, longer than a planner may take for a cycle.",
     f"No planner is blamed. {_MUST}",
-    lambda lab: _disturbed(lab, partial(_suspend, text="s.worker", for_s=40.0)),
+    lambda lab: _disturb(lab, partial(_suspend, text="s.worker", for_s=40.0)),
 )
 add(
     FAMILY,
     "group-suspended",
     "All processes of the campaign are suspended for 40 s, longer than a planner may take for a cycle.",
     f"No planner is blamed. {_MUST}",
-    lambda lab: _disturbed(lab, partial(_suspend, for_s=40.0)),
+    lambda lab: _disturb(lab, partial(_suspend, for_s=40.0)),
 )
 add(
     FAMILY,
     "machine-loaded",
     "30 busy processes of the campaign's own priority run beside it, for a minute at most.",
     f"No planner is blamed. {_MUST}",
-    _loaded,
+    _load_machine,
 )
 
 
@@ -247,7 +247,7 @@ def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
 def _jump(lab: Lab, days: int) -> str:
     """Let the clock of all processes of a campaign jump, and it alone."""
     note, false = shifted_clock(lab, 0)
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*campaign(lab), environment=false)
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
     note.write_text(str(days * 86_400))
@@ -277,14 +277,23 @@ def two_writers(lab: Lab) -> str:
 
     One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     ended = [
         lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]
     ]
-    hold(sorted(one.code for one in ended) == [0, 1, 1], [one.code for one in ended])
-    said = [one.error for one in ended if one.code]
-    hold(all("another process is working in this folder" in one for one in said), said)
-    return f"{same(lab, 0)}; {said[0]}"
+    hold(
+        sorted(session.code for session in ended) == [0, 1, 1],
+        [session.code for session in ended],
+    )
+    refusals = [session.error for session in ended if session.code]
+    hold(
+        all(
+            "another process is working in this folder" in session
+            for session in refusals
+        ),
+        refusals,
+    )
+    return f"{same(lab, 0)}; {refusals[0]}"
 
 
 @case(FAMILY)
@@ -293,13 +302,13 @@ def worker_of_another_number(lab: Lab) -> str:
 
     The tables are the undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*campaign(lab))
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
     kill([run.pid])
     lab.finish(run, -9)
     lab.until(lambda: not lab.processes(), "the end of the workers")
-    return resumed(lab, "--workers", 5)
+    return resume(lab, "--workers", 5)
 
 
 @case(FAMILY)
@@ -309,9 +318,9 @@ def output_closed(lab: Lab) -> str:
     The campaign completes its rows or ends without a traceback; after running it again the tables are the undisturbed
     ones.
     """
-    undisturbed()
+    run_undisturbed()
     (lab.folder / "run.sh").write_text('"$@" 2>&1 | head -1\n')
     words = ["sh", str(lab.folder / "run.sh")]
     lab.finish(lab.start(*campaign(lab), prefix=words), None)
     lab.until(lambda: not lab.processes(), "the end of the campaign")
-    return resumed(lab)
+    return resume(lab)

@@ -13,34 +13,38 @@ SCRIPT = Path(__file__).with_name("cheat_planner.py")
 _DOMAIN = "76"
 
 
-def cheating(lab: Lab, kind: str, *more: object, prefix: str = "") -> list[object]:
+def cheating(lab: Lab, kind: str, *options: object, prefix: str = "") -> list[object]:
     """Return the words of a run of a planner that cheats."""
     return ros(
-        lab, *by_command(SCRIPT, kind, lab.folder, lab.out, prefix=prefix), *more
+        lab, *by_command(SCRIPT, kind, lab.folder, lab.out, prefix=prefix), *options
     )
 
 
-def _found(lab: Lab) -> str:
+def _read_report(lab: Lab) -> str:
     path = lab.folder / "found"
     return "; ".join(path.read_text().splitlines()) if path.exists() else ""
 
 
-def _tried(
+def _run_cheat(
     lab: Lab,
     kind: str,
     outcome: str,
     words: str,
-    found: str = "",
-    more: tuple[object, ...] = (),
+    report: str = "",
+    options: tuple[object, ...] = (),
 ) -> str:
     """Run a trial of a planner that cheats, which must end so, and its planner have found that."""
-    lab.barn(*cheating(lab, kind, *more), code=None)
+    lab.barn(*cheating(lab, kind, *options), code=None)
     row = lab.row()
-    said = "; ".join(filter(None, (ending(row), row["remarks"], _found(lab))))
-    hold(row["outcome"] == outcome and words in said, said)
-    hold(found in _found(lab), said)
-    hold(row["wall_clock"]["attempts"] == 1 and not row["scores"]["success"], said)
-    return said
+    description = "; ".join(
+        filter(None, (ending(row), row["remarks"], _read_report(lab)))
+    )
+    hold(row["outcome"] == outcome and words in description, description)
+    hold(report in _read_report(lab), description)
+    hold(
+        row["wall_clock"]["attempts"] == 1 and not row["scores"]["success"], description
+    )
+    return description
 
 
 _CAUGHT = "The trial ends as interference, without a score, and names who did what."
@@ -151,7 +155,7 @@ for _name, _done, _must, _outcome, _words, _find in (
         "6 processes",
     ),
 ):
-    _act = partial(_tried, kind=_name, outcome=_outcome, words=_words, found=_find)
+    _act = partial(_run_cheat, kind=_name, outcome=_outcome, words=_words, report=_find)
     add(FAMILY, _name, _done, _must, _act)
 _GATE = ("--ros", "patience.gate_s=10")
 _DETAIL = 4000
@@ -219,8 +223,8 @@ def remembers(lab: Lab) -> str:
     """
     each = ("--repetitions", 2, "--ros", "restart_planner=each_trial")
     lab.barn(*cheating(lab, "remembers", *each))
-    hold(_found(lab) == "nothing is left; something is left", _found(lab))
-    return f"{len(lab.rows())} trials; {_found(lab)}"
+    hold(_read_report(lab) == "nothing is left; something is left", _read_report(lab))
+    return f"{len(lab.rows())} trials; {_read_report(lab)}"
 
 
 @case(FAMILY)
@@ -240,7 +244,7 @@ def edits_results_where_it_can(lab: Lab) -> str:
         1,
     )
     lab.barn(*cheating(lab, "edits", *each))
-    hold(_found(lab) == "edited", _found(lab))
+    hold(_read_report(lab) == "edited", _read_report(lab))
     ended = lab.barn("check", lab.out, code=1)
     hold("_r00: " in ended.text, ended.text)
     return ended.text.replace(str(lab.folder), "")[:160]
@@ -253,8 +257,8 @@ def fills_shared_memory(lab: Lab) -> str:
     Nothing comes of it: the trial runs to its timeout.
     """
     lab.barn(*cheating(lab, "shared-memory"), prefix=shared_memory("4m"))
-    hold("bytes" in _found(lab), _found(lab))
-    return f"{ending(lab.row())}; {_found(lab)}"
+    hold("bytes" in _read_report(lab), _read_report(lab))
+    return f"{ending(lab.row())}; {_read_report(lab)}"
 
 
 @case(FAMILY)
@@ -270,7 +274,7 @@ def enters_another_domain(lab: Lab) -> str:
         command_s=200,
     )
     second[second.index("--out") + 1] = lab.folder / "second"
-    own = lab.start(*second)
+    second_run = lab.start(*second)
     lab.until((lab.folder / "ready").exists, "the guest")
     slow = ("--workers", 1, "--ros", "lockstep=false", "--ros", "real_time_factor=0.1")
     victim = ros(
@@ -285,8 +289,8 @@ def enters_another_domain(lab: Lab) -> str:
     (lab.folder / "go").touch()
     lab.finish(run, None)
     (lab.folder / "over").touch()
-    lab.finish(own, None)
-    own_rows = lab.rows(lab.folder / "second")
-    said = ending(lab.row())
-    hold("/guest publishes /odom" in said, said)
-    return f"{said}; of its own: {ending(own_rows[0])}"
+    lab.finish(second_run, None)
+    second_rows = lab.rows(lab.folder / "second")
+    description = ending(lab.row())
+    hold("/guest publishes /odom" in description, description)
+    return f"{description}; of its own: {ending(second_rows[0])}"

@@ -30,12 +30,12 @@ def with_rogue(lab: Lab) -> dict[str, str]:
     return {"PYTHONPATH": ":".join(filter(None, path))}
 
 
-def driven(
+def drive(
     lab: Lab,
     kind: str,
     outcome: str,
     detail: str = "",
-    more: Sequence[object] = (),
+    extra: Sequence[object] = (),
     memory: int = 0,
 ) -> str:
     """Run a trial of a rogue, and say how it ended; Wrong if otherwise than it must."""
@@ -62,7 +62,7 @@ def driven(
         "none",
         "--out",
         lab.out,
-        *more,
+        *extra,
         environment=environment,
         before=limit,
     )
@@ -82,7 +82,7 @@ _QUICK = ("--execution", "attempts=1", "--execution", "trial_limit_s=8")
 _DIED = "The trial ends as planner_died with the reason in one line; exit code 3."
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."
-for _kind, _done, _must, _more, _outcome, _detail in (
+for _kind, _done, _must, _options, _outcome, _detail in (
     (
         "raises",
         "The planner raises an exception of two lines.",
@@ -218,7 +218,7 @@ for _kind, _done, _must, _more, _outcome, _detail in (
         _kind,
         _done,
         _must,
-        partial(driven, kind=_kind, outcome=_outcome, detail=_detail, more=_more),
+        partial(drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options),
     )
 
 
@@ -228,7 +228,7 @@ def eats_memory(lab: Lab) -> str:
 
     The trial ends as planner_died with MemoryError; exit code 3.
     """
-    return driven(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
+    return drive(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
 
 
 @case(FAMILY)
@@ -237,9 +237,9 @@ def commands_huge_speeds(lab: Lab) -> str:
 
     It is a command, and the robot's limits hold: the trial goes on, and the robot is nowhere faster than 2 m/s.
     """
-    said = driven(lab, "huge", "timeout")
+    description = drive(lab, "huge", "timeout")
     hold(lab.row()["measures"]["driven_m"] < 8.0, lab.row()["measures"])
-    return f"{said}, {lab.row()['measures']['driven_m']:.1f} m driven"
+    return f"{description}, {lab.row()['measures']['driven_m']:.1f} m driven"
 
 
 @case(FAMILY)
@@ -307,7 +307,7 @@ def cannot_be_imported(lab: Lab) -> str:
 
     Refused in one line that names planner, module and package, before any folder is made.
     """
-    said = lab.refused(
+    refusal = lab.expect_refusal(
         "run",
         "--planner",
         "broken",
@@ -318,9 +318,9 @@ def cannot_be_imported(lab: Lab) -> str:
         environment=with_rogue(lab),
     )
     hold(
-        "'broken'" in said
-        and "a_package_that_is_not_there" in said
+        "'broken'" in refusal
+        and "a_package_that_is_not_there" in refusal
         and not lab.out.exists(),
-        said,
+        refusal,
     )
-    return said
+    return refusal

@@ -10,12 +10,12 @@ from typing import Any
 from fault_cases.campaigns import shifted_clock
 from fault_cases.direct import SHORT
 from fault_cases.kit import Lab, Skipped, case, ending, hold
-from fault_cases.processes import same, undisturbed, words
+from fault_cases.processes import run_undisturbed, same, words
 
 FAMILY = "machine"
 
 
-def _driven(lab: Lab, out: Path | None = None, **how: Any) -> str:
+def _drive(lab: Lab, out: Path | None = None, **how: Any) -> str:
     (lab.folder / "short.yaml").write_text(SHORT)
     options = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
     lab.barn("run", *options, "--bags", "all", "--out", out or lab.out, **how)
@@ -31,7 +31,7 @@ def no_home(lab: Lab) -> str:
     The run works, with bag and picture.
     """
     gone = str(lab.folder / "gone")
-    return _driven(
+    return _drive(
         lab,
         environment={
             "HOME": gone,
@@ -49,7 +49,7 @@ def home_that_is_a_file(lab: Lab) -> str:
     """
     (lab.folder / "file").touch()
     file = str(lab.folder / "file")
-    return _driven(
+    return _drive(
         lab,
         environment={
             "HOME": file,
@@ -66,7 +66,7 @@ def caches_that_cannot_be_written(lab: Lab) -> str:
     The run works, or is refused in one line.
     """
     (lab.folder / "file").touch()
-    return _driven(
+    return _drive(
         lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")}
     )
 
@@ -77,7 +77,7 @@ def temporary_folder_that_is_not_there(lab: Lab) -> str:
 
     The run works.
     """
-    return _driven(lab, environment={"TMPDIR": str(lab.folder / "gone")})
+    return _drive(lab, environment={"TMPDIR": str(lab.folder / "gone")})
 
 
 @case(FAMILY)
@@ -88,9 +88,9 @@ def language_without_letters(lab: Lab) -> str:
     """
     out = lab.folder / "αποτελέσματα"
     plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    said = _driven(lab, out, environment=plain)
+    description = _drive(lab, out, environment=plain)
     lab.barn("check", out, environment=plain)
-    return said
+    return description
 
 
 @case(FAMILY)
@@ -99,7 +99,7 @@ def few_handles(lab: Lab) -> str:
 
     The run over ROS has the undisturbed row.
     """
-    undisturbed()
+    run_undisturbed()
     lab.barn(
         *words(lab),
         before=partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64)),
@@ -151,7 +151,7 @@ def hardly_any_shared_memory(lab: Lab) -> str:
 
     The run over ROS has the undisturbed row: it needs none but the page that the tracing of ROS (LTTng) takes.
     """
-    undisturbed()
+    run_undisturbed()
     lab.barn(*words(lab), prefix=shared_memory("16k"))
     return same(lab)
 
@@ -163,4 +163,4 @@ def a_clock_of_another_century(lab: Lab) -> str:
     The run works.
     """
     _, false = shifted_clock(lab, -55 * 365 * 86_400)
-    return _driven(lab, environment=false)
+    return _drive(lab, environment=false)

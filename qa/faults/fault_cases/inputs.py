@@ -19,15 +19,15 @@ LONGEST = 700  # characters of a refusal
 Make = Callable[[Path], object]
 
 
-def refused(
+def expect_refusal(
     lab: Lab, name: str, make: Make, words: Sequence[object], named: str = ""
 ) -> str:
     """Make a file and give it to a command, which must refuse it by name, with 3 GB at most."""
     make(lab.folder / name)
-    said = lab.refused(*words, prefix=("prlimit", "--as=3000000000"))
-    hold((named or name) in said, f"{named or name} is not named: {said}")
-    hold(len(said) < LONGEST, f"{len(said)} characters")
-    return said.replace(str(lab.folder), "")[:200]
+    refusal = lab.expect_refusal(*words, prefix=("prlimit", "--as=3000000000"))
+    hold((named or name) in refusal, f"{named or name} is not named: {refusal}")
+    hold(len(refusal) < LONGEST, f"{len(refusal)} characters")
+    return refusal.replace(str(lab.folder), "")[:200]
 
 
 def text_of(content: str) -> Make:
@@ -66,7 +66,7 @@ def _bomb(path: Path) -> None:
     _data_set(_npy("(700000000,)", "|u1") + bytes(700_000_000))(path)
 
 
-def _pickled() -> bytes:
+def _pickle_payload() -> bytes:
     file = io.BytesIO()
     np.save(file, np.array([{"a": 1}], object), allow_pickle=True)
     return file.getvalue()
@@ -97,7 +97,7 @@ for _name, _done, _file, _make, _words in (
         "npz-pickled",
         "A data set with a pickled array.",
         "w.npz",
-        _data_set(_pickled()),
+        _data_set(_pickle_payload()),
         (*_LIST, "w.npz"),
     ),
     (
@@ -238,7 +238,11 @@ for _name, _done, _file, _make, _words in (
         _done,
         "Refused in one line that names the file, within 3 GB.",
         partial(
-            refused, name=_file, make=_make, words=_words, named=_NAMED.get(_name, "")
+            expect_refusal,
+            name=_file,
+            make=_make,
+            words=_words,
+            named=_NAMED.get(_name, ""),
         ),
     )
 
@@ -254,4 +258,4 @@ def gzipped_world(lab: Lab) -> str:
         + b"<model/>" * 12_000_000
         + b"</world></sdf>"
     )
-    return refused(lab, "w.world.gz", bytes_of(content), (*_LIST, "w.world.gz"))
+    return expect_refusal(lab, "w.world.gz", bytes_of(content), (*_LIST, "w.world.gz"))

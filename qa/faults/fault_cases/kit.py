@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from processes import MARK, marked
+from processes import MARK, list_marked
 
 from barn_eval.commands.run import NOT_SCORED
 from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
@@ -66,10 +66,10 @@ def add(
     limit_s: float = LIMIT_S,
 ) -> None:
     """Add a case under an unused name."""
-    made = Case(family, name, done, must, act, limit_s)
-    if made.key in CASES:
-        raise ValueError(f"two cases are named {made.key}")
-    CASES[made.key] = made
+    case = Case(family, name, done, must, act, limit_s)
+    if case.key in CASES:
+        raise ValueError(f"two cases are named {case.key}")
+    CASES[case.key] = case
 
 
 def case(
@@ -77,13 +77,13 @@ def case(
 ) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
     """Return a decorator that adds a function as a case; its doc is what is done and, below, what must happen."""
 
-    def added(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
+    def add_function(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
         done, _, must = (inspect.getdoc(act) or "").partition("\n\n")
         name = act.__name__.replace("_", "-")
         add(family, name, " ".join(done.split()), " ".join(must.split()), act, limit_s)
         return act
 
-    return added
+    return add_function
 
 
 def hold(condition: object, otherwise: object) -> None:
@@ -204,7 +204,7 @@ class Lab:
         """Run `barn` to its end."""
         return self.finish(self.start(*arguments, **how), code)
 
-    def refused(self, *arguments: object, **how: Any) -> str:
+    def expect_refusal(self, *arguments: object, **how: Any) -> str:
         """Run `barn`, which must refuse in one line, and return that."""
         return self.barn(*arguments, code=1, **how).error
 
@@ -229,7 +229,11 @@ class Lab:
 
     def processes(self, text: str = "") -> list[int]:
         """Return the processes that carry the mark and have the text in their command line."""
-        return [one.pid for one in marked(self.mark) if text in command_line(one.pid)]
+        return [
+            process.pid
+            for process in list_marked(self.mark)
+            if text in command_line(process.pid)
+        ]
 
     def nodes(self, text: str) -> list[int]:
         """Return the processes of a node, not their launchers."""

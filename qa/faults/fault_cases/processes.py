@@ -37,16 +37,16 @@ def words(lab: Lab) -> list[object]:
 
 
 @cache
-def _undisturbed() -> list[Row]:
+def _drive_undisturbed() -> list[Row]:
     lab = Lab(scratch(), LIMIT_S)
     lab.barn(*words(lab))
     return repeatable(lab.rows())
 
 
-def undisturbed() -> list[Row]:
+def run_undisturbed() -> list[Row]:
     """Return the rows of the same run without any disturbance."""
     with _HELD:
-        return _undisturbed()
+        return _drive_undisturbed()
 
 
 def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
@@ -64,12 +64,16 @@ def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
 
 def same(lab: Lab) -> str:
     """Wrong if the rows are not the undisturbed ones."""
-    hold(repeatable(lab.rows()) == undisturbed(), [ending(row) for row in lab.rows()])
+    hold(
+        repeatable(lab.rows()) == run_undisturbed(), [ending(row) for row in lab.rows()]
+    )
     return f"{ending(lab.row())}; row as undisturbed"
 
 
-def _repeated(lab: Lab, disturb: Callable[[Lab], object], words_noted: str) -> str:
-    undisturbed()
+def _expect_repetition(
+    lab: Lab, disturb: Callable[[Lab], object], words_noted: str
+) -> str:
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     disturb(lab)
@@ -141,7 +145,7 @@ for _name, _done, _deed, _words in (
         _name,
         _done,
         _MUST,
-        partial(_repeated, disturb=_deed, words_noted=_words),
+        partial(_expect_repetition, disturb=_deed, words_noted=_words),
     )
 
 
@@ -151,7 +155,7 @@ def evaluator_suspended(lab: Lab) -> str:
 
     It is waited for; the row is the undisturbed one, of the first attempt.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     _suspend(lab, lab.nodes(EVALUATOR), 12.0)
@@ -166,7 +170,7 @@ def machine_suspended(lab: Lab) -> str:
 
     The trial ends as an undisturbed one does, repeated or not.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     _suspend(lab, lab.processes(), 25.0)
@@ -174,8 +178,8 @@ def machine_suspended(lab: Lab) -> str:
     return same(lab)
 
 
-def _stopped(lab: Lab, number: int) -> str:
-    undisturbed()
+def _stop(lab: Lab, number: int) -> str:
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     began = time.monotonic()
@@ -194,7 +198,7 @@ for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         f"{_number.name.lower()}",
         f"The run gets {_number.name} in the middle of the trial, and is then run again.",
         "It ends with code 130 and says how to resume; nothing is left; the row after that is the undisturbed one.",
-        partial(_stopped, number=_number),
+        partial(_stop, number=_number),
     )
 
 
@@ -204,7 +208,7 @@ def run_killed(lab: Lab) -> str:
 
     No process is left; the row after that is the undisturbed one.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     kill([run.pid])
@@ -213,7 +217,7 @@ def run_killed(lab: Lab) -> str:
     return same(lab)
 
 
-def _killed_together(lab: Lab, guards: int) -> str:
+def _kill_together(lab: Lab, guards: int) -> str:
     """Kill run and worker at once, with so many of the two guards of a planner that has started daemons."""
     run = lab.start(*ros(lab, *by_command(SCRIPT, "escapes", lab.folder), limit_s=60.0))
     note = lab.folder / "pids"
@@ -236,12 +240,12 @@ add(
     "supervisors-killed",
     "Run and worker get SIGKILL at once, while the planner has a daemon with an empty environment.",
     "Nothing is left, neither the nodes nor the daemon.",
-    partial(_killed_together, guards=0),
+    partial(_kill_together, guards=0),
 )
 add(
     FAMILY,
     "supervisors-and-guard-killed",
     "Run, worker and the planner's guard get SIGKILL at once, while the planner has such a daemon.",
     "Nothing is left, neither the nodes nor the daemon.",
-    partial(_killed_together, guards=1),
+    partial(_kill_together, guards=1),
 )
