@@ -156,10 +156,10 @@ def _shift_cells(layer: Bytes, d_row: int, d_col: int) -> None:
 @kernel
 def _inflate_strip(layers: Layers, strip: Window) -> None:
     """Recompute the costs in a strip, which may reach beyond the grid."""
-    rows, cols = layers.costs.shape
-    near = grow_window(strip, len(layers.squares) - 2, rows, cols)
-    if layers.costs[near.row : near.end_row, near.col : near.end_col].any():
-        inflate(layers, grow_window(strip, 0, rows, cols))
+    costs = layers.costs
+    near = grow_window(strip, len(layers.squares) - 2, costs.shape)
+    if costs[near.row : near.end_row, near.col : near.end_col].any():
+        inflate(layers, grow_window(strip, 0, costs.shape))
 
 
 @kernel
@@ -184,12 +184,11 @@ def refresh(layers: Layers, by_front: bool) -> None:
     if bounds[1] <= bounds[0]:
         return
 
-    rows, cols = layers.costs.shape
     reach = len(layers.squares) - 2
     boxes = np.empty((_MAX_BOXES, 4), np.int64)
     for k in range(_find_changes(layers, boxes, 2 * reach)):
         box = Window(boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3])
-        window = grow_window(box, reach, rows, cols)
+        window = grow_window(box, reach, layers.costs.shape)
         if by_front:
             inflate_by_front(layers, window)
         else:
@@ -345,9 +344,8 @@ def inflate_by_front(layers: Layers, window: Window) -> None:
     """
     marks = layers.marks.cells
     costs = layers.costs
-    rows, cols = costs.shape
     reach = len(layers.squares) - 2
-    area = grow_window(window, reach, rows, cols)
+    area = grow_window(window, reach, costs.shape)
     height = area.end_row - area.row
     width = area.end_col - area.col
 
@@ -394,11 +392,10 @@ def _reach_neighbors(
     front: _Front, count: int, nearest: MediumIntegers, cell: Cell, source: Cell
 ) -> int:
     """Let the neighbors of a cell wait for the front; return the number of entries."""
-    height, width = nearest.shape
     square = nearest[cell.row, cell.col]
     for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
         side = Cell(cell.row + d_row, cell.col + d_col)
-        if not is_on_grid(side, height, width):
+        if not is_on_grid(side, nearest.shape):
             continue
 
         # The front never goes back, and of equal distances the first one counts.

@@ -227,7 +227,7 @@ def prepare(
         False if the plan does not lie on the costmap.
     """
     rows, cols = costs.shape
-    count = plan_cells(plan, grid, rows, cols, fields.plan)
+    count = plan_cells(plan, grid, costs.shape, fields.plan)
     if count == 0:
         return False
 
@@ -235,7 +235,7 @@ def prepare(
         for col in range(cols):
             fields.costs[row, col] = costs[row, col]
 
-    robot = footprint_cells(corners_at(outline, pose), grid, rows, cols)
+    robot = footprint_cells(corners_at(outline, pose), grid, costs.shape)
     plan_end = fields.plan[count - 1 : count]
     block_cells(costs, fields.walls)
     if robot_blocks_goal:
@@ -288,7 +288,6 @@ def edges_cost(
     Returns:
         The cost, -1 if the edges touch a lethal cell or leave the costmap.
     """
-    rows, cols = costs.shape
     highest = 0
     end = Cell(0, 0)
     for k in range(-1, len(outline)):
@@ -298,7 +297,7 @@ def edges_cost(
             x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1],
             y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1],
         )
-        if not is_on_grid(end, rows, cols):
+        if not is_on_grid(end, costs.shape):
             return -1
         if k >= 0:
             highest = line_cost(costs, start, end, highest)

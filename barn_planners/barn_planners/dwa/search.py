@@ -202,9 +202,8 @@ def _goal_ahead(ground: Ground, goal: Wavefront, row: Floats, choice: Choice) ->
     """
     x = row[END_X] + choice.lookahead_m * math.cos(row[END_YAW])
     y = row[END_Y] + choice.lookahead_m * math.sin(row[END_YAW])
-    rows, cols = ground.costs.shape
     cell = raster_cell(ground.raster, x, y)
-    if not is_on_grid(cell, rows, cols):
+    if not is_on_grid(cell, ground.costs.shape):
         return math.inf
 
     place = padded(cell, goal.columns)
@@ -231,13 +230,12 @@ def _cost(
     It is -1 if the sample is not allowed or costs more than the limit.
     """
     weights = rules.weights
-    rows, cols = ground.costs.shape
     steps = step_count(row[SPEED], row[TURN], rules.motion)
     poses = work.poses[:steps]
     roll_out(rules.start, row[SPEED], row[TURN], rules.motion, poses)
     end = poses[steps - 1]
     cell = raster_cell(ground.raster, end[X], end[Y])
-    if not is_on_grid(cell, rows, cols):
+    if not is_on_grid(cell, ground.costs.shape):
         return -1.0
 
     place = padded(cell, path.columns)
@@ -317,12 +315,12 @@ def _least_cost(
 def _least_steps(front: Wavefront, low: Cell, high: Cell) -> int:
     """Return the least steps to the cells of a block, UNREACHED off the costmap."""
     columns = front.columns
-    rows = len(front.state) // columns - 2
+    shape = (len(front.state) // columns - 2, columns - 2)
     steps = UNREACHED
     for row in range(low.row, high.row + 1):
         for col in range(low.col, high.col + 1):
             cell = Cell(row, col)
-            if is_on_grid(cell, rows, columns - 2):
+            if is_on_grid(cell, shape):
                 steps = min(steps, steps_to(front, padded(cell, columns)))
     return steps
 

@@ -93,29 +93,30 @@ def radius_at(clearance: Clearance, x: float, y: float) -> float:
         y: Center of the bubble in m.
     """
     costs, grid, radii = clearance
-    rows, cols = costs.shape
     cell = cell_at(grid, x, y)
-    cost = costs[cell.row, cell.col] if is_on_grid(cell, rows, cols) else np.uint8(0)
+    cost = np.uint8(0)
+    if is_on_grid(cell, costs.shape):
+        cost = costs[cell.row, cell.col]
     radius: float = radii[cost]
     return radius
 
 
 @kernel
 def overlap(
-    bubbles: Floats, index: int, others: Floats, other_index: int, share: float
+    bubbles: Floats, index: int, second: Floats, second_index: int, share: float
 ) -> bool:
     """Return whether two bubbles overlap (`EBandPlanner::checkOverlap`).
 
     Args:
         bubbles: Array with the first bubble; a view of its row would take longer.
         index: Row of the first bubble.
-        others: Array with the second bubble.
-        other_index: Row of the second bubble.
+        second: Array with the second bubble.
+        second_index: Row of the second bubble.
         share: Centers must be nearer than this share of the sum of radii.
     """
-    dx = bubbles[index, X] - others[other_index, X]
-    dy = bubbles[index, Y] - others[other_index, Y]
-    limit: float = share * (bubbles[index, RADIUS] + others[other_index, RADIUS])
+    dx = bubbles[index, X] - second[second_index, X]
+    dy = bubbles[index, Y] - second[second_index, Y]
+    limit: float = share * (bubbles[index, RADIUS] + second[second_index, RADIUS])
     return math.hypot(dx, dy) < limit
 
 
@@ -138,17 +139,17 @@ def put(bubbles: Floats, index: int, x: float, y: float, r: float, yaw: float) -
 
 
 @kernel
-def copy(bubbles: Floats, index: int, others: Floats, other_index: int) -> None:
+def copy(bubbles: Floats, index: int, second: Floats, second_index: int) -> None:
     """Copy a bubble; numba's assignment of a row takes longer.
 
     Args:
         bubbles: Array to write to.
         index: Row to write to.
-        others: Array to copy from.
-        other_index: Row to copy from.
+        second: Array to copy from.
+        second_index: Row to copy from.
     """
     for column in range(4):
-        bubbles[index, column] = others[other_index, column]
+        bubbles[index, column] = second[second_index, column]
 
 
 @kernel

@@ -276,10 +276,10 @@ def _direction_as_navfn(
 @kernel
 def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32:
     """Return a value between four corners, rounded to single precision as in navfn."""
-    one = np.float64(1.0)
-    low = np.float32((one - dx) * corners[0] + dx * corners[1])
-    high = np.float32((one - dx) * corners[2] + dx * corners[3])
-    value: np.float32 = np.float32((one - dy) * low + dy * high)
+    unit = np.float64(1.0)
+    low = np.float32((unit - dx) * corners[0] + dx * corners[1])
+    high = np.float32((unit - dx) * corners[2] + dx * corners[3])
+    value: np.float32 = np.float32((unit - dy) * low + dy * high)
     return value
 
 
