@@ -57,9 +57,9 @@ class _Front(NamedTuple):
 def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
     """Return the cost of a cell by the square of its distance to a lethal one.
 
-    Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0, 253
-    up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d up to
-    the inflation radius.
+    Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0,
+    253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d
+    up to the inflation radius.
 
     Args:
         config: Radii and scaling.
@@ -69,6 +69,7 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
         Costs ((n + 1)^2 + n^2 + 1,) by the square in cells, where n is the reach of
         inflation in cells.
     """
+    # 1e-9 keeps rounding from moving a radius that is a whole number of cells.
     soft_reach = 0
     if config.soft_costs:
         soft_reach = math.ceil(config.inflation_radius_m / resolution - 1e-9)
@@ -96,6 +97,7 @@ def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
         cols: Number of columns.
         by_square: Costs from `costs_by_square`.
     """
+    # The length of the costs, (n + 1)^2 + n^2 + 1, gives the reach n back.
     reach = math.isqrt((len(by_square) - 1) // 2)
     squares: Squares = np.arange(reach + 2, dtype=np.uint32) ** 2
     if 2 * squares[-1] <= np.iinfo(np.uint16).max:
@@ -158,6 +160,7 @@ def _inflate_strip(layers: Layers, strip: Window) -> None:
     """Recompute the costs in a strip, which may reach beyond the grid."""
     costs = layers.costs
     near = grow_window(strip, len(layers.squares) - 2, costs.shape)
+    # Most edges are far from what the lidar sees.
     if costs[near.row : near.end_row, near.col : near.end_col].any():
         inflate(layers, grow_window(strip, 0, costs.shape))
 
@@ -186,6 +189,8 @@ def refresh(layers: Layers, by_front: bool) -> None:
 
     reach = len(layers.squares) - 2
     boxes = np.empty((_MAX_BOXES, 4), np.int64)
+    # A changed cell changes costs within the reach, so boxes twice as far apart do not
+    # share any.
     for k in range(_find_changes(layers, boxes, 2 * reach)):
         box = Window(boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3])
         window = grow_window(box, reach, layers.costs.shape)
@@ -202,8 +207,8 @@ def refresh(layers: Layers, by_front: bool) -> None:
 def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
     """Write boxes around the cells that became or ceased to be lethal.
 
-    Boxes lie at least `distance` cells apart. Returns their number; if they are too many,
-    the only one covers the bounds.
+    Boxes lie at least `distance` cells apart. Returns their number. If they are too
+    many, a single one covers the bounds.
     """
     bounds = layers.marks.bounds
     count = 0
@@ -274,6 +279,7 @@ def inflate(layers: Layers, window: Window) -> None:
     seeds = np.empty((band + 2 * reach, width), squares.dtype)
     upright = np.empty(band * width, squares.dtype)
     nearest = np.empty(band * width, squares.dtype)
+    # Bands of rows keep the three arrays in the processor's cache.
     for first in range(window.row, window.end_row, _BAND_ROWS):
         count = min(band, window.end_row - first)
         used = seeds[: count + 2 * reach]
@@ -299,6 +305,7 @@ def _seed(
     end_row = first_row + seeds.shape[0]
     col = max(0, first_col)
     end_col = min(cols, first_col + seeds.shape[1])
+    # Only where the window reaches beyond the grid is there anything to fill in.
     if first_row < 0 or end_row > rows or end_col - col < seeds.shape[1]:
         seeds[:] = far
     for row in range(max(0, first_row), min(rows, end_row)):

@@ -194,6 +194,7 @@ def footprint_cells(corners: Points, grid: Grid, shape: tuple[int, int]) -> Cell
     for k in range(len(corners)):
         corner_cells[k] = cell_at(grid, corners[k, 0], corners[k, 1])
 
+    # A convex footprint fills each column between its outline's ends.
     # Lowest and highest row of the outline in each column.
     first = corner_cells[:, 1].min()
     width = corner_cells[:, 1].max() - first + 1

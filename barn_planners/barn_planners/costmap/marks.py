@@ -1,4 +1,4 @@
-"""Kernels that mark obstacles where a lidar sees them and clear marks where it does not."""
+"""Kernels that mark what a lidar sees and clear marks where it sees nothing."""
 
 import math
 from typing import NamedTuple
@@ -193,6 +193,7 @@ def observe(
         readings: The scan, its directions in the frame of the grid.
         outline: Corners (n, 2) in base_link of the footprint to clear, or none.
     """
+    # Marks come after clearing: a beam must not clear what its neighbor hits.
     _clear_beams(marks, grid, sensor, readings)
     _mark_hits(marks, grid, sensor, readings)
     if len(outline) > 0:
@@ -213,15 +214,18 @@ def _end_of_beam(
 @kernel
 def _clear_beams(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> None:
     """Clear along every beam with a return, the last cell included."""
+    # Beams of a lidar off the grid clear nothing, even where they cross it.
     shape = marks.cells.shape
     start = cell_at(grid, sensor.x, sensor.y)
     if not is_on_grid(start, shape):
         return
 
+    # Outside the loop, as numba counts references to arrays that leave a tuple.
     cells = marks.cells.reshape(marks.cells.size)
     bounds = marks.bounds
     last = Cell(start.row - 1, start.col - 1)
     for i in range(len(readings.ranges)):
+        # Written so that NaN counts as no return.
         r = float(readings.ranges[i])
         if not (readings.range_min <= r < readings.range_max):
             continue

@@ -67,6 +67,7 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
         sensor: Pose of the lidar.
         readings: The scan, its directions in the lidar's frame.
     """
+    # The quaternion of the heading, and the first column of its rotation matrix.
     half_sin = np.float32(math.sin(0.5 * sensor.yaw))
     half_cos = np.float32(math.cos(0.5 * sensor.yaw))
     twice = half_sin + half_sin
@@ -82,6 +83,7 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
     for i in range(len(readings.ranges)):
         r = readings.ranges[i]
         if range_min <= r < range_max:
+            # The product is in double precision, the point in single precision.
             ahead = np.float32(np.float64(r) * readings.directions[i, 0])
             left = np.float32(np.float64(r) * readings.directions[i, 1])
             points[count, 0] = (c * ahead - s * left) + x
@@ -100,6 +102,7 @@ def _end_on_grid(
     end_y = grid.y + shape[0] * grid.resolution
     dx = x - sensor.x
     dy = y - sensor.y
+    # In the original's order, as each cut starts from the one before.
     if x < grid.x:
         y = sensor.y + dy * ((grid.x - sensor.x) / dx)
         x = grid.x
@@ -187,6 +190,7 @@ def _clear_footprint(marks: Marks, grid: Grid, pose: Pose, outline: Points) -> N
     s = math.sin(pose.yaw)
     corners = np.empty((len(outline), 2), np.int64)
     for k in range(len(outline)):
+        # In brackets, as `transformFootprint` adds the position last.
         x = pose.x + (outline[k, 0] * c - outline[k, 1] * s)
         y = pose.y + (outline[k, 0] * s + outline[k, 1] * c)
         cell = cell_at(grid, x, y)

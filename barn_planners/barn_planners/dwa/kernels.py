@@ -190,6 +190,7 @@ def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
         if k % turns_per_speed > 0:
             table[k, TURN] = turns[k % turns_per_speed - 1]
 
+    # The original skips turns in place that are closer to zero than one step.
     step = (high_turn - low_turn) / (turn_count - 1)
     slowest = sampling.min_turn_in_place
     count = drives
@@ -231,10 +232,12 @@ def prepare(
     if count == 0:
         return False
 
+    # A display may ask for all samples after the costmap has changed.
     for row in range(rows):
         for col in range(cols):
             fields.costs[row, col] = costs[row, col]
 
+    # The robot may stand on blocked cells and must still find its way out of them.
     robot = footprint_cells(corners_at(outline, pose), grid, costs.shape)
     plan_end = fields.plan[count - 1 : count]
     block_cells(costs, fields.walls)
@@ -290,6 +293,7 @@ def edges_cost(
     """
     highest = 0
     end = Cell(0, 0)
+    # The last corner comes first: an edge leads from it to the first one.
     for k in range(-1, len(outline)):
         start = end
         end = raster_cell(
@@ -359,6 +363,7 @@ def roll_out(
         poses[k, YAW] = yaw
         poses[k, COS] = cos_yaw
         poses[k, SIN] = sin_yaw
+        # The original moves by the new speed along the old heading.
         velocity = approach(velocity, speed, motion.acceleration * dt)
         x += velocity * cos_yaw * dt
         y += velocity * sin_yaw * dt

@@ -120,10 +120,12 @@ def plan_cells(
         dy = plan[k, 1] - plan[before, 1]
         pieces = max(1, math.ceil(math.hypot(dx, dy) / grid.resolution + 1e-6))
         for piece in range(1, pieces + 1):
+            # From the start of the segment, so that errors do not add up.
             share = piece / pieces
             x = plan[before, 0] + share * dx
             y = plan[before, 1] + share * dy
             cell = cell_at(grid, x, y)
+            # The plan may begin off the costmap; it ends where it first leaves it.
             if not is_on_grid(cell, shape):
                 if count > 0:
                     return count
@@ -152,6 +154,7 @@ def start_wavefront(front: Wavefront, walls: Bytes, seeds: Integers) -> None:
     for cell in range(len(walls)):
         front.state[cell] = walls[cell]
 
+    # Seeds count as reached even where they are blocked, so that ways lead out of them.
     tail = 0
     for seed in seeds:
         if front.state[seed] != REACHED:
@@ -220,6 +223,7 @@ def _spread(front: Wavefront, goal: np.uint64) -> None:
             is_open = state[neighbor] == OPEN
             distances[neighbor] = steps if is_open else distances[neighbor]
             state[neighbor] = REACHED if is_open else state[neighbor]
+            # Written in any case; the place counts only if the tail moves on.
             queue[tail] = neighbor
             tail += np.uint64(is_open)
 

@@ -1,7 +1,7 @@
 """Kernels of the elastic band: bubbles, refining, connecting; `forces` moves bubbles.
 
-They follow eband_local_planner.cpp. A band is float64 (capacity, 4) with the columns X, Y,
-RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions that
+They follow eband_local_planner.cpp. A band is float64 (capacity, 4) with the columns X,
+Y, RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions that
 change a band return its new length, or below 0 one of the codes of REASONS.
 """
 
@@ -94,11 +94,9 @@ def radius_at(clearance: Clearance, x: float, y: float) -> float:
     """
     costs, grid, radii = clearance
     cell = cell_at(grid, x, y)
-    cost = np.uint8(0)
     if is_on_grid(cell, costs.shape):
-        cost = costs[cell.row, cell.col]
-    radius: float = radii[cost]
-    return radius
+        return float(radii[costs[cell.row, cell.col]])
+    return float(radii[0])
 
 
 @kernel
@@ -214,6 +212,7 @@ def bridge(context: Context, first: int, last: int, count: int) -> int:
     """
     gains = context.gains
     nodes, links, _, ends = context.work
+    # The stack holds what the bridge still has to reach, the nearest on top.
     depth = 1
     node = first
     ends[0] = last
@@ -259,6 +258,8 @@ def _drop_and_fill(context: Context, n: int) -> int:
         depth -= 1
         first, last, halves_done = stack[depth]
         middle = first + (last - first) // 2
+
+        # An interval comes twice: before its halves and after them.
         if halves_done:
             before, after = links[middle]
             if overlap(nodes, before, nodes, after, share):
@@ -272,6 +273,7 @@ def _drop_and_fill(context: Context, n: int) -> int:
             if count < 0:
                 return count
         else:
+            # The left half is on top, so that it is done first.
             stack[depth] = (first, last, 1)
             stack[depth + 1] = (middle, last, 0)
             stack[depth + 2] = (first, middle, 0)
@@ -297,6 +299,7 @@ def refine(band: Floats, n: int, context: Context) -> int:
 
     nodes = context.work.nodes
     links = context.work.links
+    # Nodes have no order but their links, so nothing moves while bubbles come and go.
     nodes[:n] = band[:n]
     count = _drop_and_fill(context, n)
     if count < 0:
@@ -344,6 +347,7 @@ def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
     if radius <= 0.0:
         return IN_COLLISION
 
+    # From the far end: the robot has passed all bubbles before the one that it finds.
     passed = n - 1
     while passed >= 0 and not overlap(
         nodes, 0, band, passed, context.gains.min_overlap
@@ -361,6 +365,7 @@ def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
     length = n - passed + count
     if length > len(band):
         return FULL
+    # Copied first, as both parts of the band may overlap.
     band[count:length] = band[passed:n].copy()
     _write_nodes(band, 0, context.work, 0, count)
     return length

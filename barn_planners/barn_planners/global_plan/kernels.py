@@ -207,6 +207,7 @@ def grow(
         min(0.0, start_col),
         max(0.0, start_col),
     )
+    # The order counts from the robot's straight distance on, as in A*.
     limit = growth.first_limit + focus.order * math.hypot(start_row, start_col)
     queues = _Queues(np.uint64(0), end, size, size, size + size, size + size)
     rounds = growth.rounds
@@ -216,6 +217,7 @@ def grow(
         following_end, beyond_end, extent = _take_round(
             terrain, ends.goal, focus, limit, potential, pending, queue, queues, extent
         )
+        # What follows is next; if nothing does, the limit rises to what lies beyond.
         current, _, following, _, beyond, _ = queues
         queues = _Queues(following, following_end, current, current, beyond, beyond_end)
         if following_end == following:
@@ -312,8 +314,8 @@ def search(
         terrain: What cells cost.
         ends: Cells to start from and to reach.
         growth: Constants of the search.
-        is_bounded: Whether to grow potentials[0] straight to the goal first, and then to
-            skip cells that are too far from the way for that.
+        is_bounded: Whether to grow potentials[0] straight to the goal first, and then
+            to skip cells that are too far from the way for that.
         memory: Memory for plans, which keeps what the search has seen.
 
     Returns:
@@ -326,6 +328,8 @@ def search(
         for side in range(4):
             windows[k, side] = NOWHERE[side]
 
+    # The first search finds one way; cells from which the way cannot be as short are of
+    # no use to the second, whose potential the plan follows.
     bound = np.inf
     if is_bounded:
         grow(terrain, ends, growth, Focus(growth.neutral, 0.0, np.inf), memory, 0)
@@ -377,6 +381,7 @@ def is_same(terrain: Terrain, memory: Memory) -> bool:
             if not differs:
                 continue
 
+            # Costs with the same price make no difference.
             for cell in range(first, end):
                 if prices[costs[cell]] == prices[last_costs[cell]]:
                     continue
@@ -427,6 +432,7 @@ def poses_along(
     """
     n = len(points)
     poses = np.zeros((n + 1, 3))
+    # The path leads from the goal to the robot, the plan the other way.
     for k in range(n):
         poses[k, 0] = grid.x + (points[n - 1 - k, 0] + half_cell) * grid.resolution
         poses[k, 1] = grid.y + (points[n - 1 - k, 1] + half_cell) * grid.resolution
