@@ -235,7 +235,9 @@ def renew(band: Floats, n: int, context: Context) -> int:
         The new length, or a code of REASONS.
     """
     n = measure(band, n, context.clearance)
-    return n if n < 0 else refine(band, n, context)
+    if n < 0:
+        return n
+    return refine(band, n, context)
 
 
 @kernel

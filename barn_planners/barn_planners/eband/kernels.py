@@ -1,8 +1,8 @@
 """Kernels of the elastic band: bubbles, refining, connecting; `forces` moves bubbles.
 
 They follow eband_local_planner.cpp. A band is float64 (capacity, 4) with the columns X,
-Y, RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions that
-change a band return its new length, or below 0 one of the codes of REASONS.
+Y, RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions
+that change a band return its new length, or below 0 one of the codes of REASONS.
 """
 
 import math
@@ -415,4 +415,6 @@ def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
         return FULL
     place(band[end:], poses, gains)
     length = measure(band[end:], len(poses), context.clearance)
-    return length if length < 0 else end + length
+    if length < 0:
+        return length
+    return end + length
