@@ -97,7 +97,9 @@ class Batch:
 
         # Time between scans; 0 if there is one in every control period.
         steps = config.scan_steps
-        self._scan_period_ns = steps * period_ns if steps > 1 else 0
+        self._scan_period_ns = 0
+        if steps > 1:
+            self._scan_period_ns = steps * period_ns
         self._scanned_ns = np.zeros(count, np.int64)
         self._has_plain_lidars = True
         self._noise = np.empty((count, _SCANS, beams), np.float32)

@@ -271,7 +271,9 @@ def chassis_in(simulator: object) -> Chassis:
     Raises:
         ConfigError: If the chassis is not allowed.
     """
-    chassis = simulator.get("chassis") if isinstance(simulator, Mapping) else None
+    chassis = None
+    if isinstance(simulator, Mapping):
+        chassis = simulator.get("chassis")
     if chassis is None:
         return STANDARD_ROBOT.chassis
     return from_dict(Chassis, chassis, "simulator.chassis")

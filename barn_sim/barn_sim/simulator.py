@@ -127,7 +127,8 @@ class Simulator:
         scan = None
         if last is not None and self.config.scan_steps > 1:
             age_ns = self.stamp_ns - last.scan.stamp_ns
-            scan = last.scan if age_ns < self._scan_period_ns else None
+            if age_ns < self._scan_period_ns:
+                scan = last.scan
         self._sensors = Sensors(
             stamp_ns=self.stamp_ns,
             odometry=odometry,

@@ -93,6 +93,7 @@ class RobotModel:
     @cached_property
     def reach_m(self) -> float:
         """Distance from base_link to the farthest corner of `extent`."""
+        # The rows are two opposite corners. On each axis the farther side counts.
         return math.hypot(*np.abs(self.extent).reshape(2, 2).max(axis=0).tolist())
 
 
@@ -198,7 +199,10 @@ def fixed_frames(
     positions = {}
     for joint in root.iterfind("joint[@type='fixed']"):
         origin = joint.find(".//origin")
-        text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+        # URDF lets both the element and its attribute be left out, which means zero.
+        text = "0 0 0"
+        if origin is not None:
+            text = origin.get("xyz", text)
         x, y, z = map(float, text.split())
         positions[next(joint.iter("child")).attrib["link"]] = (x, y, z)
     return positions

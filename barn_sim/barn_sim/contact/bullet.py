@@ -12,6 +12,7 @@ _RENDERER = 2
 def _import_silently() -> Any:
     sys.stderr.flush()
     try:
+        # The line comes from C, which writes to the descriptor and not to sys.stderr.
         stderr = os.dup(2)
     except OSError:
         # Standard error is closed.

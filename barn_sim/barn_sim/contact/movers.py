@@ -161,9 +161,15 @@ class Movers:
         height = float(self._heights_m[index])
         position, attitude = self._pose(index)
         is_moving = index >= self._walls
-        mass_kg = _MASS_KG if is_moving else 0.0
+        # To PyBullet, a body without mass is fixed.
+        mass_kg = 0.0
+        if is_moving:
+            mass_kg = _MASS_KG
+        # A cylinder has its whole height, a box half of it, as `ContactScene.add` does.
+        size: tuple[float, ...] = (half_x, half_y, 0.5 * height)
+        if radius:
+            size = (radius, height)
         dynamics = {"lateralFriction": self._friction, "angularDamping": 0.0}
-        size = (radius, height) if radius else (half_x, half_y, 0.5 * height)
         body = scene.add(size, position, attitude, mass_kg, **dynamics)
         if is_moving:
             bullet.setCollisionFilterGroupMask(

@@ -97,6 +97,7 @@ class Obstacles:
         self._reach_m = model.reach_m
         self._config = config
         self._gap_m = gap_m
+        # Beyond the gap at which bodies are created, so that none comes and goes.
         self._rest_gap_m = max(REST_GAP_M, 2.0 * gap_m)
 
         self.radius_m = world.cylinder_radius_m
@@ -104,6 +105,7 @@ class Obstacles:
         self._homes = world.cylinders_m
         count = len(self._homes)
         self._movable: Bools = np.full(count, config.movable)
+        # The containment follows the obstacles in `cylinders_m`.
         self._movable[len(world.obstacles_m) :] &= config.containment_movable
 
         # Position and quaternion of each.
@@ -187,11 +189,14 @@ class Obstacles:
         config = self._config
         state = self._states[index].tolist()
         is_movable = self._movable[index]
+        # To PyBullet, a body without mass is fixed.
+        mass_kg = 0.0
         dynamics: dict[str, object] = {
             "lateralFriction": config.friction,
             "angularDamping": _ANGULAR_DAMPING,
         }
         if is_movable:
+            mass_kg = config.mass_kg
             tilt = config.inertia_tilt_kg_m2
             spin = config.inertia_spin_kg_m2
             dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
@@ -199,7 +204,7 @@ class Obstacles:
             (self.radius_m, self._height_m),
             state[:3],
             state[3:],
-            config.mass_kg if is_movable else 0.0,
+            mass_kg,
             **dynamics,
         )
         if is_movable:
@@ -224,6 +229,7 @@ class Obstacles:
                     states.append(np.concatenate(scene.state(body)))
         if indices:
             self.undisturbed = False
+            # Pushed cylinders may come nearer to the robot, so the last look is void.
             self._free_m = 0.0
             follow_cylinders(
                 np.array(indices),

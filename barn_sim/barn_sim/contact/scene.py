@@ -80,6 +80,7 @@ class ContactScene:
             angularDamping=0.0,
             localInertiaDiagonal=model.inertia.tolist(),
         )
+        # The robot stands on its tires, which are computed elsewhere.
         bullet.setCollisionFilterPair(
             ground, self.robot, -1, -1, 0, physicsClientId=client
         )
@@ -137,6 +138,8 @@ class ContactScene:
             bodyA=self.robot, physicsClientId=self.client
         )
         for contact in contacts:
+            # Bullet also lists points at small gaps, which are no contact unless they
+            # carry a force.
             distance = contact[8]
             normal_force = contact[9]
             if distance <= 0.0 or normal_force > 0.0:
@@ -164,12 +167,17 @@ class ContactScene:
             PyBullet's number of the body.
         """
         if size not in self._shapes:
-            is_box = len(size) == 3
+            kind = bullet.GEOM_CYLINDER
+            half_sizes: tuple[float, ...] = (0.0, 0.0, 0.0)
+            if len(size) == 3:
+                kind = bullet.GEOM_BOX
+                half_sizes = size
+            # Each kind of shape ignores the arguments of the other.
             self._shapes[size] = bullet.createCollisionShape(
-                bullet.GEOM_BOX if is_box else bullet.GEOM_CYLINDER,
+                kind,
                 radius=size[0],
                 height=size[1],
-                halfExtents=size if is_box else (0.0, 0.0, 0.0),
+                halfExtents=half_sizes,
                 physicsClientId=self.client,
             )
         shape = self._shapes[size]
@@ -191,6 +199,7 @@ class ContactScene:
             -1,
             position,
             attitude,
+            # Plain rigid bodies and not articulated ones: nothing here has joints.
             useMaximalCoordinates=True,
             physicsClientId=self.client,
         )
@@ -278,9 +287,18 @@ def _robot_shape(model: RobotModel, client: int) -> int:
     lengths = []
     attitudes = []
     for shape in shapes:
-        kinds.append(bullet.GEOM_CYLINDER if shape.radius_m else bullet.GEOM_BOX)
-        lengths.append(2.0 * float(shape.half_sizes[2 if shape.upright else 1]))
-        attitudes.append(along_z if shape.upright else along_y)
+        kind = bullet.GEOM_BOX
+        if shape.radius_m:
+            kind = bullet.GEOM_CYLINDER
+        # Bullet's cylinders are along z, so the wheels are turned about x.
+        length_axis = 1
+        attitude = along_y
+        if shape.upright:
+            length_axis = 2
+            attitude = along_z
+        kinds.append(kind)
+        lengths.append(2.0 * float(shape.half_sizes[length_axis]))
+        attitudes.append(attitude)
     compound: int = bullet.createCollisionShapeArray(
         shapeTypes=kinds,
         halfExtents=[shape.half_sizes.tolist() for shape in shapes],

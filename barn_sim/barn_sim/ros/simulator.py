@@ -146,6 +146,7 @@ class SimulatorNode(Node):
             self._serve(_WAIT_S)
             return
         if not trial.published:
+            # A command from before the readings does not answer them.
             trial.answer = None
             self._outputs.publish(trial.readings())
 
@@ -206,6 +207,7 @@ class SimulatorNode(Node):
         else:
             duration_s = ticks * config.tick_ns / NANOSECONDS_PER_SECOND
             self._due_s = max(self._due_s + duration_s / factor, now_s - _LARGEST_LAG_S)
+        # Callbacks get a turn even on a machine that is behind and never waits below.
         self._serve(0.0)
         while not self.stopping and self.trial is trial:
             remaining_s = self._due_s - time.monotonic()
@@ -313,6 +315,8 @@ class SimulatorNode(Node):
 
 def _initial_config(node: Node) -> RunConfig:
     """Return the configuration for the robot that a parameter names."""
+    # The robot decides the defaults of other parameters, so it is needed before any
+    # is declared, and rclpy has no public way to read it then.
     robot = node._parameter_overrides.get("robot")
     # A value of another type is refused with a reason when the parameter is declared.
     if robot is None or not isinstance(robot.value, str):
@@ -326,6 +330,7 @@ def main(args: list[str] | None = None) -> int:
     node: SimulatorNode | None = None
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
+        # Before there is a node, nothing has to end in order.
         if node is None:
             raise SystemExit(0)
         node.stopping = True
@@ -333,6 +338,7 @@ def main(args: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     try:
+        # rclpy's own handlers would shut ROS down in the midst of a step.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         # Malformed ROS arguments.

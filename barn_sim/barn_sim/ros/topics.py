@@ -157,8 +157,13 @@ class Outputs:
         """
         reliability = config.scan_reliability
         if reliability == "auto":
-            reliability = "reliable" if config.lockstep else "best_effort"
-        scan_qos = BEST_EFFORT if reliability == "best_effort" else None
+            reliability = "best_effort"
+            # In lockstep, the simulator would wait for the answer to a lost scan.
+            if config.lockstep:
+                reliability = "reliable"
+        scan_qos = None
+        if reliability == "best_effort":
+            scan_qos = BEST_EFFORT
         self._scan = create_publisher(node, topics.SCAN, scan_qos)
         self._line = line
         self._publishers: dict[str, Publisher | None] = {topics.SCAN.name: self._scan}

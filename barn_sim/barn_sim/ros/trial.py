@@ -142,11 +142,14 @@ def begin_trial(
     config = replace(config, chassis=load_robot(config.robot).chassis)
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
-    scan_period_s = None if node.lockstep else 1.0 / config.lidar.rate_hz
+    scan_period_s = None
+    if not node.lockstep:
+        scan_period_s = 1.0 / config.lidar.rate_hz
     return SimulatedTrial(
         config=config,
         simulator=simulator,
         messages=SimulatorMessages(config, node.frames, scan_period_s, config.start),
+        # Time never runs back from trial to trial: tf2 drops all transforms then.
         origin_ns=(before_ns // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND,
         world_name=world.name,
         cycle_timer=CycleTimer(config.compute, config.compute_seed),

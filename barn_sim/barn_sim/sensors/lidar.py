@@ -161,6 +161,7 @@ class Lidar:
         """
         chances, portions = self.rng.random((2, len(ranges)))
         near = np.minimum(ranges, self.fan[2])
+        # The first and the last beam have only one neighbor and stand in for the other.
         far = np.maximum(
             np.append(near[1:], near[-1]), np.insert(near[:-1], 0, near[0])
         )

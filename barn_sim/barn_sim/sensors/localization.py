@@ -73,7 +73,9 @@ def localization_map(world: World, historical: bool) -> OccupancyMap:
     """
     is_standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
     occupancy = world.occupancy_map(historical=historical and is_standard)
-    shift_m = -STANDARD_CELL_M if historical and not is_standard else 0.0
+    shift_m = 0.0
+    if historical and not is_standard:
+        shift_m = -STANDARD_CELL_M
     return replace(occupancy, origin_y=occupancy.origin_y + shift_m)
 
 
