@@ -134,6 +134,7 @@ class Episodes:
         self._path_lengths[index] = len(path)
 
     def _require_equal_rules(self, index: int, spec: TrialSpec) -> None:
+        # The others agreed with each other when they began, so one of them is enough.
         for other_index, other in self._trials.items():
             if other_index == index:
                 continue
@@ -155,6 +156,7 @@ class Episodes:
         Returns:
             Distances (n,) of all robots to the goal as they were before.
         """
+        # A copy, since the distances are updated in place below.
         before_m: Floats = self.distances_left_m.copy()
         if len(rows) == 0:
             return before_m
@@ -237,6 +239,7 @@ class Episodes:
 
         # A command that is not a number ends the episode before the robot moves.
         is_refused = ~(is_finite | is_resting)
+        # Robots that rest are read as well: it is the first look of their episodes.
         before_m = self.observe(np.flatnonzero(~is_refused))
         rewards = np.empty(len(actions))
         observation = self._config.observation
@@ -280,6 +283,7 @@ class Episodes:
                 self._safety,
             )
             checked[index] = command.linear, command.angular
+        # NaN differs from itself, so a command that was not checked would seem changed.
         is_changed: Bools = ((checked != commands) & ~np.isnan(commands)).any(axis=1)
         return checked, is_changed
 

@@ -126,6 +126,8 @@ class JackalVectorEnv(SyncVectorEnv):
             self._truncations[index] = not self._terminations[index]
 
         infos: dict[str, Any] = {}
+        # Taken before any reset, which puts another trial in the place of the one that
+        # has ended.
         end_infos = {index: final_info(self._episodes.trial(index)) for index in ended}
         if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._last_infos(end_infos)
@@ -136,6 +138,7 @@ class JackalVectorEnv(SyncVectorEnv):
         end_infos |= self._judge_starts(started)
         infos = self._merge(infos | self._step_infos(self._all), end_infos)
         self._autoreset_envs = self._terminations | self._truncations
+        # The arrays are filled anew in the next step, and learners keep what they get.
         return (
             self._episodes.observations.copy(),
             rewards,
@@ -194,4 +197,5 @@ class JackalVectorEnv(SyncVectorEnv):
     def close_extras(self, **kwargs: object) -> None:
         """Close the environments and the physics clients that they share."""
         super().close_extras(**kwargs)
+        # The environments of a batch leave the physics clients to it.
         self._episodes.close()

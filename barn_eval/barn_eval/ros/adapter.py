@@ -107,6 +107,7 @@ class TrialAdapter:
             self._judge_reading()
             self._truth = self._decode_odometry(message)
         elif message.topic == topics.collision:
+            # A contact stands until it is judged, even if a later message denies it.
             self._collision = decode.boolean(message.data) or self._collision
         elif message.topic == topics.scan:
             self._unanswered_scan_ns = message.sent_ns
@@ -174,6 +175,7 @@ def count_missed_periods(
     for earlier_ns, later_ns in pairwise((*commands_ns, now_ns)):
         pause_ns = later_ns - earlier_ns
         if pause_ns <= silence_ns:
+            # A pause of one period, give or take half of one, misses none.
             missed += max(0, math.ceil(pause_ns / period_ns - 0.5) - 1)
     return missed
 

@@ -122,6 +122,8 @@ class ActionGoal:
         if not self._loop.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
             raise self._not_ready(f"no connection to the action {self._name}")
 
+        # A planner that is still starting may refuse goals. The attempts span the time
+        # that it is given to become ready.
         for _ in range(1 + math.ceil(patience.gate_s / _RETRY_PERIOD_S)):
             self.repeat(goal)
             if not self._loop.wait(

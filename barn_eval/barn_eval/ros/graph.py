@@ -99,6 +99,8 @@ class GraphView:
         names = set()
         for service, _ in self._node.get_service_names_and_types():
             if service.rpartition("/")[0] == node_name:
+                # A service is a pair of DDS topics. Clients are the publishers of its
+                # requests.
                 infos = self._node.get_publishers_info_by_topic(
                     f"rq{service}Request", no_mangle=True
                 )
@@ -160,6 +162,7 @@ class GraphView:
 
 def _full_name(info: TopicEndpointInfo) -> str:
     """Return the full name of an endpoint's node, empty while it is not known."""
+    # The middleware may hear of an endpoint before it hears of the endpoint's node.
     if info.node_name in ("", "_NODE_NAME_UNKNOWN_"):
         return ""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
@@ -268,6 +271,8 @@ class Integrity:
         if len(participants) > 1:
             return f"{len(participants)} nodes are named {self.simulator}"
 
+        # Without a private line, the node's name is all that is known of the simulator.
+        # While no node has the name, nobody counts as foreign.
         simulator = next(iter(participants), b"")
         if self.channel is not None:
             simulator = self.channel.participant

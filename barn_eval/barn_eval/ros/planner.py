@@ -84,6 +84,7 @@ class PlannerClient:
         inputs = list(config.required_inputs)
         if config.goal_by == "action":
             self.goal = ActionGoal(loop, config)
+            # The action carries the goal, so nobody need subscribe to the topic.
             inputs = [name for name in inputs if name != "goal_pose"]
         else:
             self.goal = TopicGoal(loop, view, config)
@@ -162,6 +163,8 @@ class PlannerClient:
             if finding.outcome is not Outcome.WRONG_MESSAGE_TYPE:
                 wrong_since_s = None
             else:
+                # A planner before this one may have left a publisher of another type,
+                # which is about to be replaced.
                 wrong_since_s = wrong_since_s or now_s
                 if now_s - wrong_since_s > self._patience.mismatch_s:
                     raise TrialEnded(finding.outcome, finding.text())
@@ -171,6 +174,7 @@ class PlannerClient:
                 complete_since_s = None
                 return finding.text() or "it has just come"
             complete_since_s = complete_since_s or now_s
+            # The other nodes may see the planner a little later than the evaluator.
             if now_s - complete_since_s < self._patience.settle_s:
                 return "it has just come"
             return ""
@@ -183,6 +187,7 @@ class PlannerClient:
         """Send the parameters of the planner's nodes to the supervisor."""
         self.parameters = {}
         deadline_s = self._loop.now_s + _ALL_PARAMETERS_S
+        # The empty name stands for all nodes whose names discovery has not told yet.
         names = self._view.nodes() - {"", *self._needs.known_nodes}
         for name in sorted(names)[:_MAX_NODES]:
             stable_name = _RANDOM_ENDING.sub("_*", name)

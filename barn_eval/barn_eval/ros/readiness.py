@@ -124,6 +124,8 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
 
     missing = [problem.text for problem in problems]
     nodes = {endpoint.node for endpoint in graph.endpoints}
+    # If only the simulator is in sight, the planner is probably on another domain or
+    # out of discovery range, which no missing topic tells.
     if problems and nodes.issubset(needs.known_nodes):
         missing.append(f"no node of a planner is seen {needs.surroundings}".rstrip())
 
@@ -135,6 +137,7 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
         outcome = Outcome.WRONG_MESSAGE_TYPE
     return Finding(
         command_type,
+        # The first by name, in whatever order discovery lists the publishers.
         min((endpoint.node for endpoint in commands), default=""),
         tuple(missing),
         outcome,
@@ -256,6 +259,7 @@ def _action_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
 
 def _is_compatible(writer: Endpoint, reader: Endpoint) -> bool:
     """Return whether DDS connects two endpoints by their quality of service."""
+    # A reader may ask for less than its writer offers, but never for more.
     is_reliable = writer.reliable or not reader.reliable
     is_durable = writer.latched or not reader.latched
     return is_reliable and is_durable

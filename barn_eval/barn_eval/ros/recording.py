@@ -68,6 +68,8 @@ class Recording:
         for topic, types in self._node.get_topic_names_and_types():
             is_required = topic in self._required
             infos = self._node.get_publishers_info_by_topic(topic)
+            # Where nodes disagree about a type, a subscription would get only a part of
+            # the messages.
             if not infos or len(types) != 1:
                 continue
             if not (is_required or (everything and topic not in self._exclude)):
@@ -222,6 +224,7 @@ def _part_names(field_type: Any) -> list[str]:
     """Return the message type that a field of rosbags' description holds, if any."""
     kind, content = field_type
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        # The content of both is a pair: the element's description and a length.
         kind, content = content[0]
     return [content] if kind == Nodetype.NAME else []
 

@@ -203,6 +203,7 @@ class RemoteNode:
             period_s = min(remaining_s, call_period_s)
             if self._loop.wait(future.done, period_s, self._process):
                 return future.result()
+            # Otherwise the client would keep the call for ever.
             client.remove_pending_request(future)
         raise ServiceTimeout(f"no answer from {path} within {limit_s:g} s")
 

@@ -88,6 +88,8 @@ class SimulatorChannel:
             ServiceTimeout: If no answer comes.
         """
         if action == "reset":
+            # Before the request, since the first readings of a trial come before the
+            # answer to it.
             self._drops_readings = False
 
         # A number of the clock keeps an answer to an earlier evaluator apart.
@@ -238,8 +240,10 @@ class SimulatorClient:
 
         limit_s = self._patience.simulator_s
         self._ask("introduce", start_limit_s)
+        # Time stops first, so that none passes between the reset and the release.
         self._ask("pause", limit_s, on=True)
         self._ask("set_parameters", limit_s, values=values)
+        # Messages that were sent before this time are not of the trial.
         reset_ns = time.time_ns()
         self._ask("reset", limit_s)
         return reset_ns
@@ -262,6 +266,7 @@ class SimulatorClient:
         """
         deadline_s = self._loop.now_s + self._patience.connection_s
         while True:
+            # To pause once more changes nothing, and the answer tells the connections.
             status = self._pause(True)
             scans = status.scan_subscriptions
             commands = status.command_publishers

@@ -106,6 +106,7 @@ class Subscriber:
         subscription = self._node.create_subscription(
             message_type,
             name,
+            # Never called: no executor touches the group, and `read` takes messages.
             lambda _: None,
             qos_profile(replace(qos, depth=depth)),
             **options,
@@ -309,6 +310,7 @@ class TrialQueue:
         self.ticks += 1
         if self._sequencer.tick(self.now_ns, message.sent_ns):
             self._sequencer.add(message)
+        # If no tick came between reset and release, the next one is the beginning.
         if self._released and self.origin_ns is None:
             self.origin_ns = self.now_ns
 

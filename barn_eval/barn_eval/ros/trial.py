@@ -146,8 +146,10 @@ class RunContext:
         is_planner = process == PLANNER
         self.view.leave_out(lambda endpoint: is_simulator(endpoint) != is_planner)
         if is_planner:
+            # The next start of the planner may have other parameters.
             self.planner.parameters.clear()
         elif self.channel is not None:
+            # Unknown until the next simulator introduces itself.
             self.channel.participant = b""
 
 
@@ -199,16 +201,21 @@ class RosTrial:
             verdict = self._follow(queue)
         except TrialEnded as end:
             if self._queue is not None:
+                # What was sent before the end belongs to the trial, even if the last
+                # tick lacks something.
                 self._queue.read()
                 self._queue.hand_over(self._take, incomplete=True)
             verdict = self.trial.referee.fail(end.outcome, end.detail, end.culprit)
             self._show_score()
 
+        # The looks while driving leave gaps, so there is a last one. A failure of the
+        # environment stands: such a trial runs again in any case.
         interference = context.integrity.look()
         if interference and verdict.fault != ENVIRONMENT:
             verdict = replace(
                 verdict, outcome=Outcome.INTERFERENCE, detail=interference, culprit=""
             )
+        # Read before `end`, which cancels the goal and forgets its result.
         self.action_result = context.planner.goal.action_result
         context.planner.goal.end()
         return self._explain(verdict)

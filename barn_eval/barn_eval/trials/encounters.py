@@ -148,6 +148,8 @@ def _first_hit(
     local = outline.nearest(reach @ ahead, reach @ left)
     lever = local[0] * ahead + local[1] * left
     line = target - base - lever
+    # If the two touch, no line leads from one to the other, and speeds along it
+    # count as 0.
     length = float(np.hypot(*line)) or math.inf
     robot_velocity = speed * ahead + yaw_rate * np.array([-lever[1], lever[0]])
     robot_mps = float(robot_velocity @ line) / length
@@ -171,6 +173,7 @@ def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     cylinder_gaps = compute_clearances(
         poses, world.cylinders_m, world.cylinder_radius_m, outline
     )
+    # Clearances go below 0 in an overlap. The gaps that this is compared with do not.
     gap = max(float(cylinder_gaps.min(initial=math.inf)), 0.0)
     walls = wall_bodies(world.walls).shapes()
     for x, y, yaw in poses.tolist():

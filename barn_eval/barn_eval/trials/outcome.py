@@ -121,6 +121,7 @@ def score_trial(
     else:
         scored_time_s = time_s
         if least_time_s is not None:
+            # The clock may start at the very reading that shows the arrival.
             efficiency = least_time_s / time_s if time_s > 0.0 else 1.0
 
     optimal_s = course.optimal_time_s

@@ -213,6 +213,7 @@ def unpack_delays(text: str) -> tuple[int, ...]:
     """Return the delays in ns of a text; ConfigError if it holds none."""
     try:
         packed = base64.b64decode(text, validate=True)
+        # Rows may come from anybody, and a short text may unpack to gigabytes.
         data = zlib.decompressobj().decompress(packed, _MAX_DELAY_BYTES)
         differences = np.frombuffer(data, "<i4")
     except (binascii.Error, zlib.error, ValueError) as error:

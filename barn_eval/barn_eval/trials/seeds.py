@@ -35,5 +35,6 @@ def planner_seed(
 
 
 def _derive_seed(*parts: object) -> int:
+    # Python's own hash of a text differs from process to process.
     digest = hashlib.sha256("/".join(map(str, parts)).encode()).digest()
     return int.from_bytes(digest[:4], "little")

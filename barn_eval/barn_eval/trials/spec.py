@@ -123,6 +123,8 @@ class TrialSpec:
             return 0.0
         protocol = self.scaled_protocol
         length_m = _least_path_m(protocol, self.course, self.world, chassis)
+        # The clock starts at the first reading after the robot has left the disc, so
+        # up to a period of the way is not on it.
         return max(0.0, length_m / max_speed_mps - protocol.control_period_s)
 
     @cached_property

@@ -163,6 +163,7 @@ def measure_trajectory(
     straight_m = 0.0
     if len(truth):
         straight_m = float(np.hypot(*(truth[-1] - truth[0])[:2]))
+    # Yaw is wrapped: a jump by a full turn at pi is no rotation.
     turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
 
     # Each period belongs to the reading at its end.
@@ -182,6 +183,7 @@ def measure_trajectory(
         mean_clearance_m = float(clearance.mean())
 
     command = trajectory.command
+    # Readings without an answer are skipped: a step leads to the next command.
     steps = np.diff(command[np.isfinite(command).all(axis=1)], axis=0)
     variation: list[float | None] = [None, None]
     rms_step: list[float | None] = [None, None]
@@ -204,6 +206,7 @@ def measure_trajectory(
         contacts=int(contact_began.sum()),
         rms_jerk_mps3=_rms_jerk(trajectory, 0),
         rotation_rad=float(turns.sum()),
+        # The last reading usually ends the trial, so it needs no answer.
         unanswered_cycles=int(np.isnan(command[:-1]).any(axis=1).sum()),
         near_contact_s=near_s,
         rms_yaw_jerk_radps3=_rms_jerk(trajectory, 1),
@@ -251,5 +254,7 @@ def _rms_jerk(trajectory: Trajectory, axis: int) -> float | None:
     if len(periods) < 2 or not (periods > 0.0).all():
         return None
     acceleration = np.diff(trajectory.velocity[:, axis]) / periods
+    # An acceleration belongs to the middle of its period, so neighbors are half of
+    # both periods apart.
     jerk = np.diff(acceleration) / (0.5 * (periods[1:] + periods[:-1]))
     return float(np.sqrt(np.mean(jerk**2)))

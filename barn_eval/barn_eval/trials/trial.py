@@ -79,6 +79,7 @@ def processor_wait_s(process: str | int = "self") -> float:
     """
     try:
         schedule = Path(f"/proc/{process}/schedstat").read_text("ascii")
+        # Time on a processor, time waiting for one, both in ns, and a count.
         return int(schedule.split()[1]) / NANOSECONDS_PER_SECOND
     except (OSError, IndexError, ValueError):
         return 0.0
@@ -114,6 +115,8 @@ class Deadline:
     def __enter__(self) -> None:
         """Start to count."""
         if self._armed:
+            # An overrun is noticed about a quarter of the limit late, or a second
+            # under long limits.
             self._period_s = min(1.0, self.limit_s / 4.0)
             self._processor_s = time.thread_time()
             self._checked_s = 0.0

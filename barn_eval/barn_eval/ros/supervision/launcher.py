@@ -148,6 +148,7 @@ def _mount_views(results: str) -> bool:
     """
     if _LIBC.unshare(_CLONE_NEWNS):
         return False
+    # Without this, the mounts below could show outside the namespace as well.
     if _LIBC.mount(None, b"/", None, _MS_REC | _MS_PRIVATE, None):
         return False
 
@@ -232,6 +233,7 @@ def _lead_namespace(
     os.setsid()
     for number in _ENDING_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    # The socket is the launcher's, which a signal to this process must not wake.
     signal.set_wakeup_fd(-1)
     try:
         _mount_views(results)
@@ -475,6 +477,7 @@ def _living_descendants() -> list[int]:
     this_pid = os.getpid()
     family = {this_pid}
     size = 0
+    # Children may be listed before their parents, so look until nobody is added.
     while len(family) > size:
         size = len(family)
         family.update(pid for pid, parent in parents.items() if parent in family)

@@ -59,6 +59,7 @@ class NodeProcess:
         if not self.parameters:
             return list(self.command)
         path = folder / f"{self.name}.yaml"
+        # The wildcard fits the node under any name and in any namespace.
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
         with convert_os_errors(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")

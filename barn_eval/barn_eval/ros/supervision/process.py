@@ -79,9 +79,11 @@ class EventChannel:
             except BlockingIOError:
                 break
             except OSError:
+                # A connection that was reset is as good as closed.
                 data = b""
             self.closed = not data
             self._received += data
+        # The last piece is an event of which only a part has come, or empty.
         *lines, self._received = self._received.split(b"\n")
         return [json.loads(line) for line in lines]
 
@@ -144,6 +146,7 @@ class SupervisedProcess:
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     pass_fds=[descriptor, *(end.fileno() for end in sockets)],
+                    # Ctrl-C reaches the supervisor alone, which ends its processes.
                     start_new_session=True,
                 )
 
@@ -199,6 +202,8 @@ class SupervisedProcess:
         Its command dies with it; what the command has started carries the mark.
         """
         self._launcher.wait()
+        # A process may start another one between the look and the signal, so look
+        # until there is none.
         while pids := _find_marked(self._mark):
             for pid in pids:
                 with suppress(ProcessLookupError):

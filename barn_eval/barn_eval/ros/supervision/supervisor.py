@@ -173,6 +173,8 @@ class _Supervisor:
         while not self._done:
             self._start_due()
             self._await_events()
+            # Ends before events: what an evaluator sent before its end can then be
+            # received below, so that no result is lost with it.
             for process in list(self._processes.values()):
                 process.read()
             if self._evaluator is not None:
