@@ -163,6 +163,8 @@ def draw_estimates(
         rows = [(e.estimate, e.low, e.high) for e in estimates]
         middle, low, high = np.array(rows, np.float64).T
         values[name] = middle
+        # An estimate may lie outside its limits, if only by rounding, but matplotlib
+        # refuses negative errors.
         below = np.maximum(middle - low, 0.0)
         above = np.maximum(high - middle, 0.0)
         values[f"{name}err"] = np.array([below, above])

@@ -98,6 +98,7 @@ class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
         while not self._stop.wait(_PERIOD_S):
             if not any(channel.has_sinks() for channel in self._channels.values()):
                 follower.close()
+                # A new follower gives the next viewer the trial from its beginning.
                 follower = TrialFollower(self._folder)
                 continue
             try:

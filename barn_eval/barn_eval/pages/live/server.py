@@ -67,6 +67,7 @@ class RunState:
         version = (0, 0)
         if path.exists():
             status = path.stat()
+            # Size and time: two rows may come within one step of the file's clock.
             version = (status.st_size, status.st_mtime_ns)
         if version != self._rows_version or not self._state:
             try:
@@ -74,6 +75,7 @@ class RunState:
             except (BarnError, OSError) as error:
                 title = self.folder.resolve().name
                 self._state = {"title": title, "problem": str(error)}
+            # As it was before the reading: rows that came meanwhile are read next time.
             self._rows_version = version
         return self._state
 
@@ -164,6 +166,7 @@ def _end_of(row: TrialResult) -> datetime | None:
         start = datetime.fromisoformat(row.wall_clock.started_at)
     except ValueError:
         return None
+    # Times with and without a zone cannot be sorted together.
     if start.tzinfo is None:
         return None
     return start + timedelta(seconds=row.wall_clock.duration_s)
@@ -207,11 +210,13 @@ class PageServer(AbstractContextManager["PageServer"]):
         try:
             self._server = _Server((host, port), state)
         except (OSError, OverflowError) as error:
+            # A port above 65535 is an OverflowError, which has no strerror.
             reason = getattr(error, "strerror", None) or error
             raise ConfigError(
                 f"host {host!r}, port {port}: cannot be served: {reason}"
             ) from None
         address, bound_port = self._server.server_address[:2]
+        # A server may listen on 0.0.0.0, but a browser cannot open that everywhere.
         if ip_address(str(address)).is_unspecified:
             host = LOOPBACK
         self.url = f"http://{host}:{bound_port}/"

@@ -163,6 +163,8 @@ def _encode_film(
     first = next(frames)
     height, width, _ = first.shape
     # The path is the last word, so it can be no option.
+    # Many players decode no pixel format but yuv420p, and with faststart a browser
+    # shows the film before it has loaded all of it.
     command = (
         f"-loglevel error -f rawvideo -pix_fmt rgb24 -s {width}x{height} "
         f"-r {frames_per_s:g} -i - "
@@ -234,6 +236,7 @@ def _smooth_poses(recorded: RecordedTrial) -> Floats:
     period_s = _CAMERA_WINDOW_S
     if len(poses) > 1:
         period_s = float(np.median(np.diff(recorded.times_s)))
+    # An odd number, so that each mean is about its own pose.
     window = 2 * round(0.5 * _CAMERA_WINDOW_S / max(period_s, 1e-3)) + 1
     return np.asarray(uniform_filter1d(poses, window, axis=0, mode="nearest"))
 

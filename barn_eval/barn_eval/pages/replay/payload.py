@@ -64,6 +64,8 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
     if recorded.map is not None:
         content["map"] = _grid_list(recorded.map, Pose2D(0.0, 0.0, 0.0))
         cells = recorded.map.data.ravel()
+        # One byte for each cell: 0 is free, 1 occupied, and 2 unknown, which messages
+        # have as -1.
         occupied = (cells >= _OCCUPIED).astype("u1")
         unknown = (cells < 0).astype("u1")
         arrays["map"] = occupied + 2 * unknown
@@ -248,12 +250,14 @@ def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
 
 def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
     """Add costs in a few levels; 0 is free or unknown. Return the grids."""
+    # The division is rounded up, so that there are never more than the limit.
     stride = max(1, -(-len(recorded.costmaps) // _MAX_COSTMAPS))
     costmaps = recorded.costmaps[::stride]
     cells = [np.empty(0, "u1")]
     grids = []
     for item in costmaps:
         costs = np.clip(item.content.data, 0, 100)
+        # Rounded up, so that the lowest cost does not look free.
         levels = np.ceil(costs * (_COST_LEVELS / 100.0)).astype("u1")
         cells.append(levels.ravel())
         grids.append(_grid_list(item.content, recorded.to_frame(item)))

@@ -243,6 +243,7 @@ def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = []
     for axes, measure in zip(panels, data.difference_measures, strict=True):
         for position, entry in enumerate(data.entries):
+            # Side by side around the tick, apart from those of the next band.
             shift = (position - (count - 1) / 2) * min(0.16, 0.6 / count)
             means = [
                 measure.in_heading_unit(band.summaries[position][measure.key])
@@ -256,6 +257,7 @@ def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
         title = measure.title.capitalize()
         label_axes(axes, "worlds by difficulty [band]", measure.heading, title)
         axes.set_xticks(places, ticks)
+        # A marker at 100 % must not be cut off.
         axes.set_ylim(0, 104 if measure.percent else None)
     return Legend(handles[:count], data.labels)
 
@@ -309,6 +311,7 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
         names[code] = outcome.value.replace("_", " ")
         if OUTCOME_COLORS[outcome] == BROKEN:
             names[code] = "other failure"
+    # Outcomes of one name have one color, so the legend has them once.
     color_by_name = {names[code]: colors[code] for code in sorted(present_codes)}
     handles = [
         Patch(facecolor=color, edgecolor=INK, linewidth=0.5)
@@ -398,6 +401,7 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
             name = f"{parameters[1]} = {format_setting_value(setting[1])}"
         lines.setdefault(name, []).append(position)
 
+    # Values may be numbers and texts, which cannot be compared with each other.
     values = sorted(
         {setting[0] for setting in settings},
         key=lambda value: (str(type(value)), value),
@@ -525,6 +529,7 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
         )
         for part in ("boxes", "whiskers", "caps", "medians"):
             width = 2.6 if part == "medians" else 1.8
+            # A box has two whiskers and two caps, but only one median.
             lines_per_entry = len(boxes[part]) // len(entries)
             for position, line in enumerate(boxes[part]):
                 entry = entries[position // lines_per_entry]

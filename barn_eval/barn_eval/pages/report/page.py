@@ -310,6 +310,7 @@ def replay_links(
             page = replays / f"{source.path.resolve().name}_{trial_id}.html"
             write_page(page, replay_page(read_recorded_trial(bag)))
         if page.is_file():
+            # A relative address survives when page and replays are moved together.
             links[bag] = quote(os.path.relpath(page, out.parent))
     return links
 

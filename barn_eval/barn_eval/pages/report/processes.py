@@ -74,4 +74,5 @@ def _exit_with_parent() -> None:
     parent = parent_process()
     assert parent is not None
     parent.join()
+    # sys.exit would end no more than this thread.
     os._exit(1)

@@ -152,6 +152,8 @@ def _add_moving_clearance(
         samples[:, _POSE],
         outline,
     )
+    # The last channel is the clearance, NaN where there are no cylinders: fmin
+    # ignores that.
     samples[:, -1] = np.fmin(samples[:, -1], gaps)
     return replace(track, samples=samples)
 
@@ -180,6 +182,7 @@ def make_scene_if_known(source: Source, world: World) -> TrialScene:
     """
     try:
         return make_scene(source, world)
+    # The configuration of a folder may be incomplete or changed by hand.
     except (BarnError, KeyError, TypeError, ValueError):
         return scene_of(world)
 
@@ -262,6 +265,7 @@ def _trial_row(
         value = MEASURES[key].value(result)
         cells.append(None if value is None else round(value, 4))
 
+    # JavaScript has no whole numbers beyond 53 bits, so seeds are texts.
     seeds = (result.campaign_seed, result.simulator_seed, result.planner_seed)
     row = {
         "id": result.trial_id,
@@ -289,6 +293,7 @@ def _world_data(world: World, source: Source | None) -> dict[str, Any]:
         "path": world.path_m().astype("f4"),
     }
     step_m = 1.0
+    # Whole millimeters in two bytes reach almost 33 m.
     if max(map(abs, world.bounds_m)) < 32.0:
         step_m = 0.001
         for name, values in arrays.items():
