@@ -137,6 +137,7 @@ class Movers:
                 self._bodies[index] = self._add_body(scene, index)
 
         for index, body in self._bodies.items():
+            # Walls come first in the arrays and stay where they are.
             if index >= self._walls:
                 position, attitude = self._pose(index)
                 velocity = (*self._velocities[index].tolist(), self._lift_m_s)

@@ -250,6 +250,7 @@ class ScenePool:
             config: Tick, gravity and friction.
         """
         for scene in reversed(self._idle):
+            # `model_of` is cached, so equal robots share one model.
             if scene.model is model and scene.config == config:
                 self._idle.remove(scene)
                 if scene.is_connected:

@@ -55,6 +55,7 @@ class Lidar:
         # it.
         spread = config.angle_max_rad - config.angle_min_rad
         angle_min = float(np.float32(config.angle_min_rad))
+        # There is one gap fewer than beams.
         increment = float(np.float32(spread / max(config.beams - 1, 1)))
         range_min = float(np.float32(config.range_min_m))
         range_max = float(np.float32(config.range_max_m))
