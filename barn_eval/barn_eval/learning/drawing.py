@@ -104,6 +104,7 @@ class TopView:
             draw.polygon(self._to_pixels(outline), fill=color)
 
     def _to_pixels(self, points_m: Points) -> list[tuple[float, float]]:
+        # Rows of a picture count from its top, but y from below.
         return [
             ((x - self._left_m) * _PIXELS_PER_M, (self._top_m - y) * _PIXELS_PER_M)
             for x, y in points_m.tolist()

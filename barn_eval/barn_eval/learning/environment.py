@@ -250,6 +250,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def _fit_safety(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
         """Return the collision check for the robot and the mount of its lidar."""
         mount_x_m = self.simulator_config.lidar.mount_x_m
+        # The default stands for a mount that nobody has set.
         if safety.lidar_x_m not in (CollisionCheckConfig().lidar_x_m, mount_x_m):
             mount = f"{mount_x_m:g} m (simulator parameter lidar.mount_x_m)"
             raise ConfigError(

@@ -133,6 +133,7 @@ class TrialAdapter:
         # A planner may publish something that is no path there.
         with suppress(MessageError):
             header = decode.header(message.data)
+            # Frames of ROS 1 began with a slash, and some nodes still send it.
             if header.frame.lstrip("/") == self._plan_frame:
                 stamp_ns = header.stamp_ns - self._origin_ns
                 self.trial.plan(decode.path(message.data), stamp_ns)

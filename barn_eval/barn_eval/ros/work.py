@@ -159,6 +159,7 @@ def require_ros(config: RunConfig, reporter: Reporter) -> None:
         convert_os_errors(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
         socket(AF_INET, SOCK_DGRAM) as probe,
     ):
+        # To connect a datagram socket sends nothing: it only looks for a route.
         probe.connect(("127.0.0.1", 9))
     warning = isolation_warning(config.ros)
     if warning:

@@ -73,6 +73,7 @@ def measure_encounters(
         gaps[k] = outline.gaps(shapes, x, y, yaw)
         waits[k] = outline.times_to_contact(shapes, velocities[k], x, y, yaw, speed)
 
+    # No time has passed at the first reading.
     periods_s = np.diff(times_s, prepend=times_s[:1])
     shortest_s = float(waits.min(initial=math.inf))
     path_ratio = None

@@ -364,9 +364,11 @@ def _merge_base(content: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 PROTOCOLS: dict[str, Protocol] = {}
+# A protocol may build on those above it in the file.
 for _name, _content in read_package_yaml("barn_eval", "protocols.yaml").items():
     _content["name"] = _name
     PROTOCOLS[_name] = from_dict(Protocol, _merge_base(_content, _name), _name)
+# In the order of the file.
 CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = (
     PROTOCOLS.values()
 )

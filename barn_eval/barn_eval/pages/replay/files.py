@@ -94,6 +94,7 @@ def write_replay(
             write_page(path, replay_page(*trials))
         elif ending == ".png":
             content = io.BytesIO()
+            # For a single picture there is time to draw smooth edges.
             frame = next(draw_frames([end_s], oversampling=2))
             Image.fromarray(frame).save(content, "PNG")
             write_page(path, content.getvalue())

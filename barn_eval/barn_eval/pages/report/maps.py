@@ -228,6 +228,7 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
 
     for phase_s, end_s in ends_s.items():
         begin_s = max(phase_s, end_s - _MAX_MOTION_S)
+        # A little beyond the end, so that arange does not leave it out.
         times_s = np.arange(begin_s, end_s + 1e-9, _MOTION_STEP_S)
         paths = drawing.motion_paths(world.tracks, times_s)
         drawing.draw_motion_paths(axes, paths, alpha=0.55, zorder=1.5)
@@ -403,6 +404,7 @@ def _require_selection(
 
 def _overlay_bounds(scene: TrialScene, trials: Sequence[DrivenTrial]) -> Bounds:
     """Return what an overlay shows: obstacles, start, goal and trajectories."""
+    # The circle around the goal must be in view up to its top.
     goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
     trails = [trial.poses[:, :2] for trial in trials]
     points = np.vstack(
