@@ -141,7 +141,7 @@ def test_a_registered_planner_is_found_and_names_are_unique():
 
 
 def test_a_planner_is_found_by_its_entry_point(announced):
-    announced("test_registry:ENTRY")
+    announced(f"{__name__}:ENTRY")
     assert "stand" in planner_names()
     assert make_planner(
         "stand", "challenge", {"patience_s": 2.0}
@@ -149,7 +149,7 @@ def test_a_planner_is_found_by_its_entry_point(announced):
 
 
 def test_one_preset_named_default_serves_every_protocol(announced):
-    announced("test_registry:ENTRY")
+    announced(f"{__name__}:ENTRY")
     assert (
         planner_config("stand", "paper2020")
         == planner_config("stand", "challenge")
@@ -165,7 +165,7 @@ def test_one_preset_named_default_serves_every_protocol(announced):
             "planner 'stand': cannot load 'no_module:ENTRY': No module named 'no_module'",
         ),
         (
-            "test_registry:Stand",
+            f"{__name__}:Stand",
             "planner 'stand': its entry point must be a PlannerEntry",
         ),
     ],

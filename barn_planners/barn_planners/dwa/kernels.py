@@ -182,7 +182,7 @@ def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
     low, high, low_turn, high_turn, speed_count, turn_count, _, _, _, sums = sampling
     speeds = _even_values(low, high, speed_count, sums)
     turns = _even_values(low_turn, high_turn, turn_count, sums)
-    turns_per_speed = turn_count + int(sampling.highest_turn)
+    turns_per_speed = turn_count + (1 if sampling.highest_turn else 0)
     drives = speed_count * turns_per_speed if forward else 0
     table = np.zeros((drives + turn_count, COLUMNS))
     for k in range(drives):

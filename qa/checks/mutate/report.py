@@ -79,7 +79,8 @@ def survivors(tried: Iterable[Tried]) -> str:
         if not outcome.killed:
             mutant = outcome.mutant
             reason = reasons.get(outcome.change, NO_REASON)
-            text += f"{outcome.module}:{mutant.line} {mutant.where}: {reason}\n"
+            place = f"{outcome.module}:{mutant.line} {mutant.where}".rstrip()
+            text += f"{place}: {reason}\n"
             text += f"- {mutant.was}\n+ {mutant.now}\n\n"
     return text
 
@@ -109,9 +110,9 @@ def write_page(path: Path, tried: Sequence[Tried]) -> None:
             left.setdefault(place, []).append(
                 f"- {outcome.mutant.was}\n+ {outcome.mutant.now}\n"
             )
-    texts = [
-        f"`{module}`, `{where}`: {reason}\n\n```diff\n" + "".join(lines) + "```"
-        for (module, where, reason), lines in left.items()
-    ]
+    texts = []
+    for (module, where, reason), lines in left.items():
+        names = f"`{module}`, `{where}`" if where else f"`{module}`"
+        texts.append(f"{names}: {reason}\n\n```diff\n" + "".join(lines) + "```")
     parts = [head + BEGIN, "\n".join(table), "## Survivors", *texts]
     path.write_text("\n\n".join(parts) + "\n", "utf-8")
