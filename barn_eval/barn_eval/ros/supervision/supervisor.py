@@ -325,14 +325,16 @@ class _Supervisor:
         """Replace a process that has ended; yield the trial that this costs, if any."""
         name = process.name
         end = process.end or ""
+        # The evaluator may want a planner of its own for each trial: no news. Asked
+        # before the process is stopped, which counts as stopping whatever went before.
+        policy = self._assignment.run.ros.restart_planner
+        is_expected = name == PLANNER and process.stopping and policy == "each_trial"
+
         del self._processes[name]
         process.stop()
         if end.startswith("cannot be started"):
             raise ProcessError(f"the {name} {end}")
 
-        # The evaluator may want a planner of its own for each trial: no news.
-        policy = self._assignment.run.ros.restart_planner
-        is_expected = name == PLANNER and process.stopping and policy == "each_trial"
         if not is_expected:
             self._notice_end(process)
 
