@@ -1,4 +1,7 @@
-"""Fixtures of the tests of the repository: its documentation, examples, images and the tools of its makers."""
+"""Fixtures of the tests of the repository.
+
+Its documentation, examples, images and the tools of its makers.
+"""
 
 import pytest
 from extra_messages import extra_message_types, with_extra_messages

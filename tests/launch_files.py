@@ -1,4 +1,7 @@
-"""What launch files have, read from their source: launch itself is only in a full ROS 2 installation."""
+"""What launch files have, read from their source.
+
+Launch itself is only in a full ROS 2 installation.
+"""
 
 import ast
 from functools import cache
@@ -15,7 +18,8 @@ SHARED = ROOT / "barn_worlds/barn_worlds/ros/launching.py"
 def launch_arguments(path: Path) -> set[str]:
     """Return a set that the names of a launch file's arguments are among.
 
-    These are the texts in it and in what all launch files share, and the fields of the configurations that it imports.
+    These are the texts in it and in what all launch files share, and the fields of the
+    configurations that it imports.
     """
     tree = ast.parse(path.read_text("utf-8"))
     names = _texts(tree) | _texts(ast.parse(SHARED.read_text("utf-8")))

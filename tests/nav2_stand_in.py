@@ -1,7 +1,10 @@
-"""Play Nav2 to its trial node: a lifecycle manager, a navigator's goal states and a planner's plan. Plain rclpy.
+"""Play Nav2 to its trial node.
 
-Usage: nav2_stand_in.py TRIAL_NODE, a script, which is run in a process of its own as in a launch, and told to end as by
-Ctrl-C. Prints what ~/ready says, what the manager is asked to do, and how the script ended.
+A lifecycle manager, a navigator's goal states and a planner's plan. Plain rclpy.
+
+Usage: nav2_stand_in.py TRIAL_NODE, a script, which is run in a process of its own as in
+a launch, and told to end as by Ctrl-C. Prints what ~/ready says, what the manager is
+asked to do, and how the script ended.
 """
 
 import sys
@@ -91,9 +94,8 @@ until_it_says("")
 for _ in range(3):  # one reset after the other comes through
     reset()
     until_it_says("Nav2 has taken no goal yet")
-state["begun"] = (
-    take_goal  # a goal by action is taken, and said so once, before Nav2 is known to be active
-)
+# a goal by action is taken, and said so once, before Nav2 is known to be active
+state["begun"] = take_goal
 reset()
 until_it_says("Nav2 has no plan yet")
 state["obedient"] = False

@@ -27,7 +27,8 @@ WALL_CLOCKS = {
     "now",
     "today",
 }
-# What runs trials measures how long they take; what only judges or computes reads no clock.
+# What runs trials measures how long they take; what only judges or computes reads no
+# clock.
 MEASURING = tuple(
     f"barn_eval/{name}" for name in ("results/", "running/", "studies/", "commands/")
 )
@@ -54,7 +55,10 @@ class Source:
 
     @property
     def ros(self) -> bool:
-        """Whether this is where ROS may be known: nodes, what only they need, and launch files."""
+        """Whether this is where ROS may be known.
+
+        Nodes, what only they need, and launch files.
+        """
         parts = Path(self.where).parts
         return parts[0] == "launch" or "ros" in parts
 
@@ -132,7 +136,8 @@ def test_only_nodes_and_launch_files_know_ros():
     assert not wrong
 
 
-# The rooms of barn_eval, folders and files at its root, from the lowest to the highest; each imports only those below.
+# The rooms of barn_eval, folders and files at its root, from the lowest to the highest;
+# each imports only those below.
 ROOMS = (
     *("trials", "results", "running", "verification", "ros"),
     *("analysis", "pages", "learning", "studies", "api", "gym", "commands"),
@@ -180,8 +185,8 @@ def test_parts_of_the_simulator_import_only_parts_below_them():
             continue
         below = SIMULATOR_PARTS[: SIMULATOR_PARTS.index(part) + 1]
         for name in source.imports:
-            top, *others = name.split(".")
-            if top == "barn_sim" and others[0] not in below:
+            top, *parts = name.split(".")
+            if top == "barn_sim" and parts[0] not in below:
                 wrong.append(f"{source.where} imports {name}")
     assert not wrong
 
@@ -223,7 +228,10 @@ def test_heavy_libraries_stay_in_their_place():
 
 
 def test_there_is_no_global_random_state():
-    """Only generators made from a seed: nothing but their constructors is taken from numpy.random."""
+    """Only generators made from a seed.
+
+    Nothing but their constructors is taken from numpy.random.
+    """
     wrong = [
         f"{source.where} imports random"
         for source in sources()

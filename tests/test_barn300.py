@@ -1,4 +1,7 @@
-"""The suite's own data set stays near the paper's Table II, and docs/metrics.md shows what it gives."""
+"""The suite's own data set stays near the paper's Table II.
+
+docs/metrics.md shows what it gives.
+"""
 
 from pathlib import Path
 

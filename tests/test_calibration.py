@@ -29,7 +29,10 @@ MEANS = np.array([np.mean(times) for times in PUBLISHED.values()])
 
 
 def write_run(path, times):
-    """Write a run of times: {planner: {world: [time or None, ...]}}; None is a trial that reached the limit."""
+    """Write a run of times: {planner: {world: [time or None, ...]}}.
+
+    None is a trial that reached the limit.
+    """
     return write_folder(
         path,
         [
@@ -96,7 +99,7 @@ def test_the_same_times_agree_in_everything(tmp_path, table):
     assert calibration.ours.easy_range_s == pytest.approx((11.0, 12.0))
 
 
-def test_published_failures_are_those_of_30_s_and_of_50_s_and_more(tmp_path):
+def test_published_failures_are_times_of_30_s_and_from_50_s(tmp_path):
     times = PUBLISHED | {0: [30.0, 50.0, 51.2], 1: [30.001, 29.999, 49.999]}
     published = read_published(write_table(tmp_path / "trials.csv", dwa=times))["dwa"]
     assert published.failed[:6].tolist() == [True, True, True, False, False, False]
@@ -156,7 +159,7 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     assert calibration.worlds[1].ours_s == 50.0
 
 
-def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
+def test_the_mean_of_both_is_compared_over_and_within_folders(tmp_path):
     falling = {world: PUBLISHED[WORLDS - 1 - world] for world in PUBLISHED}
     table = write_table(
         tmp_path / "trials.csv",
@@ -174,7 +177,8 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     report = calibrate([both, dwa], table)
     assert [joint.labels for joint in report.joint] == [("DWA (both)", "E-Band")]
     assert report.joint[0].correlation.estimate == pytest.approx(1.0)
-    # E-Band's published times do not vary, so half of what ours are off is left in the mean of both.
+    # E-Band's published times do not vary, so half of what ours are off is left in the
+    # mean of both.
     r2 = 1.0 - ((MEANS - 20.0) ** 2).mean() / MEANS.var()
     assert report.joint[0].determination_of_equal_failures.estimate == pytest.approx(r2)
     assert calibrate([dwa], table).joint == ()

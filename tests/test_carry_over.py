@@ -1,4 +1,7 @@
-"""Whether difficulty carries over from robot to robot: the page shows what its command makes of the trials kept."""
+"""Whether difficulty carries over from robot to robot.
+
+The page shows what its command makes of the trials kept.
+"""
 
 from itertools import product
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""The self-test drive: all robots that come with the suite pass, and it finds one that does not drive as it should."""
+"""The self-test drive: all robots of the suite pass.
+
+It detects a robot that does not drive as it should.
+"""
 
 import json
 import re
@@ -23,7 +26,10 @@ def change_robot(name, part, **values):
 
 @pytest.mark.parametrize("name", list(ROBOTS))
 def test_robots_drive_as_theory_says(name):
-    """The page's cells hold deviations in %, one or two for a robot, in the order in which they are measured."""
+    """The page's cells hold deviations in % in the order in which they are measured.
+
+    There are one or two for a robot.
+    """
     driven = self_test(load_robot(name))
     assert len(driven) >= 8
     assert {

@@ -31,7 +31,10 @@ def worlds():
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
-    """Return the folder of an experiment: two planners, two repetitions, in worlds of barn300."""
+    """Return the folder of an experiment.
+
+    Two planners, two repetitions, in worlds of barn300.
+    """
     path = tmp_path_factory.mktemp("experiment") / "out"
     write_invented(path, experiment_of("0:300:10", 2))
     return path
@@ -57,7 +60,7 @@ def test_networks_are_judged_on_folds_by_a_tool(source):
     assert "ridge" in judged.output and "routes" in judged.output
 
 
-def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_path):
+def test_worlds_are_identified_by_checksum_not_by_number(source, tmp_path):
     worlds, trials = read_trials(source)
     dataset = open_dataset("barn300")
     assert tuple(worlds) == trials.world_numbers == dataset.world_numbers[::10]
@@ -88,7 +91,7 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
         read_trials(source, "barn_test")
 
 
-def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(
+def test_uncounted_trials_and_incomplete_worlds_are_left_out(
     tmp_path,
 ):
     def lost(result):

@@ -1,4 +1,4 @@
-"""Training with PyTorch: repeatable, the same in numpy, and judged in worlds held out."""
+"""Training with PyTorch is repeatable, the same in numpy and judged in other worlds."""
 
 from dataclasses import replace
 
@@ -53,9 +53,7 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
-def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
-    worlds, tmp_path
-):
+def test_training_is_repeatable_and_its_model_stored_and_checked(worlds, tmp_path):
     worlds = {number: worlds[number] for number in list(worlds)[::3]}
     trials = make_trials(worlds)
     model = train_model(worlds, trials)
@@ -97,7 +95,7 @@ def test_both_kinds_are_judged_on_the_same_folds(worlds):
     assert noise_ceiling(trials).estimate > 0.5
 
 
-def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
+def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):
     held_out = open_dataset("barn_test")
     renamed = {
         number: replace(held_out.load(number), name=f"mine_{number}")

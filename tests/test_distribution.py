@@ -1,4 +1,7 @@
-"""The suite as one distribution: a wheel has all that the five packages have, and knows its commit."""
+"""The suite as one distribution.
+
+A wheel has all that the five packages have, and knows its commit.
+"""
 
 import re
 import subprocess
@@ -53,7 +56,7 @@ def test_it_has_every_file_of_the_packages(wheel):
     assert not [name for name in wheel.namelist() if "/test/" in name]
 
 
-def test_ros_finds_the_packages_their_launch_files_and_parameters(wheel):
+def test_ros_finds_packages_launch_files_and_parameters(wheel):
     share = f"barn_suite-{__version__}.data/data/share"
     places = {"launch", "config", "package.xml"}
     tracked = [

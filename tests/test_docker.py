@@ -1,6 +1,9 @@
-"""Images, compose files and workflow: what they name exists, and what they pin is what is locked.
+"""Images, compose files and workflow.
 
-No container engine is needed: files are read. That they build is for the workflow to show.
+What they name exists, and what they pin is what is locked.
+
+No container engine is needed: files are read. That they build is for the workflow to
+show.
 """
 
 import re
@@ -21,7 +24,10 @@ DOCKER = ROOT / "docker"
 
 @dataclass
 class Stage:
-    """A stage of a Dockerfile: what it is made from, and its instructions with their arguments."""
+    """A stage of a Dockerfile.
+
+    What it is made from, and its instructions with their arguments.
+    """
 
     base: str
     name: str
@@ -32,7 +38,10 @@ class Stage:
 
 
 def stages(path):
-    """Return the stages of a Dockerfile in order; what stands before the first is in one named ''."""
+    """Return the stages of a Dockerfile in order.
+
+    What stands before the first is in one named ''.
+    """
     text = re.sub(r"\\\n", " ", re.sub(r"(?m)^\s*#.*\n", "", path.read_text()))
     build_stages = [Stage("", "")]
     for line in filter(str.strip, text.splitlines()):
@@ -150,7 +159,7 @@ def test_the_entrypoint_can_be_started():
 
 
 @pytest.mark.parametrize(("path", "service"), list(services()))
-def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, service):
+def test_a_service_has_a_pinned_image_and_existing_commands(path, service):
     name, _, tag = service["image"].partition(":")
     assert name in ("barn-suite", "barn-nav2")
     assert tag.split("-")[0] == __version__
@@ -172,7 +181,7 @@ def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, ser
 
 
 def runs_known_program(words):
-    """Assert that a command of a service is one of the suite's, of Ray's, or a launch file that exists."""
+    """Assert that a command of a service is the suite's, Ray's or a launch file's."""
     text = re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", " ".join(words))
     for invocation in re.findall(r"\bbarn ([a-z][^&]*)", text):
         name, *arguments = (

@@ -1,4 +1,7 @@
-"""The figures of the documentation are drawn by one command and described, and docs/campaigns.md says what there is."""
+"""The figures of the documentation are drawn by one command and described.
+
+docs/campaigns.md says what there is.
+"""
 
 import re
 import shutil
@@ -38,7 +41,7 @@ def test_a_folder_without_results_is_one_line(tmp_path, capsys):
     assert re.fullmatch(r"error: [^\n]*results\.json[^\n]*\n", capsys.readouterr().err)
 
 
-def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
+def test_every_figure_has_a_text_that_describes_it():
     pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
     texts = [page.read_text("utf-8") for page in pages]
     images = [

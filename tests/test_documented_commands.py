@@ -1,4 +1,7 @@
-"""What the documentation names exists: commands with their options (parsed, not run), links, paths, Python names."""
+"""What the documentation names exists.
+
+Commands with their options (parsed, not run), links, paths, Python names.
+"""
 
 import ast
 import inspect
@@ -203,7 +206,10 @@ def test_links_lead_to_files_and_headings_that_exist(path):
 
 
 def quotations(path):
-    """Return the texts between backticks on a page, without code blocks and the changelog's past."""
+    """Return the texts between backticks on a page.
+
+    Code blocks and the changelog's past are left out.
+    """
     text = path.read_text("utf-8")
     if path.name == "CHANGELOG.md":
         text = text.partition("\n## [Unreleased]")[2].partition("\n## [")[0]
@@ -264,7 +270,10 @@ def test_paths_exist(path):
 
 @cache
 def source_texts():
-    """Return all texts in the source of the suite, those between the values of an f-string one by one."""
+    """Return all texts in the source of the suite.
+
+    Those between the values of an f-string are separate.
+    """
     return [
         node.value
         for path in ROOT.glob("barn_*/barn_*/**/*.py")
@@ -303,7 +312,8 @@ def test_there_is_something_to_check():
     assert len(list(commands("ros2"))) > 10
 
 
-# With what examples are tried instead, so that they do not take long: fewer worlds and processes.
+# With what examples are tried instead, so that they do not take long: fewer worlds and
+# processes.
 FEWER = {
     '"0:300:100"': '"0,100"',
     '"0:300:150"': '"0"',
@@ -318,7 +328,10 @@ FEWER |= {
 
 
 def python_examples():
-    """Yield the Python of each page, its blocks one after the other, and of each docstring of the front door."""
+    """Yield the Python of each page and of each docstring of the front door.
+
+    The blocks of a page come one after the other.
+    """
     for path in PAGES:
         text = path.read_text("utf-8")
         blocks = re.findall(r"(?ms)^```python\n(.*?)^```", text)
@@ -346,8 +359,7 @@ def python_examples():
     ]:
         members |= {
             f"{noun}.{name}": member
-            for name, member in vars(module).items()
-            if inspect.isfunction(member)
+            for name, member in inspect.getmembers(module, inspect.isfunction)
         }
     for name, member in members.items():
         text = inspect.getdoc(member) or ""

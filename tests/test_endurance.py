@@ -1,4 +1,6 @@
-"""The tools that measure endurance: a few kill points as they are, and that what they measure can come out badly.
+"""The tools that measure endurance.
+
+A few kill points as they are, and that what they measure can come out badly.
 
 `python qa/faults/kill_points.py` and `python qa/faults/long_run.py` go on for longer.
 """
@@ -21,7 +23,7 @@ import pytest
 TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
-def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
+def test_campaigns_resume_after_a_kill_to_the_same_tables():
     mode = (
         "ros" if importlib.util.find_spec("rclpy") else "direct"
     )  # which test_campaign.py kills as well

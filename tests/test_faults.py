@@ -1,6 +1,7 @@
-"""Faults: a handful of the cases of the table, whose page lists exactly them, and files of strangers under mutations.
+"""A few fault cases, the page that lists all of them, and mutated files of strangers.
 
-`python qa/faults/faults.py` tries all cases; `python qa/fuzz/fuzz.py --reader NAME --inputs N` goes on for longer.
+`python qa/faults/faults.py` tries all cases; `python qa/fuzz/fuzz.py --reader NAME
+--inputs N` goes on for longer.
 """
 
 import json

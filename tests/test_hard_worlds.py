@@ -1,4 +1,7 @@
-"""Hard worlds: the way of each is proven for the turned footprint, against a slow plain reference."""
+"""The path of each hard world is proven for the turned footprint.
+
+The reference is slow and plain.
+"""
 
 import math
 from itertools import pairwise
@@ -23,7 +26,7 @@ from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 
 def least_gap_m(way, grid, side_m, robot, samples=40):
-    """Return how near a robot that drives a way, closely sampled, comes to the cylinders of a grid."""
+    """Return how near a robot on a sampled path comes to a grid's cylinders."""
     footprint = Footprint(
         np.array(robot.chassis.hull_m), robot.chassis.footprint_radius_m
     )
@@ -62,7 +65,10 @@ def test_the_turned_footprint_keeps_the_margin_all_along_the_way(kind, robot):
 
 
 def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
-    """A wall of cylinders with a gap of four cells, 0.6 m, leaves the Jackal, 0.43 m wide, 0.085 m on each side."""
+    """A gap of four cells, 0.6 m, leaves the Jackal 0.085 m on each side.
+
+    The Jackal is 0.43 m wide.
+    """
     grid = np.zeros((20, 20), bool)
     grid[:, 10] = True
     grid[8:12, 10] = False

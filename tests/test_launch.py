@@ -1,4 +1,4 @@
-"""The launch files: whole where launch is not installed, and with the arguments they promise where it is."""
+"""Launch files are whole without launch, and have their arguments with it."""
 
 import ast
 import importlib.util

@@ -21,7 +21,10 @@ def cylinder(name, period_s, *keys):
 
 
 def crossing(x, period_s):
-    """Return a cylinder that goes to and fro between -5 m and 5 m across the drive at x."""
+    """Return a cylinder that goes to and fro between -5 m and 5 m at x.
+
+    It crosses the drive.
+    """
     return cylinder(
         "a", period_s, (0.0, x, -5.0), (period_s / 2, x, 5.0), (period_s, x, -5.0)
     )
@@ -32,13 +35,14 @@ def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
     assert statistics.crossings_per_min == pytest.approx(6.0)
     assert statistics.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
     assert (statistics.obstacles, statistics.period_s) == (1, 20.0)
-    # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2), 0.785 m in the mean, of 20 m
+    # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2),
+    # 0.785 m in the mean, of 20 m
     assert statistics.occupied_share == pytest.approx(
         0.1 * 0.7854 / 20.0, rel=0.1
     )  # counted in steps of 0.1 m
 
 
-def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
+def test_jumping_over_a_line_or_passing_its_ends_is_no_crossing():
     jump = cylinder("jump", 10.0, (0.0, 0.0, 1.0), (10.0, 0.0, 3.0))
     below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
     over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))

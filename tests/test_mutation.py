@@ -1,4 +1,7 @@
-"""The mutation check finds what tests miss: what it changes, what it takes as killed, and what is known to survive."""
+"""The mutation check finds what tests miss.
+
+What it changes, what it takes as killed, and what is known to survive.
+"""
 
 import json
 import subprocess
@@ -90,7 +93,10 @@ def test_good_tests_kill_and_weak_tests_are_found_out(tmp_path):
 
 
 def test_a_hang_counts_as_killed():
-    """In a process of its own: the tool forks, which is not for a process that runs tests."""
+    """In a process of its own.
+
+    The tool forks, which is not for a process that runs tests.
+    """
     code = (
         f"import sys; sys.path.insert(0, {str(TOOL)!r}); import runner; runner.prepare();"
         "tests = [runner.ROOT / 'barn_eval' / 'test' / 'test_scores.py'];"

@@ -1,6 +1,7 @@
 """The bring-up of Nav2 in examples/nav2: consistent with the simulator and with itself.
 
-Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given Nav2's source.
+Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given
+Nav2's source.
 """
 
 import ast
@@ -33,7 +34,7 @@ TURN_RADPS = 1.57
 
 
 def merge_nodes(*names):
-    """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
+    """Return the parameters of all nodes, as Nav2 gets them from several files."""
     nodes = {}
     for name in names:
         text = (FOLDER / f"params/{name}.yaml").read_text()
@@ -201,7 +202,8 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     servers = constant(FOLDER / "nav2.launch.py", "SERVERS")
     remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
     assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
-    # the smoother hears what the controller and the behaviours send, the monitor what the smoother sends
+    # the smoother hears what the controller and the behaviours send, the monitor what
+    # the smoother sends
     assert (
         remapped["controller_server"]
         == remapped["behavior_server"]
@@ -215,11 +217,12 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
 def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     # a robot kept standing is told so for longer than the evaluator waits for a command
     assert nodes["collision_monitor"]["stop_pub_timeout"] > WaitLimits().command_s
-    # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
+    # a tree whose servers do not answer in time gives up what it has begun: 20 ms is
+    # too short for a busy machine
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
 
 
-def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
+def test_a_nav2_that_has_given_up_may_stand_until_the_end():
     commands = re.findall(
         r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8")
     )
@@ -257,7 +260,7 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
 
 
 @pytest.mark.parametrize("name", ["controllers", "fast"])
-def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
+def test_a_campaign_declares_the_speed_each_controller_keeps(name):
     speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
     text = (FOLDER / f"lockstep/{name}.yaml").read_text()
     for planner in yaml.safe_load(text)["planners"]:
@@ -279,7 +282,7 @@ def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
         assert 0.99 <= speed / planner["max_speed_mps"] <= 1.0
 
 
-def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
+def test_the_documented_protocols_of_nav2_send_the_goal_once():
     protocols = set(
         re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8"))
     )
@@ -326,7 +329,10 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
 
 
 def test_each_trial_gets_a_fresh_nav2(with_extra_messages):
-    """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
+    """The node nav2_trial with stand-ins for lifecycle manager and navigator.
+
+    They run in another process.
+    """
     script = Path(__file__).with_name("nav2_stand_in.py")
     with reserve_domain({}) as domain:
         environment = {

@@ -1,7 +1,8 @@
 """The whole of Nav2 in real time, as examples/nav2 shows it, where Nav2 is installed.
 
-It is looked for in AMENT_PREFIX_PATH; NAV2_LAUNCH may name a command that does what `ros2 launch` does, in an
-environment of its own. The suite publishes transforms where its Python has tf2_msgs.
+It is looked for in AMENT_PREFIX_PATH; NAV2_LAUNCH may name a command that does what
+`ros2 launch` does, in an environment of its own. The suite publishes transforms where
+its Python has tf2_msgs.
 """
 
 import importlib.util

@@ -21,7 +21,10 @@ NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 
 def list_outputs(notebook):
-    """Return what each cell shows: its tables and texts as words, of figures only which kinds there are."""
+    """Return what each cell shows.
+
+    Its tables and texts as words, of figures only which kinds there are.
+    """
     cell_outputs = []
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
@@ -57,7 +60,7 @@ def test_a_notebook_shows_what_it_gives(path, tmp_path):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
-def test_a_notebook_is_kept_as_run_small_and_without_traces_of_a_machine(path):
+def test_a_notebook_is_as_run_small_and_names_no_machine(path):
     text = path.read_text("utf-8")
     assert len(text) < 1_500_000
     text = re.sub(

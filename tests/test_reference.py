@@ -53,8 +53,8 @@ def test_files_that_differ_are_named_and_written_anew(tmp_path):
 
 
 @pytest.mark.parametrize("namespace", ["", "/robot1"])
-def test_a_node_takes_its_values_from_its_section_in_any_namespace(tmp_path, namespace):
-    """A file in which each value differs from the default gives a configuration of just these values."""
+def test_a_node_reads_its_section_in_any_namespace(tmp_path, namespace):
+    """A file whose values all differ from the defaults gives just these values."""
     rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from rclpy.node import Node  # noqa: PLC0415
 
@@ -135,14 +135,14 @@ def test_the_example_of_the_library_runs():
     assert printed[0][0] is Outcome.SUCCESS
 
 
-def test_the_evaluators_file_holds_the_defaults_but_for_what_a_supervisor_sets():
+def test_the_evaluators_file_holds_defaults_a_supervisor_leaves():
     values = values_of(tool.evaluator(), "evaluator.yaml", "/**/evaluator")
     assert not {"supervisor_fd", "simulator_fd"} & set(values)
     assert values["patience.start_s"] == 180.0
     assert replace_dotted(EvaluatorConfig(), values, "file") == EvaluatorConfig()
 
 
-def test_the_presets_are_what_their_files_change_and_the_file_of_everything_holds_the_defaults():
+def test_preset_files_hold_their_changes_and_the_full_file_all():
     assert PRESETS["default"] == SimulatorConfig()
     for name in PRESETS.keys() - {"default"}:
         changes = values_of(tool.simulator(), f"{name}.yaml", tool.SIMULATOR)

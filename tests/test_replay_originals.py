@@ -1,4 +1,4 @@
-"""Our planners beside recordings of the original ROS 1 planners, where the recordings are."""
+"""Our planners beside recordings of the original ROS 1 planners, where these are."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,8 @@ FOLDER = Path(
     )
 )
 PATHS = sorted(FOLDER.glob("*.npz"))
-# Share of driving cycles whose commands are equal: with plan and costmaps given, and from observations alone.
+# Share of driving cycles whose commands are equal: with plan and costmaps given, and
+# from observations alone.
 GIVEN = 0.99
 SEEN = 0.95
 SETTINGS = {

@@ -1,4 +1,7 @@
-"""What the repository states more than once is the same everywhere: its version and its checks."""
+"""What the repository states more than once is the same everywhere.
+
+Its version and its checks.
+"""
 
 import json
 import os
@@ -30,9 +33,7 @@ def text_of(name: str) -> str:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(
-    package, monkeypatch
-):
+def test_a_package_and_its_requirements_have_the_suites_version(package, monkeypatch):
     package_xml = ElementTree.fromstring(text_of(f"{package}/package.xml"))
     assert package_xml.findtext("version") == __version__
     assert import_module(package).__version__ == __version__
@@ -63,7 +64,10 @@ def test_the_paper_that_is_cited_is_the_one_of_the_front_page():
 
 
 def test_a_new_version_is_written_wherever_the_old_one_stands():
-    """The files of bump-my-version's configuration are all that have the version, but for records of what was made."""
+    """The files of bump-my-version's configuration are all that have the version.
+
+    Records of what was made are left out.
+    """
     tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has no reader of TOML")
     bump = tomllib.loads(text_of("pyproject.toml"))["tool"]["bumpversion"]
     assert bump["current_version"] == __version__
@@ -130,9 +134,7 @@ def test_no_two_files_of_tests_have_the_same_name():
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(
-    package, monkeypatch
-):
+def test_package_xml_has_a_key_or_a_note_for_each_library(package, monkeypatch):
     text = text_of(f"{package}/package.xml")
     keys = {node.text for node in ElementTree.fromstring(text).iter("exec_depend")}
     without = set(

@@ -1,4 +1,4 @@
-"""Simulated trials are what they say, and what is found of them is within what is promised."""
+"""Simulated trials are what they say, and their statistics are within the promise."""
 
 import json
 from dataclasses import replace
@@ -52,7 +52,7 @@ def test_each_target_is_met_within_chance(name, setting, simulations):
     assert len(check.shares) == 2
 
 
-def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
+def test_a_verdict_from_observed_failures_alone_is_detected(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
     monkeypatch.setattr(TrialValues, "counts_failures", False)
     (unlike,) = run_checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
@@ -137,7 +137,10 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
 
 
 def test_the_page_is_what_the_command_writes():
-    """The shares are simulated again in full; of the rest, the page must have a row with the settings of today."""
+    """The shares are simulated again in full.
+
+    Of the rest, the page must have a row with the settings of today.
+    """
     text = PAGE.read_text("utf-8")
     every = [
         line

@@ -1,4 +1,7 @@
-"""Planner packages do what their pages say, installed as users install them; the template in C++ is whole."""
+"""Planner packages do what their pages say, installed as users install them.
+
+The template in C++ is whole.
+"""
 
 import json
 import os
@@ -20,7 +23,10 @@ TRAINING = EXAMPLES / "policy_training"
 
 @pytest.fixture(scope="module")
 def installed_packages(tmp_path_factory):
-    """Return the environment in which the packages are installed, entry points and all, in a folder of its own."""
+    """Return the environment in which the packages are installed in their own folder.
+
+    Entry points are installed, too.
+    """
     folder = tmp_path_factory.mktemp("installed")
     sources = [folder / package.name for package in (PYTHON, PREDICTIVE)]
     for source in sources:
@@ -95,9 +101,7 @@ def test_its_own_tests_pass(installed_packages, tmp_path, folder):
     assert done.returncode == 0, done.stdout
 
 
-def test_registered_it_refuses_what_its_configuration_does_not_allow(
-    installed_packages, tmp_path
-):
+def test_registered_it_refuses_a_wrong_configuration(installed_packages, tmp_path):
     done = python(
         installed_packages,
         tmp_path,
@@ -131,7 +135,7 @@ def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(
     assert result["outcome"] == "success", result["detail"]
 
 
-def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(
+def test_registered_it_completes_a_world_directly_as_over_ros(
     installed_packages, tmp_path
 ):
     rows = []

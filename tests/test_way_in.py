@@ -1,4 +1,7 @@
-"""The README's own lines, from nothing to a score with the locked releases, and the tutorial on one's own robot."""
+"""The README's lines lead from nothing to a score with the locked releases.
+
+The tutorial on one's own robot works, too.
+"""
 
 import json
 import os
@@ -14,7 +17,7 @@ from test_repository import ROOT, text_of
 from barn_eval.commands.main import main
 
 
-def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
+def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no repository, so it cannot be cloned")
     probe = [

@@ -1,9 +1,12 @@
-"""Print the share of branches that tests reach, by package, and list what they do not; exit code 1 below the goal.
+"""Print the share of branches that tests reach, by package, and list the others.
+
+The exit code is 1 below the goal.
 
     python qa/checks/coverage_report.py --json
 
-Reads the data that `make coverage` has collected. Counted are branches alone: lines without a choice come on top.
-uncovered.yaml beside this file says of branches that no test can reach, or that none need reach, why that is so.
+Reads the data that `make coverage` has collected. Counted are branches alone: lines
+without a choice come on top. uncovered.yaml beside this file says of branches that no
+test can reach, or that none need reach, why that is so.
 """
 
 import json
@@ -29,7 +32,10 @@ REFUSAL = "refusals, in one line, that no test provokes"
 
 @dataclass
 class Reached:
-    """Branches of a package, those that tests reach, and the others by file, as (from line, to line; 0: the end)."""
+    """Branches of a package: how many there are and how many tests reach.
+
+    `missing` holds the others by file, as (from line, to line); line 0 is the end.
+    """
 
     branches: int = 0
     reached: int = 0
@@ -51,16 +57,20 @@ class Reached:
 
 
 def count_branches(content: dict[str, Any]) -> dict[str, Reached]:
-    """Return the branches by package, and of all, from what coverage.py tells as JSON."""
+    """Return the branches by package, and of all, from the JSON of coverage.py."""
     branches: dict[str, Reached] = defaultdict(Reached)
     for path, file_report in content["files"].items():
         for name in (path.split("/")[0], "all"):
             branches[name].add(path, file_report)
-    return dict(sorted(branches.items(), key=lambda item: (item[0] == "all", item[0])))
+    names = sorted(branches, key=lambda name: (name == "all", name))
+    return {name: branches[name] for name in names}
 
 
 def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
-    """Return why a branch to a line of a file is not reached, empty if nobody says; reasons: by pattern of paths."""
+    """Return why a branch to a line of a file is not reached, empty if nobody says.
+
+    `reasons`: by pattern of paths.
+    """
     if line.startswith("raise "):
         return REFUSAL
     return next(

@@ -1,9 +1,12 @@
-"""Do to the suite what a campaign may meet, with the real commands, and say what comes of it.
+"""Do to the suite what a campaign may meet and say what comes of it.
+
+All cases use the real commands.
 
     python qa/faults/faults.py --only 'campaign/*'
 
-Each case has a folder of its own, a time limit, and must leave no process behind. Exit code 1 if one failed. What was
-measured is kept in OUT/faults.json, from which `--write docs/reliability.md` renews the table; other rows stay.
+Each case has a folder of its own, a time limit, and must leave no process behind. Exit
+code 1 if one failed. What was measured is kept in OUT/faults.json, from which `--write
+docs/reliability.md` renews the table; other rows stay.
 """
 
 import fnmatch
@@ -43,7 +46,10 @@ _MEASURED = 160  # characters of the table
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case went: passed, failed or skipped, what was measured or went wrong, and how long it took."""
+    """How a case went.
+
+    Passed, failed or skipped, what was measured or went wrong, and how long it took.
+    """
 
     case: str
     status: str
@@ -52,7 +58,10 @@ class Outcome:
 
 
 def try_case(case: Case, failed_folder: Path, labs: list[Lab]) -> Outcome:
-    """Try a case in a folder of its own, which is kept where it failed; labs: gets the place."""
+    """Try a case in a folder of its own, which is kept where it failed.
+
+    `labs`: gets the place.
+    """
     folder = Path(tempfile.mkdtemp(prefix="barn-fault-"))
     lab = Lab(folder, case.limit_s)
     labs.append(lab)
@@ -129,7 +138,10 @@ def _beginning(case: Case) -> str:
 
 
 def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
-    """Return the line of each case: as measured now, else that of the page if the case is still the same."""
+    """Return the line of each case.
+
+    As measured now, else that of the page if the case is still the same.
+    """
     page_lines = page.splitlines()
     lines = {}
     for key, case in CASES.items():
@@ -153,6 +165,17 @@ def _cell(text: str) -> str:
     )
 
 
+def _status(cell: str) -> str:
+    """Return the status that the cell of a case states.
+
+    It is left out where it passed.
+    """
+    for status in (FAILED, SKIPPED, UNTRIED):
+        if f"**{status}**" in cell:
+            return status
+    return PASSED
+
+
 def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
     """Replace the table of a page; ClickException where it has no place for it."""
     text = page.read_text("utf-8")
@@ -162,23 +185,11 @@ def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
         raise click.ClickException(f"{page}: must have the lines {BEGIN} and {END}")
     rows = _rows(text, outcomes)
     cells = [line.rsplit(" | ", 2)[1:] for line in rows.values()]
-    words = Counter(
-        next(
-            (
-                status
-                for status in (FAILED, SKIPPED, UNTRIED)
-                if f"**{status}**" in cell
-            ),
-            PASSED,
-        )
-        for cell, _ in cells
-    )
-    took_min = sum(float(seconds.strip("| ") or 0.0) for _, seconds in cells) / 60.0
-    counts = ", ".join(
-        f"{words[word]} {word}"
-        for word in (PASSED, FAILED, SKIPPED, UNTRIED)
-        if words[word]
-    )
+    words = Counter(_status(cell) for cell, _ in cells)
+    durations_s = [float(seconds.strip("| ") or 0.0) for _, seconds in cells]
+    took_min = sum(durations_s) / 60.0
+    statuses = [word for word in (PASSED, FAILED, SKIPPED, UNTRIED) if words[word]]
+    counts = ", ".join(f"{words[word]} {word}" for word in statuses)
     head = (
         f"{len(CASES)} cases: {counts}. Their times sum up to {took_min:.0f} minutes."
     )
@@ -233,17 +244,14 @@ def main(
     if not cases:
         raise click.ClickException(f"no case matches {', '.join(only)}")
     if listed:
-        click.echo(
-            json.dumps(
-                [
-                    {"case": case.key, "done": case.done, "must": case.must}
-                    for case in cases
-                ],
-                indent=1,
-            )
-            if as_json
-            else "\n".join(f"{case.key}: {case.done}" for case in cases)
-        )
+        if as_json:
+            entries = [
+                {"case": case.key, "done": case.done, "must": case.must}
+                for case in cases
+            ]
+            click.echo(json.dumps(entries, indent=1))
+        else:
+            click.echo("\n".join(f"{case.key}: {case.done}" for case in cases))
         return
     out.mkdir(parents=True, exist_ok=True)
     outcomes = read_outcomes(out / "faults.json")
@@ -264,7 +272,8 @@ def main(
         click.echo(json.dumps([asdict(case) for case in fresh], indent=1))
     if page is not None:
         write(page, outcomes)
-    sys.exit(int(any(case.status == FAILED for case in fresh)))
+    has_failed = any(case.status == FAILED for case in fresh)
+    sys.exit(int(has_failed))
 
 
 def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]:

@@ -1,13 +1,17 @@
-"""Kill processes of small campaigns at random moments, resume, and compare the tables with undisturbed ones.
+"""Kill processes of small campaigns at random moments and resume the campaigns.
+
+The tables are compared with undisturbed ones.
 
     python qa/faults/kill_points.py --points 100 --seed 1 --json
 
-Each point starts a campaign of four trials with two workers, every second one over ROS, and kills (SIGKILL) one process
-of it: campaign, worker, and over ROS also a guard, simulator, planner or evaluator. The same command is then repeated
-until it returns 0. After each session no process may be left. In the end `barn check` must find nothing wrong, and
-tables, tracks and, in mode direct, bags must be those of the undisturbed campaign to the last byte. One difference is
-allowed: a planner that dies has failed, whoever killed it, so a trial may say that its planner was killed by SIGKILL.
-Moment and role are drawn from the seed; what the process was doing by then is not the same twice.
+Each point starts a campaign of four trials with two workers, every second one over ROS,
+and kills (SIGKILL) one process of it: campaign, worker, and over ROS also a guard,
+simulator, planner or evaluator. The same command is then repeated until it returns 0.
+After each session no process may be left. In the end `barn check` must find nothing
+wrong, and tables, tracks and, in mode direct, bags must be those of the undisturbed
+campaign to the last byte. One difference is allowed: a planner that dies has failed,
+whoever killed it, so a trial may say that its planner was killed by SIGKILL. Moment and
+role are drawn from the seed; what the process was doing by then is not the same twice.
 """
 
 import json
@@ -38,7 +42,8 @@ ROLES = {
     "direct": ("campaign", "worker"),
     "ros": ("campaign", "worker", "guard", "simulator", "planner", "evaluator"),
 }
-# What is waited for in wall-clock time is waited for longer than usual: a busy machine is not what is looked at.
+# What is waited for in wall-clock time is waited for longer than usual: a busy machine
+# is not what is looked at.
 PATIENT = ("simulator", "gate", "service", "command", "clock", "vanished")
 PATIENCE_S = 300
 SESSIONS = 5  # most, until a campaign must be complete
@@ -51,8 +56,9 @@ _SOONEST_S = 0.1
 class Point:
     """A kill and what came of it.
 
-    at_s: from the start of the campaign. sessions: until it was complete, the one that was disturbed included. equal:
-    to the last byte, or but for a trial whose planner was killed (planner_died). problems: all that must not be.
+    at_s: from the start of the campaign. sessions: until it was complete, the one that
+    was disturbed included. equal: to the last byte, or but for a trial whose planner
+    was killed (planner_died). problems: all that must not be.
     """
 
     mode: str
@@ -97,7 +103,10 @@ class Session:
             )
 
     def kill(self, role: str, at_s: float) -> bool:
-        """Kill a process of a role that lives at a moment, or the first one after it; False if there was none."""
+        """Kill a process of a role that lives at a moment, or the first one after it.
+
+        False if there was none.
+        """
         time.sleep(at_s)
         while self.process.poll() is None:
             for process in list_marked(self._mark):
@@ -136,19 +145,22 @@ class Session:
 
 
 def run_undisturbed(folder: Path, mode: str) -> float:
-    """Run a campaign to its end and return how long it took; ClickException if it fails."""
+    """Run a campaign to its end and return how long it took.
+
+    Raises:
+        ClickException: If it fails.
+    """
     folder.mkdir()
     began = time.monotonic()
     code, problems = Session(folder, mode).end()
     if code or problems:
-        raise click.ClickException(
-            f"undisturbed: {code} {problems} {(folder / 'printed.txt').read_text()[-2000:]}"
-        )
+        printed = (folder / "printed.txt").read_text()[-2000:]
+        raise click.ClickException(f"undisturbed: {code} {problems} {printed}")
     return time.monotonic() - began
 
 
 def try_point(point: Point, folder: Path, model: Path) -> Point:
-    """Run a campaign with a kill, resume it until it is complete and compare it with the undisturbed one."""
+    """Run a campaign with a kill, resume it and compare it with the undisturbed one."""
     folder.mkdir()
     began = time.monotonic()
     session = Session(folder, point.mode)
@@ -278,7 +290,8 @@ def main(
             progress.advance(task)
             if log:
                 with log.open("a") as file:
-                    file.write(json.dumps(asdict(done[-1])) + "\n")
+                    line = json.dumps(asdict(done[-1]))
+                    file.write(line + "\n")
             for problem in done[-1].problems:
                 progress.console.print(
                     f"{point.mode} {point.role} at {point.at_s} s: {problem}",

@@ -1,11 +1,15 @@
-"""Run thousands of trials in one session and tell whether memory, handles, threads and files stay flat.
+"""Run thousands of trials in one session and check that resources stay flat.
+
+These are memory, handles, threads and files.
 
     python qa/faults/long_run.py --direct 5000 --ros 500 --json
 
-One worker drives to a goal 2 m ahead, which takes about 2 s simulated; over ROS each trial is recorded as well, and the
-bags of successes are removed again. What the processes use is sampled by finished trials. A quantity is flat if from
-the first tenth of the run to its end it grows by less than is allowed below, with 97.5 % confidence. The uncertainty is
-that of a line through the means of 20 blocks of samples; neighbouring samples are not independent, blocks nearly are.
+One worker drives to a goal 2 m ahead, which takes about 2 s simulated; over ROS each
+trial is recorded as well, and the bags of successes are removed again. What the
+processes use is sampled by finished trials. A quantity is flat if from the first tenth
+of the run to its end it grows by less than is allowed below, with 97.5 % confidence.
+The uncertainty is that of a line through the means of 20 blocks of samples;
+neighbouring samples are not independent, blocks nearly are.
 """
 
 import json
@@ -48,7 +52,10 @@ _END_S = 60.0  # that processes have to end after their campaign has
 
 @dataclass(frozen=True)
 class Growth:
-    """How a quantity changes per 1000 trials, with the half-width of its 95 % interval; `flat` as above."""
+    """How a quantity changes per 1000 trials, with the half-width of its 95 % interval.
+
+    `flat` as above.
+    """
 
     quantity: str
     mean: float
@@ -62,7 +69,11 @@ Sample = dict[str, float]
 
 
 def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growth:
-    """Return the growth of a quantity over a run; ValueError with fewer samples than blocks."""
+    """Return the growth of a quantity over a run.
+
+    Raises:
+        ValueError: With fewer samples than blocks.
+    """
     x = np.asarray(trials, float)
     y = np.asarray(values, float)
     settled = x >= SETTLED * x[-1]
@@ -73,7 +84,8 @@ def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growt
         [[part.mean() for part in np.array_split(axis, BLOCKS)] for axis in (x, y)]
     )
     fit = linregress(*means)
-    half = float(t.ppf(0.975, BLOCKS - 2)) * fit.stderr if np.ptp(means[1]) else 0.0
+    quantile = float(t.ppf(0.975, BLOCKS - 2))
+    half = quantile * fit.stderr if np.ptp(means[1]) else 0.0
     allowed = ALLOWED_SHARE * y.mean() if name.endswith("_mb") else ALLOWED_COUNT
     flat = (fit.slope + half) * (x[-1] - x[0]) <= allowed
     return Growth(
@@ -110,9 +122,10 @@ def campaign(mode: str, trials: int, folder: Path) -> list[str]:
 def run(
     mode: str, trials: int, limit_s: float, progress: Progress
 ) -> tuple[list[Sample], dict[str, int], int]:
-    """Return samples of a campaign, its outcomes, and the number of processes that it left behind.
+    """Return samples of a campaign, its outcomes and how many processes it left behind.
 
-    It is stopped after the limit. Raises ClickException, with what it printed last, if it fails.
+    It is stopped after the limit. Raises ClickException, with what it printed last, if
+    it fails.
     """
     with tempfile.TemporaryDirectory(prefix="barn_long_run_") as name:
         folder = Path(name)
@@ -153,16 +166,16 @@ def run(
 def sample(done: int, mark: str, segments: set[str], temporary: Path) -> Sample:
     """Return what the processes with a mark use, in all and by role."""
     processes = list_marked(mark)
-    used = [(one.role, usage(one)) for one in processes]
+    used = [(process.role, usage(process)) for process in processes]
     quantities: Sample = {"trials": done, "processes": len(used)}
     for role in ("all", *ROLES):
         usages = [what for who, what in used if role in ("all", who)] or [Usage()]
         quantities[f"{role}.anonymous_mb"] = (
-            sum(one.anonymous_bytes for one in usages) / 1e6
+            sum(entry.anonymous_bytes for entry in usages) / 1e6
         )
-        quantities[f"{role}.rss_mb"] = sum(one.rss_bytes for one in usages) / 1e6
-        quantities[f"{role}.handles"] = sum(one.handles for one in usages)
-        quantities[f"{role}.threads"] = sum(one.threads for one in usages)
+        quantities[f"{role}.rss_mb"] = sum(entry.rss_bytes for entry in usages) / 1e6
+        quantities[f"{role}.handles"] = sum(entry.handles for entry in usages)
+        quantities[f"{role}.threads"] = sum(entry.threads for entry in usages)
     segments |= list_segments(processes)
     quantities["shared_memory"] = sum(
         (SHARED_MEMORY / name).exists() for name in segments

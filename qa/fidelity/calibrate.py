@@ -1,9 +1,13 @@
-"""Compare planners with published times of the same worlds; the figures of docs/fidelity.md.
+"""Compare planners with published times of the same worlds.
 
-    python qa/fidelity/calibrate.py FOLDER ... --reference ../shared/barn_original/trials.csv --figure scatter.png
+The figures of docs/fidelity.md.
 
-FOLDERs hold runs or campaigns. A published time of 30.000 s, or of 50 s and more, is a failure that counts with it.
-Intervals are of 95 %, over worlds. The figure has our mean times over the published ones, world by world.
+    python qa/fidelity/calibrate.py FOLDER ... --reference
+    ../shared/barn_original/trials.csv --figure scatter.png
+
+FOLDERs hold runs or campaigns. A published time of 30.000 s, or of 50 s and more, is a
+failure that counts with it. Intervals are of 95 %, over worlds. The figure has our mean
+times over the published ones, world by world.
 """
 
 import json
@@ -40,7 +44,11 @@ _COLUMNS = 2
 
 
 def write_scatter(report: CalibrationReport, path: Path) -> None:
-    """Write a panel per planner to a file ending in one of `FIGURES`; StoreError if it cannot be written."""
+    """Write a panel per planner to a file ending in one of `FIGURES`.
+
+    Raises:
+        StoreError: If it cannot be written.
+    """
     with style():
         figure = scatter(report)
     write_figure(figure, path)

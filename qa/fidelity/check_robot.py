@@ -1,9 +1,12 @@
-"""Drive a robot straight, in turns, arcs and stops, and compare it with a planar model from theory, `planar.py`.
+"""Drive a robot straight, in turns, arcs and stops, and compare it with theory.
+
+The theory is the planar model of `planar.py`.
 
     python qa/fidelity/check_robot.py turtlebot4
     python qa/fidelity/check_robot.py mine.yaml --json
 
-The exit code is 1 if a speed, a yaw rate or a distance is more than 3 % off, or if the file describes no robot.
+The exit code is 1 if a speed, a yaw rate or a distance is more than 3 % off, or if the
+file describes no robot.
 """
 
 import json
@@ -38,7 +41,10 @@ _LONGEST_S = 120.0  # that a robot may take until it goes as commanded
 
 @dataclass(frozen=True)
 class Measured:
-    """One quantity of the drive: what theory says, what the simulator did; asked: of the robot, if anything was."""
+    """One quantity of the drive: what theory says, what the simulator did.
+
+    `asked`: of the robot, if anything was.
+    """
 
     manoeuvre: str
     quantity: str
@@ -59,7 +65,11 @@ class Measured:
 
 
 def self_test(robot: Robot) -> list[Measured]:
-    """Drive a robot and return all that was measured; ConfigError if it cannot be simulated, or does not get going."""
+    """Drive a robot and return all that was measured.
+
+    Raises:
+        ConfigError: If it cannot be simulated, or does not get going.
+    """
     for name in ("max_speed_m_s", "max_yaw_rate_rad_s"):
         if getattr(robot.drive, name) == 0.0:
             raise ConfigError(
@@ -151,7 +161,7 @@ class _SelfTest:
         return Simulator(self._world, self._config, _START, 0)
 
     def _settling_s(self, speed: float, turn: float = 0.0) -> float:
-        """Return a time after which the robot follows a command, of whole control periods."""
+        """Return the time until the robot follows a command, in control periods."""
         drive = self._robot.drive
         grip = min(self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
         gain = max(min(drive.max_acceleration_m_s2, grip), 1e-9)

@@ -1,4 +1,4 @@
-"""Mutations of bytes and of plain data, all drawn from a generator that is passed in."""
+"""Mutations of bytes and of plain data, all from a generator that is passed in."""
 
 import random
 import struct
@@ -69,7 +69,10 @@ TOKENS = tuple(
 
 
 def mutate_bytes(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
-    """Return bytes with one to eight changes; others: contents of the same kind, from which parts are taken."""
+    """Return bytes with one to eight changes.
+
+    `others` is contents of the same kind, from which parts are taken.
+    """
     content = bytearray(data)
     for _ in range(1 + int(draw.random() ** 3 * 8)):
         _change(draw, content, donors)
@@ -116,7 +119,10 @@ def _change_number(draw: random.Random, data: bytearray, at: int) -> None:
 
 
 def mutate_plain(draw: random.Random, content: Any) -> Any:
-    """Return plain data (mappings, lists, texts, numbers) with one to four changes, made in place."""
+    """Return plain data with one to four changes, made in place.
+
+    Plain data are mappings, lists, texts and numbers.
+    """
     holder = [content]
     for _ in range(1 + int(draw.random() ** 2 * 4)):
         _change_plain(draw, holder)

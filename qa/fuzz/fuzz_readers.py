@@ -1,4 +1,7 @@
-"""What is fuzzed: each reader of files of strangers, seeds made from real files, and how such files are changed."""
+"""What is fuzzed: each reader of files of strangers, with seeds and mutations.
+
+The seeds are made from real files.
+"""
 
 import base64
 import io
@@ -73,8 +76,9 @@ Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 class Reader:
     """A reader under test.
 
-    name: of the file in a folder of its own. seeds: contents of good files; whatever else `read` needs is put into the
-    folder given. read: reads the file and uses what it got as the suite does; a BarnError is a refusal.
+    name: of the file in a folder of its own. seeds: contents of good files; whatever
+    else `read` needs is put into the folder given. read: reads the file and uses what
+    it got as the suite does; a BarnError is a refusal.
     """
 
     name: str
@@ -202,7 +206,7 @@ def _experiment(folder: Path) -> Path:
 
 
 def _beside(folder: Path, name: str) -> list[bytes]:
-    """Return a file of an experiment, whose others are put beside the files under test."""
+    """Return a file of an experiment and put the others beside the files under test."""
     out = _experiment(folder)
     for path in out.iterdir():
         (folder / path.name).write_bytes(path.read_bytes())
@@ -260,9 +264,8 @@ out: y
 
 
 def _protocol_seeds(_: Path) -> list[bytes]:
-    whole = yaml.safe_dump(
-        {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
-    ).encode()
+    protocol = {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
+    whole = yaml.safe_dump(protocol).encode()
     return [
         b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n",
         whole,
@@ -344,14 +347,9 @@ def _message(make_message: Any, kind: str, time: int) -> Any:
         )
     if kind == "visualization_msgs/msg/MarkerArray":
         point = make_message("geometry_msgs/msg/Point", x=0.1 * time)
-        return make_message(
-            kind,
-            markers=[
-                make_message(
-                    "visualization_msgs/msg/Marker", type=4, points=[point] * 3
-                )
-            ],
-        )
+        points = [point] * 3
+        marker = make_message("visualization_msgs/msg/Marker", type=4, points=points)
+        return make_message(kind, markers=[marker])
     if kind == "tf2_msgs/msg/TFMessage":
         return make_message(
             kind,
@@ -395,7 +393,8 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
 
 def _npy_seeds(folder: Path) -> list[bytes]:
     for kind in (np.int64, np.float64, np.bool_, np.uint8):
-        np.save(folder / f"{kind.__name__}.npy", _world().grid[:10, :10].astype(kind))
+        grid = _world().grid[:10, :10].astype(kind)
+        np.save(folder / f"{kind.__name__}.npy", grid)
     return _files(*folder.glob("*.npy"))
 
 
@@ -439,9 +438,8 @@ def _image_seeds(folder: Path) -> list[bytes]:
     for ending in ("png", "bmp", "ppm"):
         for mode in ("L", "RGB", "1"):
             files.append(folder / f"{mode}.{ending}")
-            Image.open(folder / "map.pgm").resize((20, 30)).convert(mode).save(
-                files[-1]
-            )
+            image = Image.open(folder / "map.pgm").resize((20, 30))
+            image.convert(mode).save(files[-1])
     return _files(*files)
 
 

@@ -1,4 +1,4 @@
-"""Ask a service on the internet which of the locked packages have known vulnerabilities (`make audit`).
+"""Ask a service which locked packages have known vulnerabilities (`make audit`).
 
 Exit code 1 if one has, 2 if the service could not be asked.
 """
@@ -13,7 +13,10 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def audit(lock: str) -> tuple[int, list[str], str]:
-    """Return how many packages of a lock file were audited, their vulnerabilities, and why not all were."""
+    """Return how many packages of a lock file were audited, and their vulnerabilities.
+
+    The last text says why not all packages were.
+    """
     words = [
         "uvx",
         "pip-audit",
@@ -33,11 +36,12 @@ def audit(lock: str) -> tuple[int, list[str], str]:
         return 0, [], "uv is not installed"
     except (ValueError, KeyError):
         return 0, [], " ".join(ended.stderr.split())[-300:]
-    flaws = [
-        f"{lock}: {package['name']} {package['version']}: {flaw['id']}, fixed in {', '.join(flaw['fix_versions']) or 'none'}"
-        for package in packages
-        for flaw in package.get("vulns", [])
-    ]
+    flaws = []
+    for package in packages:
+        for flaw in package.get("vulns", []):
+            versions = ", ".join(flaw["fix_versions"]) or "none"
+            name = f"{package['name']} {package['version']}"
+            flaws.append(f"{lock}: {name}: {flaw['id']}, fixed in {versions}")
     skipped = [package["name"] for package in packages if "skip_reason" in package]
     why = (
         f"{len(skipped)} packages are not known to the service, such as {skipped[0]}"
@@ -52,8 +56,10 @@ def main() -> int:
     code = 0
     for lock in LOCKS:
         count, flaws, why = audit(lock)
+        note = f"; {why}" if why else ""
         print(
-            f"{lock}: {count} packages audited, {len(flaws)} known vulnerabilities{f'; {why}' if why else ''}"
+            f"{lock}: {count} packages audited, "
+            f"{len(flaws)} known vulnerabilities{note}"
         )
         print(*flaws, sep="\n" if flaws else "", end="\n" if flaws else "")
         if not count:

@@ -1,9 +1,13 @@
-"""The tables of parameters in the READMEs and the files for `--params-file`, made from the configurations themselves.
+"""The tables of parameters in the READMEs and the files for `--params-file`.
 
-`qa/release/regenerate.py` writes them, and a test in each package checks that they are current.
+Both are made from the configurations themselves.
+
+`qa/release/regenerate.py` writes them, and a test in each package checks that they are
+current.
 """
 
-# ruff: noqa: PLC0415 (a package is imported only for its own reference: not every place has all of them, or ROS)
+# A package is imported only for its own reference: not every place has all, or ROS.
+# ruff: noqa: PLC0415
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,16 +25,23 @@ SIMULATOR = "/**/simulator"
 
 @dataclass(frozen=True)
 class Reference:
-    """The generated parts of a package: sections of README.md and files in the folder config.
+    """The generated parts of a package.
 
-    sections: Markdown by the NAME in `<!-- NAME: begin -->` and `<!-- NAME: end -->`. files: parameter files by name.
+    Sections of README.md and files in the folder config.
+
+    sections: Markdown by the NAME in `<!-- NAME: begin -->` and `<!-- NAME: end -->`.
+    files: parameter files by name.
     """
 
     sections: Mapping[str, str]
     files: Mapping[str, str]
 
     def contents(self, package: Path) -> dict[Path, str]:
-        """Return the content that each file should have; ValueError if the README lacks a marker."""
+        """Return the content that each file should have.
+
+        Raises:
+            ValueError: If the README lacks a marker.
+        """
         readme = package / "README.md"
         text = readme.read_text("utf-8")
         for name, section in self.sections.items():
@@ -51,7 +62,7 @@ class Reference:
             path.write_text(text, "utf-8")
 
     def outdated(self, package: Path) -> list[str]:
-        """Return the files that are not current, and parameter files that should not exist."""
+        """Return the files that are not current or should not exist."""
         contents = self.contents(package)
         written = {
             path: path.read_text("utf-8")
@@ -65,7 +76,10 @@ class Reference:
 
 
 def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ()) -> str:
-    """Return a Markdown table of parameters; columns: configurations of one class by heading."""
+    """Return a Markdown table of parameters.
+
+    `columns` is configurations of one class by heading.
+    """
     values = [
         {name: value for name, _, value in fields_of(config)}
         for config in columns.values()
@@ -92,8 +106,9 @@ def parameter_file(
 ) -> str:
     """Return a file with all parameters of a node, each with its meaning.
 
-    node: which nodes it is for, such as "/**/simulator" (that node in any namespace). first: parameters that are in no
-    configuration. A parameter that is in two of them has the value of the last.
+    node: which nodes it is for, such as "/**/simulator" (that node in any namespace).
+    first: parameters that are in no configuration. A parameter that is in two of them
+    has the value of the last.
     """
     parameters = {
         name: (parameter, value)
@@ -112,21 +127,23 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
-        return ", ".join(
-            f"({_cell(item)})" if isinstance(item, tuple) else _cell(item)
-            for item in value
-        )
+        items = []
+        for item in value:
+            cell = _cell(item)
+            items.append(f"({cell})" if isinstance(item, tuple) else cell)
+        return ", ".join(items)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _entry(name: str, value: Any) -> str:
     if isinstance(value, tuple):
-        return f"{name}: {yaml.safe_dump(list(value), default_flow_style=True, width=1000).strip()}"
+        items = yaml.safe_dump(list(value), default_flow_style=True, width=1000)
+        return f"{name}: {items.strip()}"
     return yaml.safe_dump({name: value}, width=1000).strip()
 
 
 def worlds() -> Reference:
-    """Return the tables of the map server and of a robot's chassis, and the parameter file."""
+    """Return the tables of map server and chassis, and the parameter file."""
     from barn_worlds.robots.files import ROBOTS
     from barn_worlds.ros.map_server import MapServerConfig
 
@@ -149,7 +166,10 @@ def worlds() -> Reference:
 
 
 def simulator() -> Reference:
-    """Return the tables, a file of all parameters, and one per preset of those that differ from the default."""
+    """Return the tables and the parameter files.
+
+    One file has all parameters, one per preset those that differ from the default.
+    """
     from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 
     node = SimulatorNodeConfig()
@@ -176,7 +196,7 @@ def simulator() -> Reference:
 
 
 def planners() -> Reference:
-    """Return the tables of the node and of this suite's planners, and a parameter file for each preset.
+    """Return the tables of the node and this suite's planners, and a file per preset.
 
     A file is for a node of any name: each planner has an executable of its own.
     """
@@ -218,7 +238,10 @@ def planners() -> Reference:
 
 
 def evaluator() -> Reference:
-    """Return the tables and the parameter file; what only a supervisor sets is left out of the file."""
+    """Return the tables and the parameter file.
+
+    What only a supervisor sets is left out of the file.
+    """
     from barn_eval.commands.main import COMMANDS
     from barn_eval.trials.protocol import PROTOCOLS
     from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig

@@ -1,8 +1,9 @@
 """What a release says of itself.
 
-python qa/release/release.py check v0.2.0       # the tag is the version that the suite states, and the changelog has it
-python qa/release/release.py notes 0.2.0        # its part of the changelog
-python qa/release/release.py citation ADDRESS   # CITATION.cff with the address of the repository that releases it
+python qa/release/release.py check v0.2.0 # the tag is the version that the suite
+states, and the changelog has it python qa/release/release.py notes 0.2.0 # its part of
+the changelog python qa/release/release.py citation ADDRESS # CITATION.cff with the
+address of the repository that releases it
 """
 
 import re

@@ -1,9 +1,9 @@
-"""Lay the repository's pages, and the files they link to, out for the documentation site.
+"""Lay out the repository's pages and the files they link to for the site.
 
     python qa/release/site_pages.py build/pages
 
-makes a folder of links that has each page under its path in the repository, so that a link between two pages works in
-the site as it does where the repository is browsed.
+makes a folder of links that has each page under its path in the repository, so that a
+link between two pages works in the site as it does where the repository is browsed.
 """
 
 import re

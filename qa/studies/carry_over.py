@@ -1,11 +1,15 @@
-"""Does difficulty carry over from robot to robot? The tables and the figure of docs/carry_over.md.
+"""Study whether difficulty carries over from robot to robot.
 
-    python qa/studies/carry_over.py docs/carry_over.csv --figure docs/figures/carry_over.png
-    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 --csv docs/carry_over.csv
+The tables and the figure of docs/carry_over.md.
 
-The trials are those of several robots in worlds of the same grids, each in cells of its robot's size
-(`barn.worlds.resize`). Courses and reference speeds are in these cells as well, so that times can be compared as
-they are.
+    python qa/studies/carry_over.py docs/carry_over.csv --figure
+    docs/figures/carry_over.png
+    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 --csv
+    docs/carry_over.csv
+
+The trials are those of several robots in worlds of the same grids, each in cells of its
+robot's size (`barn.worlds.resize`). Courses and reference speeds are in these cells as
+well, so that times can be compared as they are.
 """
 
 import csv
@@ -73,7 +77,7 @@ class Trials:
 
     @cached_property
     def worlds(self) -> Integers:
-        """Numbers of the worlds that every planner drove with every robot, ascending."""
+        """Numbers of the worlds that every planner drove with every robot."""
         driven = defaultdict(set)
         for row in self.rows:
             driven[row.robot, row.planner].add(row.world)
@@ -85,7 +89,7 @@ class Trials:
         return np.array(sorted(shared), np.int64)
 
     def of(self, robot: str, planner: str) -> list[Trial]:
-        """Return the trials of a robot under a planner, in the worlds that all share."""
+        """Return the trials of a robot under a planner in the shared worlds."""
         shared = set(self.worlds.tolist())
         return [
             row
@@ -104,7 +108,7 @@ class Trials:
             if len(by_try[key]) == len(self.worlds)
         ]
         return np.array(
-            [[one[world] for world in self.worlds.tolist()] for one in whole]
+            [[times[world] for world in self.worlds.tolist()] for times in whole]
         )
 
     def failed(self, robot: str, planner: str) -> npt.NDArray[np.bool_]:
@@ -113,7 +117,10 @@ class Trials:
         return np.isin(self.worlds, lost)
 
     def times(self, robot: str, planner: str) -> Floats:
-        """Return the mean time of a robot in each world (worlds,), of all planners if they are taken together."""
+        """Return the mean time of a robot in each world (worlds,).
+
+        It is that of all planners if they are taken together.
+        """
         planners = self.planners if planner == TOGETHER else [planner]
         mean_times: Floats = np.mean(
             [self.tries(robot, name).mean(axis=0) for name in planners], axis=0
@@ -122,7 +129,11 @@ class Trials:
 
 
 def read_folders(folders: Sequence[Path]) -> Trials:
-    """Return the trials of folders of results; ConfigError for worlds whose grids are not those of barn300."""
+    """Return the trials of folders of results.
+
+    Raises:
+        ConfigError: For worlds whose grids are not those of barn300.
+    """
     rows = []
     for folder in folders:
         source = read_source(folder)
@@ -187,20 +198,20 @@ def results_table(trials: Trials) -> str:
     rows = []
     for planner in trials.planners:
         for robot in trials.robots:
-            own_trials = trials.of(robot, planner)
-            worlds = np.array([one.world for one in own_trials])
+            robot_trials = trials.of(robot, planner)
+            worlds = np.array([trial.world for trial in robot_trials])
             success, time = (
                 mean_interval(np.array(values, np.float64), worlds)
                 for values in (
-                    [100.0 * one.success for one in own_trials],
-                    [one.time_s for one in own_trials],
+                    [100.0 * trial.success for trial in robot_trials],
+                    [trial.time_s for trial in robot_trials],
                 )
             )
             rows.append(
                 [
                     spelling(planner),
                     f"`{robot}`",
-                    str(len(own_trials)),
+                    str(len(robot_trials)),
                     success.text(0),
                     time.text(1),
                 ]
@@ -211,19 +222,24 @@ def results_table(trials: Trials) -> str:
 
 
 def predictors(worlds: Integers) -> dict[str, Floats]:
-    """Return what may predict times, by name: metrics of barn300's worlds and the shipped model's difficulty."""
+    """Return what may predict times, by name.
+
+    Metrics of barn300's worlds and the shipped model's difficulty.
+    """
     dataset = open_dataset(GRIDS)
     model = load_model()
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
     columns = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
-    return columns | {
-        LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])
-    }
+    predictions = [model.predict(world).difficulty_s_per_m for world in loaded]
+    return columns | {LEARNED: np.array(predictions)}
 
 
 def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
-    """Return Spearman's correlation of predictors and mean times, a row per planner and predictor."""
+    """Return Spearman's correlation of predictors and mean times.
+
+    There is a row per planner and predictor.
+    """
     rows = [
         [*([spelling(planner)] if len(planners) > 1 else []), name]
         + [
@@ -242,7 +258,10 @@ def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
 
 
 def robots_table(trials: Trials) -> str:
-    """Return Spearman's correlation of the times of each two robots, and what repetition alone would leave of it."""
+    """Return Spearman's correlation of the times of each two robots.
+
+    The last columns show what repetition alone would leave of it.
+    """
     pairs = _pairs(trials)
     rows = []
     for planner in [*trials.planners, TOGETHER]:
@@ -266,7 +285,9 @@ def robots_table(trials: Trials) -> str:
 
 
 def regression_table(trials: Trials) -> str:
-    """Return the linear regression of the times of other robots on those of the first, in worlds where none failed.
+    """Return the linear regression of other robots' times on those of the first.
+
+    It is over worlds where none failed.
 
     The last column is of all worlds, failures as they count.
     """
@@ -287,9 +308,8 @@ def regression_table(trials: Trials) -> str:
                 interval.text(places)
                 for interval, places in zip(intervals, digits, strict=True)
             ]
-            rows.append(
-                [spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts]
-            )
+            count = str(int(solved.sum()))
+            rows.append([spelling(planner), f"`{robot}`", count, *texts])
     headings = [
         "planner",
         "robot",
@@ -303,11 +323,10 @@ def regression_table(trials: Trials) -> str:
 
 
 def slope(x: Floats, y: Floats) -> Floats:
-    """Return the slope of the line of least squares through points, along the last axis."""
+    """Return the slope of the least-squares line along the last axis."""
     x = x - x.mean(axis=-1, keepdims=True)
-    line_slope: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
-        x**2
-    ).sum(axis=-1)
+    y = y - y.mean(axis=-1, keepdims=True)
+    line_slope: Floats = (x * y).sum(axis=-1) / (x**2).sum(axis=-1)
     return line_slope
 
 
@@ -362,16 +381,20 @@ def _rank(trials: Trials, x: Floats, y: Floats) -> Interval:
 
 
 def _repeatability(trials: Trials, robot: str, planner: str) -> str:
-    """Return the correlation of mean times with those of as many trials again, a dash where there are not two."""
+    """Return the correlation of mean times with those of as many trials again.
+
+    It is a dash where there are not two.
+    """
     planners = trials.planners if planner == TOGETHER else [planner]
-    tries = [trials.tries(robot, one)[:2] for one in planners]
+    tries = [trials.tries(robot, name)[:2] for name in planners]
     if min(map(len, tries)) < 2:
         return "-"
-    one = _rank(trials, *np.mean(tries, axis=0))
-    if one.low is None or one.high is None:
+    correlation = _rank(trials, *np.mean(tries, axis=0))
+    if correlation.low is None or correlation.high is None:
         return "-"
     doubled = (
-        2.0 * r / (1.0 + r) for r in (one.estimate, one.low, one.high)
+        2.0 * r / (1.0 + r)
+        for r in (correlation.estimate, correlation.low, correlation.high)
     )  # Spearman and Brown
     return Interval(*doubled).text()
 

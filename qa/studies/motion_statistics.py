@@ -1,4 +1,6 @@
-"""What the moving obstacles of worlds do: how many, how fast, and how often they are in the way, by class of motion.
+"""What the moving obstacles of worlds do.
+
+How many, how fast, and how often they are in the way, by class of motion.
 
     python qa/studies/motion_statistics.py dynabarn60
     python qa/studies/motion_statistics.py out/moving.npz
@@ -31,10 +33,11 @@ _PLACE_M = 0.1
 class MotionStatistics:
     """Figures of one world over its first 100 s.
 
-    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the obstacles. slowest_mps,
-    fastest_mps: the extremes of these. period_s: mean of the periods. crossings_per_min: how often the centre of an
-    obstacle goes over the straight line from the start of the path to its end. occupied_share: of that line, the mean
-    over time.
+    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the
+    obstacles. slowest_mps, fastest_mps: the extremes of these. period_s: mean of the
+    periods. crossings_per_min: how often the centre of an obstacle goes over the
+    straight line from the start of the path to its end. occupied_share: of that line,
+    the mean over time.
     """
 
     obstacles: float
@@ -79,12 +82,10 @@ def motion_statistics(world: World) -> MotionStatistics:
 def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
     """Return the means over worlds, but the slowest and the fastest obstacle of all."""
     each = [motion_statistics(world) for world in worlds]
-    means = {
-        item.name: float(
-            np.mean([getattr(statistics, item.name) for statistics in each])
-        )
-        for item in fields(MotionStatistics)
-    }
+    means = {}
+    for item in fields(MotionStatistics):
+        values = [getattr(statistics, item.name) for statistics in each]
+        means[item.name] = float(np.mean(values))
     means["slowest_mps"] = min(statistics.slowest_mps for statistics in each)
     means["fastest_mps"] = max(statistics.fastest_mps for statistics in each)
     return MotionStatistics(**means)
@@ -102,7 +103,10 @@ def mean_speed(obstacle: MovingObstacle) -> float:
 def crossings(
     on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float
 ) -> int:
-    """Count the changes of side within a line, jumps left out; on_line, beside: (t, n) m along it, left of it."""
+    """Count the changes of side within a line, jumps left out.
+
+    on_line, beside: (t, n) m along it, left of it.
+    """
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
     return int((other_side & within & ~jumped).sum())
@@ -127,9 +131,9 @@ def by_class(source: str) -> dict[str, list[World]]:
     dataset = open_dataset(source)
     for world in map(dataset.load, dataset.world_numbers):
         parameters = world.provenance.parameters
-        worlds_by_class.setdefault(
-            str(parameters.get("motion", parameters).get("difficulty", "all")), []
-        ).append(world)
+        motion = parameters.get("motion", parameters)
+        difficulty = str(motion.get("difficulty", "all"))
+        worlds_by_class.setdefault(difficulty, []).append(world)
     return worlds_by_class
 
 
@@ -140,11 +144,8 @@ def main(source: str) -> None:
     table = Table("class", "worlds", *(item.name for item in fields(MotionStatistics)))
     for name, worlds in by_class(source).items():
         figures = mean_statistics(worlds)
-        table.add_row(
-            name,
-            str(len(worlds)),
-            *(f"{value:.3f}" for value in vars(figures).values()),
-        )
+        values = [f"{value:.3f}" for value in vars(figures).values()]
+        table.add_row(name, str(len(worlds)), *values)
     Console(width=160).print(table)
 
 

@@ -1,8 +1,11 @@
-"""Draw, for each planner of some results, the world in which it falls furthest behind the others: docs/boards.md.
+"""Draw for each planner the world in which it falls furthest behind the others.
+
+The figures are those of docs/boards.md.
 
     python qa/studies/worst_worlds.py out/barn300 docs/figures
 
-All trajectories of that world are drawn; how far a planner is behind is the mean efficiency of the others less its own.
+All trajectories of that world are drawn; how far a planner is behind is the mean
+efficiency of the others less its own.
 """
 
 import argparse
@@ -21,14 +24,16 @@ _SHOWN_M = (2.4, 13.4)
 
 
 def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:
-    """Return the number of the world by planner; of worlds that are equally bad for it, the first."""
+    """Return the number of the world by planner.
+
+    Of worlds that are equally bad for it, the first.
+    """
     table = pd.concat([barn.load(folder).table for folder in folders])
     efficiency = table.pivot_table(
         index="world", columns="planner", values="efficiency", aggfunc="mean"
     ).dropna()
-    mean_of_others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
-        efficiency.shape[1] - 1
-    )
+    total = efficiency.sum(axis=1).to_numpy()[:, None]
+    mean_of_others = (total - efficiency) / (efficiency.shape[1] - 1)
     return {
         str(planner): int(world)
         for planner, world in (mean_of_others - efficiency).idxmax().items()

@@ -146,7 +146,7 @@ def _pose_table(poses: list[tuple[float, float, float]]) -> Floats:
 
 @cache
 def _scenes() -> ScenePool:
-    """Return the client of all trials of this process, one after the other."""
+    """Return the physics clients of all trials of this process."""
     return ScenePool()
 
 
@@ -166,9 +166,9 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     log = TrajectoryLog()
     odometry = []
     start = spec.course.start
-    client = _scenes()
+    scenes = _scenes()
     with closing(
-        Simulator(spec.world, config, start, spec.simulator_seed, client)
+        Simulator(spec.world, config, start, spec.simulator_seed, scenes)
     ) as simulator:
         for linear, angular in commands.tolist():
             stamp_ns = simulator.stamp_ns

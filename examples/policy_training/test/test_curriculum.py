@@ -29,7 +29,7 @@ def draw_worlds(env, seeds=range(40)):
     return {env.reset(seed=seed)[1]["world"] for seed in seeds}
 
 
-def test_worlds_are_drawn_up_to_the_level_by_seed(make):
+def test_worlds_come_up_to_the_level_and_repeat_from_the_seed(make):
     env = make(first_level=0.3)
     assert draw_worlds(env) == {0, 1, 2, 3}
     env.reset(seed=9)

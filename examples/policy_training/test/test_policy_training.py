@@ -1,4 +1,7 @@
-"""From a model of Stable-Baselines3 to a policy file that answers as the model does; and the training script."""
+"""Export a model of Stable-Baselines3 to a policy file that answers as the model does.
+
+The training script is tested, too.
+"""
 
 import csv
 import subprocess

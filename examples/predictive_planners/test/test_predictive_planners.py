@@ -1,4 +1,4 @@
-"""Circles and tracks against what moves in truth, and the planners that predict by them."""
+"""Circles and tracks against what really moves, and the planners that use them."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,10 @@ BEAMS = 721
 
 
 def scan_of(pose, discs, stamp_ns=0):
-    """Return the exact scan, all round, of discs (x, y, radius) by a lidar 0.055 m ahead of the robot's centre."""
+    """Return the exact scan, all round, of discs (x, y, radius).
+
+    The lidar is 0.055 m ahead of the robot's center.
+    """
     angles = np.linspace(-math.pi, math.pi, BEAMS)
     sensor = pose @ Pose2D(0.055, 0.0, 0.0)
     ranges = np.full(BEAMS, np.inf)
@@ -113,7 +116,7 @@ def test_two_that_cross_keep_their_velocities():
     assert by_x[:, 2:4] == pytest.approx(np.array([[0.0, -1.0], [0.0, 1.0]]), abs=0.1)
 
 
-def test_a_track_ends_when_unseen_and_a_reset_forgets_all():
+def test_a_track_ends_unobserved_and_a_reset_forgets_all():
     def gone(time_s):
         return [] if time_s > 1.0 else [(3.0, time_s, 0.5)]
 
@@ -174,7 +177,10 @@ def test_discs_of_one_frame_in_another():
 
 
 def crossing(name: str, **overrides) -> tuple[float, float]:
-    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses; return smallest gap and final x."""
+    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses.
+
+    Return smallest gap and final x.
+    """
     planner = make_planner(name, "challenge", overrides)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
     pose = Pose2D(0.0, 0.0, 0.0)
@@ -204,7 +210,7 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
     return nearest, pose.x
 
 
-def test_a_predicting_planner_keeps_away_from_a_crossing_disc():
+def test_predicting_keeps_farther_from_a_disc_that_crosses():
     plain = crossing("gap")
     predictive = crossing("gap_predictive")
     assert predictive[0] > plain[0] and predictive[0] > 0.28
@@ -237,9 +243,7 @@ def test_a_scan_without_ranges_stops_the_robot_with_a_reason(name):
 @pytest.mark.parametrize(
     ("name", "own_config"), [("gap", []), ("mppi", ["moving_margin_m"])]
 )
-def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_margin(
-    name, own_config
-):
+def test_another_robot_changes_the_plain_planner_and_the_margin(name, own_config):
     husky = load_robot("husky")
     changes, plain = (
         fit_parameters(planner, "default", {}, husky)

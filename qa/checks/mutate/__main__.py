@@ -1,12 +1,16 @@
-"""Mutation check of the code that decides results: a unit test should fail for every small change to it.
+"""Mutation check of the code that decides results.
+
+A unit test should fail for every small change to it.
 
     python qa/checks/mutate                                # all modules
     python qa/checks/mutate trials.referee --sample 20     # some mutants of one module
     python qa/checks/mutate --page docs/mutation.md        # all modules; write the page
 
-Each mutant changes one expression or statement (changes.py). It is never written to a file: a forked process imports
-the changed text in place of the module and runs the module's unit tests until one fails. Tests that hang count as
-failed. Mutants that no test can kill are listed with the reason in survivors.yaml; exit 1 for any other survivor.
+Each mutant changes one expression or statement (changes.py). It is never written to a
+file: a forked process imports the changed text in place of the module and runs the
+module's unit tests until one fails. Tests that hang count as failed. Mutants that no
+test can kill are listed with the reason in survivors.yaml; exit 1 for any other
+survivor.
 """
 
 import argparse
@@ -41,18 +45,21 @@ TESTS = {
 
 def tests_of(module: str) -> list[Path]:
     """Return the test files of a dotted module."""
-    return [
-        ROOT / module.partition(".")[0] / "test" / f"{name}.py"
-        for name in TESTS[module]
-    ]
+    package = module.partition(".")[0]
+    return [ROOT / package / "test" / f"{name}.py" for name in TESTS[module]]
 
 
 def select_mutants(
     modules: Sequence[str], sample: int | None, seed: int
 ) -> dict[str, list[Mutant]]:
-    """Return the mutants to try, by module: all, or so many drawn from all of them; SystemExit for an unknown name."""
+    """Return the mutants to try, by module: all, or so many drawn from all of them.
+
+    Raises:
+        SystemExit: For an unknown name.
+    """
     for module in modules:
-        if not any(f".{name}".endswith(f".{module}") for name in TESTS):
+        ending = f".{module}"
+        if not any(f".{name}".endswith(ending) for name in TESTS):
             sys.exit(f"no module {module!r}, choose from {', '.join(TESTS)}")
     endings = tuple(f".{module}" for module in modules)
     names = [name for name in TESTS if not modules or f".{name}".endswith(endings)]
@@ -73,12 +80,15 @@ def select_mutants(
 def check(
     module: str, mutants: Sequence[Mutant], tests: Sequence[Path], jobs: int
 ) -> list[Tried]:
-    """Return what became of each mutant of a module; SystemExit if the tests fail without any."""
+    """Return what became of each mutant of a module.
+
+    Raises:
+        SystemExit: If the tests fail without any.
+    """
     needed_s = seconds_needed(module, tests)
     if needed_s is None:
-        sys.exit(
-            f"{module}: its tests fail without a change: {', '.join(map(str, tests))}"
-        )
+        files = ", ".join(map(str, tests))
+        sys.exit(f"{module}: its tests fail without a change: {files}")
     texts = [mutant.text for mutant in mutants]
     survived = survivals(module, texts, tests, jobs, 10 * needed_s)
     return [
@@ -88,7 +98,10 @@ def check(
 
 
 def main() -> int:
-    """Try the mutants asked for; return 1 unless exactly those survive that survivors.yaml lists."""
+    """Try the mutants asked for.
+
+    Return 1 unless exactly those survive that survivors.yaml lists.
+    """
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,8 +1,9 @@
 """Small changes to a Python source, each of which a unit test should notice.
 
-Changed are comparisons, arithmetic, boolean connectives, conditions, constants, return values, neighbouring arguments
-and names that are easily confused; statements are removed. Left alone are docstrings, annotations, type aliases,
-decorators, imports, f-strings and what an error says: they decide no result.
+Changed are comparisons, arithmetic, boolean connectives, conditions, constants, return
+values, neighbouring arguments and names that are easily confused; statements are
+removed. Left alone are docstrings, annotations, type aliases, decorators, imports,
+f-strings and what an error says: they decide no result.
 """
 
 import ast
@@ -70,7 +71,7 @@ Change = tuple[
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the function or class and the line it is in, what stands there before and after, the text after."""
+    """One change to a source: its place, what it replaces and the text after it."""
 
     where: str
     line: int
@@ -80,7 +81,10 @@ class Mutant:
 
 
 def mutants_of(source: str) -> list[Mutant]:
-    """Return every change to a module's source, in the order of its lines, none twice."""
+    """Return every change to a module's source in the order of its lines.
+
+    No change is there twice.
+    """
     whole = source.encode()
     lines = whole.splitlines(keepends=True)
     starts = [sum(map(len, lines[:row])) for row in range(len(lines) + 1)]
@@ -110,7 +114,7 @@ def _join_lines(text: bytes) -> str:
 
 
 def _nodes(node: ast.AST, where: str) -> Iterator[tuple[ast.AST, str]]:
-    """Yield the nodes that may change, and the dotted name of the function or class that each stands in."""
+    """Yield each node that may change and the dotted name of its function or class."""
     match node:
         case (
             ast.Import()
@@ -133,7 +137,7 @@ def _nodes(node: ast.AST, where: str) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the parts of a node without decorators, annotations and what an error says."""
+    """Yield the parts of a node without decorators, annotations and texts of errors."""
     if isinstance(node, ast.FunctionDef):
         yield from (
             default
@@ -282,12 +286,15 @@ def _(node: ast.Tuple | ast.List | ast.Set) -> list[Change]:
 
 
 def _keys(parts: list[ast.expr] | list[ast.expr | None]) -> list[Change]:
-    """Return changes to texts that are keys or choices, rather than words for a reader."""
+    """Return changes to texts that are keys or choices, not words for a reader."""
     return [(part, repr(str(part.value) + "_")) for part in parts if _is_text(part)]
 
 
 def _opposite(condition: ast.expr) -> list[Change]:
-    """Return the opposite of a condition, unless a change to the condition itself makes it."""
+    """Return the opposite of a condition.
+
+    It is left out where a change to the condition itself gives it.
+    """
     return (
         []
         if isinstance(condition, (ast.Compare, ast.UnaryOp))

@@ -13,13 +13,16 @@ from fault_cases.kit import Lab, add, hold
 
 
 def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
-    """Change the first row of a campaign, with the right checksum; every reader must refuse it."""
+    """Change the first row of a campaign, with the right checksum.
+
+    Every reader must refuse it.
+    """
     shutil.copytree(run_undisturbed(), lab.out)
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()
-    path.write_text(
-        "\n".join([seal_line(change(json.loads(unseal_line(first, "")))), *rest]) + "\n"
-    )
+    row = json.loads(unseal_line(first, ""))
+    lines = [seal_line(change(row)), *rest]
+    path.write_text("\n".join(lines) + "\n")
     refusal = ""
     for words in (("report", lab.out), ("compare", lab.out, lab.out)):
         refusal = lab.expect_refusal(*words)

@@ -1,4 +1,7 @@
-"""Campaigns in mode direct that are killed, suspended and disturbed, and what their tables are after that."""
+"""Campaigns in mode direct that are killed, suspended and disturbed.
+
+Their tables must be the undisturbed ones after that.
+"""
 
 import os
 import signal
@@ -63,7 +66,11 @@ def run_undisturbed() -> Path:
 
 
 def resume(lab: Lab, *options: object) -> str:
-    """Run the campaign to its end; Wrong if its tables are not the undisturbed ones to the byte."""
+    """Run the campaign to its end.
+
+    Raises:
+        Wrong: If its tables are not the undisturbed ones to the byte.
+    """
     row_count = len(lab.rows())
     lab.barn(*campaign(lab, *options))
     return same(lab, row_count)
@@ -75,7 +82,8 @@ def same(lab: Lab, row_count: int) -> str:
         tables(lab.out) == tables(run_undisturbed()),
         "the tables differ from the undisturbed ones",
     )
-    hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
+    row_count = len(lab.rows())
+    hold(row_count == TRIALS, f"{row_count} rows")
     return (
         f"{row_count} rows kept; tables equal to the byte"
         if row_count
@@ -86,7 +94,7 @@ def same(lab: Lab, row_count: int) -> str:
 def _interrupt(lab: Lab, number: int) -> str:
     run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     kill([run.pid], number) if number in (
         signal.SIGTERM,
         signal.SIGKILL,
@@ -126,7 +134,7 @@ def _disturb(
 ) -> str:
     run_undisturbed()
     run = lab.start(*campaign(lab, *options))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     disturb(lab)
     ended = lab.finish(run)
     hold(words in ended.text, ended.text[-500:])
@@ -141,7 +149,10 @@ def _suspend(lab: Lab, text: str = "", for_s: float = 8.0) -> None:
 
 
 def _load_machine(lab: Lab) -> str:
-    """Let a campaign compete with 30 busy processes of its own priority, which is a low one, for a minute at most."""
+    """Let a campaign compete with 30 busy processes for a minute at most.
+
+    They have the campaign's own priority, which is a low one.
+    """
     run_undisturbed()
     low = ["nice", "-n", "10"]
     busy = [
@@ -158,25 +169,33 @@ def _load_machine(lab: Lab) -> str:
 
 
 _MUST = "The tables are the undisturbed ones to the byte."
+
+
+def _kill_worker(lab: Lab) -> None:
+    kill(lab.processes("s.worker")[:1])
+
+
+def _kill_workers(lab: Lab) -> None:
+    kill(lab.processes("s.worker"))
+
+
+def _stop_worker(lab: Lab) -> None:
+    kill(lab.processes("s.worker")[:1], signal.SIGSTOP)
+
+
 add(
     FAMILY,
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturb(
-        lab,
-        lambda lab: kill(lab.processes("s.worker")[:1]),
-        words="was killed by SIGKILL",
-    ),
+    lambda lab: _disturb(lab, _kill_worker, words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturb(
-        lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"
-    ),
+    lambda lab: _disturb(lab, _kill_workers, words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
@@ -185,7 +204,7 @@ add(
     f"It is given up after its time, and its trial is tried again. {_MUST}",
     lambda lab: _disturb(
         lab,
-        lambda lab: kill(lab.processes("s.worker")[:1], 19),
+        _stop_worker,
         "--execution",
         "trial_limit_s=25",
         words="no result within 25 s",
@@ -222,7 +241,7 @@ add(
 
 
 def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
-    """Return a file with by how much the clock is off, and the environment in which it is."""
+    """Return a file with the clock's error and the environment that applies it."""
     library = lab.folder / "clock.so"
     note = lab.folder / "shift"
     words = [
@@ -249,15 +268,14 @@ def _jump(lab: Lab, days: int) -> str:
     note, false = shifted_clock(lab, 0)
     run_undisturbed()
     run = lab.start(*campaign(lab), environment=false)
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     note.write_text(str(days * 86_400))
     lab.finish(run)
     dates = {row["wall_clock"]["started_at"][:10] for row in lab.rows()}
     hold(len(dates) >= 2, f"the clock did not jump: {dates}")
-    hold(
-        all(row["wall_clock"]["duration_s"] < 100.0 for row in lab.rows()),
-        "durations are of the clock",
-    )
+    durations_s = [row["wall_clock"]["duration_s"] for row in lab.rows()]
+    are_short = all(duration_s < 100.0 for duration_s in durations_s)
+    hold(are_short, "durations are of the clock")
     return f"{same(lab, 0)}; from {min(dates)} to {max(dates)}"
 
 
@@ -275,12 +293,12 @@ for _name, _days in (("forward", 40), ("backward", -40)):
 def two_writers(lab: Lab) -> str:
     """The same campaign is started three times at once in one folder.
 
-    One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
+    One runs, the others are refused in one line each; the tables are the undisturbed
+    ones to the byte.
     """
     run_undisturbed()
-    ended = [
-        lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]
-    ]
+    runs = [lab.start(*campaign(lab)) for _ in range(3)]
+    ended = [lab.finish(run, None) for run in runs]
     hold(
         sorted(session.code for session in ended) == [0, 1, 1],
         [session.code for session in ended],
@@ -304,7 +322,7 @@ def worker_of_another_number(lab: Lab) -> str:
     """
     run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     kill([run.pid])
     lab.finish(run, -9)
     lab.until(lambda: not lab.processes(), "the end of the workers")
@@ -315,8 +333,8 @@ def worker_of_another_number(lab: Lab) -> str:
 def output_closed(lab: Lab) -> str:
     """Whoever reads what the campaign prints goes away after the first line.
 
-    The campaign completes its rows or ends without a traceback; after running it again the tables are the undisturbed
-    ones.
+    The campaign completes its rows or ends without a traceback; after running it again
+    the tables are the undisturbed ones.
     """
     run_undisturbed()
     (lab.folder / "run.sh").write_text('"$@" 2>&1 | head -1\n')

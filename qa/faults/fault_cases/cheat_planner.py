@@ -1,7 +1,10 @@
-"""A planner in a process of its own that tries to win by other means than driving: plain rclpy, no suite.
+"""A planner in a process of its own that tries to win by other means than driving.
 
-Usage: cheat_planner.py KIND FOLDER OUT: it drives ahead and does its deed at a scan. FOLDER may be written to, what it
-has found goes to FOLDER/found; OUT is the folder of results.
+Plain rclpy, no suite.
+
+Usage: cheat_planner.py KIND FOLDER OUT: it drives ahead and does its deed at a scan.
+FOLDER may be written to, what it has found goes to FOLDER/found; OUT is the folder of
+results.
 """
 
 import json
@@ -42,7 +45,10 @@ def report(text: object) -> None:
 
 
 def list_other_processes() -> list[str]:
-    """Return the processes of anybody that has to do with trials, but for this one and its parents."""
+    """Return the processes that have to do with trials.
+
+    This process and its parents are left out.
+    """
     pids = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
@@ -61,29 +67,33 @@ def list_other_processes() -> list[str]:
 
 def look_into_memory(_: Node) -> None:
     """Open the memory of other processes, as a debugger does."""
-    report(f"{len(list_other_processes())} of the suite's processes")
-    for pid in list_other_processes():
+    pids = list_other_processes()
+    report(f"{len(pids)} of the suite's processes")
+    for pid in pids:
         with Path(f"/proc/{pid}/mem").open("r+b"):
             report("opened the memory of one of them")
 
 
 def look_for_the_line(_: Node) -> None:
-    """Say to each socket of this process, and to each that has a name, that the simulator is to be reset."""
+    """Ask for a reset of the simulator through each socket that can be reached.
+
+    These are the sockets of this process and all that have a name.
+    """
     message = json.dumps({"id": 1, "ask": "reset", "what": "reset"}).encode() + b"\n"
-    unix = [one.split() for one in Path("/proc/net/unix").read_text().splitlines()[1:]]
+    lines = Path("/proc/net/unix").read_text().splitlines()
+    unix = [line.split() for line in lines[1:]]
     accepted = 0
     for entry in list(Path("/proc/self/fd").iterdir()):
-        with suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as one:
-            accepted += one.family == socket.AF_UNIX and bool(
-                one.send(message, socket.MSG_DONTWAIT)
-            )
+        with suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as line:
+            if line.family == socket.AF_UNIX:
+                accepted += bool(line.send(message, socket.MSG_DONTWAIT))
     for name in {
         fields[7] for fields in unix if len(fields) > 7 and "barn" in fields[7]
     }:
         for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET):
-            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as one:
-                one.connect(name.replace("@", "\0", 1))
-                accepted += bool(one.send(message, socket.MSG_DONTWAIT))
+            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as line:
+                line.connect(name.replace("@", "\0", 1))
+                accepted += bool(line.send(message, socket.MSG_DONTWAIT))
     report(f"{accepted} sockets took it")
 
 
@@ -110,18 +120,20 @@ def edit_results(_: Node) -> None:
             "traversal_time_s": row["scores"]["duration_s"],
         }
         line = json.dumps(row, separators=(",", ":"))
-        rows.write_text(f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}\n')
+        checksum = zlib.crc32(line.encode())
+        rows.write_text(f'{line[:-1]},"crc32":"{checksum:08x}"}}\n')
         report("edited")
 
 
 def read_the_seed(_: Node) -> None:
     """Read what this trial is from the evaluator's file."""
     for path in OUT.rglob("assignment.json"):
-        report(f"seed {json.loads(path.read_text())['run']['seed']}")
+        assignment = json.loads(path.read_text())
+        report(f"seed {assignment['run']['seed']}")
 
 
 def look_at_the_suite(_: Node) -> None:
-    """See whether the suite's packages, and the machine code of its kernels, may be written to."""
+    """Report whether the suite's packages and compiled kernels may be written to."""
     package = find_spec("barn_eval")
     may = package is not None and os.access(str(package.origin), os.W_OK)
     report(f"may {'' if may else 'not '}write to them")
@@ -147,9 +159,8 @@ def start(count: int, code: str) -> None:
 
 def remember(_: Node) -> None:
     """Look for what an earlier trial has left, and leave something."""
-    report(
-        "nothing is left" if not (FOLDER / "memory").exists() else "something is left"
-    )
+    is_left = (FOLDER / "memory").exists()
+    report("something is left" if is_left else "nothing is left")
     (FOLDER / "memory").touch()
 
 

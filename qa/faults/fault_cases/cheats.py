@@ -33,7 +33,7 @@ def _run_cheat(
     report: str = "",
     options: tuple[object, ...] = (),
 ) -> str:
-    """Run a trial of a planner that cheats, which must end so, and its planner have found that."""
+    """Run a trial of a planner that cheats and check its end and its report."""
     lab.barn(*cheating(lab, kind, *options), code=None)
     row = lab.row()
     description = "; ".join(
@@ -41,9 +41,8 @@ def _run_cheat(
     )
     hold(row["outcome"] == outcome and words in description, description)
     hold(report in _read_report(lab), description)
-    hold(
-        row["wall_clock"]["attempts"] == 1 and not row["scores"]["success"], description
-    )
+    attempts = row["wall_clock"]["attempts"]
+    hold(attempts == 1 and not row["scores"]["success"], description)
     return description
 
 
@@ -165,14 +164,13 @@ _DETAIL = 4000
 def huge_answer(lab: Lab) -> str:
     """The planner's ~/ready answers, with 4 MB of text, that it is not ready.
 
-    The trial ends as planner_not_ready, with the beginning of the text; folder and row can be read.
+    The trial ends as planner_not_ready, with the beginning of the text; folder and row
+    can be read.
     """
     lab.barn(*cheating(lab, "huge-answer", *_GATE), code=None)
     row = lab.row()
-    hold(
-        row["outcome"] == "planner_not_ready" and len(row["detail"]) < _DETAIL,
-        ending(row)[:_DETAIL],
-    )
+    is_short = len(row["detail"]) < _DETAIL
+    hold(row["outcome"] == "planner_not_ready" and is_short, ending(row)[:_DETAIL])
     lab.barn("check", lab.out)
     return f"{ending(row)[:60]}, {len(row['detail'])} characters"
 
@@ -204,7 +202,8 @@ for _name, _done, _most in (
 
 @case(FAMILY)
 def thinks(lab: Lab) -> str:
-    """The planner computes for 0.3 s for each command, in lockstep, and declares nothing.
+    """The planner computes for 0.3 s for each command, in lockstep, and declares
+    nothing.
 
     The row tells the time, which reports and comparisons show beside the score.
     """
@@ -217,7 +216,8 @@ def thinks(lab: Lab) -> str:
 
 @case(FAMILY)
 def remembers(lab: Lab) -> str:
-    """The planner leaves a file in the first trial, to know in the second, of a process of its own, where it was.
+    """The planner leaves a file in the first trial, to know in the second, of a process
+    of its own, where it was.
 
     It can: [Fairness](fairness.md#left-to-the-organiser) says what helps.
     """
@@ -229,7 +229,8 @@ def remembers(lab: Lab) -> str:
 
 @case(FAMILY)
 def edits_results_where_it_can(lab: Lab) -> str:
-    """In a run with --ros isolate=false, the planner makes a success of the row of an earlier trial, checksum and all.
+    """In a run with --ros isolate=false, the planner makes a success of the row of an
+    earlier trial, checksum and all.
 
     `barn check` finds the row.
     """
@@ -252,7 +253,8 @@ def edits_results_where_it_can(lab: Lab) -> str:
 
 @case(FAMILY)
 def fills_shared_memory(lab: Lab) -> str:
-    """The planner fills the folder for shared memory, which has 4 MB in a mount namespace of the run's own.
+    """The planner fills the folder for shared memory, which has 4 MB in a mount
+    namespace of the run's own.
 
     Nothing comes of it: the trial runs to its timeout.
     """
@@ -265,8 +267,8 @@ def fills_shared_memory(lab: Lab) -> str:
 def enters_another_domain(lab: Lab) -> str:
     """A planner publishes /odom on the domain of a run of another planner.
 
-    The other run's trial ends as interference and names the guest: [Fairness](fairness.md#left-to-the-organiser)
-    says what helps.
+    The other run's trial ends as interference and names the guest:
+    [Fairness](fairness.md#left-to-the-organiser) says what helps.
     """
     second = ros(
         lab,

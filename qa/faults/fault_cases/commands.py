@@ -102,7 +102,8 @@ for _name, _done, _words, _mistake in (
 
 @case(FAMILY)
 def markup_as_names(lab: Lab) -> str:
-    """Folders of results are called `<script>alert(1)</script>` and `"><img src=x>`, and so is the page's title.
+    """Folders of results are called `<script>alert(1)</script>` and `"><img src=x>`,
+    and so is the page's title.
 
     Report and leaderboard show them as text: neither page has such an element.
     """

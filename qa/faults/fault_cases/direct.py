@@ -12,7 +12,7 @@ SHORT = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 4.0\nfirst_mo
 
 
 def with_rogue(lab: Lab) -> dict[str, str]:
-    """Install the planners `rogue` and `broken` beside the case, and return the environment that has them."""
+    """Install the planners `rogue` and `broken` and return their environment."""
     installed = lab.folder / "installed" / "rogue-1.0.dist-info"
     installed.mkdir(parents=True)
     (installed / "METADATA").write_text(
@@ -235,16 +235,19 @@ def eats_memory(lab: Lab) -> str:
 def commands_huge_speeds(lab: Lab) -> str:
     """The planner commands 1e300 m/s, once.
 
-    It is a command, and the robot's limits hold: the trial goes on, and the robot is nowhere faster than 2 m/s.
+    It is a command, and the robot's limits hold: the trial goes on, and the robot is
+    nowhere faster than 2 m/s.
     """
     description = drive(lab, "huge", "timeout")
-    hold(lab.row()["measures"]["driven_m"] < 8.0, lab.row()["measures"])
-    return f"{description}, {lab.row()['measures']['driven_m']:.1f} m driven"
+    measures = lab.row()["measures"]
+    hold(measures["driven_m"] < 8.0, measures)
+    return f"{description}, {measures['driven_m']:.1f} m driven"
 
 
 @case(FAMILY)
 def changes_the_working_directory(lab: Lab) -> str:
-    """The planner changes the working directory of its process to /, in the first of two trials with bags.
+    """The planner changes the working directory of its process to /, in the first of
+    two trials with bags.
 
     Rows, bags and tables are in the folder asked for.
     """
@@ -267,7 +270,8 @@ def changes_the_working_directory(lab: Lab) -> str:
 
 @case(FAMILY)
 def changes_the_global_random_state(lab: Lab) -> str:
-    """A planner seeds and sets the global random states; another planner drives in the same worker after it.
+    """A planner seeds and sets the global random states; another planner drives in the
+    same worker after it.
 
     The other planner's rows are those of a run without it, to the byte.
     """
@@ -294,10 +298,8 @@ def changes_the_global_random_state(lab: Lab) -> str:
         environment=environment,
     )
     both = [row for row in lab.rows() if row["planner"] == "gap"]
-    hold(
-        repeatable(both) == repeatable(lab.rows(lab.folder / "alone")),
-        "the rows differ",
-    )
+    alone = lab.rows(lab.folder / "alone")
+    hold(repeatable(both) == repeatable(alone), "the rows differ")
     return "2 rows equal"
 
 
@@ -305,7 +307,8 @@ def changes_the_global_random_state(lab: Lab) -> str:
 def cannot_be_imported(lab: Lab) -> str:
     """The planner's module imports a package that is not there.
 
-    Refused in one line that names planner, module and package, before any folder is made.
+    Refused in one line that names planner, module and package, before any folder is
+    made.
     """
     refusal = lab.expect_refusal(
         "run",

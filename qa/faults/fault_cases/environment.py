@@ -26,7 +26,8 @@ def _drive(lab: Lab, out: Path | None = None, **how: Any) -> str:
 
 @case(FAMILY)
 def no_home(lab: Lab) -> str:
-    """HOME is a folder that is not there, and so are the folders for caches and settings.
+    """HOME is a folder that is not there, and so are the folders for caches and
+    settings.
 
     The run works, with bag and picture.
     """
@@ -66,9 +67,8 @@ def caches_that_cannot_be_written(lab: Lab) -> str:
     The run works, or is refused in one line.
     """
     (lab.folder / "file").touch()
-    return _drive(
-        lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")}
-    )
+    cache = lab.folder / "file" / "cache"
+    return _drive(lab, environment={"NUMBA_CACHE_DIR": str(cache)})
 
 
 @case(FAMILY)
@@ -132,7 +132,11 @@ def too_few_handles(lab: Lab) -> str:
 
 
 def shared_memory(size: str) -> list[str]:
-    """Return what a command begins with whose folder for shared memory is of a size; Skipped where that cannot be."""
+    """Return what a command begins with whose folder for shared memory is of a size.
+
+    Raises:
+        Skipped: Where that cannot be.
+    """
     unshared = ["unshare", "--mount", "sh", "-c"]
     hide = f"mount -t tmpfs -o size={size} barn-faults /dev/shm"
     if (
@@ -149,7 +153,8 @@ def shared_memory(size: str) -> list[str]:
 def hardly_any_shared_memory(lab: Lab) -> str:
     """The folder for shared memory has 16 kB, in a mount namespace of the run's own.
 
-    The run over ROS has the undisturbed row: it needs none but the page that the tracing of ROS (LTTng) takes.
+    The run over ROS has the undisturbed row: it needs none but the page that the
+    tracing of ROS (LTTng) takes.
     """
     run_undisturbed()
     lab.barn(*words(lab), prefix=shared_memory("16k"))

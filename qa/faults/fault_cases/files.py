@@ -37,7 +37,8 @@ def disk(lab: Lab, size: str) -> Iterator[Path]:
 def disk_full(lab: Lab) -> str:
     """The disk is full after some rows; the campaign is run again after there is room.
 
-    It stops with one line that names the file and the reason; the tables are the undisturbed ones to the byte.
+    It stops with one line that names the file and the reason; the tables are the
+    undisturbed ones to the byte.
     """
     run_undisturbed()
     with disk(lab, "160k") as out:
@@ -62,15 +63,17 @@ def _tables(out: Path) -> list[bytes]:
 
 @case(FAMILY)
 def disk_read_only(lab: Lab) -> str:
-    """A campaign is killed after two trials, and the file system is read-only when it is run again.
+    """A campaign is killed after two trials, and the file system is read-only when it
+    is run again.
 
-    Refused in one line with the reason; once it is writable, the tables are the undisturbed ones to the byte.
+    Refused in one line with the reason; once it is writable, the tables are the
+    undisturbed ones to the byte.
     """
     run_undisturbed()
     with disk(lab, "4m") as out:
         words = campaign(lab, "--out", out / "inner")
         run = lab.start(*words)
-        lab.until(lambda: len(lab.rows(out / "inner")) >= 2, "two rows")
+        lab.wait_for_two_rows(out / "inner")
         kill([run.pid])
         lab.until(lambda: not lab.processes(), "the end of the campaign")
         subprocess.run(["mount", "-o", "remount,ro", str(out)], check=True)
@@ -87,7 +90,8 @@ def disk_read_only(lab: Lab) -> str:
 def file_size_limited(lab: Lab) -> str:
     """Files may have 9 kB (ulimit -f); the campaign is run again without the limit.
 
-    It stops with one line that names the file and the reason; the tables are the undisturbed ones to the byte.
+    It stops with one line that names the file and the reason; the tables are the
+    undisturbed ones to the byte.
     """
     run_undisturbed()
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (9_000, 9_000))
@@ -98,13 +102,15 @@ def file_size_limited(lab: Lab) -> str:
 
 @case(FAMILY)
 def folder_removed(lab: Lab) -> str:
-    """The folder of results is removed after two trials; the campaign is then run again.
+    """The folder of results is removed after two trials; the campaign is then run
+    again.
 
-    It stops with one line that names the folder; run again, the tables are the undisturbed ones to the byte.
+    It stops with one line that names the folder; run again, the tables are the
+    undisturbed ones to the byte.
     """
     run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     lab.out.rename(lab.folder / "gone")
     shutil.rmtree(lab.folder / "gone")
     error = lab.finish(run, 1).error

@@ -28,15 +28,12 @@ def _copy_unfinished(lab: Lab) -> Path:
         path.unlink()
         path.with_suffix(".csv").unlink()
     # tracks are in the order of the plan once a campaign is complete
-    rows = [
-        json.loads(line)["trial_id"]
-        for line in (run_undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]
-    ]
-    texts = {
-        json.loads(line)["trial_id"]: line
-        for line in (run_undisturbed() / "results.jsonl").read_text().splitlines()
-    }
-    (out / "results.jsonl").write_text("".join(f"{texts[name]}\n" for name in rows))
+    tracks = (run_undisturbed() / "tracks.jsonl").read_text().splitlines()
+    rows = [json.loads(line)["trial_id"] for line in tracks[:7]]
+    results = (run_undisturbed() / "results.jsonl").read_text().splitlines()
+    texts = {json.loads(line)["trial_id"]: line for line in results}
+    row_lines = [f"{texts[name]}\n" for name in rows]
+    (out / "results.jsonl").write_text("".join(row_lines))
     return out
 
 
@@ -66,7 +63,10 @@ for _name, _file in (
 def _expect_refusal(
     lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True
 ) -> str:
-    """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
+    """Alter a folder.
+
+    Both resuming and checking must refuse it and leave it as it is.
+    """
     out = _copy_unfinished(lab) if unfinished else _copy_finished(lab)
     alter(out)
     before = {
@@ -98,7 +98,8 @@ def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
 def _insert(name: str, line: bytes) -> Callable[[Path], object]:
     def insert(out: Path) -> None:
         lines = (out / name).read_bytes().splitlines(keepends=True)
-        (out / name).write_bytes(b"".join([*lines[:3], line + b"\n", *lines[3:]]))
+        lines.insert(3, line + b"\n")
+        (out / name).write_bytes(b"".join(lines))
 
     return insert
 
@@ -293,7 +294,8 @@ def folder_of_something_else(lab: Lab) -> str:
 
 @case(FAMILY)
 def rerun_of_a_row(lab: Lab) -> str:
-    """A row's score is edited and given the right checksum, as somebody does who wants to win.
+    """A row's score is edited and given the right checksum, as somebody does who wants
+    to win.
 
     `barn check` with `--rerun` runs the trial again and names what differs.
     """
@@ -301,7 +303,8 @@ def rerun_of_a_row(lab: Lab) -> str:
     path = lab.out / "results.jsonl"
     row = json.loads(unseal_line(path.read_text().rstrip("\n"), ""))
     row["scores"]["challenge"] += 0.1
-    path.write_text(seal_line(json.dumps(row, separators=(",", ":"))) + "\n")
+    line = json.dumps(row, separators=(",", ":"))
+    path.write_text(seal_line(line) + "\n")
     write_tables(lab.out, RowFile(lab.out).read())
     complaint = lab.barn("check", lab.out, "--rerun", 1, code=1).err
     hold("scores.challenge" in complaint, complaint)

@@ -22,7 +22,10 @@ Make = Callable[[Path], object]
 def expect_refusal(
     lab: Lab, name: str, make: Make, words: Sequence[object], named: str = ""
 ) -> str:
-    """Make a file and give it to a command, which must refuse it by name, with 3 GB at most."""
+    """Make a file and give it to a command, which must refuse it by name.
+
+    The command may take 3 GB of memory at most.
+    """
     make(lab.folder / name)
     refusal = lab.expect_refusal(*words, prefix=("prlimit", "--as=3000000000"))
     hold((named or name) in refusal, f"{named or name} is not named: {refusal}")
@@ -41,7 +44,7 @@ def bytes_of(content: bytes) -> Make:
 
 
 def _data_set(grid: bytes) -> Make:
-    """Return what makes a data set of the suite whose grids are these bytes of an array."""
+    """Return a function that makes a data set with these bytes as its grids."""
 
     def make(path: Path) -> None:
         with (
@@ -82,9 +85,11 @@ def _pgm_map(image: bytes) -> Make:
     return make
 
 
-_LAUGHS = "".join(
-    f'<!ENTITY a{k} "{f"&a{k - 1};" * 10 if k else "lol"}">' for k in range(10)
-)  # 10^9 times lol
+# 10^9 times lol
+_LAUGHS = '<!ENTITY a0 "lol">'
+for _level in range(1, 10):
+    _inner = f"&a{_level - 1};" * 10
+    _LAUGHS += f'<!ENTITY a{_level} "{_inner}">'
 _LIST = ("worlds", "list")
 _NAMED = {
     "pgm-huge": "map.pgm",

@@ -4,16 +4,17 @@ import signal
 import time
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 
 from fault_cases.kit import Lab, add, ending, hold
 from fault_cases.planners import FOREIGN, SCRIPT, by_command, drive, judge, ros
+from fault_cases.system import peak_memory_mb
 
 FAMILY = "meddling"
 
 
 def _expect_interference(lab: Lab, kind: str, words: str) -> str:
-    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
+    planner = by_command(FOREIGN, lab.folder / "starts", kind)
+    lab.barn(*ros(lab, *planner))
     description = judge(lab, "interference", words)
     scores = lab.row()["scores"]
     hold(not scores["success"] and scores["challenge"] == 0.0, scores)
@@ -81,17 +82,20 @@ add(
     "It hears the truth, and the row names it.",
     partial(_expect_remark, ground_truth="true", heard=True),
 )
+
+
+def _break_bytes(lab: Lab) -> str:
+    planner = by_command(FOREIGN, lab.folder / "starts", "broken_command")
+    lab.barn(*ros(lab, *planner))
+    return judge(lab, "invalid_command", "not finite")
+
+
 add(
     FAMILY,
     "broken-bytes",
     "The planner publishes bytes on /cmd_vel that are no command.",
     "The trial ends as invalid_command, by the planner's fault.",
-    lambda lab: (
-        lab.barn(
-            *ros(lab, *by_command(FOREIGN, lab.folder / "starts", "broken_command"))
-        ),
-        judge(lab, "invalid_command", "not finite"),
-    )[1],
+    _break_bytes,
 )
 
 
@@ -104,7 +108,9 @@ def _send_signal(lab: Lab, what: str, number: int, isolate: bool, expected: str)
         lab.until(lambda: not lab.processes(), "the end of all processes")
         lab.barn(*run, code=None)
     row = lab.row()
-    description = f"{ending(row)}, attempt {row['wall_clock']['attempts']} {row['wall_clock']['repeated']}".strip()
+    attempts = row["wall_clock"]["attempts"]
+    reasons = row["wall_clock"]["repeated"]
+    description = f"{ending(row)}, attempt {attempts} {reasons}".strip()
     hold(
         (lab.folder / "done").exists() is not isolate,
         "the planner found the process" if isolate else "it found none",
@@ -114,7 +120,7 @@ def _send_signal(lab: Lab, what: str, number: int, isolate: bool, expected: str)
     hold(
         (expected if expected != "repeated" else "timeout") in description, description
     )
-    hold((row["wall_clock"]["attempts"] > 1) is (expected == "repeated"), description)
+    hold((attempts > 1) is (expected == "repeated"), description)
     return description
 
 
@@ -163,24 +169,19 @@ add(
 
 
 def _expect_bounded_memory(lab: Lab, kind: str, outcome: str, words: str) -> str:
-    run = lab.start(
-        *ros(lab, *by_command(SCRIPT, kind, lab.folder), bags="all", limit_s=20.0)
-    )
+    planner = by_command(SCRIPT, kind, lab.folder)
+    run = lab.start(*ros(lab, *planner, bags="all", limit_s=20.0))
     peak_mb = 0
     while run.poll() is None:
         for pid in lab.nodes("barn_eval.ros.evaluator"):
             with suppress(OSError, StopIteration):
-                lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-                peak_mb = max(
-                    peak_mb,
-                    int(next(line for line in lines if "VmHWM" in line).split()[1])
-                    // 1000,
-                )
+                peak_mb = max(peak_mb, peak_memory_mb(pid))
         hold(lab.left_s, "")
         time.sleep(0.1)
     description = judge(lab, outcome, words)
     hold(peak_mb < 3000, f"the evaluator took {peak_mb} MB; {description}")
-    return f"{description}; evaluator at most {peak_mb} MB, trial {lab.row()['wall_clock']['duration_s']:.0f} s"
+    duration_s = lab.row()["wall_clock"]["duration_s"]
+    return f"{description}; evaluator at most {peak_mb} MB, trial {duration_s:.0f} s"
 
 
 for _kind, _done, _outcome, _words in (

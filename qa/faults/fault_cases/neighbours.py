@@ -45,9 +45,11 @@ def two_runs_in_two_folders(lab: Lab) -> str:
 
 @case(FAMILY)
 def domain_in_use(lab: Lab) -> str:
-    """A run is told to use the ROS_DOMAIN_ID of another one, which is driving and stands still meanwhile (SIGSTOP).
+    """A run is told to use the ROS_DOMAIN_ID of another one, which is driving and
+    stands still meanwhile (SIGSTOP).
 
-    Refused in one line that names the domain; the other run goes on to the undisturbed row.
+    Refused in one line that names the domain; the other run goes on to the undisturbed
+    row.
     """
     run_undisturbed()
     domain = {"ROS_DOMAIN_ID": "77"}
@@ -117,9 +119,11 @@ def strangers_on_the_domain(lab: Lab) -> str:
 
 @case(FAMILY)
 def simulators_of_strangers(lab: Lab) -> str:
-    """A second simulator publishes /clock, /odom and /scan on the domain that a run is told to use.
+    """A second simulator publishes /clock, /odom and /scan on the domain that a run is
+    told to use.
 
-    Refused in one line that names the domain, the node and a topic, before the planner is started.
+    Refused in one line that names the domain, the node and a topic, before the planner
+    is started.
     """
     near = {"ROS_DOMAIN_ID": "79", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     other = lab.start_program(

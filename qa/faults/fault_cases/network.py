@@ -1,4 +1,7 @@
-"""The live view under clients that misbehave, and what of network, clock and limits runs over ROS may lack."""
+"""The live view under clients that misbehave.
+
+Runs over ROS with faults of network, clock and limits are here, too.
+"""
 
 import json
 import os
@@ -23,6 +26,7 @@ from fault_cases.environment import FAMILY as MACHINE
 from fault_cases.kit import Lab, Skipped, add, case, ending, hold
 from fault_cases.planners import FOREIGN, by_command, judge, ros
 from fault_cases.processes import run_undisturbed, same, words
+from fault_cases.system import peak_memory_mb
 
 FAMILY = "live"
 _DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
@@ -35,7 +39,10 @@ Place = tuple[str, int]
 
 
 def connect(place: Place, *frames: bytes, receive: int = 0) -> socket.socket:
-    """Return a connection to the live view that has sent these frames; receive: bytes that it may have waiting."""
+    """Return a connection to the live view that has sent these frames.
+
+    `receive`: bytes that it may have waiting.
+    """
     connection = socket.socket()
     if receive:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive)
@@ -126,10 +133,7 @@ def _watch_during(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
         lab.barn("run", *_DIRECT, "--bags", "all", "--out", lab.out)
         with connect(place) as good:
             lab.until(lambda: b"advertise" in good.recv(65536), "what the view offers")
-        lines = Path(f"/proc/{watch.pid}/status").read_text().splitlines()
-        peak_mb = (
-            int(next(line for line in lines if "VmHWM" in line).split()[1]) // 1000
-        )
+        peak_mb = peak_memory_mb(watch.pid)
     hold(peak_mb < _MOST_MB, f"{peak_mb} MB")
     os.kill(watch.pid, signal.SIGINT)
     lab.finish(watch, 130)
@@ -177,7 +181,8 @@ def no_loopback(lab: Lab) -> str:
 def no_such_dds(lab: Lab) -> str:
     """RMW_IMPLEMENTATION asks for Cyclone DDS, of which PyPI has no wheels.
 
-    Where it is not installed, the run ends with one line that names it; else the row is the undisturbed one.
+    Where it is not installed, the run ends with one line that names it; else the row is
+    the undisturbed one.
     """
     run_undisturbed()
     ended = lab.barn(
@@ -191,19 +196,17 @@ def no_such_dds(lab: Lab) -> str:
 
 @case(MACHINE)
 def a_planner_in_another_century(lab: Lab) -> str:
-    """The clock that the planner's processes see is 55 years behind, so that its commands seem to be of no trial.
+    """The clock that the planner's processes see is 55 years behind, so that its
+    commands seem to be of no trial.
 
     The trial ends as interference, by the planner's fault, and names that.
     """
     _, false = shifted_clock(lab, -55 * 365 * 86_400)
-    before = ["env", *(f"{name}={value}" for name, value in false.items())]
-    lab.barn(
-        *ros(
-            lab,
-            *by_command(FOREIGN, "starts", "drives", prefix=f"{shlex.join(before)} "),
-            limit_s=6.0,
-        )
-    )
+    assignments = [f"{name}={value}" for name, value in false.items()]
+    before = ["env", *assignments]
+    prefix = f"{shlex.join(before)} "
+    planner = by_command(FOREIGN, "starts", "drives", prefix=prefix)
+    lab.barn(*ros(lab, *planner, limit_s=6.0))
     return judge(lab, "interference", "stamped by a clock that is 1734")
 
 
@@ -217,13 +220,8 @@ def a_planner_with_a_fast_clock(lab: Lab) -> str:
     if library is None:
         raise Skipped("Debian's package libfaketime is not installed")
     before = shlex.join(["env", f"LD_PRELOAD={library}", "FAKETIME=+0 x50"])
-    lab.barn(
-        *ros(
-            lab,
-            *by_command(FOREIGN, "starts", "drives", prefix=f"{before} "),
-            limit_s=6.0,
-        )
-    )
+    planner = by_command(FOREIGN, "starts", "drives", prefix=f"{before} ")
+    lab.barn(*ros(lab, *planner, limit_s=6.0))
     return judge(lab, "timeout", "")
 
 
@@ -287,7 +285,8 @@ for _name, _done, _kind, _most, _ros in (
 def few_processes(lab: Lab) -> str:
     """The user, who is not root, may have 30 processes and threads (ulimit -u).
 
-    The run over ROS works, or ends with one line that gives the reason; nothing is left.
+    The run over ROS works, or ends with one line that gives the reason; nothing is
+    left.
     """
     if os.geteuid() != 0 or which("setpriv") is None:
         raise Skipped("needs root, to be another user")

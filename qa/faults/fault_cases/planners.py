@@ -14,7 +14,8 @@ FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
 FOREIGN = TESTS / "foreign_planner.py"
 _PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
-# Short where a case waits for it in full, and yet long enough for a slow and busy machine.
+# Short where a case waits for it in full, and yet long enough for a slow and busy
+# machine.
 _PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
 
 
@@ -25,7 +26,7 @@ def ros(
     bags: str = "none",
     command_s: int = 12,
 ) -> list[object]:
-    """Return the words of a run over ROS of a trial that ends by itself after so many seconds of driving."""
+    """Return the words of a run over ROS whose trial ends after some seconds."""
     if find_spec("rclpy") is None:
         raise Skipped("ROS 2 is not installed")
     (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
@@ -47,23 +48,27 @@ def ros(
 
 def by_command(*words: object, prefix: str = "") -> list[str]:
     """Return the options for a planner that is started by a Python script."""
-    return [
-        "--planner-command",
-        f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}",
-    ]
+    command = shlex.join([sys.executable, *map(str, words)])
+    return ["--planner-command", f"x={prefix}{command}"]
 
 
 def drive(
     lab: Lab, kind: str, outcome: str, detail: str = "", options: Sequence[object] = ()
 ) -> str:
-    """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *options))
+    """Run a trial of a planner that goes wrong, and say how it ended.
+
+    Raises:
+        Wrong: If otherwise than it must.
+    """
+    planner = by_command(SCRIPT, kind, lab.folder)
+    lab.barn(*ros(lab, *planner, *options))
     return judge(lab, outcome, detail)
 
 
 def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
     """Do the same with the planner of the tests."""
-    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
+    planner = by_command(FOREIGN, lab.folder / "starts", kind)
+    lab.barn(*ros(lab, *planner))
     return judge(lab, outcome, detail)
 
 
@@ -198,7 +203,8 @@ for _kind, _done in (
 
 
 def _run_with_limit(lab: Lab, kind: str) -> str:
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    planner = by_command(SCRIPT, kind, lab.folder)
+    lab.barn(*ros(lab, *planner))
     row = lab.row()
     driven_m = row["measures"]["driven_m"]
     duration_s = row["scores"]["duration_s"]
@@ -221,7 +227,8 @@ for _kind, _done in (
 
 
 def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
-    refusal = lab.expect_refusal(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    planner = by_command(SCRIPT, kind, lab.folder)
+    refusal = lab.expect_refusal(*ros(lab, *planner))
     hold(words in refusal, refusal)
     hold(not lab.rows(), "there is a row")
     return refusal.partition(";")[0]
@@ -280,7 +287,8 @@ def has_children(lab: Lab) -> str:
 
 @case(FAMILY)
 def escapes(lab: Lab) -> str:
-    """The planner starts a daemon: forked twice, in a session of its own, with an empty environment.
+    """The planner starts a daemon: forked twice, in a session of its own, with an empty
+    environment.
 
     The daemon ends with the run.
     """
@@ -293,9 +301,8 @@ def prints_without_end(lab: Lab) -> str:
 
     Its log keeps 5 MB of the beginning and 5 MB of the end; the trial has a verdict.
     """
-    ended: Ended = lab.barn(
-        *ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120)
-    )
+    planner = by_command(SCRIPT, "loud", lab.folder)
+    ended: Ended = lab.barn(*ros(lab, *planner, command_s=120))
     size = sum(path.stat().st_size for path in (lab.out / "logs").rglob("planner.log*"))
     hold(5e6 < size < 10.5e6, f"{size} bytes of log")
     hold(len(ended.text) < 5000, "the log is printed")
@@ -319,7 +326,8 @@ def closes_its_files(lab: Lab) -> str:
 
     The trial ends with a verdict against the planner; nothing is left.
     """
-    lab.barn(*ros(lab, *by_command(SCRIPT, "closes-files", lab.folder)))
+    planner = by_command(SCRIPT, "closes-files", lab.folder)
+    lab.barn(*ros(lab, *planner))
     hold(lab.row()["fault"] == "planner", lab.row())
     return ending(lab.row())
 

@@ -1,4 +1,7 @@
-"""Processes of a run over ROS that are killed, stopped or suspended, and runs beside each other."""
+"""Processes of a run over ROS that are killed, stopped or suspended.
+
+Runs beside each other are here, too.
+"""
 
 import os
 import signal
@@ -79,7 +82,8 @@ def _expect_repetition(
     disturb(lab)
     ended = lab.finish(run)
     hold(words_noted in ended.text, ended.text[-600:])
-    hold(lab.row()["wall_clock"]["attempts"] == 2, lab.row()["wall_clock"])
+    wall_clock = lab.row()["wall_clock"]
+    hold(wall_clock["attempts"] == 2, wall_clock)
     return same(lab)
 
 
@@ -160,13 +164,15 @@ def evaluator_suspended(lab: Lab) -> str:
     driving(lab, run)
     _suspend(lab, lab.nodes(EVALUATOR), 12.0)
     lab.finish(run)
-    hold(lab.row()["wall_clock"]["attempts"] == 1, lab.row()["wall_clock"])
+    wall_clock = lab.row()["wall_clock"]
+    hold(wall_clock["attempts"] == 1, wall_clock)
     return same(lab)
 
 
 @case(FAMILY)
 def machine_suspended(lab: Lab) -> str:
-    """All processes of the run are suspended for 25 s in the middle of the trial, as a laptop's lid does.
+    """All processes of the run are suspended for 25 s in the middle of the trial, as a
+    laptop's lid does.
 
     The trial ends as an undisturbed one does, repeated or not.
     """
@@ -218,8 +224,12 @@ def run_killed(lab: Lab) -> str:
 
 
 def _kill_together(lab: Lab, guards: int) -> str:
-    """Kill run and worker at once, with so many of the two guards of a planner that has started daemons."""
-    run = lab.start(*ros(lab, *by_command(SCRIPT, "escapes", lab.folder), limit_s=60.0))
+    """Kill run and worker at once, and some guards of a planner with daemons.
+
+    `guards` says how many of the two.
+    """
+    planner = by_command(SCRIPT, "escapes", lab.folder)
+    run = lab.start(*ros(lab, *planner, limit_s=60.0))
     note = lab.folder / "pids"
     lab.until(
         lambda: note.exists() and note.read_text().endswith("\n"),
