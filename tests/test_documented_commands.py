@@ -364,7 +364,7 @@ def python_examples():
     for name, member in members.items():
         text = inspect.getdoc(member) or ""
         lines = re.search(
-            r"(?m)^    (?:import |def |barn\.|worlds? = ).*(?:\n(?:    .*)?)*", text
+            r"(?m)^    (?:import |def |barn\.|\w+ = ).*(?:\n(?:    .*)?)*", text
         )
         if lines:
             yield pytest.param(

@@ -23,11 +23,14 @@ def services_of(package):
         for node in ast.walk(tree)
         if isinstance(node, ast.Call)
     )
-    return {
-        call.args[1].value
+    # the simulator's node offers its own through a method that all of them share
+    names = [
+        call.args[1]
         for call in calls
-        if ast.unparse(call.func).endswith(".create_service")
-    }
+        if ast.unparse(call.func).endswith((".create_service", "._add_service"))
+    ]
+    constants = [name.value for name in names if isinstance(name, ast.Constant)]
+    return {f"~/{name.removeprefix('~/')}" for name in constants}
 
 
 def rows_of(text):

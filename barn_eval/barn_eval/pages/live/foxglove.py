@@ -22,9 +22,14 @@ MISSING = (
     "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
 )
 _PERIOD_S = 0.1
-_TOPICS = [topic for topic in vars(topics).values() if isinstance(topic, Topic)]
+# One for each path: some topics are in the catalogue with two types.
+_TOPICS = {
+    topic.path: topic for topic in vars(topics).values() if isinstance(topic, Topic)
+}
 _LATCHED_PATHS = {
-    topic.path for topic in _TOPICS if topic.qos.durability == LATCHED.durability
+    path
+    for path, topic in _TOPICS.items()
+    if topic.qos.durability == LATCHED.durability
 }
 
 
@@ -72,7 +77,7 @@ class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
             raise ConfigError(
                 f"host {host!r}, live port {port}: cannot be served: {error}"
             ) from None
-        for topic in _TOPICS:
+        for topic in _TOPICS.values():
             self._channel(topic.path, topic.type_name)
         self.url = f"ws://{host}:{self._server.port}"
         self._thread = threading.Thread(target=self._follow, daemon=True)
