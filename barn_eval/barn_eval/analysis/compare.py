@@ -114,23 +114,26 @@ class Comparison:
 
     def columns(self) -> list[dict[str, Any]]:
         """Return a row of a table for each measure."""
-        return [
-            {
-                "a": self.a,
-                "b": self.b,
-                "measure": row.key,
-                "unit": row.unit,
-                "mean_a": row.paired.mean_a,
-                "mean_b": row.paired.mean_b,
-                **row.paired.difference.columns("difference"),
-                "p": row.paired.p,
-                "p_holm": row.p_holm,
-                "p_a_better": row.paired.improvement.estimate,
-                "worlds": row.paired.worlds,
-                "trials": row.paired.trials,
-            }
-            for row in self.rows
-        ]
+        rows: list[dict[str, Any]] = []
+        for row in self.rows:
+            paired = row.paired
+            rows.append(
+                {
+                    "a": self.a,
+                    "b": self.b,
+                    "measure": row.key,
+                    "unit": row.unit,
+                    "mean_a": paired.mean_a,
+                    "mean_b": paired.mean_b,
+                    **paired.difference.columns("difference"),
+                    "p": paired.p,
+                    "p_holm": row.p_holm,
+                    "p_a_better": paired.improvement.estimate,
+                    "worlds": paired.worlds,
+                    "trials": paired.trials,
+                }
+            )
+        return rows
 
 
 def compare(
@@ -217,11 +220,12 @@ def adjust_by_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
     adjusted = []
     for pair, comparison in enumerate(comparisons):
-        rows = tuple(
-            replace(row, p_holm=p_values[pair])
-            for row, p_values in zip(comparison.rows, p_values_by_measure, strict=True)
+        adjusted_rows = []
+        for row, p_values in zip(comparison.rows, p_values_by_measure, strict=True):
+            adjusted_rows.append(replace(row, p_holm=p_values[pair]))
+        adjusted.append(
+            replace(comparison, rows=tuple(adjusted_rows), pairs=len(comparisons))
         )
-        adjusted.append(replace(comparison, rows=rows, pairs=len(comparisons)))
     return tuple(adjusted)
 
 
@@ -340,8 +344,12 @@ def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:
         a: A folder, as for `read_selection`.
         b: A second folder.
     """
-    selections = [read_selection(path) for path in (a, b) if path is not None]
-    names = [name for _, groups in selections for name in groups]
+    selections = [read_selection(a)]
+    if b is not None:
+        selections.append(read_selection(b))
+    names: list[str] = []
+    for _, groups in selections:
+        names += groups
     results_by_label: dict[str, Rows] = {}
     for source, groups in selections:
         for name, results in groups.items():
@@ -435,17 +443,15 @@ def describe_parameter_changes(
     owners_a = {key.partition(" ")[0] for key in values_a}
     owners_b = {key.partition(" ")[0] for key in values_b}
     shared_owners = owners_a & owners_b
-    keys = [
-        key
-        for key in values_a | values_b
-        if key.partition(" ")[0] in shared_owners
-        and values_a.get(key) != values_b.get(key)
-    ]
-    comparable = [
-        key
-        for key in keys
-        if not key.startswith("file ") or (key in values_a and key in values_b)
-    ]
+    keys = []
+    comparable = []
+    for key in values_a | values_b:
+        is_shared = key.partition(" ")[0] in shared_owners
+        if not is_shared or values_a.get(key) == values_b.get(key):
+            continue
+        keys.append(key)
+        if not key.startswith("file ") or (key in values_a and key in values_b):
+            comparable.append(key)
     keys = comparable or keys
     if not keys:
         return ""

@@ -106,7 +106,9 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
         worlds = tuple(order.worlds[position] for position in part)
         summaries = []
         for group in groups:
-            results = [result for world in worlds for result in group.get(world, [])]
+            results: list[TrialResult] = []
+            for world in worlds:
+                results += group.get(world, [])
             summaries.append(summarize(results, BAND_MEASURES))
         bands.append(
             Band(

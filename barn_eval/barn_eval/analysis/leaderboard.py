@@ -122,11 +122,10 @@ class TrialGroup:
         """Return the entries with the common trials alone."""
         entries = []
         for entry in self.entries:
-            results = [
-                result
-                for result in entry.results
-                if TrialKey.of(result) in self.common_trials
-            ]
+            results = []
+            for result in entry.results:
+                if TrialKey.of(result) in self.common_trials:
+                    results.append(result)
             entries.append(replace(entry, results=tuple(results)))
         return entries
 
@@ -152,7 +151,9 @@ def make_boards(
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
     entries = read_entries(paths)
-    world_numbers = (result.world for entry in entries for result in entry.results)
+    world_numbers: set[int] = set()
+    for entry in entries:
+        world_numbers.update(result.world for result in entry.results)
     selected_worlds = set(select_worlds(worlds, world_numbers))
 
     classes: dict[BoardClass, list[Entry]] = {}
@@ -189,18 +190,20 @@ def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) ->
 
 def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
     """Return a row per place: board, rank, planner, and the planner's summary."""
-    return [
-        {
-            "board": board.title,
-            "rank": place.rank,
-            "tied": place.tied,
-            "planner": place.entry.label,
-            "better_than": list(place.better_than),
-            **place.summary.columns(),
-        }
-        for board in boards
-        for place in board.places
-    ]
+    rows: list[dict[str, Any]] = []
+    for board in boards:
+        for place in board.places:
+            rows.append(
+                {
+                    "board": board.title,
+                    "rank": place.rank,
+                    "tied": place.tied,
+                    "planner": place.entry.label,
+                    "better_than": list(place.better_than),
+                    **place.summary.columns(),
+                }
+            )
+    return rows
 
 
 def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
@@ -220,8 +223,10 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
     places = []
     for position, label in enumerate(ranking.names):
         entry = entry_by_label[label]
-        below = range(position + 1, len(ranking.names))
-        better_than = [ranking.names[k] for k in below if ranking.is_clear(position, k)]
+        better_than = []
+        for below in range(position + 1, len(ranking.names)):
+            if ranking.is_clear(position, below):
+                better_than.append(ranking.names[below])
         bags = [entry.source.bag(row.trial_id).exists() for row in entry.results]
         places.append(
             Place(
@@ -261,7 +266,9 @@ def configuration_hash(source: Source, planner: str) -> str:
     """
     choices = []
     for choice in source.configuration.get("planners", ()):
-        name = choice.get("name") if isinstance(choice, Mapping) else choice
+        name = choice
+        if isinstance(choice, Mapping):
+            name = choice.get("name")
         if name == planner:
             choices.append(choice)
     content = json.dumps({**source.configuration, "planners": choices}, sort_keys=True)

@@ -118,23 +118,30 @@ def analyze(
     ]
     *figures, bands = run(jobs)
 
-    pair_figures = figures[: len(pairs)]
-    comparisons = adjust_by_holm(
-        [figure for figure in pair_figures if isinstance(figure, Comparison)]
-    )
+    unadjusted = []
+    refusals = []
+    for figure in figures[: len(pairs)]:
+        if isinstance(figure, Refusal):
+            refusals.append(figure)
+        else:
+            unadjusted.append(figure)
+    comparisons = adjust_by_holm(unadjusted)
     conclusion = None
     # The refusals say why there is none.
     with suppress(BarnError):
         results = {entry.label: entry.results for entry in entries}
         conclusion = conclude_results(results, comparisons)
+    where = {}
+    if conclusion:
+        where = conclude_bands(entries, bands)
     return Overview(
         summaries=tuple(figures[len(pairs) :]),
         order=order,
         bands=tuple(bands),
         comparisons=comparisons,
-        refusals=tuple(f for f in pair_figures if isinstance(f, Refusal)),
+        refusals=tuple(refusals),
         conclusion=conclusion,
-        where=conclude_bands(entries, bands) if conclusion else {},
+        where=where,
         why=explain_differences(comparisons),
     )
 
@@ -157,10 +164,10 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
     rankings = {}
     for band in bands:
         worlds = set(band.worlds)
-        results = {
-            entry.label: [row for row in entry.results if row.world in worlds]
-            for entry in entries
-        }
+        results = {}
+        for entry in entries:
+            rows = [row for row in entry.results if row.world in worlds]
+            results[entry.label] = rows
         # A band may have no trial that all planners have.
         with suppress(ConfigError):
             rankings[band.name] = rank_results(results, measure)
@@ -251,12 +258,11 @@ def make_tables(
     summaries = overview.summaries
     measure = ranking_measure(entries[0].results)
     # Rows of older versions lack some measures.
-    other_keys = [
-        key
-        for key in summaries[0].means
-        if key not in SCORED
-        and any(math.isfinite(summary[key].estimate) for summary in summaries)
-    ]
+    other_keys = []
+    for key in summaries[0].means:
+        is_known = any(math.isfinite(summary[key].estimate) for summary in summaries)
+        if is_known and key not in SCORED:
+            other_keys.append(key)
     tables = [
         headline_table(labels, summaries, measure, keys),
         measures_table(labels, summaries, other_keys),
@@ -302,13 +308,15 @@ def reproduce(source: Source) -> Reproduction:
         note = f"this version of the suite does not read the configuration: {error}"
         return Reproduction("", note=note)
 
-    planners = ",".join(
-        f"{planner.name}:{planner.preset}" if planner.preset else planner.name
-        for planner in run.planners
-    )
+    planners = []
+    for planner in run.planners:
+        if planner.preset:
+            planners.append(f"{planner.name}:{planner.preset}")
+        else:
+            planners.append(planner.name)
     words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
     words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]
-    words += ["--mode", run.mode, "--planners", planners, "--bags", run.bags]
+    words += ["--mode", run.mode, "--planners", ",".join(planners), "--bags", run.bags]
     notes = []
     for planner in run.planners:
         parameters = {f"{planner.name}.{k}": v for k, v in planner.overrides.items()}

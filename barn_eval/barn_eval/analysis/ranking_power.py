@@ -96,7 +96,9 @@ def _ranking_power_by(
         is_right &= np.cumsum(leads, axis=1) > 0.0
     share_by_count = is_right.mean(axis=0)
     too_few = np.flatnonzero(share_by_count < ENOUGH_SHARE)
-    enough: int | None = int(too_few[-1]) + 2 if len(too_few) else 1
+    enough: int | None = 1
+    if len(too_few):
+        enough = int(too_few[-1]) + 2
     shares = {}
     if differing:
         counts = [count for count in WORLD_COUNTS if count <= worlds]

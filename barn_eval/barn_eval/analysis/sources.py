@@ -218,14 +218,14 @@ def computing_of(results: Rows) -> Computing:
     modes = {
         COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
     }
-    computers = [
-        result.wall_clock.computer
-        for result in results
-        if result.wall_clock.computer is not None
-    ]
-    return Computing(
-        modes=tuple(sorted(modes)), computer=median(computers) if computers else 0.0
-    )
+    computers = []
+    for result in results:
+        if result.wall_clock.computer is not None:
+            computers.append(result.wall_clock.computer)
+    computer = 0.0
+    if computers:
+        computer = median(computers)
+    return Computing(modes=tuple(sorted(modes)), computer=computer)
 
 
 def assumption_text(path: Path, results: Rows) -> str:

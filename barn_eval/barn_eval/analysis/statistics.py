@@ -330,17 +330,18 @@ def compare_pairs(
             improvement=nothing,
         )
 
-    larger, smaller = (left, right) if larger_is_better else (right, left)
+    larger = left
+    smaller = right
+    if not larger_is_better:
+        larger = right
+        smaller = left
     larger_by_world = _values_by_world(larger.values, larger.worlds)
     smaller_by_world = _values_by_world(smaller.values, smaller.worlds)
     world_numbers = np.array(list(larger_by_world))
-    chances = np.array(
-        [
-            _chance_of_larger(values, smaller_by_world[world])
-            for world, values in larger_by_world.items()
-        ]
-    )
-    lead = significance.paired_difference(chances - 0.5, world_numbers, seed)
+    chances = []
+    for world, values in larger_by_world.items():
+        chances.append(_chance_of_larger(values, smaller_by_world[world]))
+    lead = significance.paired_difference(np.array(chances) - 0.5, world_numbers, seed)
     return Paired(
         worlds=test.worlds,
         trials=test.trials,

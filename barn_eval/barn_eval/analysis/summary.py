@@ -126,9 +126,10 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
             means[key] = trial_values(results, MEASURES[key]).mean()
 
     counts = Counter(result.outcome for result in results)
-    outcomes = {
-        outcome.value: counts[outcome] for outcome in Outcome if counts[outcome]
-    }
+    outcomes = {}
+    for outcome in Outcome:
+        if counts[outcome]:
+            outcomes[outcome.value] = counts[outcome]
     times = MEASURES["normalised_time_s_per_m"].values(results)
     return Summary(
         planner=results[0].planner if results else "",

@@ -85,11 +85,10 @@ def headline_table(
     """
     if not keys:
         # Rows of older versions lack some.
-        keys = [
-            key
-            for key in _HEADLINE_MEASURES
-            if any(isfinite(summary[key].estimate) for summary in summaries)
-        ]
+        keys = []
+        for key in _HEADLINE_MEASURES:
+            if any(isfinite(summary[key].estimate) for summary in summaries):
+                keys.append(key)
     all_keys = tuple(dict.fromkeys((measure.key, *keys)))
 
     rows = []
@@ -154,7 +153,9 @@ def outcomes_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextT
         labels: Name of each planner.
         summaries: Summary of each planner.
     """
-    outcomes = list(dict.fromkeys(name for s in summaries for name in s.outcomes))
+    outcomes: dict[str, int] = {}
+    for summary in summaries:
+        outcomes |= summary.outcomes
     rows = []
     for label, summary in zip(labels, summaries, strict=True):
         counts = [str(summary.outcomes.get(name, 0)) for name in outcomes]
@@ -324,11 +325,11 @@ def _find_best(
     ranking = rank_results(groups, measure)
     best_position = sort_positions(measure, list(summaries.values()))[0]
     best_place = ranking.names.index(list(summaries)[best_position])
-    return {
-        name
-        for place, name in enumerate(ranking.names)
-        if place <= best_place or not ranking.is_clear(best_place, place)
-    }
+    best = set()
+    for place, name in enumerate(ranking.names):
+        if place <= best_place or not ranking.is_clear(best_place, place):
+            best.add(name)
+    return best
 
 
 def _latex_cell(mean: Interval, measure: Measure, is_bold: bool) -> str:

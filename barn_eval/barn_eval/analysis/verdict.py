@@ -99,7 +99,10 @@ class Ranking:
                 for better in range(place)
                 for worse in range(place, count)
             )
-            ranks.append(place + 1 if is_new_rank else ranks[-1])
+            if is_new_rank:
+                ranks.append(place + 1)
+            else:
+                ranks.append(ranks[-1])
         return tuple(ranks)
 
 
@@ -158,13 +161,17 @@ def rank(
     means = {}
     for name, values in trials.items():
         has_trials = len(values.values) > 0
-        means[name] = float(values.values.mean()) if has_trials else math.nan
+        means[name] = math.nan
+        if has_trials:
+            means[name] = float(values.values.mean())
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))
 
     pairs = list(combinations(range(len(names)), 2))
     enough_flips = max(flips, _FLIPS_PER_PAIR * len(pairs))
-    reusable = tests if tests and enough_flips == flips else {}
+    reusable: PairTests = {}
+    if tests and enough_flips == flips:
+        reusable = tests
     differences = {}
     for i, j in pairs:
         better = trials[names[i]]

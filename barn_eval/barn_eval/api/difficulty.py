@@ -53,8 +53,8 @@ def predict_rows(
     """
     model = load_model(weights)
     dataset = open_dataset(source)
-    rows = [
-        {"world": number, "name": dataset.load(number).name, **prediction.columns()}
-        for number, prediction in model.predict_dataset(dataset, select).items()
-    ]
+    rows = []
+    for number, prediction in model.predict_dataset(dataset, select).items():
+        name = dataset.load(number).name
+        rows.append({"world": number, "name": name, **prediction.columns()})
     return model, dataset.name, rows

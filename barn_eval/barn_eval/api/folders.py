@@ -74,9 +74,10 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
         BarnError: If they are not of the same task, or have no world in common.
     """
     comparisons = compare_folders(*folder_paths([a, b]))
-    return pandas_table(
-        row for comparison in comparisons for row in comparison.columns()
-    )
+    rows = []
+    for comparison in comparisons:
+        rows += comparison.columns()
+    return pandas_table(rows)
 
 
 def leaderboard(

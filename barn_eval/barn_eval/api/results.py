@@ -192,9 +192,10 @@ class Results:
                 f"{self.folder}: has one planner only; give other results to compare"
                 " with"
             )
-        return pandas_table(
-            row for comparison in comparisons for row in comparison.columns()
-        )
+        rows = []
+        for comparison in comparisons:
+            rows += comparison.columns()
+        return pandas_table(rows)
 
     def verdict(self) -> str:
         """Return in words which planner is better by the ranking measure.
@@ -332,7 +333,9 @@ class Results:
                 another number of panels.
         """
         panels = plot(what, entries_of([self._source]), ax, width_mm)
-        return Plot(figure_of(panels), CHARTS[what].about) if ax is None else panels
+        if ax is not None:
+            return panels
+        return Plot(figure_of(panels), CHARTS[what].about)
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
         """Write the replay of a trial.
@@ -487,10 +490,11 @@ class Results:
     def __repr__(self) -> str:
         """Return folder, number of trials and planners in one line."""
         planned = self._source.planned
-        total = f" of {planned}" if planned and planned > len(self) else ""
+        count = str(len(self))
+        if planned and planned > len(self):
+            count += f" of {planned}"
         return (
-            f"Results({str(self.folder)!r}: {len(self)}{total} trials,"
-            f" {', '.join(self.planners)})"
+            f"Results({str(self.folder)!r}: {count} trials, {', '.join(self.planners)})"
         )
 
     def _repr_html_(self) -> str:

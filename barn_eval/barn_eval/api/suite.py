@@ -71,7 +71,9 @@ def reproduce(
     findings, origin = reproduction.reproduce(
         config, folder, ExecutionConfig(workers=workers), make_reporter(progress)
     )
-    folders = [folder, Path(docs)] if docs else [folder]
+    folders = [folder]
+    if docs:
+        folders.append(Path(docs))
     return [write_results(findings, origin, path) for path in folders]
 
 
@@ -79,11 +81,19 @@ def info() -> dict[str, Any]:
     """Return versions, ROS, optional parts, planners, data sets and machine."""
     states: dict[str, str] = {}
     for name, (_, remedy) in OPTIONAL.items():
-        is_installed = shutil.which(name) if name == "ffmpeg" else find_spec(name)
-        problem = "" if is_installed else f"{name} is not installed"
-        if name == "rclpy" and not problem:
+        if name == "ffmpeg":
+            is_installed = shutil.which(name) is not None
+        else:
+            is_installed = find_spec(name) is not None
+
+        problem = ""
+        if not is_installed:
+            problem = f"{name} is not installed"
+        elif name == "rclpy":
             problem = ros_problem()
-        states[name] = f"off: {problem}; {remedy}" if problem else "on"
+        states[name] = "on"
+        if problem:
+            states[name] = f"off: {problem}; {remedy}"
     return provenance() | {
         "ros": _describe_ros(),
         "optional": states,
@@ -115,6 +125,8 @@ def _find_middleware() -> str:
     )
     if process.returncode == 0:
         return process.stdout.strip()
+    reason = f"exit code {process.returncode}"
     lines = process.stderr.strip().splitlines()
-    reason = lines[-1] if lines else f"exit code {process.returncode}"
+    if lines:
+        reason = lines[-1]
     return f"does not load: {reason}"

@@ -130,12 +130,15 @@ def generate(
     Raises:
         BarnError: If a parameter is not allowed, or the file cannot be written.
     """
-    path = None if out is None else Path(out)
-    if path is not None:
+    path = None
+    name = "generated"
+    if out is not None:
+        path = Path(out)
+        name = path.stem
         _require_new(path)
     chassis = load_robot(robot)
     dataset = DatasetParameters(
-        path.stem if path else "generated",
+        name,
         seed,
         per_set,
         keep=keep,
@@ -203,12 +206,12 @@ def generate_moving(
     if out is not None:
         path = Path(out).with_suffix(".npz")
         _require_new(path)
-    motions = [
-        replace_dotted(
-            motion_class(name), dict(parameters or {}), "parameters of a class"
+    values = dict(parameters or {})
+    motions = []
+    for name in classes:
+        motions.append(
+            replace_dotted(motion_class(name), values, "parameters of a class")
         )
-        for name in classes
-    ]
     worlds: dict[int, World] = {}
     if source is None:
         if crossing or obstacles is not None:
@@ -405,7 +408,9 @@ def metrics_table(
 
     def read(number: int) -> World:
         world = dataset.load(number)
-        return world if other_robot is None else _with_footprint(world, other_robot)
+        if other_robot is not None:
+            world = _with_footprint(world, other_robot)
+        return world
 
     readers = {
         number: partial(read, number)

@@ -34,11 +34,10 @@ def command() -> None:
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
     """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, maps of one's own included."""
     model, name, predictions = predict_rows(source, select, weights)
-    planner_columns = [
-        column
-        for column in predictions[0]
-        if column.endswith("_s_per_m") and column not in _COLUMNS
-    ]
+    planner_columns = []
+    for column in predictions[0]:
+        if column.endswith("_s_per_m") and column not in _COLUMNS:
+            planner_columns.append(column)
     rows = []
     for prediction in predictions:
         numbers = [

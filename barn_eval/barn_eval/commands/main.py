@@ -85,11 +85,10 @@ class LazyGroup(click.Group):
             ctx: Context of the call.
             incomplete: Beginning of a word.
         """
-        subcommands = [
-            CompletionItem(name, help=summary)
-            for name, summary in _summaries()
-            if name.startswith(incomplete)
-        ]
+        subcommands = []
+        for name, summary in _summaries():
+            if name.startswith(incomplete):
+                subcommands.append(CompletionItem(name, help=summary))
         return subcommands + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(
@@ -121,7 +120,10 @@ def _print_version(ctx: click.Context, _: click.Parameter, is_requested: bool) -
     """Print the version and, in a repository, the commit."""
     if is_requested and not ctx.resilient_parsing:
         commit = import_module("barn_eval.results.provenance").commit()
-        click.echo(f"barn {__version__}" + (f" (commit {commit})" if commit else ""))
+        version = f"barn {__version__}"
+        if commit:
+            version += f" (commit {commit})"
+        click.echo(version)
         ctx.exit()
 
 

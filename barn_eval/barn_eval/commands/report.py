@@ -63,15 +63,20 @@ def command(
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     settings = from_dict(ReportSettings, parameters, "--set")
-    assets_folder = out.with_name(f"{out.stem}_assets")
+    assets_folder = None
+    if assets:
+        assets_folder = out.with_name(f"{out.stem}_assets")
+    replays_folder = None
+    if replays:
+        replays_folder = out.with_name(f"{out.stem}_replays")
     with progress_bar("making the report") as progress:
         report(
             folders,
             out,
             title=settings.title,
-            assets=assets_folder if assets else None,
+            assets=assets_folder,
             hardest=settings.hardest,
-            replays=out.with_name(f"{out.stem}_replays") if replays else None,
+            replays=replays_folder,
             columns=split_names(settings.columns),
             width_mm=settings.width_mm or None,
             progress=progress,

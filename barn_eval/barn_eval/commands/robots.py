@@ -55,7 +55,12 @@ def _print_list(as_json: bool) -> None:
         }
         for robot in ROBOTS.values()
     ]
-    columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
+    columns = []
+    for key in entries[0]:
+        if key in ("robot", "drive"):
+            columns.append(key)
+        else:
+            columns.append(f">{key}")
     rows = [list(map(_format, entry.values())) for entry in entries]
     print_output(as_json, entries, table(columns, rows))
 
@@ -73,9 +78,11 @@ def _quantities(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
 
 def _format(value: object) -> str:
     if isinstance(value, tuple):
-        parts = [
-            f"({_format(part)})" if isinstance(part, tuple) else _format(part)
-            for part in value
-        ]
+        parts = []
+        for part in value:
+            text = _format(part)
+            if isinstance(part, tuple):
+                text = f"({text})"
+            parts.append(text)
         return ", ".join(parts)
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -145,9 +145,11 @@ def command(
     }
     if latency and sweep:
         raise click.UsageError("--latency is a sweep of its own, without --sweep")
+    if latency:
+        sweep = (f"{LATENCY}={latency}",)
 
     request = read_request(file, options)
-    parameters = read_sweep(file, [f"{LATENCY}={latency}"] if latency else sweep)
+    parameters = read_sweep(file, sweep)
     if parameters:
         if dry_run or view:
             raise click.UsageError("a sweep is run without --dry-run and --view")
@@ -231,9 +233,11 @@ def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
     print_output(as_json, {"results": rows} | content, *renderables)
 
     if not as_json:
+        note = f"tables in {request.out}"
         bags = request.out / "bags"
-        place = f", bags in {bags}" if bags.is_dir() else ""
-        print_notes(f"tables in {request.out}{place}")
+        if bags.is_dir():
+            note += f", bags in {bags}"
+        print_notes(note)
 
 
 def _title(request: RunRequest) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -60,11 +60,10 @@ class FittedTable:
         )
         columns = _fit([self.columns[place] for place in places], width)
         for place, column in zip(places, columns, strict=True):
-            rendered.add_column(
-                Text(column[0]),
-                justify="right" if self.right[place] else "left",
-                no_wrap=True,
-            )
+            justify: JustifyMethod = "left"
+            if self.right[place]:
+                justify = "right"
+            rendered.add_column(Text(column[0]), justify=justify, no_wrap=True)
         for cells in list(zip(*columns, strict=True))[1:]:
             rendered.add_row(*map(Text, cells))
         return rendered
@@ -135,9 +134,10 @@ def _fit(columns: Sequence[Column], width: int) -> list[Column]:
     # One space at a time, so that the columns end up about as wide as each other.
     while _total_width([_width(column) for column in fitted]) > width:
         widths = [_width(column) for column in fitted]
-        wide_places = [
-            place for place in range(len(columns)) if widths[place] > min_widths[place]
-        ]
+        wide_places = []
+        for place, min_width in enumerate(min_widths):
+            if widths[place] > min_width:
+                wide_places.append(place)
         if wide_places:
             place = max(wide_places, key=widths.__getitem__)
             fitted[place] = _wrap(columns[place], widths[place] - 1)
@@ -154,7 +154,9 @@ def _min_width(column: Column) -> int:
 
 
 def _width(texts: Column) -> int:
-    lines = [line for text in texts for line in text.split("\n")]
+    lines: list[str] = []
+    for text in texts:
+        lines += text.split("\n")
     return max(map(len, lines), default=1)
 
 

@@ -115,9 +115,9 @@ def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
         values.append(setting.values)
         means.append(setting.seen)
 
-    rows = [
-        (key, *(_format(column[key]) for column in values)) for key in tuning.default
-    ]
+    rows = []
+    for key in tuning.default:
+        rows.append((key, *(_format(column[key]) for column in values)))
     for key in tuning.default_seen:
         measure = MEASURES[key]
         numbers = [measure.number(column[key]) for column in means]

@@ -15,7 +15,6 @@ from barn_eval.commands.options import (
     print_notes,
     print_output,
     progress_bar,
-    seed_option,
     worlds_option,
 )
 from barn_eval.commands.tables import table
@@ -36,7 +35,12 @@ def command() -> None:
 
 @command.command()
 @click.argument("target", type=PATH)
-@seed_option(2020)
+@click.option(
+    "--seed",
+    default=2020,
+    type=click.IntRange(0, 2**62),
+    help="All randomness comes from it.",
+)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
 @parameters_option(
     "--set", "parameters", "One parameter set of your own", WorldParameters()
@@ -107,29 +111,29 @@ def convert(
 @json_option
 def show_list(source: str | None, select: str, as_json: bool) -> None:
     """List the data sets that come with the suite, or the worlds of SOURCE."""
-    entries: list[dict[str, Any]]
+    entries: list[dict[str, Any]] = []
     if source is None:
-        entries = [
-            {
-                "data set": dataset.name,
-                "worlds": len(dataset.world_numbers),
-                "checksum": dataset.checksum[:16],
-            }
-            for dataset in map(open_dataset, worlds.datasets())
-        ]
+        for dataset in map(open_dataset, worlds.datasets()):
+            entries.append(
+                {
+                    "data set": dataset.name,
+                    "worlds": len(dataset.world_numbers),
+                    "checksum": dataset.checksum[:16],
+                }
+            )
     else:
-        entries = [
-            {
-                "world": number,
-                "name": world.name,
-                "cells": f"{world.rows} x {world.cols}",
-                "filled": int(world.grid.sum()),
-                "path [m]": world.path_length_m,
-                "source": world.provenance.source,
-                "checksum": world.checksum[:16],
-            }
-            for number, world in worlds.load(source, select).items()
-        ]
+        for number, world in worlds.load(source, select).items():
+            entries.append(
+                {
+                    "world": number,
+                    "name": world.name,
+                    "cells": f"{world.rows} x {world.cols}",
+                    "filled": int(world.grid.sum()),
+                    "path [m]": world.path_length_m,
+                    "source": world.provenance.source,
+                    "checksum": world.checksum[:16],
+                }
+            )
     rows = [list(map(_format, entry.values())) for entry in entries]
     print_output(as_json, entries, table(list(entries[0]), rows))
 

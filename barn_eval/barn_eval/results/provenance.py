@@ -51,7 +51,10 @@ def commit_of(folder: Path) -> str:
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
-    return _git(folder, "rev-parse", "HEAD") + ("+changes" if changes else "")
+    revision = _git(folder, "rev-parse", "HEAD")
+    if changes:
+        revision += "+changes"
+    return revision
 
 
 def machine() -> dict[str, Any]:

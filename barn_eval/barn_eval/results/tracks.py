@@ -278,9 +278,9 @@ def _read_track(content: object) -> tuple[str, Track]:
     whole = np.cumsum(differences, axis=1, dtype=np.int16).T
     values = np.where(whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, float))
     note = content.get("note")
-    track = Track(
-        values, contact.astype(np.bool_), note if isinstance(note, str) else ""
-    )
+    if not isinstance(note, str):
+        note = ""
+    track = Track(values, contact.astype(np.bool_), note)
     return content["trial_id"], track
 
 

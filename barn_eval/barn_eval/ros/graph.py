@@ -52,11 +52,11 @@ class GraphView:
             (len(node.get_service_names_and_types()), _MAX_SERVICES, "services"),
             (len(node.get_node_names()), _MAX_NODES, "nodes"),
         )
-        return "; ".join(
-            f"{count} {kind} are on the graph, more than {limit}"
-            for count, limit, kind in limits
-            if count > limit
-        )
+        texts = []
+        for count, limit, kind in limits:
+            if count > limit:
+                texts.append(f"{count} {kind} are on the graph, more than {limit}")
+        return "; ".join(texts)
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""
@@ -75,12 +75,12 @@ class GraphView:
 
     def _actions(self) -> list[tuple[str, str]]:
         """Return action servers by name and type: those with the service for goals."""
-        return [
-            (name.removesuffix(_SEND_GOAL), kind.removesuffix("_SendGoal"))
-            for name, kinds in self._node.get_service_names_and_types()
-            for kind in kinds
-            if name.endswith(_SEND_GOAL)
-        ]
+        actions = []
+        for name, kinds in self._node.get_service_names_and_types():
+            if name.endswith(_SEND_GOAL):
+                action = name.removesuffix(_SEND_GOAL)
+                actions += [(action, kind.removesuffix("_SendGoal")) for kind in kinds]
+        return actions
 
     def publishers(self, topic: str) -> list[Endpoint]:
         """Return the publishers of other nodes on a topic."""
@@ -262,12 +262,11 @@ class Integrity:
 
     def _foreign_publisher(self) -> str:
         """Return who publishes for the simulator or the evaluator."""
-        participants = {
-            endpoint.participant
-            for endpoint in self._publishers_to_protect()
-            if endpoint.topic in self.topics.of_simulator
-            and endpoint.node == self.simulator
-        }
+        participants = set()
+        for endpoint in self._publishers_to_protect():
+            is_simulated = endpoint.topic in self.topics.of_simulator
+            if is_simulated and endpoint.node == self.simulator:
+                participants.add(endpoint.participant)
         if len(participants) > 1:
             return f"{len(participants)} nodes are named {self.simulator}"
 

@@ -152,11 +152,10 @@ def _command_problems(
     accepted = COMMAND_TYPES[needs.command_type]
     if not types:
         text = f"no publisher on {topic}"
-        velocities = [
-            (endpoint.topic, endpoint.type_name)
-            for endpoint in graph.publishers
-            if endpoint.type_name in (TWIST, TWIST_STAMPED)
-        ]
+        velocities = []
+        for endpoint in graph.publishers:
+            if endpoint.type_name in (TWIST, TWIST_STAMPED):
+                velocities.append((endpoint.topic, endpoint.type_name))
         if velocities:
             other_topic, type_name = min(velocities)
             kind = short_type(type_name)
@@ -215,13 +214,12 @@ def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
 def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
     """Return where the planner may listen instead, as an end of a message."""
     published = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
-    idle_topics = [
-        endpoint.topic
-        for endpoint in graph.subscriptions
-        if endpoint.type_name == type_name
-        and endpoint.topic not in published
-        and endpoint.node not in needs.known_nodes
-    ]
+    idle_topics = []
+    for endpoint in graph.subscriptions:
+        is_idle = endpoint.topic not in published
+        is_foreign = endpoint.node not in needs.known_nodes
+        if endpoint.type_name == type_name and is_idle and is_foreign:
+            idle_topics.append(endpoint.topic)
     if idle_topics:
         return (
             f"; a {short_type(type_name)} subscription exists on {min(idle_topics)},"

@@ -159,16 +159,15 @@ def _bag_names(node: Node) -> dict[str, str]:
     Remapped topics of the suite go by the suite's name in bags, which readers know. A
     foreign topic that has such a name here gets an ending.
     """
-    suite_names = {
-        node.resolve_topic_name(topic.name): topic.path
-        for topic in vars(topics).values()
-        if isinstance(topic, Topic)
-    }
-    bag_names = {
-        path: f"{path}_of_others"
-        for path in suite_names.values()
-        if path not in suite_names
-    }
+    suite_names = {}
+    for topic in vars(topics).values():
+        if isinstance(topic, Topic):
+            suite_names[node.resolve_topic_name(topic.name)] = topic.path
+
+    bag_names = {}
+    for path in suite_names.values():
+        if path not in suite_names:
+            bag_names[path] = f"{path}_of_others"
     return bag_names | {
         name: path for name, path in suite_names.items() if name != path
     }
@@ -241,11 +240,12 @@ def common_profile(infos: Collection[TopicEndpointInfo]) -> Qos:
     is_latched = all(
         profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles
     )
+    reliability = "best_effort"
+    if is_reliable:
+        reliability = "reliable"
+    durability = "transient_local"
     depth = 1
     if not is_latched:
+        durability = "volatile"
         depth = max(1, *(profile.depth for profile in profiles))
-    return Qos(
-        "reliable" if is_reliable else "best_effort",
-        "transient_local" if is_latched else "volatile",
-        depth,
-    )
+    return Qos(reliability, durability, depth)

@@ -64,11 +64,10 @@ class RosWork(Work):
             for planner in planners:
                 for number in range(self.workers):
                     share = set(block_worlds[number :: self.workers])
-                    specs = tuple(
-                        spec
-                        for spec in trials
-                        if spec.planner == planner.name and spec.world_number in share
-                    )
+                    specs = []
+                    for spec in trials:
+                        if spec.planner == planner.name and spec.world_number in share:
+                            specs.append(spec)
                     if not specs:
                         continue
                     key = planner.name
@@ -76,7 +75,7 @@ class RosWork(Work):
                         key += f"_{number}"
                     if block_size < len(worlds):
                         key += f"/{block}"
-                    jobs.append(Job(key, specs))
+                    jobs.append(Job(key, tuple(specs)))
         return jobs
 
     def run(self, job: Job, emit: Emit) -> None:

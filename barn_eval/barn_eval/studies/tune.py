@@ -202,7 +202,9 @@ class Tuner:
         """Check ranges, measures and worlds; see `tune` for arguments and errors."""
         self.ranges = ranges.parameters
         self.reporter = reporter
-        planner = {"planners": ranges.planner} if ranges.planner else {"mode": "ros"}
+        planner: dict[str, Any] = {"mode": "ros"}
+        if ranges.planner:
+            planner = {"planners": ranges.planner}
         # The run of the default, in the worlds that settings are chosen in.
         self.base = read_request(None, {**options, **planner})
         config = self.base.config
@@ -398,12 +400,12 @@ class Tuner:
             self._draw_front(trials, front)
         if not comparisons:
             return []
-        return [
-            self._keep(trials[number], replace(comparison, metric=self.by[0]))
-            for number, comparison in zip(
-                candidates, adjust_by_holm(comparisons), strict=True
-            )
-        ]
+        adjusted = adjust_by_holm(comparisons)
+        tuned = []
+        for number, comparison in zip(candidates, adjusted, strict=True):
+            by_first = replace(comparison, metric=self.by[0])
+            tuned.append(self._keep(trials[number], by_first))
+        return tuned
 
     def _keep(self, trial: FrozenTrial, comparison: Comparison) -> Tuned:
         setting = self.make_setting(trial, "settings")
@@ -454,11 +456,10 @@ class Tuner:
 
     def _draw_front(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
         """Draw settings, their front and the default by the first two measures."""
-        dominated = [
-            trial.number
-            for trial in trials
-            if trial.values and trial.number not in (0, *front)
-        ]
+        dominated = []
+        for trial in trials:
+            if trial.values and trial.number not in (0, *front):
+                dominated.append(trial.number)
         groups = (
             ("settings", dominated, "o"),
             ("front", front, "o-"),
@@ -493,8 +494,9 @@ class Tuner:
         values: dict[str, Any] = {}
         if trial.number:
             for key, value in trial.params.items():
-                is_float = isinstance(value, float)
-                values[key] = float(f"{value:.4g}") if is_float else value
+                values[key] = value
+                if isinstance(value, float):
+                    values[key] = float(f"{value:.4g}")
         return make_setting(base, values, f"{folder}/{trial.number:04}")
 
     def _open_run(

@@ -124,8 +124,10 @@ class BagFile:
                 if isinstance(error, InvalidMagic):
                     other = ""
                 raise BagError(f"{path}: not an MCAP file{other}") from None
-            has_reason = str(error) and not is_cut_off
-            self._note(what, format_error(error) if has_reason else "")
+            reason = ""
+            if str(error) and not is_cut_off:
+                reason = format_error(error)
+            self._note(what, reason)
 
     def _note(self, what: str, reason: str) -> None:
         after_s = 0.0
@@ -205,5 +207,8 @@ def _require_plain(path: Path) -> None:
 
 def _part_key(path: Path) -> tuple[int, str]:
     """Return the key that sorts the parts of a split bag."""
-    number = re.search(r"_(\d+)$", path.stem)
-    return int(number[1]) if number else 0, path.name
+    number = 0
+    match = re.search(r"_(\d+)$", path.stem)
+    if match:
+        number = int(match[1])
+    return number, path.name

@@ -186,7 +186,9 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
         if maps:
             map_frame = decode.map_frame(trial)
     notes += [lidar_note, robot_note]
+    frame = MAP
     if not has_truth:
+        frame = ODOM
         notes.append("no /ground_truth/odom: positions are those of the odometry")
     if map_frame != ORIGIN:
         notes.append(
@@ -204,16 +206,17 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     contacts = items[topics.COLLISION.path]
     touched = _hold(contacts, lambda contact: (contact,), times_s, (0.0,))
     goals = items[topics.GOAL_POSE.path]
-    displays = {
-        item.name: items[item.metadata["topic"].path]
-        for item in fields(RecordedTrial)
-        if item.metadata
-    }
-    parent = bag.path.resolve().parent
+    displays = {}
+    for item in fields(RecordedTrial):
+        if item.metadata:
+            displays[item.name] = items[item.metadata["topic"].path]
+    folder = bag.path.resolve().parent
+    if folder.name == BAGS:
+        folder = folder.parent
     return RecordedTrial(
         name=bag.path.name,
-        folder=parent.parent.name if parent.name == BAGS else parent.name,
-        frame=MAP if has_truth else ODOM,
+        folder=folder.name,
+        frame=frame,
         times_s=times_s,
         poses=np.array([_pose_row(item.content) for item in poses], np.float64),
         speeds=np.array([_twist_row(item.content.velocity) for item in poses]),

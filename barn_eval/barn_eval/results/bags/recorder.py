@@ -165,7 +165,10 @@ class Recorder:
         """
         texts = {}
         for key, value in content.items():
-            texts[key] = value if isinstance(value, str) else json.dumps(value)
+            if isinstance(value, str):
+                texts[key] = value
+            else:
+                texts[key] = json.dumps(value)
             self._custom_data[f"{name}.{key}"] = texts[key]
         with self._failures():
             self._writer.flush()

@@ -93,11 +93,11 @@ class Assignment:
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
-        return [
-            spec
-            for spec in self.run.trials(self.worlds)
-            if spec.trial_id in self.trials
-        ]
+        specs = []
+        for spec in self.run.trials(self.worlds):
+            if spec.trial_id in self.trials:
+                specs.append(spec)
+        return specs
 
 
 def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
@@ -258,16 +258,13 @@ def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
     done. The wheels of another virtual environment would then load these libraries.
     """
     prefix = Path(sys.prefix).resolve()
-    folders = [
-        folder
-        for folder in variables.get(_LIBRARY_PATH, "").split(os.pathsep)
-        if folder and not Path(folder).resolve().is_relative_to(prefix)
-    ]
-    foreign = {
-        name: value
-        for name, value in variables.items()
-        if name not in (_WHEELS_MARK, _LIBRARY_PATH)
-    }
+    folders = []
+    for folder in variables.get(_LIBRARY_PATH, "").split(os.pathsep):
+        if folder and not Path(folder).resolve().is_relative_to(prefix):
+            folders.append(folder)
+    foreign = dict(variables)
+    foreign.pop(_WHEELS_MARK, None)
+    foreign.pop(_LIBRARY_PATH, None)
     if folders:
         foreign[_LIBRARY_PATH] = os.pathsep.join(folders)
     return foreign

@@ -122,11 +122,10 @@ def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
 def _planner_trials(
     planner: str, results: Rows, worlds: list[int], subject: str
 ) -> PlannerTrials:
-    scores = {
-        (result.world, result.repetition): result.scores
-        for result in results
-        if result.planner == planner
-    }
+    scores = {}
+    for result in results:
+        if result.planner == planner:
+            scores[result.world, result.repetition] = result.scores
     repetitions = sorted({repetition for _, repetition in scores})
     places = [(world, repetition) for world in worlds for repetition in repetitions]
     missing = [place for place in places if place not in scores]
@@ -195,28 +194,31 @@ def summarize_trials(
 def _summarize_planner(
     planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
-    outcomes = Counter(
-        result.outcome for result in results if result.planner == planner
-    )
+    counts = Counter(result.outcome for result in results if result.planner == planner)
+    outcomes = {}
+    for outcome in Outcome:
+        if counts[outcome]:
+            outcomes[outcome.value] = counts[outcome]
     failed = ~trials.succeeded
     failures = failed.ravel()
     times_s = trials.time_s.ravel()
     worlds = trials.trial_worlds
     per_m = trials.normalised_s_per_m
     tenth = _extreme_count(len(order))
+    failure_time_s = None
+    if failed.any():
+        failure_time_s = float(trials.time_s[failed].mean())
     return PlannerFinding(
         planner=planner,
         trials=times_s.size,
-        outcomes={
-            outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]
-        },
+        outcomes=outcomes,
         normalised_s_per_m=mean_interval(per_m.ravel(), worlds),
         spread_s_per_m=mean_interval(per_m.std(axis=1), trials.worlds),
         over_worlds_s_per_m=deviation(per_m.mean(axis=1), seed),
         time_s=mean_interval(times_s, worlds),
         success_time_s=mean_interval(np.where(failures, np.nan, times_s), worlds),
         failure_share=proportion(failures.astype(np.int64), worlds),
-        failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
+        failure_time_s=failure_time_s,
         easy_s=float(trials.time_s[order[:tenth]].mean()),
         hard_s=float(trials.time_s[order[-tenth:]].mean()),
     )
