@@ -5,7 +5,7 @@
 Each point starts a campaign of four trials with two workers, every second one over ROS, and kills (SIGKILL) one process
 of it: campaign, worker, and over ROS also a guard, simulator, planner or evaluator. The same command is then repeated
 until it returns 0. After each session no process may be left. In the end `barn check` must find nothing wrong, and
-tables, tracks and, in mode direct, bags must be those of the undisturbed campaign to the last byte. One difference is
+tables, tracks, commands and, in mode direct, bags must be those of the undisturbed campaign to the last byte. One difference is
 allowed: a planner that dies has failed, whoever killed it, so a trial may say that its planner was killed by SIGKILL.
 Moment and role are drawn from the seed; what the process was doing by then is not the same twice.
 """
@@ -183,6 +183,8 @@ def compared(point: Point, out: Path, model: Path) -> Point:
         ]
     except BarnError as error:
         return replace(point, problems=(str(error),))
+    if not died and commands(out) != commands(model):
+        problems.append("commands.jsonl is not that of the undisturbed campaign")
     names = [*FILES, *bags(model)] if point.mode == "direct" else FILES
     unequal = [name for name in names if not same(out / name, model / name)]
     if point.role == "planner" and len(died) == 1 and set(unequal) == set(FILES):
@@ -196,6 +198,13 @@ def compared(point: Point, out: Path, model: Path) -> Point:
 def same(one: Path, other: Path) -> bool:
     """Tell whether two files are there and hold the same."""
     return one.is_file() and other.is_file() and one.read_bytes() == other.read_bytes()
+
+
+def commands(out: Path) -> dict[str, str]:
+    """Return the last commands of each trial of a campaign, in the order of names."""
+    lines = (out / "commands.jsonl").read_text("utf-8").splitlines()
+    last = {json.loads(line)["trial_id"]: line for line in lines}
+    return dict(sorted(last.items()))
 
 
 def bags(out: Path) -> list[str]:

@@ -171,7 +171,7 @@ class _Loop:
                 attempts=max(wall_clock.attempts, self.losses[trial_id] + 1),
             ),
         )
-        self.folder.append(TrialRecord(result, record.track))
+        self.folder.append(replace(record, result=result))
         self.running[report.key] = self.running[report.key].without(trial_id)
         return result
 

@@ -44,7 +44,8 @@ def recompute_row(
     """Return the row of a trial from its verdict and trajectory.
 
     Args:
-        row: The row as it was written, for what only the planner can say.
+        row: The row as it was written, for its schema and for what only the planner
+            can say.
         spec: The trial.
         verdict: How it ended.
         trajectory: What the robot did.
@@ -58,6 +59,7 @@ def recompute_row(
         planner_verdict=row.planner_verdict,
         remarks=row.remarks,
         delays=row.delays,
+        schema_version=row.schema_version,
     )
     return finished.result
 
