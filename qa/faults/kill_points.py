@@ -5,8 +5,8 @@
 Each point starts a campaign of four trials with two workers, every second one over ROS, and kills (SIGKILL) one process
 of it: campaign, worker, and over ROS also a guard, simulator, planner or evaluator. The same command is then repeated
 until it returns 0. After each session no process may be left. In the end `barn check` must find nothing wrong, and
-tables, tracks, commands and, in mode direct, bags must be those of the undisturbed campaign to the last byte. One difference is
-allowed: a planner that dies has failed, whoever killed it, so a trial may say that its planner was killed by SIGKILL.
+tables, tracks, commands and, in mode direct, bags must be those of the undisturbed campaign to the last byte. One
+difference is allowed: a planner that dies has failed, whoever killed it, so a trial may say that its planner was killed by SIGKILL.
 Moment and role are drawn from the seed; what the process was doing by then is not the same twice.
 """
 
