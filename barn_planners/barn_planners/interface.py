@@ -13,8 +13,8 @@ A direct trial, a ROS node and a learning environment all call a planner the sam
             return Decision(Velocity2D(linear=0.5, angular=bearing))
 
 Units are SI: meters, radians, seconds. Frames follow REP-105. `odom` begins where the
-robot starts and drifts; `map` exists only if the task has a map. The planning frame is
-`map` if the task has a map, and `odom` otherwise.
+robot starts; `map` exists only if the task has a map. The planning frame is `map` if
+the task has a map, and `odom` otherwise.
 """
 
 from abc import ABC, abstractmethod
@@ -33,58 +33,58 @@ FloatArray = npt.NDArray[np.float64]
 class PlannerStatus(str, Enum):
     """What a planner says about its own progress after a control cycle."""
 
-    # On the way to the goal.
     RUNNING = "running"
-    # Standing within the goal tolerance; the trial may end.
+    """On the way to the goal."""
     GOAL_REACHED = "goal_reached"
-    # Driving to free itself, for example turning in place, before it goes on.
+    """Standing within the goal tolerance; the trial may end."""
     RECOVERING = "recovering"
-    # Without a safe command in this cycle; the next cycle may have one again.
+    """Driving to free itself, for example turning in place, before it goes on."""
     BLOCKED = "blocked"
-    # Given up for this trial.
+    """Without a safe command in this cycle; the next cycle may have one again."""
     FAILED = "failed"
+    """Given up for this trial."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """What a planner has to do in a trial: drive to a goal."""
 
-    # Pose to reach, in the planning frame.
     goal: Pose2D
-    # Occupancy grid in the map frame; None if the protocol gives no map.
+    """Pose to reach, in the planning frame."""
     map: OccupancyMap | None = None
+    """Occupancy grid in the map frame; None if the protocol gives no map."""
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
     """The sensor readings of one control cycle."""
 
-    # Simulated time since the start of the trial, in nanoseconds.
     stamp_ns: int
-    # Wheel odometry: `pose` (x and y in m, yaw in rad) in odom, `velocity` (`linear` in
-    # m/s, `angular` in rad/s) in base_link. It drifts as a real robot's does.
+    """Simulated time since the start of the trial, in nanoseconds."""
     odometry: Odometry
-    # Lidar scan: `ranges` is float32 (beams,) in m, +inf where a beam returned nothing
-    # (REP-117). `angles()` is float64 (beams,) in rad in the lidar's frame, 0 ahead and
-    # positive to the left. Ranges are valid from `range_min` to `range_max`.
+    """Odometry as measured: `pose` (x and y in m, yaw in rad) in odom, `velocity`
+    (`linear` in m/s, `angular` in rad/s) in base_link."""
     scan: Scan
-    # Pose of the robot in the planning frame, which is also the frame of the goal.
+    """Lidar scan: `ranges` is float32 (beams,) in m, +inf where a beam returned nothing
+    (REP-117). `angles()` is float64 (beams,) in rad in the lidar's frame, 0 ahead and
+    positive to the left. Ranges are valid from `range_min` to `range_max`."""
     pose: Pose2D
+    """Pose of the robot in the planning frame, which is also the frame of the goal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
     """The outcome of one control cycle."""
 
-    # Speed in m/s and yaw rate in rad/s to send. With None the last command holds.
     command: Velocity2D | None
+    """Speed in m/s and yaw rate in rad/s to send. With None the last command holds."""
     status: PlannerStatus = PlannerStatus.RUNNING
-    # One line that explains a status other than RUNNING, for people.
     reason: str = ""
-    # Points (n, 2) in m in the planning frame, if this cycle has a new global plan.
+    """One line that explains a status other than RUNNING, for people."""
     plan: FloatArray | None = None
-    # Figures of this cycle for logs, by name; the names end in SI units.
+    """Points (n, 2) in m in the planning frame, if this cycle has a new global plan."""
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    """Figures of this cycle for logs, by name; the names end in SI units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,18 +95,18 @@ class PlannerView:
     planning frame if `in_planning_frame` is true.
     """
 
-    # Global plan: (n, 2) x and y in m.
     plan: FloatArray | None = None
-    # Trajectory the planner intends to drive: (n, 3) x and y in m, yaw in rad.
+    """Global plan: (n, 2) x and y in m."""
     local_plan: FloatArray | None = None
-    # Costs around the robot, as occupancy from 0 to 100.
+    """Trajectory the planner intends to drive: (n, 3) x and y in m, yaw in rad."""
     costmap: OccupancyMap | None = None
-    # Elastic band: (n, 3) x, y and radius of each bubble in m.
+    """Costs around the robot, as occupancy from 0 to 100."""
     band: FloatArray | None = None
-    # Trajectories that were compared: (k, n, 2) x and y in m.
+    """Elastic band: (n, 3) x, y and radius of each bubble in m."""
     candidates: FloatArray | None = None
-    # Cost of each candidate: (k,), +inf if rejected.
+    """Trajectories that were compared: (k, n, 2) x and y in m."""
     candidate_costs: FloatArray | None = None
+    """Cost of each candidate: (k,), +inf if rejected."""
     in_planning_frame: bool = False
 
 

@@ -33,20 +33,20 @@ _BUILT_IN = {
 class PlannerEntry:
     """Everything the suite has to know about a planner to make it by name."""
 
-    # Makes a planner from a configuration of `config_class`.
     build: Callable[[Any], Planner]
-    # Configurations by name, the recommended one first. A planner that needs no
-    # settings per protocol has the single preset "default".
+    """Makes a planner from a configuration of `config_class`."""
     presets: Mapping[str, Checked]
+    """Configurations by name, the recommended one first. A planner that needs no
+    settings per protocol has the single preset "default"."""
     summary: str = ""
-    # Parameters that another robot than the Jackal changes, by dotted name. Raises
-    # ConfigError if the planner cannot drive that robot.
     fit: Callable[[Any, Robot], dict[str, Any]] | None = None
-    # Highest speed in m/s, forward or backward, that a configuration commands. None:
-    # the highest of its parameters named `max_speed_mps`.
+    """Parameters that another robot than the Jackal changes, by dotted name. Raises
+    ConfigError if the planner cannot drive that robot."""
     speed_cap: Callable[[Any], float] | None = None
-    # Declared time of a cycle on the reference computer. None: no delay.
+    """Highest speed in m/s, forward or backward, that a configuration commands. None:
+    the highest of its parameters named `max_speed_mps`."""
     compute: Compute | None = None
+    """Declared time of a cycle on the reference computer. None: no delay."""
 
     def __post_init__(self) -> None:
         if not self.presets:

@@ -1,3 +1,3 @@
-"""A PyBullet Clearpath Jackal with lidar, odometry and contact detection, as a library and as a ROS 2 node."""
+"""A Clearpath Jackal in PyBullet with lidar and odometry, as a library and a ROS node."""
 
 from barn_worlds import __version__ as __version__

@@ -1,4 +1,7 @@
-"""Simulators that advance together: one compiled call moves them all, another reads their sensors."""
+"""Simulators that advance together.
+
+One compiled call moves all robots that nothing is near, another reads their sensors.
+"""
 
 from dataclasses import dataclass
 
@@ -6,7 +9,7 @@ import numpy as np
 
 from barn_sim.body.state import Fleet
 from barn_sim.config import SimulatorConfig
-from barn_sim.contact.bullet import PhysicsEngine, end
+from barn_sim.contact.scene import ScenePool
 from barn_sim.motion.lanes import advance_all
 from barn_sim.motion.ticks import read_all
 from barn_sim.sensors.ray_casting import scan_all
@@ -15,171 +18,230 @@ from barn_worlds.base.arrays import Bools, Floats, Integers, Singles
 from barn_worlds.base.types import nanoseconds
 
 _NEVER_NS = -(2**62)
-_AHEAD = 16  # scans whose noise is drawn at once
+# Scans whose noise is drawn at once.
+_SCANS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Last readings of n simulators, as `Sensors` has them, in rows.
-
-    stamps_ns (n,); truths, odometry (n, 3): x, y, yaw in the map and the odom frame; velocities (n, 2): forward speed
-    and yaw rate as the odometry measures them; collisions (n,); ranges (n, beams).
-    """
+    """Last readings of n simulators, as `Sensors` has them, in rows."""
 
     stamps_ns: Integers
+    """Times since the start (n,)."""
+
     truths: Floats
+    """x, y and yaw in the map frame (n, 3), m and rad."""
+
     odometry: Floats
+    """x, y and yaw in the odom frame (n, 3), m and rad."""
+
     velocities: Floats
+    """Forward speed and yaw rate of the odometry (n, 2), m/s and rad/s."""
+
     collisions: Bools
+    """Whether each touched anything in its last control period (n,)."""
+
     ranges: Singles
+    """Last scans (n, beams), m."""
 
     @classmethod
     def of(cls, count: int, beams: int) -> "Readings":
-        """Return readings of which nothing is known yet."""
-        poses, ranges = np.zeros((2, count, 3)), np.zeros((count, beams), np.float32)
+        """Return readings of zeros.
+
+        Args:
+            count: Number of simulators.
+            beams: Number of beams of their lidars.
+        """
         return cls(
-            np.zeros(count, np.int64),
-            poses[0],
-            poses[1],
-            np.zeros((count, 2)),
-            np.zeros(count, bool),
-            ranges,
+            stamps_ns=np.zeros(count, np.int64),
+            truths=np.zeros((count, 3)),
+            odometry=np.zeros((count, 3)),
+            velocities=np.zeros((count, 2)),
+            collisions=np.zeros(count, bool),
+            ranges=np.zeros((count, beams), np.float32),
         )
 
 
 class Batch:
-    """The common state of `count` simulators with equal configurations, each made with `fleet` and its own index.
+    """The common state of simulators with equal configurations.
 
-    Advanced together they give the same readings as each by itself, to the last bit. Only simulators near an obstacle
-    are advanced one by one. engines: of PyBullet, which they share.
+    Each simulator is created with `fleet`, `scenes` and its own index. Advanced
+    together they give the same readings as each by itself, to the last bit. Only
+    simulators near an obstacle are advanced one by one.
     """
 
+    fleet: Fleet
+    """Keeps the state of the robots."""
+
+    readings: Readings
+    """Last readings."""
+
+    scenes: ScenePool
+    """Physics clients for contacts, which `close` ends."""
+
     def __init__(self, count: int, config: SimulatorConfig) -> None:
+        """Make room for simulators.
+
+        Args:
+            count: Number of simulators.
+            config: Their configuration.
+        """
+        period_ns = nanoseconds(config.control_period_s)
         self._latency_ns = nanoseconds(config.drive.command_latency_s)
-        self.fleet = Fleet.of(
-            count, self._latency_ns // nanoseconds(config.control_period_s) + 2
-        )
-        self.readings = Readings.of(count, config.lidar.beams)
-        self.engines: list[PhysicsEngine] = []
-        self._ticks = config.ticks(config.control_period_s)
-        self._scan_ns = (
-            config.scan_steps * nanoseconds(config.control_period_s)
-            if config.scan_steps > 1
-            else 0
-        )
-        self._scanned_ns = np.zeros(count, np.int64)
-        self._plain = True
+        beams = config.lidar.beams
+        self.fleet = Fleet.of(count, self._latency_ns // period_ns + 2)
+        self.readings = Readings.of(count, beams)
+        self.scenes = ScenePool()
         self._simulators: dict[int, Simulator] = {}
+        self._ticks = config.ticks(config.control_period_s)
+
+        # Time between scans; 0 if there is one in every control period.
+        steps = config.scan_steps
+        self._scan_period_ns = steps * period_ns if steps > 1 else 0
+        self._scanned_ns = np.zeros(count, np.int64)
+        self._has_plain_lidars = True
+        self._noise = np.empty((count, _SCANS, beams), np.float32)
+        # Rows of the noise that are used up.
+        self._used_noise = np.zeros(count, np.int64)
+
+        # Cylinders of each robot's world: axes from above, and centers if upright.
         self._segments = np.zeros((count, 0, 4))
         self._circles = np.zeros((count, 2, 0))
         self._cylinders = np.zeros(count, np.int64)
         self._disturbed: set[int] = set()
-        self._noise = np.empty((count, _AHEAD, config.lidar.beams), np.float32)
-        self._drawn = np.zeros(count, np.int64)  # rows of the noise that are used up
 
     def put(self, index: int, simulator: Simulator) -> None:
-        """Take a simulator into the batch, instead of the one that was there."""
+        """Take a simulator into the batch, instead of the one that was there.
+
+        Args:
+            index: Its row in the fleet.
+            simulator: Simulator that has just begun.
+        """
         self._simulators[index] = simulator
-        self._plain, self._scanned_ns[index] = simulator.lidar.is_plain, _NEVER_NS
-        self._drawn[index] = _AHEAD
+        self._has_plain_lidars = simulator.lidar.is_plain
+        self._scanned_ns[index] = _NEVER_NS
+        self._used_noise[index] = _SCANS
         self.readings.collisions[index] = False
         self._disturbed.discard(index)
-        self._look_at(index)
+        self._copy_cylinders(index)
 
-    def _look_at(self, index: int) -> None:
-        """Take over where the cylinders of a simulator are."""
+    def _copy_cylinders(self, index: int) -> None:
         simulator = self._simulators[index]
         segments = simulator.motion.obstacles.segments
-        missing = len(segments) - self._segments.shape[1]
+        count = len(segments)
+        missing = count - self._segments.shape[1]
         if missing > 0:
             self._segments = np.pad(self._segments, ((0, 0), (0, missing), (0, 0)))
             self._circles = np.pad(self._circles, ((0, 0), (0, 0), (0, missing)))
-        self._segments[index, : len(segments)] = segments
-        self._circles[index, :, : len(segments)] = segments[:, :2].T
-        self._cylinders[index] = len(segments)
-        if not simulator.motion.undisturbed:
+        self._segments[index, :count] = segments
+        self._circles[index, :, :count] = segments[:, :2].T
+        self._cylinders[index] = count
+        if not simulator.motion.is_undisturbed:
             self._disturbed.add(index)
 
-    def advance(self, which: Integers, commands: Floats) -> None:
-        """Give the simulators `which` their finite commands (n, 2), advance a control period, read collisions."""
-        fleet, readings = self.fleet, self.readings
-        robots, settings = fleet.robots, fleet.settings
-        readings.collisions[which] = False
-        last = (
-            robots["stamp_ns"][which] + self._ticks * settings["tick_ns"]
-        ) // settings["odometry_ns"]
-        for index in which[
-            last >= robots["noise_from"][which] + fleet.noise.shape[1]
-        ].tolist():
+    def advance(self, indices: Integers, commands: Floats) -> None:
+        """Send commands, advance simulators by a control period and read collisions.
+
+        Args:
+            indices: Rows of the simulators that advance.
+            commands: Finite speed (m/s) and yaw rate (rad/s) of all (n, 2).
+        """
+        fleet = self.fleet
+        robots = fleet.robots
+        settings = fleet.settings
+        collisions = self.readings.collisions
+        collisions[indices] = False
+
+        # Noise of the odometry must wait before compiled code needs it.
+        end_ns = robots["stamp_ns"][indices] + self._ticks * settings["tick_ns"]
+        last_update = end_ns // settings["odometry_ns"]
+        supplied = robots["noise_from"][indices] + fleet.noise.shape[1]
+        for index in indices[last_update >= supplied].tolist():
             self._simulators[index].motion.draw_noise(self._ticks)
-        if not self._plain:
-            for index in which.tolist():
+        if not self._has_plain_lidars:
+            for index in indices.tolist():
                 self._simulators[index].motion.remember_pose()
-        left, pushes = (
-            np.zeros(len(commands), np.int64),
-            np.zeros((len(commands), 4, 3)),
-        )
+
+        left = np.zeros(len(commands), np.int64)
         advance_all(
-            robots, fleet.pending, settings, self._segments, self._cylinders, fleet.noise, self._ticks, which, commands,
-            self._latency_ns, left, pushes,
-        )  # fmt: skip
+            robots,
+            fleet.pending,
+            settings,
+            self._segments,
+            self._cylinders,
+            fleet.noise,
+            self._ticks,
+            indices,
+            commands,
+            self._latency_ns,
+            left,
+        )
         for index in left.nonzero()[0].tolist():
             simulator = self._simulators[index]
-            place, centre, force, torque = (
-                tuple(row) for row in pushes[index].tolist()
-            )
-            simulator.motion.run(int(left[index]), (place, centre, force, torque))
-            readings.collisions[index] = simulator.read_collision()
-            if not simulator.motion.undisturbed:
-                self._look_at(index)
+            simulator.motion.run(int(left[index]))
+            collisions[index] = simulator.read_collision()
+            if not simulator.motion.is_undisturbed:
+                self._copy_cylinders(index)
 
-    def read(self, which: Integers) -> None:
-        """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
-        readings, drawn = self.readings, self._drawn
-        now_ns = self.fleet.robots["stamp_ns"][which]
-        due = (
-            now_ns - self._scanned_ns[which] >= self._scan_ns
-        )  # the others keep their last scans
-        scanned = which[due]
-        self._scanned_ns[scanned] = now_ns[due]
-        if not self._plain:
-            for index in scanned.tolist():
+    def read(self, indices: Integers) -> None:
+        """Read the sensors; a scan that is not due stays.
+
+        Args:
+            indices: Rows of the simulators to read.
+        """
+        readings = self.readings
+        now_ns = self.fleet.robots["stamp_ns"][indices]
+        is_due = now_ns - self._scanned_ns[indices] >= self._scan_period_ns
+        scanning = indices[is_due]
+        self._scanned_ns[scanning] = now_ns[is_due]
+        if self._has_plain_lidars:
+            self._scan(scanning)
+        else:
+            for index in scanning.tolist():
                 readings.ranges[index] = self._simulators[index].read_scan().ranges
-            scanned = scanned[:0]
-        for index in scanned[drawn[scanned] == _AHEAD].tolist():
-            self._simulators[index].lidar.draw_noise(self._noise[index])
-            drawn[index] = 0
-        others = (
-            sorted(self._disturbed.intersection(scanned.tolist()))
-            if self._disturbed
-            else []
-        )
-        for index in others:
-            readings.ranges[index] = (
-                self._simulators[index]
-                .read_scan(self._noise[index, drawn[index]])
-                .ranges
-            )
-            drawn[index] += 1
-        upright = (
-            np.setdiff1d(scanned, others, assume_unique=True) if others else scanned
-        )
-        if len(upright):
-            lidar = self._simulators[int(upright[0])].lidar
-            mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
-            scan_all(
-                self.fleet.robots, upright, self._circles, self._cylinders, lidar.directions, lidar.fan, mount,
-                lidar.limits, self._noise, drawn, readings.ranges,
-            )  # fmt: skip
         read_all(
             self.fleet.robots,
-            which,
+            indices,
             readings.stamps_ns,
             readings.truths,
             readings.odometry,
             readings.velocities,
         )
 
+    def _scan(self, indices: Integers) -> None:
+        """Take scans at one instant; where cylinders have moved, one by one."""
+        ranges = self.readings.ranges
+        used = self._used_noise
+        for index in indices[used[indices] == _SCANS].tolist():
+            self._simulators[index].lidar.draw_noise(self._noise[index])
+            used[index] = 0
+
+        disturbed = sorted(self._disturbed.intersection(indices.tolist()))
+        for index in disturbed:
+            noise = self._noise[index, used[index]]
+            ranges[index] = self._simulators[index].read_scan(noise).ranges
+            used[index] += 1
+
+        if disturbed:
+            indices = np.setdiff1d(indices, disturbed, assume_unique=True)
+        if len(indices):
+            lidar = self._simulators[int(indices[0])].lidar
+            scan_all(
+                self.fleet.robots,
+                indices,
+                self._circles,
+                self._cylinders,
+                lidar.directions,
+                lidar.fan,
+                (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
+                lidar.limits,
+                self._noise,
+                used,
+                ranges,
+            )
+
     def close(self) -> None:
-        """End the engines."""
-        end(self.engines)
+        """End the physics clients."""
+        for simulator in self._simulators.values():
+            simulator.close()
+        self.scenes.close()

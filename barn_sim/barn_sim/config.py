@@ -1,7 +1,7 @@
 """Configuration of the simulator: the robot, its sensors and the obstacles.
 
-Unless another source is named, values are those of a Clearpath Jackal J100 with a Hokuyo
-UST-10LX, from the configuration of its drivers and models.
+Unless another source is named, values are those of a Clearpath Jackal J100 with a
+Hokuyo UST-10LX, from the configuration of its drivers and models.
 """
 
 import math
@@ -26,6 +26,10 @@ from barn_worlds.robots.robot import Chassis, Robot
 
 # Parts of a robot, which barn_worlds defines, are offered here, too.
 __all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")
+
+# Results of trials belong to a version of the physics: the task fingerprint includes
+# it. Increase it with every change of motion or contacts beyond rounding.
+PHYSICS_VERSION = 1
 
 Config = TypeVar("Config", bound="SimulatorConfig")
 Part = TypeVar("Part", DriveConfig, LidarConfig, OdometryConfig)
@@ -55,9 +59,9 @@ class PhysicsConfig(Checked):
 class LocalizationConfig(Checked):
     """Where the robot's estimate of its pose in the map frame comes from.
 
-    Mode exact has the truth. In modes amcl and particles the correction from odom to map
-    changes only after the robot has moved or turned by the update distances. Then, in
-    mode amcl, the error of the estimate takes one step of a first-order Gauss-Markov
+    Mode exact has the truth. In modes amcl and particles the correction from odom to
+    map changes only after the robot has moved or turned by the update distances. Then,
+    in mode amcl, the error of the estimate takes one step of a first-order Gauss-Markov
     process; in mode particles, a filter that does not use the truth matches a scan to
     its map.
     """

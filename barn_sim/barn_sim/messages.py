@@ -1,4 +1,4 @@
-"""The messages of a simulated robot: its node sends them, a direct trial records them."""
+"""The messages of a simulated robot, which are sent or recorded."""
 
 from collections.abc import Iterator
 
@@ -54,7 +54,7 @@ class SimulatorMessages:
         self._base_in_odom = ORIGIN
 
     def constant(self) -> Iterator[OutgoingMessage]:
-        """Yield what is published once: the robot's description and its fixed frames."""
+        """Yield what is published once: the robot's description and fixed frames."""
         lidar = self._config.lidar
         chassis = self._config.chassis
         description = encode.encode_text(robot_description(lidar, chassis))

@@ -5,8 +5,8 @@ import numpy as np
 from barn_sim import seeds
 from barn_sim.body.state import Fleet
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.contact.obstacles import Moved
+from barn_sim.contact.scene import ScenePool
 from barn_sim.motion.robot_motion import RobotMotion
 from barn_sim.seeds import generator, phase_s
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
@@ -22,9 +22,9 @@ class Simulator:
     """A robot in a world, from a start pose and a seed.
 
     Equal arguments and commands give equal readings, to the last bit. Use `step` and
-    `sense`; or, to read sensors at different rates, `command`, `advance` and the `read_`
-    methods. Each sensor has its own random generator, so that one does not affect
-    another.
+    `sense`; or, to read sensors at different rates, `command`, `advance` and the
+    `read_` methods. Each sensor has its own random generator, so that one does not
+    affect another.
     """
 
     motion: RobotMotion
@@ -45,9 +45,8 @@ class Simulator:
         config: SimulatorConfig,
         start: Pose2D,
         seed: int,
-        client: PhysicsClient | None = None,
+        scenes: ScenePool | None = None,
         *,
-        free_motion: bool = True,
         fleet: Fleet | None = None,
         index: int = 0,
     ) -> None:
@@ -58,11 +57,9 @@ class Simulator:
             config: The robot and its sensors.
             start: Pose of base_link in the map frame.
             seed: Seed of all noise.
-            client: Physics client to use instead of a new one, which is faster for trial
-                after trial and gives the same readings. A simulator that used it before
-                is finished. The caller closes it.
-            free_motion: Whether to integrate the motion without PyBullet where no
-                obstacle is near, which gives the same bits faster.
+            scenes: Physics clients for contacts, shared with other simulators, which is
+                faster for trial after trial and gives the same readings. The caller
+                closes them. By default, the simulator has its own.
             fleet: Keeps the state of many robots; by default, this one has its own.
             index: Row of the robot in the fleet.
 
@@ -70,13 +67,11 @@ class Simulator:
             ConfigError: If the robot cannot be simulated.
         """
         self.config = config
-        client_in_use = client or PhysicsClient()
-        self._own_client = None if client else client_in_use
+        self._scenes = scenes or ScenePool()
+        self._owns_scenes = scenes is None
         self._fleet = Fleet.of(1) if fleet is None else fleet
         self._index = index
-        self.motion = RobotMotion(
-            config, client_in_use, self._fleet, index, free_motion=free_motion
-        )
+        self.motion = RobotMotion(config, self._scenes, self._fleet, index)
         self.lidar = Lidar(config.lidar, generator(seed, seeds.LIDAR))
         self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
         ground_z_m = float(self.motion.model.footing[2])
@@ -246,9 +241,10 @@ class Simulator:
         )
 
     def close(self) -> None:
-        """Release what the simulator created; closing again does nothing."""
-        if self._own_client is not None:
-            self._own_client.close()
+        """Release the physics client; closing again does nothing."""
+        self.motion.close()
+        if self._owns_scenes:
+            self._scenes.close()
 
 
 def warm_up() -> None:

@@ -3,20 +3,20 @@ from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
-from shared_fixtures import own_domain
+from shared_fixtures import private_domain
 
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.worlds.world import World
 
-__all__ = ["own_domain"]
+__all__ = ["private_domain"]
 
 
 @pytest.fixture(scope="module")
-def clients() -> Iterator[tuple[PhysicsClient, PhysicsClient]]:
-    """Two physics clients, for two simulators in turn."""
-    with closing(PhysicsClient()) as first, closing(PhysicsClient()) as other:
-        yield first, other
+def scenes() -> Iterator[ScenePool]:
+    """Physics clients for many simulators."""
+    with closing(ScenePool()) as pool:
+        yield pool
 
 
 @pytest.fixture

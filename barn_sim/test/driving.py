@@ -1,4 +1,4 @@
-"""Robots driven by commands, and at random to compare what moves them with PyBullet."""
+"""Robots driven by commands, and at random to compare contacts."""
 
 from contextlib import closing
 
@@ -17,18 +17,20 @@ def wander(simulator, rng, steps):
     free = 0
     for step in range(steps):
         if step % 12 == 0:
-            simulator.command(
-                Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0))
-            )
+            command = Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0))
+            simulator.command(command)
         simulator.advance(1 + step % 10)
-        free += simulator.motion.free
+        free += not simulator.motion.is_in_contact
         moved = simulator.moved_obstacles()
-        scan = simulator.read_scan().ranges.tobytes()
-        poses = (
-            simulator.read_truth(),
-            simulator.read_odometry(),
-            simulator.read_joints(),
+        states.append(
+            (
+                simulator.read_collision(),
+                simulator.read_truth(),
+                simulator.read_odometry(),
+                simulator.read_joints(),
+                simulator.read_scan().ranges.tobytes(),
+                moved.positions.tobytes(),
+                moved.quaternions.tobytes(),
+            )
         )
-        state = moved.positions.tobytes(), moved.quaternions.tobytes()
-        states.append((simulator.read_collision(), poses, scan, *state))
     return states, free

@@ -16,12 +16,11 @@ from barn_sim.body.model import (
     model_of,
     robot_description,
 )
-from barn_sim.body.state import Fleet
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
-from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.contact.bullet import bullet
 from barn_sim.contact.cylinders import nearest_gap
-from barn_sim.contact.obstacles import tick_gap_m
-from barn_sim.contact.robot_body import Body
+from barn_sim.contact.obstacles import contact_gap_m
+from barn_sim.contact.scene import ContactScene
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
@@ -90,27 +89,14 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     assert not any(reading.collision for reading in straight)
 
 
-@pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=NAME)
-def test_free_motion_gives_the_bits_of_pybullet(plain, robot):
-    config = with_robot(SimulatorConfig(), robot)
-    free, bullet = (
-        driven(plain, config, (0.7, 0.6), 40, free_motion=fast)
-        for fast in (True, False)
-    )
-    assert [reading.truth for reading in free] == [reading.truth for reading in bullet]
-
-
 def in_bullet(chassis):
     """Return the bounds (2, 3) in base_link of the shapes that Bullet has of a robot."""
     model = model_of(chassis)
-    with closing(PhysicsClient()) as client:
-        body = Body(model, PhysicsConfig(), client, Fleet.of(1), 0)
-        body.begin(Pose2D(0.0, 0.0, 0.0))
-        body.enter()
-        bullet.resetBasePositionAndOrientation(
-            body.id, model.center_of_mass, (0, 0, 0, 1), physicsClientId=client.id
-        )
-        return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
+    still = (0.0, 0.0, 0.0)
+    center = tuple(model.center_of_mass.tolist())
+    with closing(ContactScene(model, PhysicsConfig())) as scene:
+        scene.place_robot((center, (0.0, 0.0, 0.0, 1.0), still, still))
+        return np.array(bullet.getAABB(scene.robot, physicsClientId=scene.client))
 
 
 def test_the_shapes_are_those_of_the_footprint():
@@ -185,14 +171,14 @@ def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
         )
 
 
-def test_more_than_a_tick_of_the_fastest_robot_is_left_to_an_obstacle():
-    assert tick_gap_m(SimulatorConfig()) == 0.03
+def test_obstacles_are_left_more_than_a_fast_tick():
+    assert contact_gap_m(SimulatorConfig()) == 0.03
     robot = load_robot("husky")
     fast = with_robot(
         SimulatorConfig(), replace(robot, drive=replace(robot.drive, max_speed_m_s=6.0))
     )
     reach = np.hypot(0.495, 0.335)
-    assert tick_gap_m(fast) > fast.physics.tick_s * (
+    assert contact_gap_m(fast) > fast.physics.tick_s * (
         6.0 + fast.drive.max_yaw_rate_rad_s * reach
     )
 

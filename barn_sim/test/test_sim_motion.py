@@ -1,46 +1,96 @@
-"""Motion without PyBullet against PyBullet's, to the last bit."""
+"""Motion with and without PyBullet: they agree, and contacts do not depend on history."""
 
-import itertools
 import math
-import subprocess
-import sys
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from driving import wander
+from numba import njit
 
-from barn_sim.body.free_motion import (
-    attitude_of,
-    basis_of,
-    spun,
-    still_turning,
-    turned,
-    world_tensor,
-)
-from barn_sim.body.model import model_of
-from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.contact.bullet import PhysicsClient, PhysicsEngine, end
+from barn_sim.body.drive import turn_wheels
+from barn_sim.body.rigid_body import gyroscopic_change, move_body, rotate
+from barn_sim.body.tires import tire_forces
+from barn_sim.body.vectors import rotation, vector
+from barn_sim.config import PHYSICS_VERSION, SimulatorConfig, with_robot
+from barn_sim.contact.bullet import bullet
+from barn_sim.contact.scene import ContactScene, ScenePool
+from barn_sim.motion.ticks import body_state, solve_tires
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+from barn_worlds.robots.files import load_robot
 from barn_worlds.worlds.world import World
 
 STEPS = 100
-CHECK_MOTION = (
-    Path(__file__).resolve().parents[2] / "qa" / "fidelity" / "check_motion.py"
-)
+ROBOTS = ["jackal", "turtlebot4", "scout_mini"]
+
+
+@njit
+def tick_freely(robots, pending, settings):
+    """Advance by a tick and return force and torque of the ground in it."""
+    robot = robots[0]
+    turn_wheels(robot, pending, 0, settings[0], robot.stamp_ns)
+    motion = solve_tires(robot, settings[0])
+    force, torque = tire_forces(robot, settings[0])
+    move_body(robot, settings[0], motion)
+    return force, torque
+
+
+def attitude_of(roll, pitch, yaw):
+    """Return the quaternion of rotations about x, y and z, in this order."""
+    return bullet.getQuaternionFromEuler([roll, pitch, yaw])
+
+
+def angle_between(first, second):
+    """Return the angle in rad between two attitudes."""
+    return 2.0 * min(
+        np.linalg.norm(np.subtract(first, second)),
+        np.linalg.norm(np.add(first, second)),
+    )
+
+
+@pytest.mark.parametrize("robot", ["jackal", "turtlebot4"])
+def test_free_motion_is_that_of_bullet_to_a_nanometer(empty_world, robot):
+    """From random states, a thousand ticks under equal forces."""
+    rng = np.random.default_rng(0)
+    config = with_robot(SimulatorConfig(), load_robot(robot))
+    start = Pose2D(-2.25, 5.0, 0.0)
+    with closing(Simulator(empty_world, config, start, 0)) as simulator:
+        model = simulator.motion.model
+        fleet = simulator.motion.drive.fleet
+        height = float(fleet.robots["position"][0, 2])
+        with closing(ContactScene(model, config.physics)) as scene:
+            for _ in range(100):
+                simulator.begin(empty_world, start, 0)
+                state = fleet.robots[0]
+                state["position"] = [
+                    *rng.uniform(-3.0, 3.0, 2),
+                    height + rng.uniform(0.0, 0.01),
+                ]
+                roll, pitch = rng.normal(0.0, 0.02, 2)
+                state["attitude"] = attitude_of(roll, pitch, rng.uniform(-3.1, 3.1))
+                state["velocity"] = rng.normal(0.0, [0.5, 0.5, 0.1])
+                state["spin"] = rng.normal(0.0, [0.2, 0.2, 2.0])
+                simulator.command(
+                    Velocity2D(rng.uniform(-0.5, 1.0), rng.uniform(-2.0, 2.0))
+                )
+
+                scene.place_robot(body_state(fleet.robots, 0))
+                position = body_state(fleet.robots, 0)[0]
+                for _ in range(1000):
+                    push = tick_freely(fleet.robots, fleet.pending, fleet.settings)
+                    expected = scene.tick(position, *push)
+                    position = expected[0]
+                free = body_state(fleet.robots, 0)
+                assert free[0] == pytest.approx(expected[0], abs=1e-9)
+                assert angle_between(free[1], expected[1]) < 1e-9
+                assert free[2] == pytest.approx(expected[2], abs=1e-9)
+                assert free[3] == pytest.approx(expected[3], abs=1e-9)
 
 
 def simulator_of(
-    seed: int,
-    client: PhysicsClient,
-    rng: np.random.Generator,
-    *,
-    free_motion: bool = True,
-    robot: str = "jackal",
+    seed: int, scenes: ScenePool | None, rng: np.random.Generator, robot: str = "jackal"
 ) -> Simulator:
     """Return a robot in the middle of a sparse world, whose obstacles can be moved if the seed is odd."""
     grid = rng.random((30, 30)) < 0.02
@@ -52,160 +102,103 @@ def simulator_of(
     )
     x, y = world.path_m()[15]
     start = Pose2D(x, y, rng.uniform(-math.pi, math.pi))
-    return Simulator(world, config, start, seed, client, free_motion=free_motion)
+    return Simulator(world, config, start, seed, scenes)
 
 
 def episode(
-    seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal"
+    seed: int, scenes: ScenePool | None, robot: str = "jackal"
 ) -> tuple[list[tuple], int]:
-    """Return the states after every step, driven at random from the middle of a world, and ticks without PyBullet."""
+    """Return the states after every step, driven at random, and how many steps ended freely."""
     rng = np.random.default_rng(seed)
-    return wander(
-        simulator_of(seed, client, rng, free_motion=free_motion, robot=robot),
-        rng,
-        STEPS,
-    )
+    with closing(simulator_of(seed, scenes, rng, robot)) as simulator:
+        return wander(simulator, rng, STEPS)
 
 
-OTHERS = ["turtlebot4", "turtlebot3_waffle", "scout_mini"]
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_contacts_do_not_depend_on_what_the_client_did_before(robot):
+    """Clients of a pool are reused for every contact; a new pool begins with new ones."""
+    with closing(ScenePool()) as scenes:
+        for seed in range(12):
+            with closing(ScenePool()) as new:
+                expected = episode(seed, new, robot)
+            assert episode(seed, scenes, robot) == expected
+        assert len(scenes._idle) == 1
 
 
-@pytest.mark.parametrize(
-    ("seed", "robot"),
-    [*((seed, "jackal") for seed in range(30)), *itertools.product(range(8), OTHERS)],
-)
-def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, robot, clients):
-    """qa/fidelity/check_motion.py does the same in thousands of episodes."""
-    expected, none = episode(seed, clients[0], free_motion=False, robot=robot)
-    states, free = episode(seed, clients[1], free_motion=True, robot=robot)
-    assert none == 0 and free > 0
-    assert states == expected
-
-
-@pytest.mark.parametrize("robot", ["jackal", "scout_mini"])
-def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
-    """Obstacles of even seeds are fixed."""
-    idle: list[PhysicsEngine] = []
-    client = PhysicsClient(idle=idle)
-    used = []
-    for seed in range(0, 16, 2):
-        with closing(PhysicsClient()) as new:
-            expected = episode(seed, new, free_motion=True, robot=robot)
-        assert episode(seed, client, free_motion=True, robot=robot) == expected
-        client.empty()
-        used += idle
-    end(idle)
-    assert len({id(engine) for engine in used}) < len(used)
-
-
-def test_robots_that_share_engines_move_as_with_engines_of_their_own():
-    idle: list[PhysicsEngine] = []
-    seeds = range(0, 8, 2)
-    clients = [PhysicsClient(idle=idle) for _ in range(4)]
-    shared = [
-        simulator_of(seed, client, np.random.default_rng(seed))
-        for seed, client in zip(seeds, clients, strict=True)
-    ]
-    alone = [
-        simulator_of(seed, PhysicsClient(), np.random.default_rng(seed))
-        for seed in seeds
-    ]
-    for step in range(STEPS):
-        for first, other in zip(shared, alone, strict=True):
-            for simulator in (first, other):
-                simulator.step(Velocity2D(0.5, 1.0 if step % 20 < 10 else -1.0))
-            assert first.sense().truth == other.sense().truth
-    assert 0 < len(idle) < 4
-    end(idle)
-
-
-@pytest.mark.parametrize("seed", [2153, 2384, 9219])
-def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
-    """In these episodes the order in which contacts are solved decides."""
-    command = [sys.executable, CHECK_MOTION, "--first", str(seed), "--episodes", "1"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
-def test_some_episodes_touch_obstacles_and_some_do_not(robot, clients):
-    contacts = (
-        episode(seed, clients[0], free_motion=True, robot=robot)[0] for seed in range(8)
-    )
-    touched = [any(state[0] for state in states) for states in contacts]
+def test_episodes_move_freely_and_touch_obstacles():
+    touched = []
+    for seed in range(8):
+        states, free = episode(seed, None)
+        assert free > 0
+        touched.append(any(state[0] for state in states))
     assert any(touched) and not all(touched)
 
 
-@pytest.mark.parametrize("yaw", [0.0, 1.0, 3.1, -3.1, math.pi])
-def test_quaternions_become_matrices_and_come_back(yaw):
-    for tilt in (0.0, 0.01, 2.0, math.pi):
-        sine = math.sin(0.5 * tilt)
-        cosine = math.cos(0.5 * tilt)
-        heading = (
-            sine * math.cos(yaw),
-            sine * math.sin(yaw),
-            cosine * math.sin(yaw),
-            cosine * math.cos(yaw),
-        )
-        matrix = np.array(basis_of(heading))
-        assert matrix @ matrix.T == pytest.approx(np.eye(3), abs=1e-15)
-        back = np.array(attitude_of(basis_of(heading)))
-        assert abs(back @ heading) == pytest.approx(1.0, abs=1e-15)
+def test_robots_that_share_clients_move_as_with_their_own():
+    seeds = range(6)
+    with closing(ScenePool()) as scenes:
+        shared = [
+            simulator_of(seed, scenes, np.random.default_rng(seed)) for seed in seeds
+        ]
+        alone = [
+            simulator_of(seed, None, np.random.default_rng(seed)) for seed in seeds
+        ]
+        in_contact = 0
+        for step in range(STEPS):
+            for one, other in zip(shared, alone, strict=True):
+                for simulator in (one, other):
+                    simulator.step(Velocity2D(0.5, 1.0 if step % 20 < 10 else -1.0))
+                assert one.sense().truth == other.sense().truth
+                in_contact += one.motion.is_in_contact
+        assert in_contact > 0
+        for simulator in (*shared, *alone):
+            simulator.close()
+        assert 0 < len(scenes._idle) < 6
 
 
-def test_a_turn_is_that_of_the_exponential_map():
-    for rate in (0.0, 5e-4, 2.0):
-        heading = turned((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, rate), 0.005)
-        assert 2.0 * math.atan2(heading[2], heading[3]) == pytest.approx(
-            0.005 * rate, rel=1e-12, abs=1e-18
-        )
+# Where the fixed drive below ends: x, y (m) and yaw (rad).
+FINAL_POSES = {1: (-3.590134114725404, 4.874822183260471, 1.5541987022023653)}
 
 
-def test_a_torque_is_found_that_keeps_a_spin():
-    """Although the inertia is still that of another heading, the matrix after the tick is equal to the last bit."""
-    rng = np.random.default_rng(0)
-    inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
-    for _ in range(200):
-        yaw, left = rng.uniform(-3.0, 3.0, 2)
-        attitude = attitude_of(
-            basis_of((0.001, -0.002, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
-        )
-        stale = (0.0, 0.0, math.sin(0.5 * left), math.cos(0.5 * left))
-        spin = tuple(rng.normal(0.0, [0.02, 0.02, 2.0]).tolist())
-        heading = turned(attitude, spin, 0.005)
-        exact, torque = still_turning(attitude, spin, heading, stale, inverse, 0.005)
-        after = spun(
-            world_tensor(basis_of(stale), inverse),
-            attitude,
-            spin,
-            torque,
-            inverse,
-            0.005,
-        )
-        assert exact and basis_of(turned(attitude, after, 0.005)) == basis_of(heading)
-        assert after == pytest.approx(spin, abs=1e-15)
-
-
-def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
-    inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
-    attitude, stale, elsewhere = (
-        (0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1)
+def test_the_version_of_the_physics_names_its_results(walled_world):
+    """A drive into a wall and along it; another result needs another PHYSICS_VERSION."""
+    with closing(
+        Simulator(walled_world, SimulatorConfig(), Pose2D(-3.5, 4.5, 1.57), 7)
+    ) as simulator:
+        touched = False
+        for step in range(120):
+            sensors = simulator.step(Velocity2D(0.6, 0.9 * math.sin(0.1 * step)))
+            touched = touched or sensors.collision
+        pose, _ = simulator.motion.place()
+    assert touched
+    assert (pose.x, pose.y, pose.yaw) == pytest.approx(
+        FINAL_POSES[PHYSICS_VERSION], abs=1e-9
     )
-    spin = (0.02, -0.01, 2.0)
-    exact, torque = still_turning(attitude, spin, elsewhere, stale, inverse, 0.005)
-    after = spun(
-        world_tensor(basis_of(stale), inverse), attitude, spin, torque, inverse, 0.005
-    )
-    assert not exact
-    assert after == pytest.approx(spin, abs=1e-15)
-    assert (
-        spun(
-            world_tensor(basis_of(stale), inverse),
-            attitude,
-            spin,
-            (0.0, 0.0, 0.0),
-            inverse,
-            0.005,
-        )
-        != after
-    )
+
+
+def test_a_rotation_is_that_of_the_exponential_map():
+    for rate in (0.0, 1e-13, 5e-4, 2.0):
+        attitude = rotate((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, rate), 0.005)
+        angle = 2.0 * math.atan2(attitude[2], attitude[3])
+        assert angle == pytest.approx(0.005 * rate, rel=1e-12, abs=1e-18)
+
+
+def test_the_gyroscopic_torque_keeps_momentum_and_gains_no_energy():
+    """Thin rods precess: the change per tick is that of Euler's equations."""
+    inertia = (0.3, 0.5, 0.9)
+    attitude = attitude_of(0.3, -0.2, 1.0)
+    turn = np.array(rotation(attitude))
+    spin = np.array([0.4, -1.0, 2.0])
+    local = turn.T @ spin
+    expected = turn @ (-np.cross(local, inertia * local) / inertia)
+    tick_s = 1e-5
+    change = gyroscopic_change(attitude, vector(spin), inertia, tick_s)
+    assert np.array(change) / tick_s == pytest.approx(expected, abs=1e-4)
+
+    energies = []
+    for _ in range(2000):
+        spin = spin + gyroscopic_change(attitude, vector(spin), inertia, 0.005)
+        attitude = rotate(attitude, vector(spin), 0.005)
+        local = np.array(rotation(attitude)).T @ spin
+        energies.append(inertia @ local**2)
+    assert max(energies) < 1.02 * energies[0]

@@ -61,7 +61,7 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
 
     Args:
         a: `Results`, a folder, or "FOLDER:PLANNER".
-        b: As for `a`.
+        b: The results that `a` is compared with, likewise.
 
     Returns:
         A row per pair and measure: a, b, measure (a column of `table`), unit, mean_a,
@@ -88,7 +88,7 @@ def leaderboard(
     *,
     worlds: str = "all",
 ) -> pd.DataFrame:
-    """Rank the planners of several folders; each protocol and set of worlds has a board.
+    """Rank the planners of folders; each protocol and set of worlds has a board.
 
     Planners whose difference is not significant share a rank. `Results.verdict` says it
     in words.
@@ -229,7 +229,7 @@ def overlay(
 
     Args:
         folders: `Results` or folders.
-        world: World number.
+        world: Number in the data set.
         by: What colors them, "planner" or "speed".
         planners: Only trials of these planners.
         outcome: Only trials with this outcome, such as "collision".

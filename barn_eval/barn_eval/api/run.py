@@ -14,7 +14,7 @@ from barn_eval.ros.work import run_request
 from barn_eval.running.dry_run import DryRun, estimate_run
 from barn_eval.running.options import RunKeywords, RunOptions, Worlds
 from barn_eval.running.planner_objects import Planners
-from barn_eval.running.reporting import make_reporter
+from barn_eval.running.reporting import Reporter, make_reporter
 from barn_eval.running.request import RunRequest, read_request
 from barn_eval.running.settings import grid
 from barn_eval.trials.protocol import Protocol
@@ -32,7 +32,7 @@ def run(
     file: str | Path | None = ...,
     dry_run: Literal[False] = ...,
     overwrite: bool = ...,
-    progress: bool = ...,
+    progress: bool | Reporter = ...,
     **options: Unpack[RunKeywords],
 ) -> Results: ...
 @overload
@@ -44,7 +44,7 @@ def run(
     file: str | Path | None = ...,
     dry_run: Literal[True],
     overwrite: bool = ...,
-    progress: bool = ...,
+    progress: bool | Reporter = ...,
     **options: Unpack[RunKeywords],
 ) -> DryRun: ...
 def run(
@@ -55,7 +55,7 @@ def run(
     file: str | Path | None = None,
     dry_run: bool = False,
     overwrite: bool = False,
-    progress: bool = True,
+    progress: bool | Reporter = True,
     **options: Unpack[RunKeywords],
 ) -> Results | DryRun:
     """Execute a run, or what is still missing of it, and return its results.
@@ -81,8 +81,8 @@ def run(
         file: A YAML file with options; arguments replace what it says.
         dry_run: Return what the run would do; nothing is executed or written.
         overwrite: Delete the results of a different run in the same folder.
-        progress: Show progress in a terminal or notebook. Elsewhere, and without it,
-            the logger `barn_eval` receives the progress.
+        progress: Whether to show progress in a terminal or notebook; elsewhere, and
+            without it, the logger `barn_eval` receives it. Or a `Reporter` of your own.
         options: Any option of `RunKeywords`: dataset, robot, course, repetitions, seed,
             settings, compute, simulator, mode, planner_command, ros, bags, workers,
             engine, address, trial_limit_s, attempts, losses, out.
@@ -109,10 +109,10 @@ def sweep(
     *,
     file: str | Path | None = None,
     overwrite: bool = False,
-    progress: bool = True,
+    progress: bool | Reporter = True,
     **options: Unpack[RunOptions],
 ) -> pd.DataFrame:
-    """Drive every combination of values of a planner's parameters; return the best first.
+    """Drive every combination of parameter values of a planner; return the best first.
 
     Each combination has a folder of its own below `out`.
 

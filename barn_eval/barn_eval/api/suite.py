@@ -45,7 +45,7 @@ def reproduce(
     settings: Mapping[str, object] | None = None,
     workers: int = 0,
     docs: str | Path | None = None,
-    progress: bool = True,
+    progress: bool | Reporter = True,
 ) -> list[Path]:
     """Run the paper's trials, write them up and return the pages, results.md.
 
@@ -64,34 +64,12 @@ def reproduce(
     Raises:
         BarnError: If a setting is not allowed or a file cannot be written.
     """
-    reporter = make_reporter(progress)
-    return write_reproduction(quick, out, settings, workers, docs, reporter)
-
-
-def write_reproduction(
-    quick: bool,
-    out: str | Path | None,
-    settings: Mapping[str, object] | None,
-    workers: int,
-    docs: str | Path | None,
-    reporter: Reporter,
-) -> list[Path]:
-    """Reproduce the paper's results as `reproduce` does.
-
-    Args:
-        quick: As for `reproduce`.
-        out: As for `reproduce`.
-        settings: As for `reproduce`.
-        workers: As for `reproduce`.
-        docs: As for `reproduce`.
-        reporter: Receives notices and progress.
-    """
     default = QUICK if quick else ReproduceConfig()
     config = replace_dotted(default, settings or {}, "settings")
     default_folder = Path("out") / ("results_quick" if quick else "results")
     folder = Path(out) if out else default_folder
     findings, origin = reproduction.reproduce(
-        config, folder, ExecutionConfig(workers=workers), reporter
+        config, folder, ExecutionConfig(workers=workers), make_reporter(progress)
     )
     folders = [folder, Path(docs)] if docs else [folder]
     return [write_results(findings, origin, path) for path in folders]

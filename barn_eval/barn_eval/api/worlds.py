@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import pandas as pd
 
@@ -64,15 +64,7 @@ __all__ = [
 ]
 
 Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "png"]
-FORMATS: tuple[Form, ...] = (
-    "sdf",
-    "sdf_classic",
-    "map",
-    "original",
-    "npz",
-    "yaml",
-    "png",
-)
+FORMATS: tuple[Form, ...] = get_args(Form)
 
 
 def datasets() -> list[str]:
@@ -119,7 +111,8 @@ def generate(
 
     For instance, worlds of your own, and a planner in them:
 
-        worlds = barn.worlds.generate(per_set=3, parameters={"initial_fill": 0.25}, seed=1)
+        fill = {"initial_fill": 0.25}
+        worlds = barn.worlds.generate(per_set=3, parameters=fill, seed=1)
         barn.run(worlds, planners="gap")
 
     Args:
@@ -161,10 +154,11 @@ def generate(
 def _parameter_sets(
     changes: Mapping[str, object], robot: Robot
 ) -> tuple[WorldParameters, ...]:
-    """Return parameter sets with cells in the size of a robot, unless changes differ."""
+    """Return parameter sets, with cells in the size of a robot by default."""
     sets = TABLE_I
     if changes:
         sets = (replace_dotted(WorldParameters(), changes, "world parameters"),)
+    # The generator thinks in cells: as many to a robot, whatever its size.
     sizes: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & changes.keys():
         sizes["resolution_m"] = cell_size_m(robot)
@@ -250,7 +244,7 @@ def save(
     """Write worlds for other programs, or as a data set.
 
     Args:
-        worlds: Worlds by number.
+        worlds: Worlds by their numbers in a data set.
         out: New file or folder.
         form: npz (one file of the suite's own format), original (the layout of the
             original data set), or a file per world in the folder `out`: sdf (current
@@ -328,7 +322,7 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
     again.
 
     Args:
-        worlds: Worlds by number.
+        worlds: Worlds by their numbers in a data set.
         robot: Name or YAML file of the robot.
 
     Raises:
@@ -406,7 +400,6 @@ def metrics_table(
         formula: As for `metrics`.
         robot: As for `metrics`.
     """
-    chosen_formula = as_formula(formula)
     dataset = open_dataset(source)
     other_robot = load_robot(robot) if robot else None
 
@@ -418,7 +411,7 @@ def metrics_table(
         number: partial(read, number)
         for number in select_worlds(select, dataset.world_numbers)
     }
-    return make_metrics_table(Dataset(dataset.name, readers), chosen_formula)
+    return make_metrics_table(Dataset(dataset.name, readers), as_formula(formula))
 
 
 def draw(
@@ -433,7 +426,7 @@ def draw(
     of protocol challenge or, in an arena, dynabarn.
 
     Args:
-        worlds: The world, or worlds by number.
+        worlds: One world, or several by their numbers in a data set.
         robot: Robot that drives.
         course: Start x, y, yaw and goal x, y [m, rad] instead of the world's own.
 
@@ -458,7 +451,7 @@ def write_figure(
     """Write a picture of a world or a sheet of several, or an animation of one.
 
     Args:
-        worlds: Worlds by number.
+        worlds: Worlds by their numbers in a data set.
         path: Picture (.png) or animation (.gif).
         course: As for `draw`.
 

@@ -1,4 +1,4 @@
-"""`barn check`, `submit` and `verify`: whether results follow from what was recorded."""
+"""`barn check`, `submit` and `verify`: whether results follow from recordings."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -87,8 +87,8 @@ def _rerun(results: Results, trial: str) -> str:
 def print_check(check: FolderCheck) -> None:
     """Print what a check covered; what is wrong goes to standard error."""
     counts = (
-        f"{check.rows} of {check.trials} rows, {check.tracks} tracks, {check.bags} bags,"
-        f" {check.driven} driven again"
+        f"{check.rows} of {check.trials} rows, {check.tracks} tracks,"
+        f" {check.bags} bags, {check.driven} driven again"
     )
     for line in (counts, *check.unchecked):
         console.print(line, highlight=False, markup=False, soft_wrap=True)

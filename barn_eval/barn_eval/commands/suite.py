@@ -44,21 +44,14 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
     help="Trials at a time [default: as processors].",
 )
 @click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
-def reproduce(
-    quick: bool,
-    out: Path | None,
-    settings: dict[str, Any],
-    workers: int,
-    docs: Path | None,
-) -> None:
+def reproduce(**options: Any) -> None:
     """Run the paper's 3000 trials and write all of it up.
 
     OUT/results.md has Table II, times, failures, Fig. 6 and losses beside the published
     numbers, OUT/results.json every number. The same command goes on where it was
     interrupted, in OUT/campaign, and when all is done writes the same bytes again.
     """
-    pages = suite.write_reproduction(quick, out, settings, workers, docs, reporter)
-    print_notes(*pages)
+    print_notes(*suite.reproduce(**options, progress=reporter))
 
 
 @click.command("bench")

@@ -16,8 +16,8 @@ _GAP = 2  # spaces between two columns
 _MARGINS = 2  # spaces left and right of a table
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
+# A heading and its cells.
 Column = Sequence[str]
-"""A heading and its cells."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class FittedTable:
 
     columns: tuple[Column, ...]
 
+    # Whether each column is aligned to the right.
     right: tuple[bool, ...]
-    """Whether each column is aligned to the right."""
 
+    # Number of first columns that each part repeats.
     keys: int
-    """Number of first columns that each part repeats."""
 
     title: str
     caption: str
@@ -126,12 +126,13 @@ def rich_table(content: TextTable) -> FittedTable:
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:
-    """Return columns in a total width if that is possible, the widest narrowed first."""
+    """Return columns in a total width if possible, the widest narrowed first."""
     fitted = [
         _wrap(column, max(_longest_word(column[0]), _width(column[1:])))
         for column in columns
     ]
     min_widths = [_min_width(column) for column in columns]
+    # One space at a time, so that the columns end up about as wide as each other.
     while _total_width([_width(column) for column in fitted]) > width:
         widths = [_width(column) for column in fitted]
         wide_places = [
@@ -162,7 +163,7 @@ def _total_width(widths: Sequence[int]) -> int:
 
 
 def _join_words(text: str) -> str:
-    """Return a text in which limits in brackets and a number with its star stay whole."""
+    """Return a text in which limits in brackets, and a number with its star, stay whole."""
     joined = re.sub(
         r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )
@@ -176,6 +177,7 @@ def _longest_word(text: str) -> int:
 def _wrap(column: Column, width: int) -> Column:
     """Return a column in lines of a width at most; only longer words are broken."""
     wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
+    # Cells may have line breaks of their own, which stay.
     wrapped = []
     for text in column:
         lines = map(wrapper.fill, _join_words(text).split("\n"))

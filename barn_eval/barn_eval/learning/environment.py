@@ -27,7 +27,7 @@ from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
 
 RENDER_MODES = ("rgb_array",)
-# Worlds in memory; all shipped data sets fit.
+# Worlds that stay in memory, with their paths.
 _MAX_CACHED_WORLDS = 2000
 # Outcomes that the learner's actions cause. All others truncate an episode.
 _TERMINAL_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)

@@ -23,7 +23,6 @@ from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_col
 from barn_planners.policy.space import ObservationEncoder
 from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -70,7 +69,6 @@ class Episodes:
         self._period_s = simulator.control_period_s
         self._reward_weights = reward_weights(config.reward)
         self._encoder = ObservationEncoder(config.observation)
-        self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
         self._trials: dict[int, RunningTrial] = {}
         self._simulators: dict[int, Simulator] = {}
         # Any scan: all robots have the same lidar.
@@ -112,7 +110,7 @@ class Episodes:
                 spec.simulator,
                 start,
                 seed,
-                self._clients[index],
+                self.batch.scenes,
                 fleet=self.batch.fleet,
                 index=index,
             )
@@ -287,8 +285,6 @@ class Episodes:
 
     def close(self) -> None:
         """Close the physics clients."""
-        for client in self._clients:
-            client.close()
         self.batch.close()
 
 

@@ -30,8 +30,7 @@ _Infos: TypeAlias = dict[int, dict[str, Any]]
 class JackalVectorEnv(SyncVectorEnv):
     """Environments whose robots advance together.
 
-    Everything is as with Gymnasium's SyncVectorEnv, to the last bit, but many times
-    faster.
+    Everything is as with Gymnasium's SyncVectorEnv, to the last bit.
     """
 
     def __init__(
@@ -77,7 +76,7 @@ class JackalVectorEnv(SyncVectorEnv):
             Observations (n, size) and infos.
         """
         mask = (options or {}).get("reset_mask", self._all)
-        # Gymnasium removes the mask from the options and keeps the rows of the others.
+        # Gymnasium returns these rows for environments that the mask leaves out.
         self._env_obs = list(self._observations.copy())
         super().reset(seed=seed, options=options)
         started = np.flatnonzero(mask)

@@ -7,7 +7,12 @@ from importlib import import_module
 
 
 def __getattr__(name: str) -> object:
-    """Return a function or class of `barn_eval.api.results`."""
-    if name.startswith("_"):
+    """Return a function or class of `barn_eval.api.results`, or what it offers."""
+    if name.startswith("_") and name != "__all__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module("barn_eval.api.results"), name)
+
+
+def __dir__() -> list[str]:
+    """Return the modules of this folder and the names of `barn_eval.api.results`."""
+    return sorted({*globals(), *import_module("barn_eval.api.results").__all__})

@@ -59,7 +59,7 @@ def find_parameter_files(folder: Path, planner: str) -> list[Path]:
 
     Args:
         folder: Folder of logs.
-        planner: Name of the planner.
+        planner: Name that the results have for it.
     """
     return sorted(folder.rglob(f"{'?' * 12}_{planner}.parameters.json"))
 
@@ -69,7 +69,7 @@ def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
 
     Args:
         folder: Folder of logs.
-        planner: Name of the planner.
+        planner: Name that the results have for it.
 
     Returns:
         Values by "NODE NAME".
@@ -90,7 +90,7 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
     Args:
         folder: Folder of all logs of the run.
         logs: Folder in it for the file.
-        planner: Name of the planner.
+        planner: Name that the results have for it.
         text: JSON of values by "NODE NAME".
 
     Raises:
@@ -101,8 +101,8 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
         if earlier.get(key, value) != value:
             raise ConfigError(
                 f"{folder.parent}: holds results of another configuration: planner"
-                f" {planner!r}: parameter {key} was {format_value(earlier[key])} there, is"
-                f" {format_value(value)} now; use another folder"
+                f" {planner!r}: parameter {key} was {format_value(earlier[key])} there,"
+                f" is {format_value(value)} now; use another folder"
             )
     digest = hashlib.sha256(text.encode()).hexdigest()
     write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())

@@ -24,7 +24,7 @@ from barn_eval.trials.trial import (
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
@@ -34,8 +34,8 @@ from barn_worlds.base.types import STOP, Velocity2D
 # their presets. No result depends on it.
 _warm: set[tuple[str, str]] = set()
 
-# Of all trials of this process, one after the other; a new client gives the same result.
-_physics_client = PhysicsClient()
+# Physics clients of all trials of this process; new ones give the same results.
+_scenes = ScenePool()
 
 # Wall-clock time that a planner may take to answer [s]. The first answer may have
 # kernels to compile.
@@ -146,7 +146,7 @@ class _DirectTrial:
             spec.simulator,
             spec.course.start,
             spec.simulator_seed,
-            _physics_client,
+            _scenes,
         )
         with closing(simulator), trial.deadline.installed():
             sensors = simulator.sense()
@@ -158,8 +158,8 @@ class _DirectTrial:
                 if self._bag is not None:
                     self._bag.reading(sensors, asked=is_free)
                 is_over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
-                # A planner answers scans, here as over ROS. In between, its last command
-                # stays in force.
+                # A planner answers scans, here as over ROS. In between, its last
+                # command stays in force.
                 has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
                 command: Velocity2D | None = None
                 delay_ns = 0

@@ -19,25 +19,25 @@ from barn_worlds.base.text_files import parse_yaml
 class Parameter:
     """A parameter in a ROS parameter file."""
 
+    # Name of its node, dotted below namespaces.
     node: str
-    """Name of its node, dotted below namespaces."""
 
+    # Dotted name, through nested groups.
     name: str
-    """Dotted name, through nested groups."""
 
+    # Mapping in the content of the file that holds its value.
     group: dict[str, Any]
-    """Mapping in the content of the file that holds its value."""
 
+    # Key of the value in `group`; it may have dots itself.
     key: str
-    """Key of the value in `group`; it may have dots itself."""
 
 
 @dataclass(frozen=True)
 class ParameterFile:
     """A ROS parameter file that a command names."""
 
+    # Place of its path among the words of the command.
     word: int
-    """Place of its path among the words of the command."""
 
     path: str
 
@@ -70,6 +70,7 @@ def change_command(
             words += ["-p", f"{key}:={format_setting_value(value)}"]
         return shlex.join(words), {}
 
+    # A parameter changes in the file that ROS takes it from.
     changed: dict[Path, ParameterFile] = {}
     for key, value in values.items():
         file, parameter = _find_parameter(files, key)
@@ -123,7 +124,7 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
 def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
-    """Return the only parameter "NAME" or "NODE.NAME", and the last file that has it."""
+    """Return the only parameter "NAME" or "NODE.NAME", and its last file."""
     names: set[str] = set()
     # ROS lets a later file override an earlier one.
     for file in reversed(files):

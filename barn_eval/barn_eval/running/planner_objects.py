@@ -29,11 +29,11 @@ Planners: TypeAlias = (
 class PlannerObject:
     """A planner handed over as a Python object."""
 
+    # Name of the planner in the results.
     name: str
-    """Name of the planner in the results."""
 
+    # The class, object or function.
     source: PlannerSource
-    """The class, object or function."""
 
     def make_planner(self) -> Planner:
         """Return the planner of a trial: a new instance of a class, else the object.
@@ -63,8 +63,13 @@ class FunctionPlanner(Planner):
         self._takes_task = _accepts(function, 2)
         self._task: Task | None = None
 
-    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (a function has no randomness of its own)
-        """Begin a trial."""
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (no randomness)
+        """Begin a trial.
+
+        Args:
+            task: Goal and map, for functions that take two arguments.
+            seed: Not used.
+        """
         self._task = task
 
     def step(self, observation: Observation) -> Decision:
@@ -150,6 +155,7 @@ def fingerprint(planner: object) -> str:
     """
     code: Any = planner
     state: Any = None
+    # Functions made by one source differ in what they close over.
     if inspect.isfunction(planner):
         cells = [cell.cell_contents for cell in planner.__closure__ or ()]
         state = (cells, planner.__defaults__, planner.__kwdefaults__)

@@ -20,16 +20,16 @@ ENVIRONMENT = dict.fromkeys(
     "1",
 )
 
+# Takes the result of a part of a job, or a text for the user.
 Emit = Callable[[Any], None]
-"""Takes the result of a part of a job, or a text for the user."""
 
 
 @dataclass(frozen=True)
 class Job:
     """Trials that one worker runs in turn."""
 
+    # Distinguishes the jobs of a run.
     key: str
-    """Distinguishes the jobs of a run."""
 
     trials: tuple[TrialSpec, ...]
 
@@ -45,8 +45,8 @@ class Work(ABC):
     Each worker gets a pickled copy.
     """
 
+    # Whether a job may import modules that only this process's path has.
     needs_import_path = True
-    """Whether a job may import modules that only this process's path has."""
 
     @property
     def isolation(self) -> str:
@@ -62,7 +62,7 @@ class Work(ABC):
         """Run a job.
 
         Args:
-            job: The job.
+            job: What `jobs` returns, or another kind of work.
             emit: Receives results of parts of the job, and texts for the user.
 
         Returns:
@@ -83,10 +83,10 @@ class DirectWork(Work):
 
     store: BagStore
 
+    # Planners that are Python objects, by name.
     planners: Mapping[str, PlannerObject] = field(default_factory=dict)
-    """Planners that are Python objects, by name."""
 
-    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result per job)
+    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result)
         """Run the only trial of a job."""
         # Only workers need the simulator and the planners.
         from barn_eval.running.direct import run_direct_trial, warm_up  # noqa: PLC0415
@@ -103,11 +103,11 @@ class DirectWork(Work):
 class JobReport:
     """A worker's report on a job."""
 
+    # Key of the job.
     key: str
-    """Key of the job."""
 
+    # Name of the worker.
     worker: str
-    """Name of the worker."""
 
 
 @dataclass(frozen=True)
@@ -116,19 +116,19 @@ class PartialResult(JobReport):
 
     result: Any
 
+    # UTC time in ISO 8601.
     started_at: str
-    """UTC time in ISO 8601."""
 
 
 @dataclass(frozen=True)
 class JobResult(JobReport):
     """The last report on a job that ended."""
 
+    # Its result; None if partial results had all of it.
     result: Any
-    """Its result; None if partial results had all of it."""
 
+    # UTC time in ISO 8601.
     started_at: str
-    """UTC time in ISO 8601."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,9 @@ class Notice(JobReport):
     """A line for the user about a job that goes on."""
 
     text: str
+
+    # Whether the user should see it even if nobody watches the run.
+    is_warning: bool = False
 
 
 @dataclass(frozen=True)
@@ -146,11 +149,11 @@ class JobLoss(JobReport):
 
     traceback: str = ""
 
+    # Whether the job exceeded its wall-clock time.
     is_overtime: bool = False
-    """Whether the job exceeded its wall-clock time."""
 
+    # Whether the machine stood still, so that the planner is not to blame.
     is_stall: bool = False
-    """Whether the machine stood still, so that the planner is not to blame."""
 
 
 @dataclass(frozen=True)
@@ -170,11 +173,12 @@ def run_job(
 
     Args:
         work: What to do with the job.
-        key: Key of the job.
-        worker: Name of the worker.
-        job: The job.
+        key: Key of the job, for its reports.
+        worker: Name of the worker, for its reports and its rows.
+        job: What `Work.run` takes.
         send: Receives partial results and notices.
     """
+    # A job of several trials reports the start of each.
     started_at = _now()
 
     def emit(result: object) -> None:
@@ -187,6 +191,7 @@ def run_job(
 
     try:
         return JobResult(key, worker, work.run(job, emit), started_at)
+    # What the user has to change would fail every other attempt as well.
     except BarnError as error:
         return JobRefusal(key, worker, str(error))
     except Exception as error:
@@ -246,8 +251,8 @@ class InlinePool(WorkerPool):
         """Run a job; returns at its end.
 
         Args:
-            key: Key of the job.
-            job: The job.
+            key: Key of the job, which its reports carry.
+            job: What `Work.run` takes.
         """
         report = run_job(self._work, key, "inline", job, self._reports.append)
         self._reports.append(report)

@@ -57,8 +57,8 @@ class ConsoleReporter(Reporter):
         self._bar: Progress
 
     @property
-    def is_interactive(self) -> bool:
-        """Whether somebody watches: a terminal, or a notebook that can show a bar."""
+    def _shows_bar(self) -> bool:
+        # Notebooks need widgets for a bar; without them, they get lines.
         if self._console.is_jupyter:
             return find_spec("ipywidgets") is not None
         return self._console.is_terminal
@@ -74,7 +74,7 @@ class ConsoleReporter(Reporter):
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
         """Show a bar; where nobody watches, print lines and the last state."""
-        if not self.is_interactive:
+        if not self._shows_bar:
             with super().show_progress(progress):
                 yield
             return
@@ -93,7 +93,7 @@ class ConsoleReporter(Reporter):
 
     def update(self, progress: "RunProgress") -> None:
         """Move the bar; where nobody watches, print a line every `LINE_PERIOD_S`."""
-        if not self.is_interactive:
+        if not self._shows_bar:
             super().update(progress)
             return
         for task in self._bar.task_ids:
@@ -102,15 +102,19 @@ class ConsoleReporter(Reporter):
             )
 
 
-def make_reporter(progress: bool) -> Reporter:
+def make_reporter(progress: "bool | Reporter") -> Reporter:
     """Return a reporter for Python users.
 
     Args:
-        progress: Show progress in a terminal or notebook. Elsewhere, and without it, the
-            reporter logs.
+        progress: Whether to show progress in a terminal or notebook; elsewhere, and
+            without it, the reporter logs. Or the reporter itself.
     """
-    reporter = ConsoleReporter(Console(stderr=True))
-    return reporter if progress and reporter.is_interactive else Reporter()
+    if isinstance(progress, Reporter):
+        return progress
+    console = Console(stderr=True)
+    if progress and (console.is_terminal or console.is_jupyter):
+        return ConsoleReporter(console)
+    return Reporter()
 
 
 class RunProgress:
@@ -140,7 +144,9 @@ class RunProgress:
         """Count and tell an event."""
         if isinstance(event, Notice):
             # Workers repeat what they wait for every few seconds.
-            if event.text != self._last_notice:
+            if event.is_warning:
+                self.reporter.warn(event.text)
+            elif event.text != self._last_notice:
                 self.reporter.notify(event.text)
             self._last_notice = event.text
         elif isinstance(event, TrialLoss):
@@ -172,6 +178,7 @@ class RunProgress:
 
     def text(self) -> str:
         """Return rate, real-time factor, remaining time and outcomes."""
+        # Rates are those of this session: earlier ones may have had other workers.
         elapsed_s = max(time.monotonic() - self._start_s, 0.001)
         session_count = self.count - self._earlier_count
         parts = ["starting; new kernels are compiled first"]

@@ -8,7 +8,7 @@ from typing import Any
 
 from barn_eval.trials.protocol import Protocol
 from barn_sim.body.model import description_text
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import PHYSICS_VERSION, SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.robots.robot import Chassis
 

@@ -34,7 +34,7 @@ from barn_eval.verification.plausibility import (
     find_implausible_values,
     recompute_row,
 )
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE
@@ -146,9 +146,9 @@ def _pose_table(poses: list[tuple[float, float, float]]) -> Floats:
 
 
 @cache
-def _physics_client() -> PhysicsClient:
-    """Return the client of all trials of this process, one after the other."""
-    return PhysicsClient()
+def _scenes() -> ScenePool:
+    """Return the physics clients of all trials of this process."""
+    return ScenePool()
 
 
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
@@ -166,9 +166,9 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     log = TrajectoryLog()
     odometry = []
     start = spec.course.start
-    client = _physics_client()
+    scenes = _scenes()
     with closing(
-        Simulator(spec.world, config, start, spec.simulator_seed, client)
+        Simulator(spec.world, config, start, spec.simulator_seed, scenes)
     ) as simulator:
         for linear, angular in commands.tolist():
             stamp_ns = simulator.stamp_ns

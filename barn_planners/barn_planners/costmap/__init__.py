@@ -1,1 +1,1 @@
-"""Costmaps as costmap_2d makes them."""
+"""Costmaps by the rules of costmap_2d: obstacles that a lidar marks, inflated."""

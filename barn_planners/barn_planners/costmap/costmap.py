@@ -1,58 +1,66 @@
-"""Costmaps of the paper's planners by the rules of costmap_2d: obstacles marked by the lidar, inflated by the robot."""
+"""Costmaps of the planners that follow a global plan, by the rules of costmap_2d."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_planners.costmap import inflation, kernels, layers
+from barn_planners.costmap import inflation, marks, obstacle_layer
 from barn_planners.costmap.config import (
     LARGEST_SIDE_M,
     MAX_CELLS,
     CostmapConfig,
     GlobalCostmapConfig,
 )
+from barn_planners.costmap.kernels import (
+    INSCRIBED,
+    LETHAL,
+    Grid,
+    Pose,
+    Window,
+    corners_at,
+    edge_cost,
+)
+from barn_worlds.base.arrays import Points
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
 
-CostArray = npt.NDArray[np.uint8]
-
-FREE = 0
-INSCRIBED = 253
-LETHAL = 254
-
-_BEYOND_M = 1.0  # of the goal that lies on a global costmap without a map
-_EMPTY = (np.iinfo(np.int64).max, 0, np.iinfo(np.int64).max, 0)
+_BEYOND_GOAL_M = 1.0
+_OCCUPIED_PERCENT = 65  # as map_server's occupied_thresh
 
 
-class Beams:
-    """Where the beams of a scan lead, in memory that is used again; the costmaps of one robot share it."""
+class BeamDirections:
+    """Unit vectors of a scan's beams; the costmaps of one robot share them."""
 
     def __init__(self) -> None:
         self._key: tuple[float, float, float, int] | None = None
-        self._directions, self._ends = np.empty((0, 2)), np.empty((0, 2), np.int64)
+        self._directions = np.empty((0, 2))
 
-    def of(
-        self, yaw: float, scan: Scan
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-        """Return the directions of a scan's beams for a lidar at this yaw, and work space for their ends, (n, 2)."""
-        key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
+    def at(self, yaw: float, scan: Scan) -> Points:
+        """Return the directions of a scan's beams.
+
+        Args:
+            yaw: Heading of the lidar in the frame of the directions, in rad.
+            scan: Scan whose angles count.
+
+        Returns:
+            Unit vectors (n, 2); the next call may overwrite them.
+        """
+        beams = len(scan.ranges)
+        key = (yaw, scan.angle_min, scan.angle_increment, beams)
         if key != self._key:
-            if len(self._ends) != len(scan.ranges):
-                self._directions, self._ends = (
-                    np.empty((key[3], 2)),
-                    np.empty((key[3], 2), np.int64),
-                )
-            kernels.point_beams(
+            if len(self._directions) != beams:
+                self._directions = np.empty((beams, 2))
+            marks.point_beams(
                 self._directions, yaw, scan.angle_min, scan.angle_increment
             )
             self._key = key
-        return self._directions, self._ends
+
+        return self._directions
 
 
 class Costmap:
-    """A fixed grid of costs, uint8 (rows, columns), row along y; `update` changes them in place. Nothing is off it."""
+    """A fixed grid of costs; `update` changes them in place."""
 
     def __init__(
         self,
@@ -66,267 +74,283 @@ class Costmap:
             raise ConfigError(
                 f"a costmap must have at most {MAX_CELLS} cells, got {rows} x {cols}"
             )
+
         self.config = config
         self.resolution = resolution
         self.origin_x, self.origin_y = origin
-        self.costs: CostArray = np.zeros((rows, cols), np.uint8)
-        self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
-        self._dirty = np.array(_EMPTY, np.int64)
-        self.beams = Beams()
-        by_square = costs_by_square(config, resolution)
-        self._inflated = (self.costs, by_square, squares_for(by_square))
+        self.beams = BeamDirections()
+        by_square = inflation.costs_by_square(config, resolution)
+        self._layers = inflation.new_layers(rows, cols, by_square)
+        self.costs = self._layers.costs  # (rows, columns), row along y
+
         outline = config.padded_outline_m
-        self.outline = (
-            np.ascontiguousarray(outline[::-1]) if config.clockwise_outline else outline
-        )
-        self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
-        if config.clear_footprint and config.as_costmap_2d and not config.footprint:
-            self._cleared = outline[
-                [2, 1, 0, 3]
-            ]  # lines of cells differ by the end that they begin at
+        self.outline = outline
+        if config.clockwise_outline:
+            self.outline = np.ascontiguousarray(outline[::-1])
+
+        self._clearing_outline = self.outline
+        if not config.clear_footprint:
+            self._clearing_outline = np.empty((0, 2))
+        elif config.as_costmap_2d and not config.footprint:
+            # Cells of a line depend on its direction: costmap_2d starts rear right.
+            self._clearing_outline = outline[[2, 1, 0, 3]]
 
     @property
-    def grid(self) -> tuple[float, float, float]:
-        """Outer corner of the first cell, x and y, and side of a cell, in metres."""
-        return self.origin_x, self.origin_y, self.resolution
+    def grid(self) -> Grid:
+        """Place of the costmap in its frame."""
+        return Grid(self.origin_x, self.origin_y, self.resolution)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar at its pose in base_link."""
-        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        x, y, yaw = (
+        """Clear and mark what a scan shows, and inflate it.
+
+        Args:
+            pose: Pose of base_link in the frame of the grid when the scan was taken.
+            scan: Scan of the lidar.
+            lidar: Pose of the lidar in base_link.
+        """
+        config = self.config
+        c = math.cos(pose.yaw)
+        s = math.sin(pose.yaw)
+        sensor = Pose(
             pose.x + lidar.x * c - lidar.y * s,
             pose.y + lidar.x * s + lidar.y * c,
             pose.yaw + lidar.yaw,
         )
-        if not all(
-            map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))
-        ):
+        numbers = (*sensor, scan.angle_min, scan.angle_increment)
+        if not all(map(math.isfinite, numbers)):
             return
-        limits = (
+
+        # costmap_2d turns points instead of beams.
+        yaw = 0.0 if config.as_costmap_2d else sensor.yaw
+        readings = marks.Readings(
+            self.beams.at(yaw, scan),
+            scan.ranges,
             scan.range_min,
             scan.range_max,
-            self.config.raytrace_range_m,
-            self.config.obstacle_range_m,
+            config.raytrace_range_m,
+            config.obstacle_range_m,
         )
-        changed = (
-            self._lethal,
-            self._dirty,
-            *self._inflated,
+        observe = obstacle_layer.observe if config.as_costmap_2d else marks.observe
+        observe(
+            self._layers.marks,
             self.grid,
-            (pose.x, pose.y, pose.yaw),
+            Pose(pose.x, pose.y, pose.yaw),
+            sensor,
+            readings,
+            self._clearing_outline,
         )
-        own = self.config.as_costmap_2d  # then beams are in the lidar's own frame
-        directions, ends = self.beams.of(0.0 if own else yaw, scan)
-        if own:
-            seen = (
-                (x, y, yaw),
-                directions,
-                scan.ranges,
-                limits,
-                self._cleared,
-                self.config.inflates_by_front,
-            )
-            layers.observe(*changed, *seen)
-        else:
-            kernels.observe(
-                *changed, (x, y), directions, ends, scan.ranges, limits, self._cleared
-            )
+        by_front = config.as_costmap_2d and config.inflates_by_front
+        inflation.refresh(self._layers, by_front)
 
     def reset(self) -> None:
-        """Clear all marks."""
-        self.clear_outside(Pose2D(math.inf, math.inf, 0.0), 0.0)
+        """Clear all marks of the lidar."""
+        self._clear_outside(Window(0, 0, 0, 0))
 
     def clear_outside(self, pose: Pose2D, side_m: float) -> None:
-        """Clear the marks outside a square of this side around the pose."""
-        window = (0, 0, 0, 0)
-        if math.isfinite(pose.x) and math.isfinite(pose.y):
-            row, col = self.cell(pose.x - side_m / 2.0, pose.y - side_m / 2.0)
-            end_row, end_col = self.cell(pose.x + side_m / 2.0, pose.y + side_m / 2.0)
-            window = (row, end_row + 1, col, end_col + 1)
-        kernels.clear_outside(self._lethal, self._dirty, *window)
-        inflation.refresh(
-            self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front
-        )
+        """Clear the marks of the lidar outside a square.
+
+        Args:
+            pose: Center of the square; all marks are cleared if it is not finite.
+            side_m: Side of the square.
+        """
+        if not (math.isfinite(pose.x) and math.isfinite(pose.y)):
+            self.reset()
+            return
+
+        half_m = side_m / 2.0
+        row, col = self.cell(pose.x - half_m, pose.y - half_m)
+        last_row, last_col = self.cell(pose.x + half_m, pose.y + half_m)
+        self._clear_outside(Window(row, last_row + 1, col, last_col + 1))
+
+    def _clear_outside(self, window: Window) -> None:
+        marks.clear_outside(self._layers.marks, window)
+        inflation.refresh(self._layers, self.config.inflates_by_front)
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return (row, column) of the cell of a point, which may lie off the grid."""
-        return math.floor((y - self.origin_y) / self.resolution), math.floor(
-            (x - self.origin_x) / self.resolution
-        )
+        """Return the cell (row, column) of a point, which may lie off the grid.
+
+        Args:
+            x: Coordinate in m in the frame of the grid; it must be finite, as `y`.
+            y: Coordinate in m.
+        """
+        row = math.floor((y - self.origin_y) / self.resolution)
+        col = math.floor((x - self.origin_x) / self.resolution)
+        return row, col
 
     def world_to_cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Return (row, column) of the cell of a point in metres, None if it is off the grid or not finite."""
+        """Return the cell (row, column) of a point.
+
+        Args:
+            x: Coordinate in m in the frame of the grid, as `y`.
+            y: Coordinate in m.
+
+        Returns:
+            None off the grid or if a coordinate is not finite.
+        """
         if not (math.isfinite(x) and math.isfinite(y)):
             return None
+
         row, col = self.cell(x, y)
         rows, cols = self.costs.shape
-        return (row, col) if 0 <= row < rows and 0 <= col < cols else None
+        if 0 <= row < rows and 0 <= col < cols:
+            return row, col
+        return None
 
     def cost_at(self, x: float, y: float) -> int | None:
-        """Return the cost at a point in metres, None off the grid."""
+        """Return the cost at a point, None off the grid.
+
+        Args:
+            x: Coordinate in m in the frame of the grid, as `y`.
+            y: Coordinate in m.
+        """
         cell = self.world_to_cell(x, y)
         return None if cell is None else int(self.costs[cell])
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
-        """Tell whether the edges of the padded footprint at a pose (m, rad) are free and on the grid."""
-        return bool(
-            kernels.edge_cost(
-                self.costs, kernels.placed(self.outline, x, y, yaw), *self.grid
-            )
-            >= 0
-        )
+        """Return whether the edges of the padded footprint are free and on the grid.
+
+        Args:
+            x: Position of base_link in m in the frame of the grid, as `y`.
+            y: Position of base_link in m.
+            yaw: Heading in rad.
+        """
+        corners = corners_at(self.outline, Pose(x, y, yaw))
+        return edge_cost(self.costs, corners, *self.grid) >= 0
 
     def as_map(self) -> OccupancyMap:
-        """Return the costs as an occupancy grid for display: 0 free, 99 inscribed, 100 lethal, scaled between."""
-        shown = np.minimum(self.costs.astype(np.int16) * 98 // 252, 98)
-        shown[self.costs == INSCRIBED] = 99
-        shown[self.costs == LETHAL] = 100
+        """Return the costs as nav2_costmap_2d publishes them.
+
+        Free cells are 0, inscribed ones 99, lethal ones 100; others are scaled to 1..98.
+        """
+        data = np.minimum(self.costs.astype(np.int16) * 98 // 252, 98)
+        data[self.costs == INSCRIBED] = 99
+        data[self.costs == LETHAL] = 100
         return OccupancyMap(
-            shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y
+            data.astype(np.int8), self.resolution, self.origin_x, self.origin_y
         )
 
 
 class RollingCostmap(Costmap):
-    """A square grid that follows the robot in steps of whole cells; marks that leave it are lost."""
+    """A square grid that follows the robot in whole cells; marks that leave it are lost.
+
+    The grid has no place before the first update.
+    """
 
     def __init__(self, config: CostmapConfig):
         cells = round(config.size_m / config.resolution_m)
         super().__init__(config, cells, cells, config.resolution_m, (0.0, 0.0))
-        self._placed = False
+        self._is_placed = False
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Centre the grid on the robot, then add the scan."""
+        """Center the grid on the robot, then do what `Costmap.update` does.
+
+        Args:
+            pose: Pose of base_link in the frame of the grid when the scan was taken.
+            scan: Scan of the lidar.
+            lidar: Pose of the lidar in base_link.
+        """
         if math.isfinite(pose.x) and math.isfinite(pose.y):
-            self._follow(pose)
+            if self.config.as_costmap_2d:
+                self._follow_as_costmap_2d(pose)
+            else:
+                self._follow(pose)
         super().update(pose, scan, lidar)
 
     def reset(self) -> None:
-        """Clear all marks and the position of the grid."""
+        """Clear all marks and forget the place of the grid."""
         super().reset()
-        self._placed = False
+        self._is_placed = False
 
     def _follow(self, pose: Pose2D) -> None:
         rows, cols = self.costs.shape
-        if self.config.as_costmap_2d:
-            # once the window is a whole cell off, on either side, from a corner that adds up its steps
-            d_row = int(
-                (pose.y - 0.5 * ((rows - 0.5) * self.resolution) - self.origin_y)
-                / self.resolution
-            )
-            d_col = int(
-                (pose.x - 0.5 * ((cols - 0.5) * self.resolution) - self.origin_x)
-                / self.resolution
-            )
-            self.origin_x += d_col * self.resolution
-            self.origin_y += d_row * self.resolution
-            self._shift(d_row, d_col)
-            return
         corner_row = math.floor(pose.y / self.resolution) - rows // 2
         corner_col = math.floor(pose.x / self.resolution) - cols // 2
         d_row = corner_row - round(self.origin_y / self.resolution)
         d_col = corner_col - round(self.origin_x / self.resolution)
-        if self._placed and max(abs(d_row), abs(d_col)) < self.config.recentre_cells:
+        distance = max(abs(d_row), abs(d_col))
+        if self._is_placed and distance < self.config.recentre_cells:
             return
-        self.origin_x, self.origin_y = (
-            corner_col * self.resolution,
-            corner_row * self.resolution,
-        )
+
+        self.origin_x = corner_col * self.resolution
+        self.origin_y = corner_row * self.resolution
+        self._shift(d_row, d_col)
+
+    def _follow_as_costmap_2d(self, pose: Pose2D) -> None:
+        """Follow as `Costmap2D::updateOrigin`.
+
+        The cast to int lets the grid wait until it is a whole cell off on either side.
+        Its size in meters leaves out half a cell, and the origin adds up its steps.
+        """
+        rows, cols = self.costs.shape
+        corner_y = pose.y - 0.5 * ((rows - 0.5) * self.resolution)
+        corner_x = pose.x - 0.5 * ((cols - 0.5) * self.resolution)
+        d_row = int((corner_y - self.origin_y) / self.resolution)
+        d_col = int((corner_x - self.origin_x) / self.resolution)
+        self.origin_x += d_col * self.resolution
+        self.origin_y += d_row * self.resolution
         self._shift(d_row, d_col)
 
     def _shift(self, d_row: int, d_col: int) -> None:
-        if not self._placed:
-            self._placed = True
-        elif d_row or d_col:
-            inflation.shift(self._lethal, *self._inflated, d_row, d_col)
+        if self._is_placed and (d_row or d_col):
+            inflation.shift(self._layers, d_row, d_col)
+        self._is_placed = True
 
 
 class MapCostmap(Costmap):
-    """The grid of a known map with its obstacles and, if configured, the marks of the lidar."""
+    """The grid of a map with its obstacles and, if configured, the lidar's marks."""
 
-    def __init__(self, config: GlobalCostmapConfig, known: OccupancyMap):
-        # single precision, as in the message, so that a map gives the same cells before and after sending
-        resolution = float(np.float32(known.resolution))
-        factor = (
-            1
-            if config.map_resolution
-            else max(1, round(resolution / config.resolution_m))
-        )
-        rows, cols = known.data.shape[0] * factor, known.data.shape[1] * factor
-        super().__init__(
-            config, rows, cols, resolution / factor, (known.origin_x, known.origin_y)
-        )
-        self._marks = config.lidar_marks
+    def __init__(self, config: GlobalCostmapConfig, occupancy: OccupancyMap):
+        # Single precision, as in the message: a map gives the same cells before and
+        # after sending.
+        resolution = float(np.float32(occupancy.resolution))
+        factor = 1
+        if not config.map_resolution:
+            factor = max(1, round(resolution / config.resolution_m))
+
+        rows = occupancy.data.shape[0] * factor
+        cols = occupancy.data.shape[1] * factor
+        origin = (occupancy.origin_x, occupancy.origin_y)
+        super().__init__(config, rows, cols, resolution / factor, origin)
+        self._lidar_marks = config.lidar_marks
         if config.static_layer:
-            occupied = np.repeat(
-                np.repeat(known.data >= 65, factor, axis=0), factor, axis=1
-            )
-            self._lethal[occupied] = kernels.STATIC
-            self._dirty[:] = (0, rows, 0, cols)
-            inflation.refresh(
-                self._lethal,
-                *self._inflated,
-                self._dirty,
-                self.config.inflates_by_front,
-            )
+            occupied = occupancy.data >= _OCCUPIED_PERCENT
+            occupied = occupied.repeat(factor, axis=0).repeat(factor, axis=1)
+            self._layers.marks.cells[occupied] = marks.STATIC
+            self._layers.marks.bounds[:] = (0, rows, 0, cols)
+            inflation.refresh(self._layers, config.inflates_by_front)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Add the scan, if lidar marks are configured."""
-        if self._marks:
+        """Do what `Costmap.update` does if lidar marks are configured.
+
+        Args:
+            pose: Pose of base_link in the map frame when the scan was taken.
+            scan: Scan of the lidar.
+            lidar: Pose of the lidar in base_link.
+        """
+        if self._lidar_marks:
             super().update(pose, scan, lidar)
 
 
 def global_costmap(
-    config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D
+    config: GlobalCostmapConfig, occupancy: OccupancyMap | None, goal: Pose2D
 ) -> Costmap:
-    """Return the costmap of the global plan: on the map if there is one, else around the robot at the origin."""
-    if known is not None:
-        return MapCostmap(config, known)
+    """Return the costmap of the global plan.
+
+    Args:
+        config: Its configuration.
+        occupancy: Map to plan on. Without one, the costmap rolls with the robot.
+        goal: Goal of the trial in the planning frame. A rolling costmap is made large
+            enough to contain it when the robot is at the origin, within limits.
+    """
+    if occupancy is not None:
+        return MapCostmap(config, occupancy)
+
     reach_m = (
         max(abs(goal.x), abs(goal.y))
         + (config.recentre_cells + 1) * config.resolution_m
-        + _BEYOND_M
+        + _BEYOND_GOAL_M
     )
-    within_limits = (
-        2.0 * reach_m <= LARGEST_SIDE_M
-        and (2.0 * reach_m / config.resolution_m) ** 2 <= MAX_CELLS
-    )
-    return RollingCostmap(
-        replace(config, size_m=max(config.size_m, 2.0 * reach_m))
-        if within_limits
-        else config
-    )
-
-
-def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
-    """Return the costs by the square of the distance d in cells to a lethal cell, uint8 ((n + 1)^2 + n^2 + 1,).
-
-    254 at 0, 253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) up to the inflation radius.
-    """
-    soft = (
-        math.ceil(config.inflation_radius_m / resolution - 1e-9)
-        if config.soft_costs
-        else 0
-    )
-    reach = max(soft, math.floor(config.inscribed_m / resolution + 1e-9))
-    costs = np.zeros((reach + 1) ** 2 + reach**2 + 1, np.uint8)
-    for row, col in np.ndindex(reach + 1, reach + 1):
-        cells = math.hypot(row, col)
-        beyond = cells * resolution - config.inscribed_m
-        if beyond <= 1e-9:
-            costs[row**2 + col**2] = INSCRIBED
-        elif cells <= soft:
-            costs[row**2 + col**2] = int(
-                252.0 * math.exp(-config.cost_scaling_per_m * beyond)
-            )
-    costs[0] = LETHAL
-    return costs
-
-
-def squares_for(by_square: CostArray) -> npt.NDArray[np.unsignedinteger]:
-    """Return the squares that inflation by the costs of `costs_by_square` needs, in a type that holds their sums."""
-    squares = np.arange(math.isqrt((len(by_square) - 1) // 2) + 2, dtype=np.uint32) ** 2
-    return (
-        squares.astype(np.uint16)
-        if 2 * squares[-1] <= np.iinfo(np.uint16).max
-        else squares
-    )
+    side_m = 2.0 * reach_m
+    if side_m <= LARGEST_SIDE_M and (side_m / config.resolution_m) ** 2 <= MAX_CELLS:
+        config = replace(config, size_m=max(config.size_m, side_m))
+    return RollingCostmap(config)

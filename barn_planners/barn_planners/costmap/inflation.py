@@ -1,282 +1,427 @@
-"""Compiled loops of a costmap's inflation: where marks have changed, and when a grid moves with the robot.
+"""Inflation of a costmap's obstacles: costs by the distance to the nearest lethal cell.
 
-Layers and `dirty` are those of `kernels`. costs: uint8 [row, column], the highest where the cell is lethal.
-by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of the distance in cells to the nearest lethal cell; 0
-from (n + 1)^2 on. squares: (n + 2,), those of 0 to n + 1, in an unsigned type that holds twice the last one.
+`inflate` computes exact distances. `inflate_by_front` repeats costmap_2d's inflation
+layer (plugins/inflation_layer.cpp), which approximates them.
 """
 
+import math
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+import numpy.typing as npt
 
-_MOST_BOXES = 32
-_BAND = 64  # rows, which a cache holds
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.kernels import (
+    INSCRIBED,
+    LETHAL,
+    Cell,
+    Window,
+    grow_window,
+    is_on_grid,
+)
+from barn_planners.costmap.marks import Marks
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Integers, MediumIntegers
 
+_MAX_BOXES = 32
+_BAND_ROWS = 64  # so many rows fit into the processor's cache
+_NO_BOUNDS = (np.iinfo(np.int64).max, 0, np.iinfo(np.int64).max, 0)
 
-@njit(cache=True)
-def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: ignore[no-untyped-def]
-    """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window."""
-    if dirty[1] <= dirty[0]:
-        return
-    rows, cols = lethal.shape
-    reach = len(squares) - 2
-    boxes = np.empty((_MOST_BOXES, 4), np.int64)
-    for k in range(
-        _changed_boxes(lethal, costs, dirty, by_square[0], 2 * reach, boxes)
-    ):
-        row_lo, row_hi = max(0, boxes[k, 0] - reach), min(rows, boxes[k, 1] + reach)
-        col_lo, col_hi = max(0, boxes[k, 2] - reach), min(cols, boxes[k, 3] + reach)
-        if by_front:
-            inflate_by_front(
-                lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi
-            )
-        else:
-            inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
-    far = np.iinfo(np.int64).max
-    dirty[0], dirty[1], dirty[2], dirty[3] = far, 0, far, 0
+Squares = npt.NDArray[np.unsignedinteger]
 
 
-@njit(cache=True)
-def _changed_boxes(lethal, costs, dirty, highest, near, boxes):  # type: ignore[no-untyped-def]
-    """Find boxes (windows as `dirty`, `near` apart) of cells that changed; return how many, one if too many."""
-    count = 0
-    for row in range(dirty[0], dirty[1]):
-        marked, cost = lethal[row, dirty[2] : dirty[3]], costs[row, dirty[2] : dirty[3]]
-        changed = False
-        for col in range(len(marked)):
-            changed |= (marked[col] != 0) != (cost[col] == highest)
-        if not changed:
-            continue
-        for k in range(len(marked)):
-            if (marked[k] != 0) != (cost[k] == highest):
-                count = _join(boxes, count, row, dirty[2] + k, near)
-                if count > len(boxes):
-                    boxes[0] = dirty
-                    return 1
-    return count
+class Layers(NamedTuple):
+    """Obstacles and costs of a grid, and what inflation needs to know of the robot."""
+
+    marks: Marks
+    costs: Bytes  # (rows, columns), 254 exactly where a cell is marked
+    # Cost by the square of the distance in cells, ((n + 1)^2 + n^2 + 1,) where n is the
+    # reach of inflation in cells; 0 from (n + 1)^2 on.
+    by_square: Bytes
+    # Squares of 0 to n + 1, in an unsigned type that holds twice the last one. The
+    # smaller the type is, the more cells a vectorized loop takes at once.
+    squares: Squares
 
 
-@njit(cache=True)
-def _join(boxes, count, row, col, near):  # type: ignore[no-untyped-def]
-    """Add a cell to the first box near by, or a new one where there is room; return their number with it."""
-    for k in range(count):
-        box = boxes[k]
-        if (
-            box[0] - near <= row < box[1] + near
-            and box[2] - near <= col < box[3] + near
-        ):
-            box[0], box[1] = min(box[0], row), max(box[1], row + 1)
-            box[2], box[3] = min(box[2], col), max(box[3], col + 1)
-            return count
-    if count < len(boxes):
-        boxes[count, 0], boxes[count, 1], boxes[count, 2], boxes[count, 3] = (
-            row,
-            row + 1,
-            col,
-            col + 1,
-        )
-    return count + 1
+class _Front(NamedTuple):
+    """Cells that wait for a front, in a linked list for each square of the distance."""
+
+    # Of each entry: row and column of the cell, row and column of the lethal cell that
+    # its front comes from, next entry of the list or -1.
+    entries: MediumIntegers
+    # First and last entry of each list, -1 if it is empty.
+    first: MediumIntegers
+    last: MediumIntegers
 
 
-@njit(cache=True)
-def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-untyped-def]
-    """Move a grid: cell (i, j) gets what was in (i + d_row, j + d_col); costs beside the edges are recomputed."""
-    rows, cols = lethal.shape
-    _move(lethal, d_row, d_col)
-    _move(costs, d_row, d_col)
-    reach = len(squares) - 2
+def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
+    """Return the cost of a cell by the square of its distance to a lethal one.
+
+    Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0, 253
+    up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d up to
+    the inflation radius.
+
+    Args:
+        config: Radii and scaling.
+        resolution: Side of a cell in m.
+
+    Returns:
+        Costs ((n + 1)^2 + n^2 + 1,) by the square in cells, where n is the reach of
+        inflation in cells.
+    """
+    soft_reach = 0
+    if config.soft_costs:
+        soft_reach = math.ceil(config.inflation_radius_m / resolution - 1e-9)
+    reach = max(soft_reach, math.floor(config.inscribed_m / resolution + 1e-9))
+
+    costs = np.zeros((reach + 1) ** 2 + reach**2 + 1, np.uint8)
+    for row, col in np.ndindex(reach + 1, reach + 1):
+        cells = math.hypot(row, col)
+        beyond_m = cells * resolution - config.inscribed_m
+        if beyond_m <= 1e-9:
+            costs[row**2 + col**2] = INSCRIBED
+        elif cells <= soft_reach:
+            decay = math.exp(-config.cost_scaling_per_m * beyond_m)
+            costs[row**2 + col**2] = int(252.0 * decay)
+
+    costs[0] = LETHAL
+    return costs
+
+
+def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
+    """Return the layers of a grid without obstacles.
+
+    Args:
+        rows: Number of rows.
+        cols: Number of columns.
+        by_square: Costs from `costs_by_square`.
+    """
+    reach = math.isqrt((len(by_square) - 1) // 2)
+    squares: Squares = np.arange(reach + 2, dtype=np.uint32) ** 2
+    if 2 * squares[-1] <= np.iinfo(np.uint16).max:
+        squares = squares.astype(np.uint16)
+
+    cells = np.zeros((rows, cols), np.uint8)
+    marks = Marks(cells, np.array(_NO_BOUNDS))
+    return Layers(marks, np.zeros_like(cells), by_square, squares)
+
+
+@kernel
+def shift(layers: Layers, d_row: int, d_col: int) -> None:
+    """Move the grid over the ground: cell (i, j) gets what (i + d_row, j + d_col) had.
+
+    Args:
+        layers: Layers to change in place; their costs must be up to date.
+        d_row: Rows by which the grid moves.
+        d_col: Columns by which the grid moves.
+    """
+    rows, cols = layers.costs.shape
+    _shift_cells(layers.marks.cells, d_row, d_col)
+    _shift_cells(layers.costs, d_row, d_col)
+
+    # Inflation from what has left the grid ends, and reaches into what has come in.
+    reach = len(layers.squares) - 2
     if d_row != 0:
-        for low, high in (
-            ((0, reach), (rows - d_row, rows))
-            if d_row > 0
-            else ((rows - reach, rows), (0, -d_row))
-        ):
-            _inflate_strip(lethal, costs, by_square, squares, low, high, 0, cols)
+        for row, end_row in _edge_strips(rows, d_row, reach):
+            _inflate_strip(layers, Window(row, end_row, 0, cols))
     if d_col != 0:
-        for low, high in (
-            ((0, reach), (cols - d_col, cols))
-            if d_col > 0
-            else ((cols - reach, cols), (0, -d_col))
-        ):
-            _inflate_strip(lethal, costs, by_square, squares, 0, rows, low, high)
+        for col, end_col in _edge_strips(cols, d_col, reach):
+            _inflate_strip(layers, Window(0, rows, col, end_col))
 
 
-@njit(cache=True)
-def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window, which may extend beyond the grid, where costs are near."""
-    rows, cols = costs.shape
-    reach = len(squares) - 2
-    top, bottom, left, right = rows, -1, cols, -1
-    for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
-        for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
-            if costs[row, col]:
-                top, bottom, left, right = (
-                    min(top, row),
-                    row,
-                    min(left, col),
-                    max(right, col),
-                )
-    row_lo, row_hi = max(0, row_lo, top - reach), min(rows, row_hi, bottom + reach + 1)
-    col_lo, col_hi = max(0, col_lo, left - reach), min(cols, col_hi, right + reach + 1)
-    if row_lo < row_hi and col_lo < col_hi:
-        inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
-
-
-@njit(cache=True)
-def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
-    """Move the cells of a layer as `shift` does, in place."""
+@kernel
+def _shift_cells(layer: Bytes, d_row: int, d_col: int) -> None:
+    """Move the cells of a layer as `shift` does, in place; what comes in is 0."""
     rows, cols = layer.shape
     if abs(d_row) >= rows or abs(d_col) >= cols:
         layer[:] = 0
         return
-    cells, before, step = (
-        layer.reshape(rows * cols),
-        layer.copy().reshape(rows * cols),
-        d_row * cols + d_col,
-    )
-    source, target = (before[step:], cells) if step > 0 else (before, cells[-step:])
-    for k in range(len(cells) - abs(step)):
+
+    # All cells move by one step on a flat grid. Loops over rows would take longer.
+    step = d_row * cols + d_col
+    cells = layer.reshape(layer.size)
+    before = cells.copy()
+    source = before[max(0, step) :]
+    target = cells[max(0, -step) :]
+    for k in range(layer.size - abs(step)):
         target[k] = source[k]
-    if d_row > 0:
-        layer[rows - d_row :] = 0
-    else:
-        layer[:-d_row] = 0
-    if d_col > 0:
-        layer[:, cols - d_col :] = 0
-    else:
-        layer[:, :-d_col] = 0
+
+    # The step carries cells across the edges, so what has come in is cleared last.
+    layer[max(0, rows - d_row) :] = 0
+    layer[: max(0, -d_row)] = 0
+    layer[:, max(0, cols - d_col) :] = 0
+    layer[:, : max(0, -d_col)] = 0
 
 
-@njit(cache=True)
-def inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window by the distance of each cell to the nearest lethal one, in long lines."""
+@kernel
+def _inflate_strip(layers: Layers, strip: Window) -> None:
+    """Recompute the costs in a strip, which may reach beyond the grid."""
+    rows, cols = layers.costs.shape
+    near = grow_window(strip, len(layers.squares) - 2, rows, cols)
+    if layers.costs[near.row : near.end_row, near.col : near.end_col].any():
+        inflate(layers, grow_window(strip, 0, rows, cols))
+
+
+@kernel
+def _edge_strips(
+    count: int, step: int, reach: int
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return first and end of the rows (or columns) at both edges after a shift."""
+    if step > 0:
+        return (0, reach), (count - step, count)
+    return (count - reach, count), (0, -step)
+
+
+@kernel
+def refresh(layers: Layers, by_front: bool) -> None:
+    """Bring the costs up to date where marks have changed, and empty the bounds.
+
+    Args:
+        layers: Layers to change in place.
+        by_front: Whether costs come from costmap_2d's front, not from exact distances.
+    """
+    bounds = layers.marks.bounds
+    if bounds[1] <= bounds[0]:
+        return
+
+    rows, cols = layers.costs.shape
+    reach = len(layers.squares) - 2
+    boxes = np.empty((_MAX_BOXES, 4), np.int64)
+    for k in range(_find_changes(layers, boxes, 2 * reach)):
+        box = Window(boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3])
+        window = grow_window(box, reach, rows, cols)
+        if by_front:
+            inflate_by_front(layers, window)
+        else:
+            inflate(layers, window)
+
+    for k in range(4):
+        bounds[k] = _NO_BOUNDS[k]
+
+
+@kernel
+def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
+    """Write boxes around the cells that became or ceased to be lethal.
+
+    Boxes lie at least `distance` cells apart. Returns their number; if they are too many,
+    the only one covers the bounds.
+    """
+    bounds = layers.marks.bounds
+    count = 0
+    for row in range(bounds[0], bounds[1]):
+        marks = layers.marks.cells[row, bounds[2] : bounds[3]]
+        costs = layers.costs[row, bounds[2] : bounds[3]]
+
+        # Most rows have not changed, which this loop without a branch tells quickly.
+        is_different = False
+        for k in range(len(marks)):
+            is_different |= (marks[k] != 0) != (costs[k] == LETHAL)
+        if not is_different:
+            continue
+
+        for k in range(len(marks)):
+            if (marks[k] != 0) != (costs[k] == LETHAL):
+                count = _add_to_boxes(boxes, count, row, bounds[2] + k, distance)
+                if count > len(boxes):
+                    boxes[0] = bounds
+                    return 1
+
+    return count
+
+
+@kernel
+def _add_to_boxes(
+    boxes: Integers, count: int, row: int, col: int, distance: int
+) -> int:
+    """Extend the first box near a cell, or add a box if there is room.
+
+    Returns the number of boxes, one more than there is room for if the cell needs one.
+    """
+    for k in range(count):
+        box = boxes[k]
+        if (
+            box[0] - distance <= row < box[1] + distance
+            and box[2] - distance <= col < box[3] + distance
+        ):
+            box[0] = min(box[0], row)
+            box[1] = max(box[1], row + 1)
+            box[2] = min(box[2], col)
+            box[3] = max(box[3], col + 1)
+            return count
+
+    if count < len(boxes):
+        boxes[count, 0] = row
+        boxes[count, 1] = row + 1
+        boxes[count, 2] = col
+        boxes[count, 3] = col + 1
+    return count + 1
+
+
+@kernel
+def inflate(layers: Layers, window: Window) -> None:
+    """Recompute costs by the distance of each cell to the nearest lethal one.
+
+    The square of the distance is the least sum of two squares, so it takes one pass
+    along the columns and one along the rows.
+
+    Args:
+        layers: Layers; their costs change in place.
+        window: Cells of the grid to recompute.
+    """
+    squares = layers.squares
     reach = len(squares) - 2
-    width = col_hi - col_lo + 2 * reach
-    band = min(_BAND, row_hi - row_lo)
-    marks = np.empty((band + 2 * reach, width), squares.dtype)
-    upright, nearest = (
-        np.empty(band * width, squares.dtype),
-        np.empty(band * width, squares.dtype),
-    )
-    for first in range(row_lo, row_hi, band):
-        count = min(band, row_hi - first)
-        _copy_marks(
-            lethal,
-            marks,
-            first - reach,
-            first + count + reach,
-            col_lo - reach,
-            squares[reach + 1],
-        )
-        _spread(marks.reshape(marks.size), upright[: count * width], width, squares)
+    width = window.end_col - window.col + 2 * reach
+    band = min(_BAND_ROWS, window.end_row - window.row)
+    seeds = np.empty((band + 2 * reach, width), squares.dtype)
+    upright = np.empty(band * width, squares.dtype)
+    nearest = np.empty(band * width, squares.dtype)
+    for first in range(window.row, window.end_row, _BAND_ROWS):
+        count = min(band, window.end_row - first)
+        used = seeds[: count + 2 * reach]
+        _seed(layers.marks.cells, used, first - reach, window.col - reach, squares[-1])
+        _spread(seeds.reshape(seeds.size), upright[: count * width], width, squares)
         _spread(upright, nearest[: count * width - 2 * reach], 1, squares)
         for row in range(count):
-            line, found = (
-                costs[first + row, col_lo:col_hi],
-                nearest[row * width : (row + 1) * width],
-            )
-            for col in range(len(line)):
-                line[col] = by_square[found[col]]
+            costs = layers.costs[first + row, window.col : window.end_col]
+            distances = nearest[row * width : (row + 1) * width]
+            for col in range(len(costs)):
+                costs[col] = layers.by_square[distances[col]]
 
 
-@njit(cache=True)
-def _copy_marks(lethal, marks, row_lo, row_hi, col_lo, far):  # type: ignore[no-untyped-def]
-    """Write 0 where a cell is lethal, else `far`, also off the grid; the first cell of `marks` is (row_lo, col_lo)."""
-    rows, cols = lethal.shape
-    first, end = max(0, col_lo), min(cols, col_lo + marks.shape[1])
-    if row_lo < 0 or row_hi > rows or end - first < marks.shape[1]:
-        marks[:] = far
-    for row in range(max(0, row_lo), min(rows, row_hi)):
-        seen, mark = (
-            lethal[row, first:end],
-            marks[row - row_lo, first - col_lo : end - col_lo],
-        )
-        for col in range(len(seen)):
-            mark[col] = 0 if seen[col] else far
+@kernel
+def _seed(
+    marks: Bytes, seeds: Squares, first_row: int, first_col: int, far: int
+) -> None:
+    """Write 0 where a cell is lethal, else `far`, also off the grid.
 
-
-@njit(cache=True)
-def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
-    """Write the least of square plus squared offset, up to n to both sides; nearest[0] is for found[n * apart]."""
-    reach = len(squares) - 2
-    centre = found[reach * apart :]
-    for k in range(len(nearest)):
-        nearest[k] = centre[k]
-    for offset in range(1, reach + 1):
-        more = squares[offset]
-        before, after = (
-            found[(reach - offset) * apart :],
-            found[(reach + offset) * apart :],
-        )
-        for k in range(len(nearest)):
-            # In the type of the squares, so that the loop takes as many cells at once as possible.
-            here = squares.dtype.type(min(before[k], after[k]) + more)
-            nearest[k] = min(nearest[k], here)
-
-
-@njit(cache=True)
-def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window as costmap_2d does: by a front that spreads from lethal cells to neighbours.
-
-    A cell gets the cost of the distance to the lethal cell whose front reaches it first, which is not the nearest where
-    that one's way is barred. Equals are taken in the order in which they were reached, lethal ones row by row.
+    The first of the seeds is that of the cell (first_row, first_col).
     """
-    (rows, cols), reach = lethal.shape, len(squares) - 2
-    top, left = max(0, row_lo - reach), max(0, col_lo - reach)
-    bottom, right = min(rows, row_hi + reach), min(cols, col_hi + reach)
-    height, width, ends = bottom - top, right - left, reach * reach + 1
-    nearest = np.full(
-        height * width, ends, np.int32
-    )  # the square with which a cell waits or was taken
-    queue = (
-        np.empty((5 * height * width, 3), np.int32),
-        np.full(ends, -1, np.int32),
-        np.full(ends, -1, np.int32),
+    rows, cols = marks.shape
+    end_row = first_row + seeds.shape[0]
+    col = max(0, first_col)
+    end_col = min(cols, first_col + seeds.shape[1])
+    if first_row < 0 or end_row > rows or end_col - col < seeds.shape[1]:
+        seeds[:] = far
+    for row in range(max(0, first_row), min(rows, end_row)):
+        source = marks[row, col:end_col]
+        target = seeds[row - first_row, col - first_col : end_col - first_col]
+        for k in range(len(source)):
+            target[k] = 0 if source[k] else far
+
+
+@kernel
+def _spread(source: Squares, nearest: Squares, stride: int, squares: Squares) -> None:
+    """Write the least sum of a value and the square of its offset, n to both sides.
+
+    Offsets count in strides of the flat source; nearest[0] belongs to
+    source[n * stride].
+    """
+    reach = len(squares) - 2
+    center = source[reach * stride :]
+    for k in range(len(nearest)):
+        nearest[k] = center[k]
+    for offset in range(1, reach + 1):
+        square = squares[offset]
+        before = source[(reach - offset) * stride :]
+        after = source[(reach + offset) * stride :]
+        for k in range(len(nearest)):
+            # In the type of the squares, or numba would widen the whole loop.
+            distance = squares.dtype.type(min(before[k], after[k]) + square)
+            nearest[k] = min(nearest[k], distance)
+
+
+@kernel
+def inflate_by_front(layers: Layers, window: Window) -> None:
+    """Recompute costs by a front that spreads from lethal cells to their neighbors.
+
+    Follows costmap_2d's `InflationLayer::updateCosts`. A cell gets the cost of the
+    distance to the lethal cell whose front comes first. That is not the nearest one
+    where other fronts bar its way. Of equal distances the first in the queue counts;
+    lethal cells enter it row by row.
+
+    Args:
+        layers: Layers; their costs change in place.
+        window: Cells of the grid to recompute.
+    """
+    marks = layers.marks.cells
+    costs = layers.costs
+    rows, cols = costs.shape
+    reach = len(layers.squares) - 2
+    area = grow_window(window, reach, rows, cols)
+    height = area.end_row - area.row
+    width = area.end_col - area.col
+
+    # The least square with which a cell waits or the front has taken it.
+    end_square = reach * reach + 1
+    nearest = np.full((height, width), end_square, np.int32)
+    front = _Front(
+        np.empty((5 * height * width, 5), np.int32),
+        np.full(end_square, -1, np.int32),
+        np.full(end_square, -1, np.int32),
     )
     count = 0
-    for row in range(top, bottom):
-        marks = lethal[row, left:right]
+    for row in range(height):
         for col in range(width):
-            if marks[col]:
-                cell = (row - top) * width + col
-                nearest[cell] = 0
-                count = _append(queue, count, 0, cell, cell)
-    costs[row_lo:row_hi, col_lo:col_hi] = 0
-    cells, first, _ = queue
-    for square in range(ends):
-        at = first[square]
-        while at >= 0:
-            cell, source = np.int64(cells[at, 0]), np.int64(cells[at, 1])
-            if nearest[cell] == square:
-                row, col, from_row, from_col = (
-                    cell // width,
-                    cell % width,
-                    source // width,
-                    source % width,
-                )
-                if row_lo <= row + top < row_hi and col_lo <= col + left < col_hi:
-                    costs[row + top, col + left] = by_square[square]
-                for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
-                    side_row, side_col = row + d_row, col + d_col
-                    inside = 0 <= side_row < height and 0 <= side_col < width
-                    side, away = (
-                        side_row * width + side_col,
-                        (side_row - from_row) ** 2 + (side_col - from_col) ** 2,
-                    )
-                    # what has been passed is not gone back to, and of equals the first one counts
-                    if inside and square <= away < nearest[side]:
-                        nearest[side] = away
-                        count = _append(queue, count, away, side, source)
-            at = cells[at, 2]
+            if marks[area.row + row, area.col + col]:
+                nearest[row, col] = 0
+                count = _append(front, count, 0, Cell(row, col), Cell(row, col))
+
+    entries = front.entries
+    costs[window.row : window.end_row, window.col : window.end_col] = 0
+    for square in range(end_square):
+        entry = front.first[square]
+        while entry >= 0:
+            row, col, source_row, source_col, _ = entries[entry]
+
+            # A shorter distance may have come up while the cell waited.
+            if nearest[row, col] == square:
+                grid_row = area.row + row
+                grid_col = area.col + col
+                inside_rows = window.row <= grid_row < window.end_row
+                if inside_rows and window.col <= grid_col < window.end_col:
+                    costs[grid_row, grid_col] = layers.by_square[square]
+
+                cell = Cell(row, col)
+                source = Cell(source_row, source_col)
+                count = _reach_neighbors(front, count, nearest, cell, source)
+
+            # The last cell of the list has a next one if a neighbor has joined it.
+            entry = entries[entry, 4]
 
 
-@njit(cache=True)
-def _append(queue, count, square, cell, source):  # type: ignore[no-untyped-def]
-    """Append (cell, source) to the linked list of a square of the distance; return the number of all entries."""
-    cells, first, last = queue
-    cells[count, 0], cells[count, 1], cells[count, 2] = cell, source, -1
+@kernel
+def _reach_neighbors(
+    front: _Front, count: int, nearest: MediumIntegers, cell: Cell, source: Cell
+) -> int:
+    """Let the neighbors of a cell wait for the front; return the number of entries."""
+    height, width = nearest.shape
+    square = nearest[cell.row, cell.col]
+    for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
+        side = Cell(cell.row + d_row, cell.col + d_col)
+        if not is_on_grid(side, height, width):
+            continue
+
+        # The front never goes back, and of equal distances the first one counts.
+        away = (side.row - source.row) ** 2 + (side.col - source.col) ** 2
+        if square <= away < nearest[side.row, side.col]:
+            nearest[side.row, side.col] = away
+            count = _append(front, count, away, side, source)
+
+    return count
+
+
+@kernel
+def _append(front: _Front, count: int, square: int, cell: Cell, source: Cell) -> int:
+    """Append a cell to the list of a square; return the number of all entries."""
+    entries, first, last = front
+    entries[count, 0] = cell.row
+    entries[count, 1] = cell.col
+    entries[count, 2] = source.row
+    entries[count, 3] = source.col
+    entries[count, 4] = -1
     if first[square] < 0:
         first[square] = count
     else:
-        cells[last[square], 2] = count
+        entries[last[square], 4] = count
     last[square] = count
     return count + 1

@@ -1,295 +1,298 @@
-"""Compiled loops of the costmap: ray clearing, marking, footprints and inflation.
+"""Kernels on the cells of a costmap: cells of points, lines of cells, footprints.
 
-Layers are uint8 arrays [row, column], row along y. A cell of the lethal layer is 0 (free), MARK (seen by the lidar),
-STATIC (from a map) or both. `dirty` is the changed window (first row, end row, first column, end column), half open;
-it is empty if the end is not beyond the first.
+Lines are Bresenham's, cell for cell as in costmap_2d's `raytraceLine` (costmap_2d.h)
+and base_local_planner's `LineIterator` (line_iterator.h).
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from barn_planners.costmap.inflation import refresh
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Cells, Points
 
-MARK = np.uint8(1)
-STATIC = np.uint8(2)
-_KEEP_STATIC = np.uint8(2)
-_WHOLE = 2**62
+INSCRIBED = 253  # base_link in this cell: the footprint certainly touches
+LETHAL = 254  # an obstacle
 
 
-@njit(cache=True)
-def touch(dirty, row, col):  # type: ignore[no-untyped-def]
-    """Grow the dirty window by one cell."""
-    dirty[0] = min(dirty[0], row)
-    dirty[1] = max(dirty[1], row + 1)
-    dirty[2] = min(dirty[2], col)
-    dirty[3] = max(dirty[3], col + 1)
+class Pose(NamedTuple):
+    """A pose in the frame of the grid: m, m, rad."""
+
+    x: float
+    y: float
+    yaw: float
 
 
-class Bresenham(NamedTuple):
-    """A line of cells: its number of steps, rows and columns between its ends, and their signs."""
+class Grid(NamedTuple):
+    """Place of a costmap: outer corner of cell (0, 0) and side of a cell, in m."""
+
+    x: float
+    y: float
+    resolution: float
+
+
+class Cell(NamedTuple):
+    """Row (along y) and column (along x) of a cell, which may lie off the grid."""
+
+    row: int
+    col: int
+
+
+class Window(NamedTuple):
+    """A block of cells, half open."""
+
+    row: int
+    end_row: int
+    col: int
+    end_col: int
+
+
+class Line(NamedTuple):
+    """A line of cells, one per step along its longer axis."""
 
     steps: int
+    # Distance between the ends in cells.
     rows: int
     cols: int
+    # Direction, +1 or -1.
     row_step: int
     col_step: int
 
 
-@njit(cache=True)
-def line_between(row, col, end_row, end_col):  # type: ignore[no-untyped-def]
-    """Return the line between two cells for `next_cell`, and what that starts with."""
-    rows, cols = abs(end_row - row), abs(end_col - col)
-    steps = max(rows, cols)
-    line = Bresenham(
-        steps, rows, cols, 1 if end_row > row else -1, 1 if end_col > col else -1
-    )
-    return line, (steps // 2, steps // 2)
+@kernel
+def cell_at(grid: Grid, x: float, y: float) -> Cell:
+    """Return the cell of a point.
 
-
-@njit(cache=True)
-def next_cell(row, col, rest, line):  # type: ignore[no-untyped-def]
-    """Return row and column of the next cell of a line, and what to go on with."""
-    rest_row, rest_col = rest
-    rest_row, rest_col = rest_row + line.rows, rest_col + line.cols
-    if rest_row >= line.steps:
-        rest_row -= line.steps
-        row += line.row_step
-    if rest_col >= line.steps:
-        rest_col -= line.steps
-        col += line.col_step
-    return row, col, (rest_row, rest_col)
-
-
-@njit(cache=True)
-def clear_cell(lethal, dirty, row, col):  # type: ignore[no-untyped-def]
-    """Clear the mark of a cell on the grid."""
-    # With unsigned indices numba skips its check for negative ones.
-    if lethal[np.uint64(row), np.uint64(col)] & MARK:
-        lethal[row, col] &= _KEEP_STATIC
-        touch(dirty, row, col)
-
-
-@njit(cache=True)
-def _clear_line_to_edge(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
-    """Clear the marks along the line between two cells, both included, until it leaves the grid."""
-    rows, cols = lethal.shape
-    line, rest = line_between(row, col, end_row, end_col)
-    for _ in range(line.steps + 1):
-        if row < 0 or row >= rows or col < 0 or col >= cols:
-            return
-        clear_cell(lethal, dirty, row, col)
-        row, col, rest = next_cell(row, col, rest, line)
-
-
-@njit(cache=True)
-def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: ignore[no-untyped-def]
-    """Clear the marks along the line between two cells, the first and at most as many more; cells: the layer, flat."""
-    (steps, d_row, d_col, s_row, s_col), (rest, _) = line_between(
-        row, col, end_row, end_col
-    )
-    along, across, d_across = s_row * cols, s_col, d_col
-    if d_row < d_col:
-        along, across, d_across = s_col, s_row * cols, d_row
-    cell = row * cols + col
-    for _ in range(min(steps, most) + 1):
-        if cells[np.uint64(cell)] & MARK:
-            cells[np.uint64(cell)] &= _KEEP_STATIC
-            touch(dirty, cell // cols, cell % cols)
-        rest += d_across
-        cell += along
-        if rest >= steps:
-            rest -= steps
-            cell += across
-
-
-@njit(cache=True)
-def observe(  # type: ignore[no-untyped-def]
-    lethal,
-    dirty,
-    costs,
-    by_square,
-    squares,
-    grid,
-    pose,
-    sensor,
-    directions,
-    ends,
-    ranges,
-    limits,
-    outline,
-):
-    """Add a scan, clear the footprint (corners (n, 2), or none) at a pose (x, y, yaw), and inflate what changed."""
-    add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits)
-    if len(outline) > 0:
-        (x, y, yaw), (origin_x, origin_y, resolution) = pose, grid
-        first, spans = footprint_spans(
-            placed(outline, x, y, yaw), origin_x, origin_y, resolution
-        )
-        clear_spans(lethal, dirty, first, spans)
-    refresh(lethal, costs, by_square, squares, dirty)
-
-
-@njit(cache=True)
-def point_beams(directions, yaw, angle_min, angle_increment):  # type: ignore[no-untyped-def]
-    """Write cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
-    for i in range(len(directions)):
-        angle = yaw + angle_min + i * angle_increment
-        directions[i, 0], directions[i, 1] = math.cos(angle), math.sin(angle)
-
-
-@njit(cache=True)
-def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # type: ignore[no-untyped-def]
-    """Clear along every beam with a return, the last cell included, then mark the hits nearer than the obstacle range.
-
-    directions: as of `point_beams`; ends: work space, int64 (n, 2); limits: range_min and range_max of the scan,
-    raytrace and obstacle range.
+    Args:
+        grid: Place of the costmap.
+        x: Coordinate in m in the frame of the grid, as `y`.
+        y: Coordinate in m.
     """
-    rows, cols = lethal.shape
-    cells = lethal.reshape(rows * cols)
-    range_min, range_max, raytrace_range, obstacle_range = limits
-    sensor_x, sensor_y = sensor
-    row, col = _cell(grid, sensor_x, sensor_y)
-    inside = 0 <= row < rows and 0 <= col < cols
-    last_row, last_col = row - 1, col - 1
-    for i in range(len(ranges)):
-        r = float(ranges[i])
-        if not (range_min <= r < range_max):
-            continue
-        r = min(r, raytrace_range)
-        end_row, end_col = _cell(
-            grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1]
-        )
-        ends[i, 0], ends[i, 1] = end_row, end_col
-        if end_row == last_row and end_col == last_col:
-            continue
-        last_row, last_col = end_row, end_col
-        if inside and 0 <= end_row < rows and 0 <= end_col < cols:
-            clear_line(cells, cols, dirty, row, col, end_row, end_col, _WHOLE)
-        else:
-            _clear_line_to_edge(lethal, dirty, row, col, end_row, end_col)
-    for i in range(len(ranges)):
-        r = float(ranges[i])
-        if not (range_min <= r < range_max) or r >= obstacle_range:
-            continue
-        row, col = ends[i, 0], ends[i, 1]
-        if r > raytrace_range:
-            row, col = _cell(
-                grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1]
-            )
-        if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
-            lethal[row, col] |= MARK
-            touch(dirty, row, col)
+    row = math.floor((y - grid.y) / grid.resolution)
+    col = math.floor((x - grid.x) / grid.resolution)
+    return Cell(row, col)
 
 
-@njit(cache=True)
-def _cell(grid, x, y):  # type: ignore[no-untyped-def]
-    origin_x, origin_y, resolution = grid
-    return math.floor((y - origin_y) / resolution), math.floor(
-        (x - origin_x) / resolution
-    )
+@kernel
+def is_on_grid(cell: Cell, rows: int, cols: int) -> bool:
+    """Return whether a cell lies on a grid.
+
+    Args:
+        cell: Cell to look at.
+        rows: Number of rows of the grid.
+        cols: Number of columns of the grid.
+    """
+    return 0 <= cell.row < rows and 0 <= cell.col < cols
 
 
-@njit(cache=True)
-def placed(outline, x, y, yaw):  # type: ignore[no-untyped-def]
-    """Return the corners (n, 2) of an outline (n, 2) in base_link at a pose."""
+@kernel
+def grow_window(window: Window, margin: int, rows: int, cols: int) -> Window:
+    """Return a window with a margin on all sides, cut off at the edges of the grid.
+
+    Args:
+        window: Window to enlarge; it may reach beyond the grid.
+        margin: Number of cells to add on each side; 0 only cuts off.
+        rows: Number of rows of the grid.
+        cols: Number of columns of the grid.
+    """
+    row = max(0, window.row - margin)
+    end_row = min(rows, window.end_row + margin)
+    col = max(0, window.col - margin)
+    end_col = min(cols, window.end_col + margin)
+    return Window(row, end_row, col, end_col)
+
+
+@kernel
+def line_between(start: Cell, end: Cell) -> tuple[Line, Cell]:
+    """Return the line between two cells and its remainders, to walk by `next_cell`.
+
+    Args:
+        start: First cell.
+        end: Last cell.
+    """
+    rows = abs(end.row - start.row)
+    cols = abs(end.col - start.col)
+    steps = max(rows, cols)
+    row_step = 1 if end.row > start.row else -1
+    col_step = 1 if end.col > start.col else -1
+    line = Line(steps, rows, cols, row_step, col_step)
+
+    # Half a step at the start rounds to the nearest cell.
+    return line, Cell(steps // 2, steps // 2)
+
+
+@kernel
+def next_cell(cell: Cell, rest: Cell, line: Line) -> tuple[Cell, Cell]:
+    """Return the next cell of a line, and the remainders there.
+
+    Args:
+        cell: Present cell of the line.
+        rest: Remainders of rows and columns at the present cell.
+        line: Line to follow, from `line_between`.
+    """
+    row, col = cell
+    row_rest = rest.row + line.rows
+    col_rest = rest.col + line.cols
+    if row_rest >= line.steps:
+        row_rest -= line.steps
+        row += line.row_step
+    if col_rest >= line.steps:
+        col_rest -= line.steps
+        col += line.col_step
+
+    return Cell(row, col), Cell(row_rest, col_rest)
+
+
+@kernel
+def corners_at(outline: Points, pose: Pose) -> Points:
+    """Return the corners of an outline at a pose.
+
+    Args:
+        outline: Corners (n, 2) in base_link, in m.
+        pose: Pose of base_link.
+
+    Returns:
+        Corners (n, 2) in the frame of the grid.
+    """
     corners = np.empty_like(outline)
-    place_corners(corners, x, y, yaw, outline)
+    place_corners(corners, pose.x, pose.y, pose.yaw, outline)
     return corners
 
 
-@njit(cache=True)
-def place_corners(corners, x, y, yaw, outline):  # type: ignore[no-untyped-def]
-    """Write what `placed` returns to an array that is there already."""
-    c, s = math.cos(yaw), math.sin(yaw)
+@kernel
+def place_corners(
+    corners: Points, x: float, y: float, yaw: float, outline: Points
+) -> None:
+    """Write the corners of an outline at a pose into an array.
+
+    Args:
+        corners: Array (n, 2) that receives the corners in the frame of the grid.
+        x: Position of base_link in m in the frame of the grid, as `y`.
+        y: Position of base_link in m.
+        yaw: Heading in rad.
+        outline: Corners (n, 2) in base_link, in m.
+    """
+    c = math.cos(yaw)
+    s = math.sin(yaw)
     for k in range(len(outline)):
         corners[k, 0] = x + c * outline[k, 0] - s * outline[k, 1]
         corners[k, 1] = y + s * outline[k, 0] + c * outline[k, 1]
 
 
-@njit(cache=True)
-def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
-    """Return the first column of a convex footprint, and first and last row of each column (n, 2), not clipped."""
-    cells = np.empty(corners.shape, np.int64)
+@kernel
+def footprint_cells(corners: Points, grid: Grid, rows: int, cols: int) -> Cells:
+    """Return the cells of a convex footprint, outline and inside.
+
+    Args:
+        corners: Corners (n, 2) in the frame of the grid, in m.
+        grid: Place of the costmap.
+        rows: Number of rows of the grid.
+        cols: Number of columns of the grid.
+
+    Returns:
+        Those of its cells (n, 2) that lie on the grid, column by column.
+    """
+    corner_cells = np.empty(corners.shape, np.int64)
     for k in range(len(corners)):
-        cells[k, 0], cells[k, 1] = _cell(
-            (origin_x, origin_y, resolution), corners[k, 0], corners[k, 1]
-        )
-    first = cells[:, 1].min()
-    spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
-    spans[:, 0], spans[:, 1] = np.iinfo(np.int64).max, np.iinfo(np.int64).min
-    for row, col in outline_cells(cells):
-        spans[col - first, 0], spans[col - first, 1] = (
-            min(spans[col - first, 0], row),
-            max(spans[col - first, 1], row),
-        )
-    return first, spans
+        corner_cells[k] = cell_at(grid, corners[k, 0], corners[k, 1])
+
+    # Lowest and highest row of the outline in each column.
+    first = corner_cells[:, 1].min()
+    width = corner_cells[:, 1].max() - first + 1
+    low = np.full(width, corner_cells[:, 0].max())
+    high = np.full(width, corner_cells[:, 0].min())
+    for row, col in outline_cells(corner_cells):
+        low[col - first] = min(low[col - first], row)
+        high[col - first] = max(high[col - first], row)
+
+    cells = np.empty(((high - low + 1).sum(), 2), np.int64)
+    count = 0
+    for k in range(max(0, -first), min(width, cols - first)):
+        for row in range(max(0, low[k]), min(rows, high[k] + 1)):
+            cells[count] = row, first + k
+            count += 1
+
+    return cells[:count]
 
 
-@njit(cache=True)
-def outline_cells(corners):  # type: ignore[no-untyped-def]
-    """Return the cells (n, 2) along the lines from each corner to the next, both ends included."""
-    count = len(corners)
+@kernel
+def outline_cells(corners: Cells) -> Cells:
+    """Return the cells (n, 2) along the lines from each corner cell to the next.
+
+    Both ends of each line are included, so that corners appear twice.
+    """
+    lengths = 0
     for k in range(len(corners)):
-        count += max(
-            abs(corners[k, 0] - corners[k - 1, 0]),
-            abs(corners[k, 1] - corners[k - 1, 1]),
-        )
-    cells, at = np.empty((count, 2), np.int64), 0
+        lengths += np.abs(corners[k] - corners[k - 1]).max() + 1
+
+    cells = np.empty((lengths, 2), np.int64)
+    count = 0
     for k in range(len(corners)):
-        row, col = corners[k]
-        end_row, end_col = corners[(k + 1) % len(corners)]
-        line, rest = line_between(row, col, end_row, end_col)
+        after = (k + 1) % len(corners)
+        cell = Cell(corners[k, 0], corners[k, 1])
+        line, rest = line_between(cell, Cell(corners[after, 0], corners[after, 1]))
         for _ in range(line.steps + 1):
-            cells[at, 0], cells[at, 1] = row, col
-            at += 1
-            row, col, rest = next_cell(row, col, rest, line)
+            cells[count] = cell
+            count += 1
+            cell, rest = next_cell(cell, rest, line)
+
     return cells
 
 
-@njit(cache=True)
-def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
-    """Return the highest cost along a footprint's edges, -1 if they touch a lethal cell or leave the grid."""
-    (rows, cols), grid, highest = costs.shape, (origin_x, origin_y, resolution), 0
+@kernel
+def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
+    """Return the highest cost along a line of cells.
+
+    Args:
+        costs: Costs of the cells (rows, columns).
+        start: First cell, on the grid.
+        end: Last cell, on the grid.
+        highest: Cost to begin with.
+
+    Returns:
+        The cost, -1 if a cell of the line is lethal.
+    """
+    line, rest = line_between(start, end)
+    cell = start
+    for _ in range(line.steps + 1):
+        # Unsigned indices spare numba's check for negative ones.
+        cost = costs[np.uint64(cell.row), np.uint64(cell.col)]
+        highest = max(highest, cost)
+        cell, rest = next_cell(cell, rest, line)
+
+    return -1 if highest >= LETHAL else highest
+
+
+@kernel
+def edge_cost(
+    costs: Bytes, corners: Points, origin_x: float, origin_y: float, resolution: float
+) -> int:
+    """Return the highest cost along the edges of a footprint, not inside it.
+
+    Follows base_local_planner's `CostmapModel::footprintCost` (costmap_model.cpp).
+
+    Args:
+        costs: Costs of the cells (rows, columns).
+        corners: Corners (n, 2) of the footprint in the frame of the grid, in m.
+        origin_x: Outer corner of cell (0, 0) in m, as `origin_y`.
+        origin_y: Outer corner of cell (0, 0) in m.
+        resolution: Side of a cell in m.
+
+    Returns:
+        The cost, -1 if the edges touch a lethal cell or leave the grid.
+    """
+    rows, cols = costs.shape
+    grid = Grid(origin_x, origin_y, resolution)
+    highest = 0
     for k in range(len(corners)):
-        row, col = _cell(grid, corners[k - 1, 0], corners[k - 1, 1])
-        end_row, end_col = _cell(grid, corners[k, 0], corners[k, 1])
-        if (
-            min(row, col, end_row, end_col) < 0
-            or max(row, end_row) >= rows
-            or max(col, end_col) >= cols
-        ):
+        start = cell_at(grid, corners[k - 1, 0], corners[k - 1, 1])
+        end = cell_at(grid, corners[k, 0], corners[k, 1])
+        if not (is_on_grid(start, rows, cols) and is_on_grid(end, rows, cols)):
             return -1
-        line, rest = line_between(row, col, end_row, end_col)
-        for _ in range(line.steps + 1):
-            cost = costs[np.uint64(row), np.uint64(col)]
-            if cost >= 254:
-                return -1
-            highest = max(highest, cost)
-            row, col, rest = next_cell(row, col, rest, line)
+
+        highest = line_cost(costs, start, end, highest)
+        if highest < 0:
+            return -1
+
     return highest
-
-
-@njit(cache=True)
-def clear_spans(lethal, dirty, first, spans):  # type: ignore[no-untyped-def]
-    """Clear the marks inside a footprint given by `footprint_spans`."""
-    rows, cols = lethal.shape
-    for k in range(len(spans)):
-        col = first + k
-        if col < 0 or col >= cols:
-            continue
-        for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
-            clear_cell(lethal, dirty, row, col)
-
-
-@njit(cache=True)
-def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Clear the marks outside a window of rows [row_lo, row_hi) and columns [col_lo, col_hi)."""
-    rows, cols = lethal.shape
-    for row in range(rows):
-        for col in range(cols):
-            inside = row_lo <= row < row_hi and col_lo <= col < col_hi
-            if not inside:
-                clear_cell(lethal, dirty, row, col)

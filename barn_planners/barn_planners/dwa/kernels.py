@@ -1,57 +1,74 @@
-"""Compiled loops of the dynamic window approach: its samples and their rollouts."""
+"""Kernels of the dynamic window approach: samples of velocities, rollouts, their costs.
+
+They follow base_local_planner's trajectory_planner.cpp: `createTrajectories` (samples)
+and `generateTrajectory` (rollouts and costs).
+"""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
 from barn_planners.costmap.kernels import (
-    footprint_spans,
-    line_between,
-    next_cell,
-    placed,
+    Cell,
+    Grid,
+    Pose,
+    corners_at,
+    footprint_cells,
+    is_on_grid,
+    line_cost,
 )
 from barn_planners.dwa.wavefront import (
     UNREACHED,
     Wavefront,
-    begin,
-    blocked,
+    block_cells,
+    new_wavefront,
+    open_cells,
+    padded,
     plan_cells,
+    start_wavefront,
     steps_to,
 )
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Floats, Integers, Points
 
-TOUCHES, NO_WAY = -1.0, -2.0  # costs of samples that are not allowed
-_ALL = 2**62
+# Costs of samples that are not allowed.
+TOUCHES = -1.0  # the footprint touches an obstacle or leaves the costmap
+NO_WAY = -2.0  # no way leads from the rollout to the plan or to its end
 
-# Columns of the table of samples.
+# Columns of the table of samples, of which the first two are given.
 SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
+COLUMNS = 9
+
+# Columns of the poses of a rollout.
+X, Y, YAW, COS, SIN = range(5)
+
+_MAX_PLAN_CELLS = 4096
 
 
-class Grid(NamedTuple):
-    """Place of a costmap: outer corner of the first cell in metres, and the cells per metre."""
+class Raster(NamedTuple):
+    """Place of a costmap, by cells per meter, as a division takes longer."""
 
+    # Outer corner of cell (0, 0) in m.
     x: float
     y: float
     per_m: float
 
 
 class Ground(NamedTuple):
-    """A costmap, its clear cells (see `open_around`) and the corners (n, 2) of the padded footprint."""
+    """What footprints are checked on."""
 
-    costs: npt.NDArray[np.uint8]
-    clear: npt.NDArray[np.int16]
-    grid: Grid
-    outline: npt.NDArray[np.float64]
+    costs: Bytes  # (rows, columns)
+    raster: Raster
+    outline: Points  # corners (n, 2) of the padded footprint in base_link, in m
 
 
 class Scene(NamedTuple):
-    """What rollouts are scored on."""
+    """What rollouts are scored on; kernels take its parts one by one."""
 
     ground: Ground
     path: Wavefront  # steps to the plan
-    goal: Wavefront  # and to its end
+    goal: Wavefront  # steps to the plan's end
 
 
 class Start(NamedTuple):
@@ -64,301 +81,359 @@ class Start(NamedTuple):
     turn: float
 
 
-class Movement(NamedTuple):
-    """How a rollout moves: its time, the distance and the turn between its poses, and the accelerations."""
+class Motion(NamedTuple):
+    """How rollouts move."""
 
     time_s: float
+    # Distance and turn between two poses.
     step_m: float
     turn_step_rad: float
+    # m/s2 and rad/s2.
     acceleration: float
     turn_acceleration: float
 
 
 class Weights(NamedTuple):
-    """Weights of the steps to the plan, of those to its end, and of the highest cost under the edges."""
+    """Weights of the three parts of a cost."""
 
-    path: float
-    goal: float
-    obstacle: float
+    path: float  # of a step to the plan
+    goal: float  # of a step to the plan's end
+    obstacle: float  # of the highest cost under the footprint's edges
 
 
-@njit(cache=True)
-def _evenly(low, high, count, added_up):  # type: ignore[no-untyped-def]
-    """Return `count` values from low to high, to the last bit those of numpy.linspace, or steps added up."""
-    step, value, values = (high - low) / (count - 1), low, np.empty(count)
+class Rules(NamedTuple):
+    """How rollouts begin and move in one control cycle, and what they cost."""
+
+    start: Start
+    motion: Motion
+    weights: Weights
+
+
+class Sampling(NamedTuple):
+    """How velocities are sampled."""
+
+    # Velocities that the robot can reach in one control period, m/s and rad/s.
+    min_speed: float
+    max_speed: float
+    min_turn: float
+    max_turn: float
+    speeds: int  # number of forward speeds
+    turns: int  # number of yaw rates per speed, and in place
+    highest_turn: bool  # False: going straight takes the place of the highest yaw rate
+    min_turn_in_place: float  # rad/s
+    skip_slow_turns: bool  # no turns in place within one step of zero
+    accumulate: bool  # add up steps as the original does, with its rounding
+
+
+class Fields(NamedTuple):
+    """Memory for the scenes of all cycles on one size of costmap."""
+
+    costs: Bytes  # copy of the costs, since the costmap changes in place
+    path: Wavefront
+    goal: Wavefront
+    walls: Bytes  # what blocks, over the padded grid of wavefronts
+    plan: Integers  # padded cells of the plan
+
+
+def new_fields(rows: int, cols: int) -> Fields:
+    """Return memory for scenes.
+
+    Args:
+        rows: Number of rows of the costmap.
+        cols: Number of its columns.
+    """
+    return Fields(
+        np.empty((rows, cols), np.uint8),
+        new_wavefront(rows, cols),
+        new_wavefront(rows, cols),
+        np.empty((rows + 2) * (cols + 2), np.uint8),
+        np.empty(_MAX_PLAN_CELLS, np.int64),
+    )
+
+
+@kernel
+def _even_values(low: float, high: float, count: int, accumulate: bool) -> Floats:
+    """Return values from low to high: bit by bit those of numpy.linspace, or sums."""
+    step = (high - low) / (count - 1)
+    values = np.empty(count)
+    value = low
     for k in range(count):
-        values[k] = value if added_up else k * step + low
+        values[k] = value if accumulate else k * step + low
         value += step
-    if not added_up:
+    if not accumulate:
         values[-1] = high
+
     return values
 
 
-@njit(cache=True)
-def sample_table(speeds, turns, counts, highest, slowest, skip_slow, added_up):  # type: ignore[no-untyped-def]
-    """Return the table of samples, all else 0, and how many of them drive forward; the others turn in place.
+@kernel
+def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
+    """Return the table of samples, and how many of them drive forward.
 
-    speeds, turns: lowest and highest; counts: of both, no speeds if none may drive forward. Each speed has a sample
-    straight ahead and one per turn. slowest: of turns in place; skip_slow: none of these within a step of zero.
+    Args:
+        sampling: Velocities to sample.
+        forward: Whether samples may drive forward.
+
+    Returns:
+        Table (n, COLUMNS) with speeds and yaw rates; the rest is 0. Rows that drive
+        forward come first, for each speed straight ahead and one per yaw rate. The
+        others turn in place.
     """
-    (low, high), (speed_count, turn_count) = turns, counts
-    rates, kept = (
-        _evenly(low, high, turn_count, added_up),
-        turn_count + 1 if highest else turn_count,
-    )
-    drives = speed_count * kept
-    table, end = np.zeros((drives + turn_count, OBSTACLE + 1)), drives
-    if drives > 0:
-        forward = _evenly(speeds[0], speeds[1], speed_count, added_up)
-        for k in range(drives):
-            table[k, SPEED], table[k, TURN] = (
-                forward[k // kept],
-                rates[k % kept - 1] if k % kept > 0 else 0.0,
-            )
-    for rate in rates:
-        if not skip_slow or abs(rate) > (high - low) / (turn_count - 1):
-            table[end, TURN] = max(rate, slowest) if rate > 0.0 else min(rate, -slowest)
-            end += 1
-    return table[:end], drives
+    low, high, low_turn, high_turn, speed_count, turn_count, _, _, _, sums = sampling
+    speeds = _even_values(low, high, speed_count, sums)
+    turns = _even_values(low_turn, high_turn, turn_count, sums)
+    turns_per_speed = turn_count + (1 if sampling.highest_turn else 0)
+    drives = speed_count * turns_per_speed if forward else 0
+    table = np.zeros((drives + turn_count, COLUMNS))
+    for k in range(drives):
+        table[k, SPEED] = speeds[k // turns_per_speed]
+        if k % turns_per_speed > 0:
+            table[k, TURN] = turns[k % turns_per_speed - 1]
+
+    step = (high_turn - low_turn) / (turn_count - 1)
+    slowest = sampling.min_turn_in_place
+    count = drives
+    for turn in turns:
+        if not sampling.skip_slow_turns or abs(turn) > step:
+            in_place = max(turn, slowest) if turn > 0.0 else min(turn, -slowest)
+            table[count, TURN] = in_place
+            count += 1
+
+    return table[:count], drives
 
 
-@njit(cache=True)
-def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal):  # type: ignore[no-untyped-def]
-    """Bring the fields of `_Fields` up to date; tell whether the plan is on the grid. reach: metres of rollouts."""
-    (copy, clear, walls, seeds, path, goal), (rows, cols) = fields, costs.shape
-    (origin_x, origin_y, resolution), (x, y, yaw) = frame, pose
-    count = plan_cells(plan, origin_x, origin_y, resolution, rows, cols, seeds)
+@kernel
+def prepare(
+    fields: Fields,
+    costs: Bytes,
+    grid: Grid,
+    plan: Points,
+    pose: Pose,
+    outline: Points,
+    robot_blocks_goal: bool,
+) -> bool:
+    """Bring the fields up to date for a rules.
+
+    Args:
+        fields: Fields to write.
+        costs: Costs of the local costmap (rows, columns).
+        grid: Place of the costmap.
+        plan: Points (n, 2 or more) of the visible plan, x and y in m.
+        pose: Pose of base_link.
+        outline: Corners (n, 2) of the padded footprint in base_link, in m.
+        robot_blocks_goal: Whether cells under the robot block the way to the goal.
+
+    Returns:
+        False if the plan does not lie on the costmap.
+    """
+    rows, cols = costs.shape
+    count = plan_cells(plan, grid, rows, cols, fields.plan)
     if count == 0:
         return False
+
     for row in range(rows):
         for col in range(cols):
-            copy[row, col] = costs[row, col]
-    low_row, high_row = (
-        math.floor((y - reach - origin_y) / resolution),
-        math.floor((y + reach - origin_y) / resolution),
-    )
-    low_col, high_col = (
-        math.floor((x - reach - origin_x) / resolution),
-        math.floor((x + reach - origin_x) / resolution),
-    )
-    open_around(costs, (low_row - 1, high_row + 2, low_col - 1, high_col + 2), clear)
-    first, spans = footprint_spans(
-        placed(outline, x, y, yaw), origin_x, origin_y, resolution
-    )
-    blocked(costs, first, spans, walls)
-    begin(path, walls, seeds[:count])
+            fields.costs[row, col] = costs[row, col]
+
+    robot = footprint_cells(corners_at(outline, pose), grid, rows, cols)
+    plan_end = fields.plan[count - 1 : count]
+    block_cells(costs, fields.walls)
     if robot_blocks_goal:
-        blocked(costs, first, spans[:0], walls)
-    begin(goal, walls, seeds[count - 1 : count])
+        start_wavefront(fields.goal, fields.walls, plan_end)
+    open_cells(robot, cols + 2, fields.walls)
+    if not robot_blocks_goal:
+        start_wavefront(fields.goal, fields.walls, plan_end)
+    start_wavefront(fields.path, fields.walls, fields.plan[:count])
     return True
 
 
-@njit(cache=True)
-def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
-    """Write the cells to the next cost or edge of a window (row, end row, column, end column); 0 outside of it."""
-    (rows, cols), (row_lo, row_hi, col_lo, col_hi) = costs.shape, window
-    row_lo, row_hi, col_lo, col_hi = (
-        max(0, row_lo),
-        min(rows, row_hi),
-        max(0, col_lo),
-        min(cols, col_hi),
-    )
-    clear[:] = 0
-    for row in range(row_lo + 1, row_hi - 1):
-        for col in range(col_lo + 1, col_hi - 1):
-            r, c = np.uint64(row), np.uint64(col)
-            if costs[r, c] == 0:
-                above = r - np.uint64(1)
-                low = min(
-                    clear[above, c - np.uint64(1)],
-                    clear[above, c],
-                    clear[above, c + np.uint64(1)],
-                )
-                clear[r, c] = min(low, clear[r, c - np.uint64(1)]) + 1
-    for row in range(row_hi - 2, row_lo, -1):
-        for col in range(col_hi - 2, col_lo, -1):
-            r, c = np.uint64(row), np.uint64(col)
-            if clear[r, c] > 1:
-                below = r + np.uint64(1)
-                low = min(
-                    clear[below, c - np.uint64(1)],
-                    clear[below, c],
-                    clear[below, c + np.uint64(1)],
-                )
-                clear[r, c] = min(clear[r, c], min(low, clear[r, c + np.uint64(1)]) + 1)
+@kernel
+def raster_cell(raster: Raster, x: float, y: float) -> Cell:
+    """Return the cell of a point.
+
+    Args:
+        raster: Place of the costmap.
+        x: Coordinate in m in the frame of the costmap, as `y`.
+        y: Coordinate in m.
+    """
+    row = math.floor((y - raster.y) * raster.per_m)
+    col = math.floor((x - raster.x) * raster.per_m)
+    return Cell(row, col)
 
 
-@njit(cache=True)
-def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: ignore[no-untyped-def]
-    """Return the larger of `highest` and the highest cost between two cells, -1 if it is lethal."""
-    line, rest = line_between(row, col, end_row, end_col)
-    steps = line.steps
-    if (
-        clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)]
-        <= steps // 2 + 1
-    ):
-        for _ in range(steps + 1):
-            highest = max(highest, costs[np.uint64(row), np.uint64(col)])
-            row, col, rest = next_cell(row, col, rest, line)
-        if highest >= 254:
-            return -1
-    return highest
+@kernel
+def edges_cost(
+    costs: Bytes,
+    raster: Raster,
+    outline: Points,
+    x: float,
+    y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+) -> int:
+    """Return the highest cost along the edges of the footprint, as `edge_cost` does.
 
+    It takes the parts of `Ground` one by one, because numba counts references to the
+    arrays of a tuple each time it takes one out.
 
-@njit(cache=True)
-def row_col(grid, x, y):  # type: ignore[no-untyped-def]
-    """Return row and column of the cell of a point."""
-    return math.floor((y - grid.y) * grid.per_m), math.floor((x - grid.x) * grid.per_m)
+    Args:
+        costs: Costs (rows, columns), as in `Ground`.
+        raster: Place of the costmap.
+        outline: Corners (n, 2) of the footprint.
+        x: Position of base_link in m in the frame of the costmap, as `y`.
+        y: Position of base_link in m.
+        cos_yaw: Cosine of the heading.
+        sin_yaw: Sine of the heading.
 
-
-@njit(cache=True)
-def edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, highest):  # type: ignore[no-untyped-def]
-    """Return the larger of `highest` and what `edge_cost` gives for the footprint at a pose, -1 if that is -1.
-
-    The first arguments are those of `Ground`, one by one: taking an array out of a tuple would count references.
-    corners: int64 (n,), cells of the corners at the pose before, -1 before the first, whose edges are part of
-    `highest`; takes those of this pose. Edges that have not moved are skipped.
+    Returns:
+        The cost, -1 if the edges touch a lethal cell or leave the costmap.
     """
     rows, cols = costs.shape
-    last = len(outline) - 1
-    along, across = outline[last, 0], outline[last, 1]
-    row, col = row_col(
-        grid,
-        x + cos_yaw * along - sin_yaw * across,
-        y + sin_yaw * along + cos_yaw * across,
-    )
-    if row < 0 or row >= rows or col < 0 or col >= cols:
-        return -1
-    last_row, last_col = row, col
-    last_moved = moved = row * cols + col != corners[last]
-    for k in range(last):
-        along, across = outline[k, 0], outline[k, 1]
-        end_row, end_col = row_col(
-            grid,
-            x + cos_yaw * along - sin_yaw * across,
-            y + sin_yaw * along + cos_yaw * across,
+    highest = 0
+    end = Cell(0, 0)
+    for k in range(-1, len(outline)):
+        start = end
+        end = raster_cell(
+            raster,
+            x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1],
+            y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1],
         )
-        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+        if not is_on_grid(end, rows, cols):
             return -1
-        here = end_row * cols + end_col != corners[k]
-        if moved or here:
-            highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
+        if k >= 0:
+            highest = line_cost(costs, start, end, highest)
             if highest < 0:
                 return -1
-            corners[k] = end_row * cols + end_col
-        row, col, moved = end_row, end_col, here
-    if moved or last_moved:
-        highest = along_edge(costs, clear, row, col, last_row, last_col, highest)
-        corners[last] = last_row * cols + last_col
+
     return highest
 
 
-@njit(cache=True)
-def approach(wanted, now, change):  # type: ignore[no-untyped-def]
-    """Return a velocity moved towards the wanted one by at most `change`."""
-    return min(wanted, now + change) if wanted >= now else max(wanted, now - change)
+@kernel
+def step_count(speed: float, turn: float, motion: Motion) -> int:
+    """Return the number of poses of a rollout.
+
+    As in the original, the distance counts over the whole time, the turn per second.
+
+    Args:
+        speed: Forward speed of the sample in m/s.
+        turn: Yaw rate of the sample in rad/s.
+        motion: How rollouts move.
+    """
+    steps = abs(speed) * motion.time_s / motion.step_m
+    turn_steps = abs(turn) / motion.turn_step_rad
+    return max(1, int(max(steps, turn_steps) + 0.5))
 
 
-@njit(cache=True)
-def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
-    """Return the number of poses of a rollout; the turn counts per second, not over the whole time."""
-    return max(
-        1,
-        int(
-            max(
-                abs(speed) * motion.time_s / motion.step_m,
-                abs(turn) / motion.turn_step_rad,
-            )
-            + 0.5
-        ),
-    )
+@kernel
+def approach(velocity: float, target: float, change: float) -> float:
+    """Return a velocity moved towards a target by at most `change`."""
+    if target >= velocity:
+        return min(target, velocity + change)
+    return max(target, velocity - change)
 
 
-@njit(cache=True)
-def steps_at(front, row, col):  # type: ignore[no-untyped-def]
-    """Return the steps of a wavefront to a cell of the grid."""
-    return steps_to(front, (row + 1) * front.columns + col + 1)
+@kernel
+def roll_out(
+    start: Start, speed: float, turn: float, motion: Motion, poses: Floats
+) -> None:
+    """Write the poses of a rollout, the first of them at its start.
 
-
-@njit(cache=True)
-def turn_along(start, turn, steps, motion, headings):  # type: ignore[no-untyped-def]
-    """Fill `headings` (steps or more, 3) with yaw, its cosine and its sine at each pose of a rollout."""
-    yaw, rate, dt = start.yaw, start.turn, motion.time_s / steps
-    for k in range(steps):
-        headings[k, 0], headings[k, 1], headings[k, 2] = (
-            yaw,
-            math.cos(yaw),
-            math.sin(yaw),
-        )
-        rate = approach(turn, rate, motion.turn_acceleration * dt)
+    Args:
+        start: Pose and velocity at the start.
+        speed: Forward speed of the sample in m/s.
+        turn: Yaw rate of the sample in rad/s.
+        motion: How rollouts move.
+        poses: Array (steps, 5) that receives x and y in m, yaw in rad, and its cosine
+            and sine; its length sets the time between two poses.
+    """
+    x = start.x
+    y = start.y
+    yaw = start.yaw
+    velocity = start.speed
+    rate = start.turn
+    dt = motion.time_s / len(poses)
+    for k in range(len(poses)):
+        cos_yaw = math.cos(yaw)
+        sin_yaw = math.sin(yaw)
+        poses[k, X] = x
+        poses[k, Y] = y
+        poses[k, YAW] = yaw
+        poses[k, COS] = cos_yaw
+        poses[k, SIN] = sin_yaw
+        velocity = approach(velocity, speed, motion.acceleration * dt)
+        x += velocity * cos_yaw * dt
+        y += velocity * sin_yaw * dt
+        rate = approach(rate, turn, motion.turn_acceleration * dt)
         yaw += rate * dt
 
 
-@njit(cache=True)
-def drive_along(start, speed, steps, motion, headings, places):  # type: ignore[no-untyped-def]
-    """Fill `places` (steps or more, 2) with x and y at each pose of a rollout."""
-    x, y, now, dt = start.x, start.y, start.speed, motion.time_s / steps
-    for k in range(steps):
-        places[k, 0], places[k, 1] = x, y
-        now = approach(speed, now, motion.acceleration * dt)
-        x += now * headings[k, 1] * dt
-        y += now * headings[k, 2] * dt
+@kernel
+def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
+    """Return the poses of rollouts for display.
+
+    Args:
+        start: Pose and velocity at their start.
+        table: Samples (n, 2 or more), speed and yaw rate.
+        motion: How rollouts move.
+        count: Number of poses of each.
+
+    Returns:
+        Poses (n, count, 3), x and y in m, yaw in rad. A rollout of more poses takes
+        longer steps; the last pose of a shorter one is repeated.
+    """
+    lines = np.empty((len(table), count, 3))
+    for i in range(len(table)):
+        steps = min(step_count(table[i, SPEED], table[i, TURN], motion), count)
+        poses = np.empty((steps, 5))
+        roll_out(start, table[i, SPEED], table[i, TURN], motion, poses)
+        for k in range(count):
+            lines[i, k] = poses[min(k, steps - 1), :3]
+
+    return lines
 
 
-@njit(cache=True)
-def poses_of(start, speed, turn, motion, most):  # type: ignore[no-untyped-def]
-    """Return places (n, 2) and headings (n, 3) of a rollout of at most so many poses."""
-    steps = min(step_count(speed, turn, motion), most)
-    places, headings = np.empty((steps, 2)), np.empty((steps, 3))
-    turn_along(start, turn, steps, motion, headings)
-    drive_along(start, speed, steps, motion, headings, places)
-    return places, headings
+@kernel
+def score(
+    ground: Ground, path: Wavefront, goal: Wavefront, rules: Rules, table: Floats
+) -> None:
+    """Fill in the rows of all samples; `search.find_best` does so only for the best.
 
-
-@njit(cache=True)
-def traces(start, velocities, motion, most):  # type: ignore[no-untyped-def]
-    """Return poses (n, most, 3) of rollouts at velocities (n, 2), the last one of each repeated to the end."""
-    shown = np.empty((len(velocities), most, 3))
-    for i in range(len(velocities)):
-        places, headings = poses_of(
-            start, velocities[i, SPEED], velocities[i, TURN], motion, most
-        )
-        for k in range(most):
-            last = min(k, len(places) - 1)
-            shown[i, k, 0], shown[i, k, 1], shown[i, k, 2] = (
-                places[last, 0],
-                places[last, 1],
-                headings[last, 0],
-            )
-    return shown
-
-
-@njit(cache=True)
-def score(scene, start, motion, weights, table):  # type: ignore[no-untyped-def]
-    """Score samples by their speeds and turns; the cost is TOUCHES or NO_WAY where a pose is not allowed."""
-    (costs, clear, grid, outline), path, goal = scene
+    Args:
+        ground: What footprints are checked on.
+        path: Steps to the plan.
+        goal: Steps to the plan's end.
+        rules: How rollouts move and what they cost.
+        table: Table of samples with speeds and yaw rates. The cost is TOUCHES or NO_WAY
+            where a pose of the rollout is not allowed.
+    """
+    costs, raster, outline = ground
+    weights = rules.weights
     for row in table:
-        places, headings = poses_of(start, row[SPEED], row[TURN], motion, _ALL)
-        obstacle, corners, row[COST] = 0, np.full(len(outline), -1), TOUCHES
-        for k in range(len(places)):
-            (x, y), (yaw, cos_yaw, sin_yaw) = places[k], headings[k]
-            obstacle = edges_cost(
-                costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, obstacle
-            )
+        poses = np.empty((step_count(row[SPEED], row[TURN], rules.motion), 5))
+        roll_out(rules.start, row[SPEED], row[TURN], rules.motion, poses)
+        obstacle = 0
+        row[COST] = TOUCHES
+        for pose in poses:
+            x, y, yaw, c, s = pose
+            cost = edges_cost(costs, raster, outline, x, y, c, s)
+            obstacle = max(obstacle, cost) if cost >= 0 else -1
             if obstacle < 0:
                 break
-            cell = row_col(grid, x, y)
-            to_path, to_goal = steps_at(path, *cell), steps_at(goal, *cell)
+
+            cell = padded(raster_cell(raster, x, y), path.columns)
+            to_path = steps_to(path, cell)
+            to_goal = steps_to(goal, cell)
             if to_path >= UNREACHED or to_goal >= UNREACHED:
-                obstacle, row[COST] = -1, NO_WAY
+                obstacle = -1
+                row[COST] = NO_WAY
                 break
-            row[END_X], row[END_Y], row[END_YAW], row[PATH], row[GOAL] = (
-                x,
-                y,
-                yaw,
-                to_path,
-                to_goal,
-            )
+
+            row[END_X] = x
+            row[END_Y] = y
+            row[END_YAW] = yaw
+            row[PATH] = to_path
+            row[GOAL] = to_goal
+
         if obstacle >= 0:
             row[OBSTACLE] = obstacle
             row[COST] = (

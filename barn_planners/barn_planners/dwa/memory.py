@@ -1,4 +1,4 @@
-"""What the dynamic window approach remembers between cycles: allowed turns, an escape, the final turn at the goal."""
+"""What the dynamic window approach remembers between cycles."""
 
 import math
 from collections.abc import Callable
@@ -7,78 +7,89 @@ from barn_planners.dwa.config import DwaConfig
 from barn_planners.navigation.loop import Control, ControlInput
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
-LEFT, RIGHT = 0, 1
+LEFT = 0
+RIGHT = 1
 
 
 class GoalTurn:
-    """Brakes, then turns in place. Once it turns it does not brake again."""
+    """Brakes at the goal's position, then turns in place to its heading.
+
+    Follows `TrajectoryPlannerROS::stopWithAccLimits` and `rotateToGoal`
+    (trajectory_planner_ros.cpp). Once it turns, it does not brake again.
+    """
 
     def __init__(self, config: DwaConfig):
         self._config = config
-        self._drop = config.acceleration_mps2 * config.window_period_s
-        self._turn_drop = config.turn_acceleration_radps2 * config.window_period_s
+        self._speed_change = config.acceleration_mps2 * config.window_period_s
+        self._turn_change = config.turn_acceleration_radps2 * config.window_period_s
         self.reset()
 
     def reset(self) -> None:
         """Forget the last trial."""
-        self._turning = False
+        self._is_turning = False
 
-    def reached(self, inputs: ControlInput, goal: Pose2D) -> bool:
-        """Tell whether the goal's heading is reached."""
-        return (
-            abs(wrap_angle(goal.yaw - inputs.pose.yaw))
-            <= self._config.yaw_tolerance_rad
-        )
+    def is_aligned(self, pose: Pose2D, goal: Pose2D) -> bool:
+        """Return whether the robot has the goal's heading within the tolerance.
+
+        Args:
+            pose: Pose of the robot.
+            goal: Goal in the same frame.
+        """
+        turn = wrap_angle(goal.yaw - pose.yaw)
+        return abs(turn) <= self._config.yaw_tolerance_rad
 
     def control(
         self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]
     ) -> Control:
-        """Return the command at the goal's position; allows: tells whether there is room for a command."""
-        config, (linear, angular) = (
-            self._config,
-            (inputs.velocity.linear, inputs.velocity.angular),
-        )
-        if self.reached(inputs, goal):
-            self._turning = False
-            return Control(STOP, goal_reached=True)
-        self._turning |= (
-            abs(linear) <= config.stopped_mps and abs(angular) <= config.stopped_radps
-        )
-        if self._turning:
-            turn = Velocity2D(
-                0.0, self._rate(wrap_angle(goal.yaw - inputs.pose.yaw), abs(angular))
-            )
-            return (
-                Control(turn)
-                if allows(turn)
-                else Control(None, reason="no room to turn to the goal's heading")
-            )
-        braking = Velocity2D(
-            math.copysign(max(0.0, abs(linear) - self._drop), linear),
-            math.copysign(max(0.0, abs(angular) - self._turn_drop), angular),
-        )
-        if config.roll_out_goal_turn and not allows(braking):
-            return Control(None, reason="no room to brake at the goal")
-        return Control(braking)
+        """Return the command at the goal's position.
 
-    def _rate(self, angle: float, rate_now: float) -> float:
-        """Return the turn rate for a remaining angle; slow enough to stop in time."""
-        slowest, fastest = (
-            self._config.min_turn_in_place_radps,
-            self._config.max_goal_turn_radps,
+        Args:
+            inputs: Input of the cycle.
+            goal: Goal in the frame of the input.
+            allows: Tells whether there is room for a command.
+        """
+        if self.is_aligned(inputs.pose, goal):
+            self._is_turning = False
+            return Control(STOP, goal_reached=True)
+
+        config = self._config
+        speed = inputs.velocity.linear
+        turn = inputs.velocity.angular
+        if abs(speed) <= config.stopped_mps and abs(turn) <= config.stopped_radps:
+            self._is_turning = True
+        if self._is_turning:
+            angle = wrap_angle(goal.yaw - inputs.pose.yaw)
+            command = Velocity2D(0.0, self._turn_rate(angle, abs(turn)))
+            if allows(command):
+                return Control(command)
+            return Control(None, reason="no room to turn to the goal's heading")
+
+        slower = max(0.0, abs(speed) - self._speed_change)
+        turning_slower = max(0.0, abs(turn) - self._turn_change)
+        command = Velocity2D(
+            math.copysign(slower, speed), math.copysign(turning_slower, turn)
         )
-        wanted = min(fastest, max(slowest, abs(angle)))
-        wanted = min(
-            max(wanted, rate_now - self._turn_drop), rate_now + self._turn_drop
-        )
-        wanted = min(
-            wanted, math.sqrt(2.0 * self._config.turn_acceleration_radps2 * abs(angle))
-        )
-        return math.copysign(min(fastest, max(slowest, wanted)), angle)
+        if config.roll_out_goal_turn and not allows(command):
+            return Control(None, reason="no room to brake at the goal")
+        return Control(command)
+
+    def _turn_rate(self, angle: float, present: float) -> float:
+        """Return the yaw rate for a remaining angle, slow enough to stop in time."""
+        config = self._config
+        slowest = config.min_turn_in_place_radps
+        fastest = config.max_goal_turn_radps
+        rate = min(fastest, max(slowest, abs(angle)))
+        rate = max(rate, present - self._turn_change)
+        rate = min(rate, present + self._turn_change)
+        rate = min(rate, math.sqrt(2.0 * config.turn_acceleration_radps2 * abs(angle)))
+        return math.copysign(min(fastest, max(slowest, rate)), angle)
 
 
 class DwaMemory:
-    """Keeps the robot from oscillating in place, and from driving forward during an escape."""
+    """Keeps the robot from oscillating in place and from driving on into an escape.
+
+    Follows the flags stuck_left, stuck_right and escaping_ of trajectory_planner.cpp.
+    """
 
     def __init__(self, config: DwaConfig):
         self._config = config
@@ -86,51 +97,62 @@ class DwaMemory:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._turned, self._committed = [False, False], [False, False]
-        self._turned_at: Pose2D | None = None
-        self._escape_from: Pose2D | None = None
+        self._escape_start: Pose2D | None = None
+        self._allow_both_turns()
+
+    def _allow_both_turns(self) -> None:
+        self._last_turn_pose: Pose2D | None = None
+        # By side: whether the robot turned in place to it, and whether twice.
+        self._turns_once = [False, False]
+        self._turns_twice = [False, False]
 
     @property
-    def escaping(self) -> bool:
+    def is_escaping(self) -> bool:
         """Whether an escape is in progress, so that driving forward is forbidden."""
-        return self._escape_from is not None
+        return self._escape_start is not None
 
     def allowed_turns(self) -> tuple[bool, bool]:
-        """Return whether turns to left and right are allowed; after two to one side the other is forbidden."""
-        return not self._committed[RIGHT], not self._committed[LEFT]
+        """Return whether turns in place to the left and to the right are allowed.
 
-    def chose(self, pose: Pose2D, speed: float, turn: float) -> None:
-        """Record the sample chosen at a pose."""
+        After two to one side the other is forbidden until the robot has moved.
+        """
+        return not self._turns_twice[RIGHT], not self._turns_twice[LEFT]
+
+    def record_sample(self, pose: Pose2D, speed: float, turn: float) -> None:
+        """Record the sample that wins a cycle.
+
+        Args:
+            pose: Pose of the robot.
+            speed: Forward speed of the sample in m/s.
+            turn: Yaw rate of the sample in rad/s.
+        """
         if speed <= 0.0:
             side = LEFT if turn > 0.0 else RIGHT
-            self._committed[side], self._turned[side], self._turned_at = (
-                self._turned[side],
-                True,
-                pose,
-            )
-        self._moved(pose)
+            self._turns_twice[side] = self._turns_once[side]
+            self._turns_once[side] = True
+            self._last_turn_pose = pose
+        self._record_pose(pose)
 
-    def escapes(self, pose: Pose2D, *, begin: bool) -> None:
-        """Record an escape at a pose; `begin`: it may be the first cycle of one."""
-        if begin and self._escape_from is None:
-            self._escape_from = pose
-        self._moved(pose)
+    def record_escape(self, pose: Pose2D, *, may_begin: bool) -> None:
+        """Record a cycle without an allowed sample.
 
-    def _moved(self, pose: Pose2D) -> None:
-        config, start = self._config, self._escape_from
-        if (
-            self._turned_at is not None
-            and pose.distance(self._turned_at) > config.oscillation_reset_m
+        Args:
+            pose: Pose of the robot.
+            may_begin: Whether this may be the first cycle of an escape.
+        """
+        if may_begin and self._escape_start is None:
+            self._escape_start = pose
+        self._record_pose(pose)
+
+    def _record_pose(self, pose: Pose2D) -> None:
+        config = self._config
+        turn_pose = self._last_turn_pose
+        if turn_pose and pose.distance(turn_pose) > config.oscillation_reset_m:
+            self._allow_both_turns()
+
+        start = self._escape_start
+        if start and (
+            pose.distance(start) > config.escape_reset_m
+            or abs(wrap_angle(pose.yaw - start.yaw)) > config.escape_reset_rad
         ):
-            self._turned, self._committed, self._turned_at = (
-                [False, False],
-                [False, False],
-                None,
-            )
-        if start is not None:
-            turned_rad = abs(wrap_angle(pose.yaw - start.yaw))
-            if (
-                pose.distance(start) > config.escape_reset_m
-                or turned_rad > config.escape_reset_rad
-            ):
-                self._escape_from = None
+            self._escape_start = None

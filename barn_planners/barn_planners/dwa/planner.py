@@ -1,19 +1,22 @@
-"""The dynamic window approach (Fox, Burgard, Thrun 1997) as implemented in base_local_planner's TrajectoryPlanner.
+"""The dynamic window approach (Fox, Burgard, Thrun 1997) as a controller.
 
-Each cycle samples the velocities that can be reached within one control period, rolls them out and takes the cheapest.
-The cost adds up distance from the plan, distance from its end, and the highest cost under the footprint's edges.
+It is base_local_planner's TrajectoryPlanner with `dwa` on, which the paper's trials
+ran. Each cycle samples the velocities that the robot can reach within one control
+period, rolls them out and takes the cheapest. The cost adds up the distance from the
+plan, the distance from the plan's end, and the highest cost under the footprint's edges.
 """
 
 import math
 
 import numpy as np
 
-from barn_planners.dwa import kernels, wavefront
+from barn_planners.costmap.kernels import Pose
+from barn_planners.dwa import kernels
 from barn_planners.dwa.config import DwaConfig, DwaPlannerConfig
-from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
+from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory, GoalTurn
 from barn_planners.dwa.search import Choice, find_best
-from barn_planners.interface import FloatArray, PlannerView
+from barn_planners.interface import PlannerView
 from barn_planners.navigation.loop import (
     Control,
     ControlInput,
@@ -22,15 +25,21 @@ from barn_planners.navigation.loop import (
 )
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fit_to_robot
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets
 from barn_worlds.base.types import Pose2D, Velocity2D
 
-_COLUMNS = kernels.OBSTACLE + 1
-_MAX_PLAN_CELLS = 4096
-_SHOWN_POSES = 80
-_FIGURES = {"cost": kernels.COST, "path_distance_cells": kernels.PATH}
-_FIGURES |= {"goal_distance_cells": kernels.GOAL, "obstacle_cost": kernels.OBSTACLE}
+_Cycle = tuple[kernels.Scene, kernels.Rules]
+
+_DISPLAY_POSES = 80
+_NO_SAMPLES = np.empty((0, kernels.COLUMNS))
+_DIAGNOSTICS = {
+    "cost": kernels.COST,
+    "path_distance_cells": kernels.PATH,
+    "goal_distance_cells": kernels.GOAL,
+    "obstacle_cost": kernels.OBSTACLE,
+}
 
 
 class DwaController(Controller):
@@ -38,12 +47,16 @@ class DwaController(Controller):
 
     def __init__(self, config: DwaConfig):
         self.config = config
-        self._memory, self._goal_turn = DwaMemory(config), GoalTurn(config)
-        steps = (config.sim_time_s, config.granularity_m, config.turn_granularity_rad)
-        self._motion = Movement(
-            *steps, config.acceleration_mps2, config.turn_acceleration_radps2
+        self._memory = DwaMemory(config)
+        self._goal_turn = GoalTurn(config)
+        self._motion = kernels.Motion(
+            config.sim_time_s,
+            config.granularity_m,
+            config.turn_granularity_rad,
+            config.acceleration_mps2,
+            config.turn_acceleration_radps2,
         )
-        self._fields: _Fields | None = None
+        self._fields = kernels.new_fields(0, 0)
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -51,193 +64,190 @@ class DwaController(Controller):
         del seed
         self._memory.reset()
         self._goal_turn.reset()
-        self._table = np.empty((0, _COLUMNS))
-        self._start: Start | None = None
-        self._chosen: tuple[float, float] | None = None
-        self._likely = 0
-        self._unscored: tuple[Scene, Weights] | None = (
-            None  # what `view` needs to score the whole table
-        )
+        self._table = _NO_SAMPLES
+        self._cycle: _Cycle | None = None
+        self._command: Velocity2D | None = None
+        self._best = 0
 
     def control(self, inputs: ControlInput) -> Control:
-        """Choose a velocity; once the goal's position is reached, turn to its heading."""
+        """Choose a velocity; at the goal's position, turn to its heading."""
         end = Pose2D(*inputs.visible[-1].tolist())
         if inputs.pose.distance(end) > self.config.xy_tolerance_m:
             return self._drive(inputs, end)
-        if self.config.roll_out_goal_turn and not self._goal_turn.reached(inputs, end):
+
+        # The original drives on paper here, too, and remembers what it would have done.
+        is_aligned = self._goal_turn.is_aligned(inputs.pose, end)
+        if self.config.roll_out_goal_turn and not is_aligned:
             self._drive(inputs, end)
-        self._chosen = None
+        self._command = None
         return self._goal_turn.control(
             inputs, end, lambda command: self._has_room(inputs, command)
         )
 
     def view(self) -> PlannerView:
-        """Return the chosen trajectory and all samples with their costs."""
-        if self._start is None or not len(self._table):
+        """Return the winning rollout and all samples with their costs."""
+        if self._cycle is None:
             return PlannerView()
-        if self._unscored is not None:
-            scene, weights = self._unscored
-            kernels.score(scene, self._start, self._motion, weights, self._table)
-            self._unscored = None
-        shown = kernels.traces(self._start, self._table, self._motion, _SHOWN_POSES)
-        costs = np.where(
-            self._table[:, kernels.COST] < 0.0, math.inf, self._table[:, kernels.COST]
-        )
-        if self._chosen is None:
-            return PlannerView(candidates=shown[:, :, :2], candidate_costs=costs)
-        chosen = kernels.traces(
-            self._start, np.array([self._chosen]), self._motion, _SHOWN_POSES
-        )[0]
+
+        scene, rules = self._cycle
+        start = rules.start
+        kernels.score(*scene, rules, self._table)
+        lines = kernels.traces(start, self._table, self._motion, _DISPLAY_POSES)
+        costs = self._table[:, kernels.COST]
+        local_plan = None
+        if self._command is not None:
+            velocity = np.array([[self._command.linear, self._command.angular]])
+            local_plan = kernels.traces(start, velocity, self._motion, _DISPLAY_POSES)[
+                0
+            ]
+
         return PlannerView(
-            local_plan=chosen, candidates=shown[:, :, :2], candidate_costs=costs
+            local_plan=local_plan,
+            candidates=lines[:, :, :2],
+            candidate_costs=np.where(costs < 0.0, math.inf, costs),
         )
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
-        config, costmap, pose = self.config, inputs.costmap, inputs.pose
-        start, self._chosen, self._unscored = _start(inputs), None, None
-        if config.single_precision:
-            start = Start(*np.array(start, np.float32).tolist())
-            pose = Pose2D(start.x, start.y, start.yaw)
-        self._start = start
-        if self._fields is None or self._fields.shape != costmap.costs.shape:
-            self._fields = _Fields(costmap.costs.shape)
-        fastest = max(abs(start.speed), config.max_speed_mps, -config.escape_speed_mps)
-        reach_m = fastest * config.sim_time_s + config.heading_lookahead_m
-        scene = self._fields.scene(inputs, pose, reach_m, config.robot_blocks_goal)
-        if scene is None:
-            self._table = np.empty((0, _COLUMNS))
+        self._command = None
+        self._cycle = self._new_cycle(inputs)
+        if self._cycle is None:
             return Control(None, reason="the plan lies off the local costmap")
-        now = Velocity2D(start.speed, start.turn)
-        self._table, drives = samples(
-            config, now, pose.distance(end), escaping=self._memory.escaping
+
+        config = self.config
+        scene, rules = self._cycle
+        start = rules.start
+        pose = Pose2D(start.x, start.y, start.yaw)
+        self._table, drives = sample_velocities(
+            config,
+            Velocity2D(start.speed, start.turn),
+            pose.distance(end),
+            is_escaping=self._memory.is_escaping,
         )
+        choice = Choice(
+            drives,
+            *self._memory.allowed_turns(),
+            config.heading_lookahead_m,
+            config.turn_past_blocked,
+            self._best,
+        )
+        best = find_best(*scene, rules, self._table, choice)
+        if best < 0:
+            return self._escape(start)
+
+        self._best = best
+        row = self._table[best].tolist()
+        self._command = Velocity2D(row[SPEED], row[TURN])
+        self._memory.record_sample(pose, row[SPEED], row[TURN])
+        diagnostics = {name: row[column] for name, column in _DIAGNOSTICS.items()}
+        return Control(self._command, diagnostics=diagnostics)
+
+    def _new_cycle(self, inputs: ControlInput) -> _Cycle | None:
+        """Return what costs depend on, None if the plan lies off the costmap."""
+        config = self.config
+        costmap = inputs.costmap
+        start = _start(inputs)
+        if config.single_precision:
+            start = kernels.Start(*np.array(start, np.float32).tolist())
+        if self._fields.costs.shape != costmap.costs.shape:
+            self._fields = kernels.new_fields(*costmap.costs.shape)
+
+        fields = self._fields
+        is_on_costmap = kernels.prepare(
+            fields,
+            costmap.costs,
+            costmap.grid,
+            inputs.visible,
+            Pose(start.x, start.y, start.yaw),
+            costmap.outline,
+            config.robot_blocks_goal,
+        )
+        if not is_on_costmap:
+            return None
+
+        raster = kernels.Raster(
+            costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution
+        )
+        ground = kernels.Ground(fields.costs, raster, costmap.outline)
+        scene = kernels.Scene(ground, fields.path, fields.goal)
         scale = costmap.resolution if config.distances_in_metres else 1.0
-        weights = Weights(
+        weights = kernels.Weights(
             config.path_weight * scale,
             config.goal_weight * scale,
             config.obstacle_weight,
         )
-        ahead, slots = (
-            (config.heading_lookahead_m, config.turn_past_blocked),
-            max(1, drives // config.speed_samples),
-        )
-        choice = Choice(
-            drives, *self._memory.allowed_turns(), *ahead, self._likely, slots
-        )
-        best = find_best(scene, start, self._motion, weights, self._table, choice)
-        self._unscored = (scene, weights)
-        if best < 0:
-            return self._escape(pose)
-        self._likely, row = best, self._table[best].tolist()
-        self._chosen = speed, turn = row[kernels.SPEED], row[kernels.TURN]
-        self._memory.chose(pose, speed, turn)
-        return Control(
-            Velocity2D(speed, turn),
-            diagnostics={name: row[column] for name, column in _FIGURES.items()},
-        )
-
-    def _cost(self, start: Start, command: Velocity2D) -> float:
-        """Return the cost of a sample in this cycle's scene."""
-        assert self._unscored is not None
-        (scene, weights), table = self._unscored, np.zeros((1, _COLUMNS))
-        table[0, [kernels.SPEED, kernels.TURN]] = command.linear, command.angular
-        kernels.score(scene, start, self._motion, weights, table)
-        return float(table[0, kernels.COST])
+        return scene, kernels.Rules(start, self._motion, weights)
 
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
+        """Return whether there is room for a command at the goal."""
         if self.config.roll_out_goal_turn:
-            return (
-                self._unscored is not None
-                and self._cost(_start(inputs), command) >= 0.0
-            )
-        return inputs.costmap.has_room(inputs.pose.x, inputs.pose.y, inputs.pose.yaw)
+            return self._cost(command, _start(inputs)) >= 0.0
 
-    def _escape(self, pose: Pose2D) -> Control:
-        """Drive backwards because no sample is allowed, unless the goal cannot be reached at all."""
-        assert self._start is not None
-        back = Velocity2D(
-            max(self.config.escape_speed_mps, -self.config.max_speed_mps), 0.0
-        )
-        cost = self._cost(self._start, back)
-        self._memory.escapes(pose, begin=cost > kernels.NO_WAY)
-        if cost >= 0.0 or (cost == kernels.TOUCHES and self.config.escape_through):
-            self._chosen = (back.linear, back.angular)
-            return Control(back, reason="escaping backwards")
+        pose = inputs.pose
+        return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
+
+    def _cost(self, command: Velocity2D, start: kernels.Start) -> float:
+        """Return the cost of a command in this cycle's scene, below 0 if not allowed."""
+        if self._cycle is None:
+            return kernels.NO_WAY
+
+        scene, rules = self._cycle
+        table = np.zeros((1, kernels.COLUMNS))
+        table[0, SPEED] = command.linear
+        table[0, TURN] = command.angular
+        kernels.score(*scene, rules._replace(start=start), table)
+        return float(table[0, kernels.COST])
+
+    def _escape(self, start: kernels.Start) -> Control:
+        """Drive backwards as no sample is allowed, unless no way leads to the goal."""
+        config = self.config
+        command = Velocity2D(max(config.escape_speed_mps, -config.max_speed_mps), 0.0)
+        cost = self._cost(command, start)
+        pose = Pose2D(start.x, start.y, start.yaw)
+        self._memory.record_escape(pose, may_begin=cost > kernels.NO_WAY)
+        if cost >= 0.0 or (cost == kernels.TOUCHES and config.escape_through):
+            self._command = command
+            return Control(command, reason="escaping backwards")
         return Control(None, reason="no sample is allowed")
 
 
-class _Fields:
-    """The costs of a cycle, which the costmap changes later, and the distances to the plan and to its end."""
-
-    def __init__(self, shape: tuple[int, ...]):
-        rows, cols = self.shape = shape
-        self._path, self._goal = (
-            wavefront.new_wavefront(rows, cols),
-            wavefront.new_wavefront(rows, cols),
-        )
-        self._costs, self._clear = np.empty(shape, np.uint8), np.empty(shape, np.int16)
-        # cells that block, and those of the plan
-        work = (
-            np.empty((rows + 2) * (cols + 2), np.uint8),
-            np.empty(_MAX_PLAN_CELLS, np.int64),
-        )
-        self._all = (self._costs, self._clear, *work, self._path, self._goal)
-
-    def scene(
-        self,
-        inputs: ControlInput,
-        pose: Pose2D,
-        reach_m: float,
-        robot_blocks_goal: bool,
-    ) -> Scene | None:
-        """Return the scene of a cycle, None if the plan lies off the costmap; reach_m: how far rollouts may lead."""
-        costmap = inputs.costmap
-        at = (inputs.visible, costmap.grid, (pose.x, pose.y, pose.yaw), costmap.outline)
-        if not kernels.prepare(
-            costmap.costs, self._all, *at, reach_m, robot_blocks_goal
-        ):
-            return None
-        grid = Grid(costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
-        return Scene(
-            Ground(self._costs, self._clear, grid, costmap.outline),
-            self._path,
-            self._goal,
-        )
+def _start(inputs: ControlInput) -> kernels.Start:
+    pose = inputs.pose
+    velocity = inputs.velocity
+    return kernels.Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
 
 
-def _start(inputs: ControlInput) -> Start:
-    pose, velocity = inputs.pose, inputs.velocity
-    return Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
-
-
-def samples(
+def sample_velocities(
     config: DwaConfig,
     velocity: Velocity2D,
     end_distance_m: float,
     *,
-    escaping: bool = False,
-) -> tuple[FloatArray, int]:
-    """Return the table of samples, unscored, and how many drive forward; the others turn in place.
+    is_escaping: bool = False,
+) -> tuple[Floats, int]:
+    """Return the table of samples, unscored, and how many of them drive forward.
 
-    None drives faster than to the end of the visible plan, and none forward while the robot escapes.
+    Args:
+        config: Limits and numbers of samples.
+        velocity: Velocity of the robot now.
+        end_distance_m: Distance from the end of the visible plan. No sample is faster
+            than to reach it within the time of a rollout.
+        is_escaping: Whether driving forward is forbidden.
     """
     change = config.acceleration_mps2 * config.window_period_s
     turn_change = config.turn_acceleration_radps2 * config.window_period_s
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
-    high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
-    low = max(config.min_speed_mps, velocity.linear - change)
-    lowest = max(-config.max_turn_radps, velocity.angular - turn_change)
-    highest = min(config.max_turn_radps, velocity.angular + turn_change)
-    counts = (0 if escaping else config.speed_samples, config.turn_samples)
-    shape = (
+    sampling = kernels.Sampling(
+        max(config.min_speed_mps, velocity.linear - change),
+        max(min(fastest, velocity.linear + change), config.min_speed_mps),
+        max(-config.max_turn_radps, velocity.angular - turn_change),
+        min(config.max_turn_radps, velocity.angular + turn_change),
+        config.speed_samples,
+        config.turn_samples,
         config.sample_highest_turn,
         config.min_turn_in_place_radps,
         config.skip_slow_turns,
+        config.single_precision,
     )
-    table, drives = kernels.sample_table(
-        (low, high), (lowest, highest), counts, *shape, config.single_precision
-    )
-    return table, drives
+    return kernels.sample_table(sampling, not is_escaping)
 
 
 ENTRY = PlannerEntry(

@@ -1,138 +1,226 @@
-"""Steps around what blocks, to the plan and to its end; a wavefront spreads only as far as is asked for."""
+"""Steps on the grid to the plan and to its end.
+
+They are base_local_planner's `MapGrid::computeTargetDistance` (map_grid.cpp), but a
+wavefront spreads only as far as someone asks for. Its cells are numbers in a flat grid
+that is padded by one blocked cell on each side, which spares checks at the edges.
+"""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
-UNREACHED = np.int32(2**30)
-OPEN, BLOCKED, REACHED = np.uint8(0), np.uint8(1), np.uint8(2)
-HEAD, TAIL = (
-    0,
-    1,
-)  # of the queue: the place from which it goes on, and the number of cells in it
+from barn_planners.costmap.kernels import INSCRIBED, Cell, Grid, cell_at, is_on_grid
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Cells, Integers, MediumIntegers, Points
+
+UNREACHED = 2**30
+
+# States of a cell.
+OPEN = np.uint8(0)
+BLOCKED = np.uint8(1)
+REACHED = np.uint8(2)
+
+# Positions in `Wavefront.ends`.
+_HEAD = 0  # place in the queue of the cell to go on with
+_TAIL = 1  # number of cells in the queue
 
 
 class Wavefront(NamedTuple):
-    """Flat arrays of a grid padded by one blocked cell: cell = (row + 1) * columns + column + 1 of the padded grid."""
+    """Flat arrays over the padded grid, and how far the wavefront has come."""
 
-    distances: npt.NDArray[
-        np.int32
-    ]  # steps from the nearest seed, where the wavefront has come
-    state: npt.NDArray[np.uint8]  # OPEN, BLOCKED or REACHED
-    queue: npt.NDArray[np.int32]  # cells that it has reached, in order
-    ends: npt.NDArray[np.int64]  # HEAD and TAIL of the queue
-    columns: int
+    distances: MediumIntegers  # steps from the nearest seed, valid where REACHED
+    state: Bytes  # OPEN, BLOCKED or REACHED
+    queue: MediumIntegers  # cells in the order in which they are reached
+    ends: Integers  # head and tail of the queue
+    columns: int  # of the padded grid
 
 
 def new_wavefront(rows: int, cols: int) -> Wavefront:
-    """Return a wavefront on a grid of rows x columns cells."""
+    """Return a wavefront without seeds.
+
+    Args:
+        rows: Number of rows of the costmap.
+        cols: Number of its columns.
+    """
     size = (rows + 2) * (cols + 2)
-    cells = np.empty(size, np.int32), np.empty(size, np.uint8), np.empty(size, np.int32)
-    return Wavefront(*cells, np.zeros(2, np.int64), cols + 2)
+    return Wavefront(
+        np.empty(size, np.int32),
+        np.empty(size, np.uint8),
+        np.empty(size, np.int32),
+        np.zeros(2, np.int64),
+        cols + 2,
+    )
 
 
-@njit(cache=True)
-def blocked(costs, first, spans, state):  # type: ignore[no-untyped-def]
-    """Write to `state` (padded, flat) where a cell costs 253 or more, but for those of `footprint_spans`."""
+@kernel
+def padded(cell: Cell, columns: int) -> int:
+    """Return the number of a cell in the padded grid.
+
+    Args:
+        cell: Cell of the costmap.
+        columns: Number of columns of the padded grid.
+    """
+    return (cell.row + 1) * columns + cell.col + 1
+
+
+@kernel
+def block_cells(costs: Bytes, state: Bytes) -> None:
+    """Write which cells block: those where base_link would touch, and the padding.
+
+    Args:
+        costs: Costs of the costmap (rows, columns).
+        state: Array over the padded grid that receives OPEN or BLOCKED.
+    """
     rows, cols = costs.shape
     width = cols + 2
     state[:] = BLOCKED
     for row in range(rows):
-        line, here = costs[row], state[(row + 1) * width + 1 : (row + 2) * width - 1]
+        source = costs[row]
+        target = state[(row + 1) * width + 1 : (row + 2) * width - 1]
         for col in range(cols):
-            here[col] = BLOCKED if line[col] >= 253 else OPEN
-    for k in range(len(spans)):
-        col = first + k
-        if 0 <= col < cols:
-            for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
-                state[(row + 1) * width + col + 1] = OPEN
+            target[col] = BLOCKED if source[col] >= INSCRIBED else OPEN
 
 
-@njit(cache=True)
-def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type: ignore[no-untyped-def]
-    """Write the padded cells under the part of a plan (n, 2 or more) on the grid to `cells`; return their number."""
+@kernel
+def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
+    """Open the cells that the robot covers, as `MapGrid` sets them within_robot.
+
+    Args:
+        cells: Cells (n, 2) of the costmap.
+        columns: Number of columns of the padded grid.
+        state: Array over the padded grid, from `block_cells`.
+    """
+    for row, col in cells:
+        state[padded(Cell(row, col), columns)] = OPEN
+
+
+@kernel
+def plan_cells(plan: Points, grid: Grid, rows: int, cols: int, cells: Integers) -> int:
+    """Write the cells under the first part of a plan that lies on the costmap.
+
+    Follows `MapGrid::adjustPlanResolution` and `setTargetCells`: long segments are cut
+    so that no cell is left out.
+
+    Args:
+        plan: Points (n, 2 or more), x and y in m.
+        grid: Place of the costmap.
+        rows: Number of rows of the costmap.
+        cols: Number of its columns.
+        cells: Array that receives the padded numbers; a longer plan is cut off.
+
+    Returns:
+        Number of cells.
+    """
     count = 0
     for k in range(len(plan)):
         before = max(0, k - 1)
-        length = math.hypot(plan[k, 0] - plan[before, 0], plan[k, 1] - plan[before, 1])
-        pieces = max(1, math.ceil(length / resolution + 1e-6))
+        dx = plan[k, 0] - plan[before, 0]
+        dy = plan[k, 1] - plan[before, 1]
+        pieces = max(1, math.ceil(math.hypot(dx, dy) / grid.resolution + 1e-6))
         for piece in range(1, pieces + 1):
-            part = piece / pieces
-            x = plan[before, 0] + part * (plan[k, 0] - plan[before, 0])
-            y = plan[before, 1] + part * (plan[k, 1] - plan[before, 1])
-            row = math.floor((y - origin_y) / resolution)
-            col = math.floor((x - origin_x) / resolution)
-            if 0 <= row < rows and 0 <= col < cols:
-                cell = (row + 1) * (cols + 2) + col + 1
-                if count == 0 or cells[count - 1] != cell:
-                    if count == len(cells):
-                        return count
-                    cells[count] = cell
-                    count += 1
-            elif count:
-                return count
+            share = piece / pieces
+            x = plan[before, 0] + share * dx
+            y = plan[before, 1] + share * dy
+            cell = cell_at(grid, x, y)
+            if not is_on_grid(cell, rows, cols):
+                if count > 0:
+                    return count
+                continue
+
+            number = padded(cell, cols + 2)
+            if count == 0 or cells[count - 1] != number:
+                if count == len(cells):
+                    return count
+                cells[count] = number
+                count += 1
+
     return count
 
 
-@njit(cache=True)
-def begin(front, blocked_cells, seeds):  # type: ignore[no-untyped-def]
-    """Let a wavefront start anew from its seeds, 0 wherever they are; blocked_cells: as `blocked` writes it."""
-    distances, state, queue = front.distances, front.state, front.queue
-    for cell in range(
-        len(state)
-    ):  # an assignment of the whole would take ten times as long
-        state[cell] = blocked_cells[cell]
+@kernel
+def start_wavefront(front: Wavefront, walls: Bytes, seeds: Integers) -> None:
+    """Let a wavefront start anew.
+
+    Args:
+        front: Wavefront to start.
+        walls: What blocks, from `block_cells`.
+        seeds: Padded numbers of the cells with distance 0, wherever they are.
+    """
+    # A loop is ten times as fast here as numba's assignment of a whole array.
+    for cell in range(len(walls)):
+        front.state[cell] = walls[cell]
+
     tail = 0
     for seed in seeds:
-        if state[seed] != REACHED:
-            distances[seed], state[seed] = 0, REACHED
-            queue[tail] = seed
+        if front.state[seed] != REACHED:
+            front.distances[seed] = 0
+            front.state[seed] = REACHED
+            front.queue[tail] = seed
             tail += 1
-    front.ends[HEAD], front.ends[TAIL] = 0, tail
+    front.ends[_HEAD] = 0
+    front.ends[_TAIL] = tail
 
 
-@njit(cache=True)
-def steps_to(front, cell):  # type: ignore[no-untyped-def]
-    """Return the 4-connected steps from the nearest seed to a cell, UNREACHED if there is no way."""
-    cell = np.uint64(cell)
-    if front.state[cell] == OPEN:
-        _spread(front, cell)
-    return front.distances[cell] if front.state[cell] == REACHED else UNREACHED
+@kernel
+def steps_to(front: Wavefront, cell: int) -> int:
+    """Return the 4-connected steps from the nearest seed to a cell.
+
+    Args:
+        front: Wavefront, which spreads to the cell.
+        cell: Padded number of the cell.
+
+    Returns:
+        UNREACHED if no way leads to the cell.
+    """
+    place = np.uint64(cell)
+    if front.state[place] == OPEN:
+        _spread(front, place)
+    if front.state[place] != REACHED:
+        return UNREACHED
+
+    steps: int = front.distances[place]
+    return steps
 
 
-@njit(cache=True)
-def borders_reached(front, cell):  # type: ignore[no-untyped-def]
-    """Tell whether a cell without a way to it lies beside one that the wavefront reaches."""
-    for other in (cell - 1, cell + 1, cell - front.columns, cell + front.columns):
-        if steps_to(front, other) < UNREACHED:
-            return True
-    return False
+@kernel
+def is_bordered(front: Wavefront, cell: int) -> bool:
+    """Return whether a cell lies beside one that the wavefront reaches.
+
+    Args:
+        front: Wavefront, which spreads as far as necessary.
+        cell: Padded number of the cell, which is not in the padding.
+    """
+    steps = min(
+        steps_to(front, cell - 1),
+        steps_to(front, cell + 1),
+        steps_to(front, cell - front.columns),
+        steps_to(front, cell + front.columns),
+    )
+    return steps < UNREACHED
 
 
-@njit(cache=True)
-def _spread(front, wanted):  # type: ignore[no-untyped-def]
-    distances, state, queue = front.distances, front.state, front.queue
-    one, row = np.uint64(1), np.uint64(front.columns)
-    head, tail = np.uint64(front.ends[HEAD]), np.uint64(front.ends[TAIL])
-    while head < tail and state[wanted] == OPEN:
+@kernel
+def _spread(front: Wavefront, goal: np.uint64) -> None:
+    """Continue the wavefront until it reaches a cell or has nowhere to go."""
+    distances = front.distances
+    state = front.state
+    queue = front.queue
+    row = np.uint64(front.columns)
+    one = np.uint64(1)
+    head = np.uint64(front.ends[_HEAD])
+    tail = np.uint64(front.ends[_TAIL])
+    while head < tail and state[goal] == OPEN:
         cell = np.uint64(queue[head])
         head += one
         steps = distances[cell] + np.int32(1)
-        for other in (cell - one, cell + one, cell - row, cell + row):
-            # nothing branches on a state: half of such branches would be guessed wrongly
-            is_open = state[other] == OPEN
-            distances[other] = steps if is_open else distances[other]
-            state[other] = REACHED if is_open else state[other]
-            queue[tail] = other
+        for neighbor in (cell - one, cell + one, cell - row, cell + row):
+            # Selections instead of branches, half of which would be mispredicted.
+            is_open = state[neighbor] == OPEN
+            distances[neighbor] = steps if is_open else distances[neighbor]
+            state[neighbor] = REACHED if is_open else state[neighbor]
+            queue[tail] = neighbor
             tail += np.uint64(is_open)
-    front.ends[HEAD], front.ends[TAIL] = head, tail
 
-
-@njit(cache=True)
-def least_beyond(front):  # type: ignore[no-untyped-def]
-    """Return a number of steps that no cell is nearer than, of those that the wavefront has not reached."""
-    head = front.ends[HEAD]
-    return front.distances[front.queue[head]] if head < front.ends[TAIL] else UNREACHED
+    front.ends[_HEAD] = head
+    front.ends[_TAIL] = tail

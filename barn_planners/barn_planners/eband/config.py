@@ -88,9 +88,14 @@ class EBandConfig(Checked):
         self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
     def gains(self, circumscribed_m: float) -> BandGains:
-        """Return the gains for the kernels and a robot whose padded footprint has this circumscribed radius."""
-        named = [getattr(self, name) for name in BandGains._fields[1:]]
-        return BandGains(circumscribed_m if self.headings else 0.0, *named)
+        """Return the constants of forces.
+
+        Args:
+            circumscribed_m: Circumscribed radius of the padded footprint, by which the
+                original turns an angle into a distance.
+        """
+        fields = [getattr(self, name) for name in BandGains._fields[1:]]
+        return BandGains(circumscribed_m if self.headings else 0.0, *fields)
 
 
 @dataclass(frozen=True)

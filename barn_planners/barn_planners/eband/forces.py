@@ -1,210 +1,316 @@
-"""Compiled loops that move the bubbles of a band by internal and external forces, as eband_local_planner does.
+"""Kernels that move the bubbles of a band by internal and external forces.
 
-A heading counts as a third coordinate, `metres_per_rad` for each radian: forces have a torque, and steps turn a bubble.
+They follow eband_local_planner.cpp. A heading counts as a third coordinate,
+`metres_per_rad` for each radian: forces have a torque, and a step turns a bubble.
 """
 
 import math
+from typing import NamedTuple
 
-from numba import njit
-
-from barn_planners.eband import kernels
-from barn_planners.eband.kernels import RADIUS, YAW, X, Y
+from barn_planners.costmap.kernels import Pose
+from barn_planners.eband.kernels import (
+    RADIUS,
+    YAW,
+    BandGains,
+    Context,
+    X,
+    Y,
+    append_back,
+    bridge,
+    connect_front,
+    measure,
+    overlap,
+    place,
+    put,
+    radius_at,
+    refine,
+    wrap,
+)
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Floats
 
 _CLOSE_M = 0.01
 
 
-@njit(cache=True, error_model="numpy")
-def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
-    """Return the unit vector from (x, y) to bubble i, with the turn to its heading by the distance; zero if close."""
-    dx, dy = band[i, X] - x, band[i, Y] - y
+class Bubble(NamedTuple):
+    """A bubble that may take the place of one of the band."""
+
+    x: float
+    y: float
+    radius: float
+    yaw: float
+
+
+class Vector(NamedTuple):
+    """A force or a step; `turn` is a torque, or an angle in rad."""
+
+    x: float
+    y: float
+    turn: float
+
+
+@kernel
+def _pull(band: Floats, i: int, bubble: Bubble, metres_per_rad: float) -> Vector:
+    """Return the unit vector towards bubble i of the band, zero if it is close."""
+    dx = band[i, X] - bubble.x
+    dy = band[i, Y] - bubble.y
     distance = math.hypot(dx, dy)
     if distance <= _CLOSE_M:
-        return 0.0, 0.0, 0.0
-    return (
-        dx / distance,
-        dy / distance,
-        metres_per_rad * kernels.wrapped(band[i, YAW] - yaw) / distance,
-    )
+        return Vector(0.0, 0.0, 0.0)
+
+    turn = metres_per_rad * wrap(band[i, YAW] - bubble.yaw) / distance
+    return Vector(dx / distance, dy / distance, turn)
 
 
-@njit(cache=True, error_model="numpy")
-def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untyped-def]
-    """Return force and torque on bubble i of the band if it were at this pose with this radius.
+@kernel
+def force_on(band: Floats, i: int, bubble: Bubble, context: Context) -> Vector:
+    """Return the force on a bubble in place of bubble i of the band.
 
-    Internal: unit vectors to both neighbours. External: the central difference of the radius over its own radius. The
-    part along the line through both neighbours is removed.
+    Internal force: unit vectors to both neighbors. External force: the central
+    difference of the radius over the bubble's own radius. The part along the line
+    through both neighbors is removed. Follows `calcInternalForces`,
+    `calcExternalForces` and `suppressTangentialForces`.
+
+    Args:
+        band: Band with the neighbors.
+        i: Place of the bubble in the band, neither first nor last.
+        bubble: Bubble to look at.
+        context: What bubbles depend on.
     """
-    before_x, before_y, before_turn = _pull(
-        band, i - 1, x, y, yaw, gains.metres_per_rad
-    )
-    after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
+    gains = context.gains
+    clearance = context.clearance
+    x, y, radius, _ = bubble
+    before = _pull(band, i - 1, bubble, gains.metres_per_rad)
+    after = _pull(band, i + 1, bubble, gains.metres_per_rad)
     across = 2.0 * max(radius, gains.tiny_bubble_m)
-    slope_x = (
-        kernels.radius_at(grid, x + radius, y) - kernels.radius_at(grid, x - radius, y)
-    ) / across
-    slope_y = (
-        kernels.radius_at(grid, x, y + radius) - kernels.radius_at(grid, x, y - radius)
-    ) / across
-    fx = gains.internal_gain * (before_x + after_x) + gains.external_gain * slope_x
-    fy = gains.internal_gain * (before_y + after_y) + gains.external_gain * slope_y
-    torque = gains.internal_gain * (before_turn + after_turn)
-    tx, ty = band[i - 1, X] - band[i + 1, X], band[i - 1, Y] - band[i + 1, Y]
-    turn = gains.metres_per_rad * kernels.wrapped(band[i - 1, YAW] - band[i + 1, YAW])
-    along = (fx * tx + fy * ty + torque * turn) / max(
-        tx * tx + ty * ty + turn * turn, 1e-12
-    )
-    return fx - along * tx, fy - along * ty, torque - along * turn
+    right = radius_at(clearance, x + radius, y)
+    slope_x = (right - radius_at(clearance, x - radius, y)) / across
+    upper = radius_at(clearance, x, y + radius)
+    slope_y = (upper - radius_at(clearance, x, y - radius)) / across
+    fx = gains.internal_gain * (before.x + after.x) + gains.external_gain * slope_x
+    fy = gains.internal_gain * (before.y + after.y) + gains.external_gain * slope_y
+    torque = gains.internal_gain * (before.turn + after.turn)
+
+    tx = band[i - 1, X] - band[i + 1, X]
+    ty = band[i - 1, Y] - band[i + 1, Y]
+    turn = gains.metres_per_rad * wrap(band[i - 1, YAW] - band[i + 1, YAW])
+    square = max(tx * tx + ty * ty + turn * turn, 1e-12)
+    along = (fx * tx + fy * ty + torque * turn) / square
+    return Vector(fx - along * tx, fy - along * ty, torque - along * turn)
 
 
-@njit(cache=True)
-def _overshoots(old, new, gains):  # type: ignore[no-untyped-def]
-    """Tell whether the force has reversed, and whether it then keeps too much of its strength."""
-    (fx, fy, torque), (new_fx, new_fy, new_torque) = old, new
-    turned = fx * new_fx + fy * new_fy + torque * new_torque < 0.0
-    strength = math.sqrt(
-        fx * fx + (fx * fx if gains.weighs_x_twice else fy * fy) + torque * torque
-    )
-    new_strength = math.sqrt(
-        new_fx * new_fx + new_fy * new_fy + new_torque * new_torque
-    )
+@kernel
+def _is_reversed(force: Vector, new: Vector) -> bool:
+    return force.x * new.x + force.y * new.y + force.turn * new.turn < 0.0
+
+
+@kernel
+def _is_strong(force: Vector, new: Vector, gains: BandGains) -> bool:
+    """Return whether a force that has reversed keeps too much of its strength."""
+    # The original takes x twice and no y here.
+    other = force.x if gains.weighs_x_twice else force.y
+    strength = math.sqrt(force.x * force.x + other * other + force.turn * force.turn)
+    new_strength = math.sqrt(new.x * new.x + new.y * new.y + new.turn * new.turn)
     return (
-        turned,
         new_strength > gains.overshoot * strength
-        and new_strength > gains.significant_force,
+        and new_strength > gains.significant_force
     )
 
 
-@njit(cache=True)
-def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped-def]
-    """Return the bubble reached by half of a jump, then half as far each, on or back; radius 0 if none is."""
-    x, y, radius, yaw = band[i, X], band[i, Y], 0.0, band[i, YAW]
+@kernel
+def _step(bubble: Bubble, step: Vector, share: float, context: Context) -> Bubble:
+    """Return a bubble moved by a share of a step."""
+    x = bubble.x + share * step.x
+    y = bubble.y + share * step.y
+    radius = radius_at(context.clearance, x, y)
+    return Bubble(x, y, radius, wrap(bubble.yaw + share * step.turn))
+
+
+@kernel
+def _near_balance(
+    band: Floats, i: int, force: Vector, step: Vector, context: Context
+) -> Bubble:
+    """Return the bubble that half of a step reaches, then half as far each, on or back.
+
+    Its radius is 0 if the first half step is not possible. Follows
+    `EBandPlanner::moveApproximateEquilibrium` without its recursion.
+    """
+    gains = context.gains
+    bubble = Bubble(band[i, X], band[i, Y], 0.0, band[i, YAW])
     share = 0.5
     for depth in range(gains.halvings + 1):
-        new_x, new_y, new_yaw = (
-            x + share * jump[0],
-            y + share * jump[1],
-            kernels.wrapped(yaw + share * jump[2]),
-        )
-        new_radius = kernels.radius_at(grid, new_x, new_y)
-        if new_radius <= 0.0:
+        moved = _step(bubble, step, share, context)
+        if moved.radius <= 0.0:
             break
-        x, y, radius, yaw = new_x, new_y, new_radius, new_yaw
+        bubble = moved
         if depth == gains.halvings:
             break
-        new_force = force_on(band, i, x, y, radius, yaw, grid, gains)
-        turned, strong = _overshoots(force, new_force, gains)
-        if turned and not strong:
+
+        new_force = force_on(band, i, bubble, context)
+        is_reversed = _is_reversed(force, new_force)
+        if is_reversed and not _is_strong(force, new_force, gains):
             break
-        share *= -0.5 if turned else 0.5
+        share *= -0.5 if is_reversed else 0.5
         force = new_force
-    return x, y, radius, yaw
+
+    return bubble
 
 
-@njit(cache=True)
-def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    if kernels.overlaps(band, i, band, i + 1, gains.min_overlap):
+@kernel
+def _is_connected(band: Floats, i: int, context: Context) -> bool:
+    """Return whether bubbles i and i + 1 overlap or a bridge can connect them."""
+    if overlap(band, i, band, i + 1, context.gains.min_overlap):
         return True
-    kernels.put(work.nodes, 0, band, i)
-    kernels.put(work.nodes, 1, band, i + 1)
-    return kernels.bridge(work, 0, 1, 2, grid, gains) >= 0
+
+    nodes = context.work.nodes
+    nodes[:2] = band[i : i + 2]
+    return bridge(context, 0, 1, 2) >= 0
 
 
-@njit(cache=True)
-def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    old_x, old_y, old_radius, old_yaw = (
-        band[i, X],
-        band[i, Y],
-        band[i, RADIUS],
-        band[i, YAW],
-    )
-    force = force_on(band, i, old_x, old_y, old_radius, old_yaw, grid, gains)
-    fx, fy, torque = force
-    turn = (
-        kernels.wrapped(old_radius / gains.metres_per_rad * torque)
-        if gains.metres_per_rad > 0.0
-        else 0.0
-    )
-    jump = (old_radius * fx, old_radius * fy, turn)
-    x, y, yaw = old_x + jump[0], old_y + jump[1], kernels.wrapped(old_yaw + turn)
-    radius = kernels.radius_at(grid, x, y)
-    if radius <= gains.tiny_bubble_m:
+@kernel
+def _move(band: Floats, i: int, context: Context) -> None:
+    """Move bubble i by the force on it (`EBandPlanner::applyForces`)."""
+    gains = context.gains
+    old = Bubble(band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW])
+    force = force_on(band, i, old, context)
+    turn = 0.0
+    if gains.metres_per_rad > 0.0:
+        turn = wrap(old.radius / gains.metres_per_rad * force.turn)
+    step = Vector(old.radius * force.x, old.radius * force.y, turn)
+    bubble = _step(old, step, 1.0, context)
+    if bubble.radius <= gains.tiny_bubble_m:
         return
-    turned, strong = _overshoots(
-        force, force_on(band, i, x, y, radius, yaw, grid, gains), gains
-    )
-    if turned and strong:
-        nearer_x, nearer_y, nearer_radius, nearer_yaw = _near_balance(
-            band, i, force, jump, grid, gains
-        )
-        if nearer_radius > 0.0:
-            x, y, radius, yaw = nearer_x, nearer_y, nearer_radius, nearer_yaw
-    band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = x, y, radius, yaw
-    if not (
-        _connected(band, i - 1, grid, gains, work)
-        and _connected(band, i, grid, gains, work)
-    ):
-        band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = (
-            old_x,
-            old_y,
-            old_radius,
-            old_yaw,
-        )
+
+    new_force = force_on(band, i, bubble, context)
+    if _is_reversed(force, new_force) and _is_strong(force, new_force, gains):
+        nearer = _near_balance(band, i, force, step, context)
+        if nearer.radius > 0.0:
+            bubble = nearer
+
+    put(band, i, bubble.x, bubble.y, bubble.radius, bubble.yaw)
+    if not (_is_connected(band, i - 1, context) and _is_connected(band, i, context)):
+        put(band, i, old.x, old.y, old.radius, old.yaw)
 
 
-@njit(cache=True)
-def relax(band, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
-    """Apply the forces to the inner bubbles, first to last and back again, and refine, `sweeps` times, in place."""
+@kernel
+def relax(band: Floats, n: int, context: Context, sweeps: int) -> int:
+    """Apply the forces to the inner bubbles, and refine.
+
+    Follows `EBandPlanner::modifyBandArtificialForce`.
+
+    Args:
+        band: Band to change.
+        n: Its length.
+        context: What bubbles depend on.
+        sweeps: How often to go from the first bubble to the last and back.
+
+    Returns:
+        The new length, or a code of REASONS.
+    """
     for _ in range(sweeps):
         for i in range(1, n - 1):
-            _move(band, i, grid, gains, work)
+            _move(band, i, context)
         for i in range(n - 2, 0, -1):
-            _move(band, i, grid, gains, work)
-        n = kernels.refine(band, n, grid, gains, work)
+            _move(band, i, context)
+        n = refine(band, n, context)
         if n < 0:
             break
     return n
 
 
-@njit(cache=True)
-def renew(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Recompute radii and refine, in place; return the new length."""
-    n = kernels.measure(band, n, grid)
-    return n if n < 0 else kernels.refine(band, n, grid, gains, work)
+@kernel
+def renew(band: Floats, n: int, context: Context) -> int:
+    """Recompute radii and refine.
+
+    Args:
+        band: Band to change.
+        n: Its length.
+        context: What bubbles depend on.
+
+    Returns:
+        The new length, or a code of REASONS.
+    """
+    n = measure(band, n, context.clearance)
+    return n if n < 0 else refine(band, n, context)
 
 
-@njit(cache=True)
-def from_plan(band, poses, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Make a band from poses (n, 3), no more than it has room for; return its length."""
-    kernels.place(band, poses, gains)
-    return renew(band, len(poses), grid, gains, work)
+@kernel
+def from_plan(band: Floats, poses: Floats, context: Context) -> int:
+    """Make a band from a plan, one bubble per pose, and refine it.
+
+    Args:
+        band: Band to write, with room for the poses.
+        poses: Poses (n, 3), x and y in m, yaw in rad.
+        context: What bubbles depend on.
+
+    Returns:
+        The length of the band, or a code of REASONS.
+    """
+    place(band, poses, context.gains)
+    return renew(band, len(poses), context)
 
 
-@njit(cache=True)
-def optimise(band, moved, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
-    """Renew a band, in place unless that fails, and relax it to `moved`; return the new lengths of both."""
-    moved[:n] = band[:n]
-    n = renew(moved, n, grid, gains, work)
+@kernel
+def optimize(
+    band: Floats, trial: Floats, n: int, context: Context, sweeps: int
+) -> tuple[int, int]:
+    """Renew a band and relax a copy of it (`EBandPlanner::optimizeBand`).
+
+    Args:
+        band: Band to renew; it stays as it is if that fails.
+        trial: Band that receives the relaxed copy.
+        n: Length of the band.
+        context: What bubbles depend on.
+        sweeps: How often to go from the first bubble to the last and back.
+
+    Returns:
+        The new lengths of both, or codes of REASONS.
+    """
+    trial[:n] = band[:n]
+    n = renew(trial, n, context)
     if n < 0:
         return n, n
-    band[:n] = moved[:n]
-    return n, relax(moved, n, grid, gains, work, sweeps)
 
-
-@njit(cache=True)
-def advance(band, trial, n, pose, ahead, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
-    """Connect a band to a pose (x, y, yaw), append poses (k, 3), and optimise it to `trial`, which may fail.
-
-    Returns the length of `band`, that of `trial` or the code of the failure, and whether the poses are appended.
-    """
-    (x, y, yaw), kept = pose, n
-    trial[:n] = band[:n]
-    n = kernels.connect_front(trial, n, x, y, yaw, grid, gains, work)
-    if n >= 0 and len(ahead) > 0:
-        kept = n
-        band[:n] = trial[:n]
-        n = kernels.append_back(trial, n, ahead, grid, gains, work)
-    if n < 0:
-        return kept, n, False
     band[:n] = trial[:n]
-    renewed, moved = optimise(band, trial, n, grid, gains, work, sweeps)
-    return n if renewed < 0 else renewed, moved, True
+    return n, relax(trial, n, context, sweeps)
+
+
+@kernel
+def advance(
+    band: Floats,
+    trial: Floats,
+    n: int,
+    pose: Pose,
+    ahead: Floats,
+    context: Context,
+    sweeps: int,
+) -> tuple[int, int, bool]:
+    """Connect a band to the robot, append poses, and optimize it.
+
+    What fails leaves the band as the steps before have made it.
+
+    Args:
+        band: Band to change.
+        trial: Band that receives the relaxed copy.
+        n: Length of the band.
+        pose: Pose of the robot.
+        ahead: Poses (k, 3) to append, x and y in m, yaw in rad.
+        context: What bubbles depend on.
+        sweeps: How often to go from the first bubble to the last and back.
+
+    Returns:
+        Length of the band; length of the trial band or a code of REASONS; whether the
+        poses are part of the band.
+    """
+    trial[:n] = band[:n]
+    length = connect_front(trial, n, pose, context)
+    if length >= 0 and len(ahead) > 0:
+        n = length
+        band[:n] = trial[:n]
+        length = append_back(trial, n, ahead, context)
+    if length < 0:
+        return n, length, False
+
+    band[:length] = trial[:length]
+    renewed, relaxed = optimize(band, trial, length, context, sweeps)
+    return (length if renewed < 0 else renewed), relaxed, True

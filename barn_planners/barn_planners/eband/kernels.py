@@ -1,15 +1,18 @@
-"""Compiled loops of the elastic band: bubbles, refining, connecting. Those that move it are in `forces`.
+"""Kernels of the elastic band: bubbles, refining, connecting; `forces` moves bubbles.
 
-A band is float64 (capacity, 4): x, y, radius in metres, yaw in rad; only the first n rows are used. A grid is (costs,
-origin_x, origin_y, resolution, radii (256,) by cost). Functions return a new length or a negative code.
+They follow eband_local_planner.cpp. A band is float64 (capacity, 4) with the columns X, Y,
+RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions that
+change a band return its new length, or below 0 one of the codes of REASONS.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
+
+from barn_planners.costmap.kernels import Grid, Pose, cell_at, is_on_grid
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Bytes, Floats, Integers
 
 IN_COLLISION = -1
 GAP = -2
@@ -21,15 +24,25 @@ REASONS = {
     FULL: "the band has too many bubbles",
 }
 
-X, Y, RADIUS, YAW = range(4)  # columns of a band
-_TURN = 2.0 * math.pi
-_STACK = 64  # no recursion: numba cannot cache it
+# Columns of a band.
+X, Y, RADIUS, YAW = range(4)
+
+_FULL_TURN = 2.0 * math.pi
+_STACK = 64  # depth of a stack; numba cannot cache kernels that call themselves
+
+
+class Clearance(NamedTuple):
+    """Radii of bubbles by their centers."""
+
+    costs: Bytes  # of the local costmap (rows, columns)
+    grid: Grid
+    radii: Floats  # in m by cost, (256,)
 
 
 class BandGains(NamedTuple):
-    """Distance that a radian of heading counts as, and fields of `EBandConfig`."""
+    """Constants of forces; all but the first are fields of `EBandConfig`."""
 
-    metres_per_rad: float
+    metres_per_rad: float  # distance that a radian of heading counts as; 0: none
     min_overlap: float
     tiny_bubble_m: float
     internal_gain: float
@@ -41,229 +54,359 @@ class BandGains(NamedTuple):
 
 
 class BandWork(NamedTuple):
-    """Work space for bands of one capacity."""
+    """Memory for bands of one capacity."""
 
-    nodes: npt.NDArray[np.float64]
-    links: npt.NDArray[np.int64]
-    stack: npt.NDArray[np.int64]
-    ends: npt.NDArray[np.int64]
-
-
-def band_work(capacity: int) -> BandWork:
-    """Return work space for bands of up to `capacity` bubbles."""
-    stacks = np.zeros((_STACK, 3), np.int64), np.zeros(_STACK, np.int64)
-    return BandWork(np.zeros((capacity, 4)), np.zeros((capacity, 2), np.int64), *stacks)
+    nodes: Floats  # bubbles that take part in refining, in any order, (capacity, 4)
+    links: Integers  # node before and node after each of them, (capacity, 2)
+    # First node, last node and whether the halves are done, of intervals to refine.
+    stack: Integers
+    ends: Integers  # nodes that a bridge still has to reach
 
 
-@njit(cache=True, error_model="numpy")
-def radius_at(grid, x, y):  # type: ignore[no-untyped-def]
-    """Return the radius of a bubble at a point; off the grid, the radius for the lowest cost."""
-    costs, origin_x, origin_y, resolution, radii = grid
-    row = math.floor((y - origin_y) / resolution)
-    col = math.floor((x - origin_x) / resolution)
-    if 0 <= row < costs.shape[0] and 0 <= col < costs.shape[1]:
-        return radii[costs[int(row), int(col)]]
-    return radii[0]
+class Context(NamedTuple):
+    """What all operations on a band share."""
+
+    clearance: Clearance
+    gains: BandGains
+    work: BandWork
 
 
-@njit(cache=True)
-def overlaps(bubbles, a, others, b, overlap):  # type: ignore[no-untyped-def]
-    """Tell whether centres are nearer than `overlap` times the sum of radii; by indices, as views take longer."""
-    dx, dy = bubbles[a, X] - others[b, X], bubbles[a, Y] - others[b, Y]
-    return math.hypot(dx, dy) < overlap * (bubbles[a, RADIUS] + others[b, RADIUS])
+def new_band_work(capacity: int) -> BandWork:
+    """Return memory for bands of up to `capacity` bubbles."""
+    return BandWork(
+        np.zeros((capacity, 4)),
+        np.zeros((capacity, 2), np.int64),
+        np.zeros((_STACK, 3), np.int64),
+        np.zeros(_STACK, np.int64),
+    )
 
 
-@njit(cache=True)
-def put(bubbles, a, others, b):  # type: ignore[no-untyped-def]
-    """Copy another's bubble b to bubble a."""
-    bubbles[a, X], bubbles[a, Y] = others[b, X], others[b, Y]
-    bubbles[a, RADIUS], bubbles[a, YAW] = others[b, RADIUS], others[b, YAW]
+@kernel
+def radius_at(clearance: Clearance, x: float, y: float) -> float:
+    """Return the radius of a bubble, off the costmap that for the lowest cost.
+
+    Follows `EBandPlanner::calcObstacleKinematicDistance`.
+
+    Args:
+        clearance: Costmap, and radii by cost.
+        x: Center of the bubble in m in the frame of the costmap, as `y`.
+        y: Center of the bubble in m.
+    """
+    costs, grid, radii = clearance
+    rows, cols = costs.shape
+    cell = cell_at(grid, x, y)
+    cost = costs[cell.row, cell.col] if is_on_grid(cell, rows, cols) else np.uint8(0)
+    radius: float = radii[cost]
+    return radius
 
 
-@njit(cache=True)
-def place(band, poses, gains):  # type: ignore[no-untyped-def]
-    """Set centres and, where they count, headings of the first bubbles to poses (n, 3)."""
+@kernel
+def overlap(
+    bubbles: Floats, index: int, others: Floats, other_index: int, share: float
+) -> bool:
+    """Return whether two bubbles overlap (`EBandPlanner::checkOverlap`).
+
+    Args:
+        bubbles: Array with the first bubble; a view of its row would take longer.
+        index: Row of the first bubble.
+        others: Array with the second bubble.
+        other_index: Row of the second bubble.
+        share: Centers must be nearer than this share of the sum of radii.
+    """
+    dx = bubbles[index, X] - others[other_index, X]
+    dy = bubbles[index, Y] - others[other_index, Y]
+    limit: float = share * (bubbles[index, RADIUS] + others[other_index, RADIUS])
+    return math.hypot(dx, dy) < limit
+
+
+@kernel
+def put(bubbles: Floats, index: int, x: float, y: float, r: float, yaw: float) -> None:
+    """Write a bubble.
+
+    Args:
+        bubbles: Array to write to.
+        index: Row of the bubble.
+        x: Center in m, as `y`.
+        y: Center in m.
+        r: Radius in m.
+        yaw: Heading in rad.
+    """
+    bubbles[index, X] = x
+    bubbles[index, Y] = y
+    bubbles[index, RADIUS] = r
+    bubbles[index, YAW] = yaw
+
+
+@kernel
+def copy(bubbles: Floats, index: int, others: Floats, other_index: int) -> None:
+    """Copy a bubble; numba's assignment of a row takes longer.
+
+    Args:
+        bubbles: Array to write to.
+        index: Row to write to.
+        others: Array to copy from.
+        other_index: Row to copy from.
+    """
+    for column in range(4):
+        bubbles[index, column] = others[other_index, column]
+
+
+@kernel
+def place(band: Floats, poses: Floats, gains: BandGains) -> None:
+    """Write the centers and, where they count, the headings of the first bubbles.
+
+    Args:
+        band: Band to write to.
+        poses: Poses (n, 3), x and y in m, yaw in rad.
+        gains: They tell whether headings count.
+    """
     for k in range(len(poses)):
-        band[k, X], band[k, Y] = poses[k, 0], poses[k, 1]
+        band[k, X] = poses[k, 0]
+        band[k, Y] = poses[k, 1]
         band[k, YAW] = poses[k, 2] if gains.metres_per_rad > 0.0 else 0.0
 
 
-@njit(cache=True)
-def wrapped(angle):  # type: ignore[no-untyped-def]
-    """Return an angle in (-pi, pi]."""
-    if (
-        abs(angle) < _TURN
-    ):  # to the last bit what the division gives, which takes longer
-        angle += _TURN if angle < 0.0 else 0.0
+@kernel
+def wrap(angle: float) -> float:
+    """Return an angle in (-pi, pi], as the angles package of ROS 1 does."""
+    # To the last bit what the division gives, which takes longer.
+    if abs(angle) < _FULL_TURN:
+        angle += _FULL_TURN if angle < 0.0 else 0.0
     else:
-        angle %= _TURN
-    return angle - _TURN if angle > math.pi else angle
+        angle %= _FULL_TURN
+    return angle - _FULL_TURN if angle > math.pi else angle
 
 
-@njit(cache=True)
-def measure(band, n, grid):  # type: ignore[no-untyped-def]
-    """Set all radii from the grid; return n, or IN_COLLISION if one is zero."""
+@kernel
+def measure(band: Floats, n: int, clearance: Clearance) -> int:
+    """Recompute all radii.
+
+    Args:
+        band: Band to change.
+        n: Its length.
+        clearance: Radii by centers.
+
+    Returns:
+        The length, or IN_COLLISION if a radius is zero.
+    """
     for i in range(n):
-        band[i, RADIUS] = radius_at(grid, band[i, X], band[i, Y])
+        band[i, RADIUS] = radius_at(clearance, band[i, X], band[i, Y])
         if band[i, RADIUS] <= 0.0:
             return IN_COLLISION
     return n
 
 
-@njit(cache=True)
-def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def]
-    """Link node `first` to `last` by new ones, numbered from `used`, until neighbours overlap; return their number."""
-    nodes, links, ends = work.nodes, work.links, work.ends
-    depth, here = 1, first
+@kernel
+def bridge(context: Context, first: int, last: int, count: int) -> int:
+    """Link two nodes by new ones halfway, until neighbors overlap.
+
+    Follows `EBandPlanner::fillGap` without its recursion.
+
+    Args:
+        context: Memory with the nodes, and what bubbles depend on.
+        first: Node to start at.
+        last: Node to reach.
+        count: Number of nodes in use; new ones come after them.
+
+    Returns:
+        The new number of nodes, or a code of REASONS.
+    """
+    gains = context.gains
+    nodes, links, _, ends = context.work
+    depth = 1
+    node = first
     ends[0] = last
     while depth > 0:
         end = ends[depth - 1]
-        if overlaps(nodes, here, nodes, end, gains.min_overlap):
-            links[here, 1] = end
-            links[end, 0] = here
-            here = end
+        if overlap(nodes, node, nodes, end, gains.min_overlap):
+            links[node, 1] = end
+            links[end, 0] = node
+            node = end
             depth -= 1
             continue
-        if used >= len(nodes) or depth >= len(ends):
+
+        if count >= len(nodes) or depth >= len(ends):
             return FULL
-        x, y = (
-            0.5 * (nodes[here, X] + nodes[end, X]),
-            0.5 * (nodes[here, Y] + nodes[end, Y]),
-        )
-        radius, yaw = radius_at(grid, x, y), nodes[here, YAW]
+        x = 0.5 * (nodes[node, X] + nodes[end, X])
+        y = 0.5 * (nodes[node, Y] + nodes[end, Y])
+        radius = radius_at(context.clearance, x, y)
         if radius <= gains.tiny_bubble_m:
             return GAP
-        nodes[used, X], nodes[used, Y], nodes[used, RADIUS] = x, y, radius
-        nodes[used, YAW] = wrapped(yaw + 0.5 * wrapped(nodes[end, YAW] - yaw))
-        ends[depth] = used
+        turn = wrap(nodes[end, YAW] - nodes[node, YAW])
+        put(nodes, count, x, y, radius, wrap(nodes[node, YAW] + 0.5 * turn))
+        ends[depth] = count
         depth += 1
-        used += 1
-    return used
+        count += 1
+
+    return count
 
 
-@njit(cache=True)
-def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
-    """Refine nodes 0 .. n - 1 into linked ones; return how many are used.
+@kernel
+def _drop_and_fill(context: Context, n: int) -> int:
+    """Refine the first n nodes into linked ones; return how many nodes are in use.
 
-    If the ends overlap, all between is dropped; else the interval is halved, left half first, and its middle is dropped
-    if its neighbours overlap. Neighbours that do not overlap are bridged.
+    If the ends of an interval overlap, all between is dropped. Else it is halved, left
+    half first, and its middle is dropped if its neighbors overlap. Neighbors that do
+    not overlap are bridged.
     """
-    nodes, links, stack = work.nodes, work.links, work.stack
-    used, depth = n, 1
-    stack[0, 0], stack[0, 1], stack[0, 2] = 0, n - 1, 0
+    nodes, links, stack, _ = context.work
+    share = context.gains.min_overlap
+    count = n
+    depth = 1
+    stack[0] = (0, n - 1, 0)
     while depth > 0:
         depth -= 1
-        first, last, halves_done = stack[depth, 0], stack[depth, 1], stack[depth, 2]
+        first, last, halves_done = stack[depth]
         middle = first + (last - first) // 2
         if halves_done:
-            before, after = links[middle, 0], links[middle, 1]
-            if overlaps(nodes, before, nodes, after, gains.min_overlap):
+            before, after = links[middle]
+            if overlap(nodes, before, nodes, after, share):
                 links[before, 1] = after
                 links[after, 0] = before
-        elif overlaps(nodes, first, nodes, last, gains.min_overlap):
+        elif overlap(nodes, first, nodes, last, share):
             links[first, 1] = last
             links[last, 0] = first
         elif last - first == 1:
-            used = bridge(work, first, last, used, grid, gains)
-            if used < 0:
-                return used
+            count = bridge(context, first, last, count)
+            if count < 0:
+                return count
         else:
-            stack[depth, 2] = 1
-            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2] = (
-                middle,
-                last,
-                0,
-            )
-            stack[depth + 2, 0], stack[depth + 2, 1], stack[depth + 2, 2] = (
-                first,
-                middle,
-                0,
-            )
+            stack[depth] = (first, last, 1)
+            stack[depth + 1] = (middle, last, 0)
+            stack[depth + 2] = (first, middle, 0)
             depth += 3
-    return used
+
+    return count
 
 
-@njit(cache=True)
-def refine(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Drop redundant bubbles and fill gaps, in place; return the new length. On failure the band stays."""
+@kernel
+def refine(band: Floats, n: int, context: Context) -> int:
+    """Drop redundant bubbles and fill gaps (`EBandPlanner::refineBand`).
+
+    Args:
+        band: Band to change; it stays as it is on failure.
+        n: Its length.
+        context: What bubbles depend on.
+
+    Returns:
+        The new length, or a code of REASONS.
+    """
     if n < 2:
         return GAP
-    for k in range(n):
-        put(work.nodes, k, band, k)
-    used = _drop_and_fill(work, n, grid, gains)
-    if used < 0:
-        return used
-    node, kept = 0, 0
+
+    nodes = context.work.nodes
+    links = context.work.links
+    nodes[:n] = band[:n]
+    count = _drop_and_fill(context, n)
+    if count < 0:
+        return count
+
+    node = 0
+    length = 0
     while node != n - 1:
-        put(band, kept, work.nodes, node)
+        copy(band, length, nodes, node)
+        node = links[node, 1]
+        length += 1
+    copy(band, length, nodes, n - 1)
+    return length + 1
+
+
+@kernel
+def _write_nodes(
+    band: Floats, start: int, work: BandWork, node: int, count: int
+) -> None:
+    """Write so many linked nodes into a band, from a place on."""
+    for k in range(start, start + count):
+        copy(band, k, work.nodes, node)
         node = work.links[node, 1]
-        kept += 1
-    put(band, kept, work.nodes, n - 1)
-    return kept + 1
 
 
-@njit(cache=True)
-def _join(band, n, work, used, target):  # type: ignore[no-untyped-def]
-    """Write node 0, the nodes linked after it and node 1 before or after a band; return its length."""
-    between = used - 2
-    if n + between + 1 > len(band):
-        return FULL
-    if target == 0:
-        for k in range(n - 1, -1, -1):
-            put(band, k + between + 1, band, k)
-    node, place = (0, 0) if target == 0 else (work.links[0, 1], n)
-    while node != 1:
-        put(band, place, work.nodes, node)
-        node = work.links[node, 1]
-        place += 1
-    if target != 0:
-        put(band, place, work.nodes, 1)
-    return n + between + 1
+@kernel
+def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
+    """Put a bubble at the robot before the last bubble that it overlaps.
 
+    If there is none, the gap to the first bubble is filled. Follows the front half of
+    `EBandPlanner::addFrames` (add_front).
 
-@njit(cache=True)
-def connect_front(band, n, x, y, yaw, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Put a bubble at a pose before the last bubble that it overlaps, or bridge the gap to the first; return n."""
-    nodes, radius = work.nodes, radius_at(grid, x, y)
-    nodes[0, X], nodes[0, Y], nodes[0, RADIUS], nodes[0, YAW] = x, y, radius, yaw
+    Args:
+        band: Band to change.
+        n: Its length.
+        pose: Pose of the robot.
+        context: What bubbles depend on.
+
+    Returns:
+        The new length, or a code of REASONS.
+    """
+    nodes = context.work.nodes
+    radius = radius_at(context.clearance, pose.x, pose.y)
+    put(nodes, 0, pose.x, pose.y, radius, pose.yaw)
     if radius <= 0.0:
         return IN_COLLISION
-    for i in range(n - 1, -1, -1):
-        if overlaps(nodes, 0, band, i, gains.min_overlap):
-            kept = n - i
-            if kept >= len(band):
-                return FULL
-            for k in range(1, kept + 1) if i > 0 else range(kept, 0, -1):
-                put(band, k, band, i + k - 1)
-            put(band, 0, nodes, 0)
-            return kept + 1
-    put(nodes, 1, band, 0)
-    used = bridge(work, 0, 1, 2, grid, gains)
-    return used if used < 0 else _join(band, n, work, used, 0)
+
+    passed = n - 1
+    while passed >= 0 and not overlap(
+        nodes, 0, band, passed, context.gains.min_overlap
+    ):
+        passed -= 1
+    count = 1
+    if passed < 0:
+        passed = 0
+        nodes[1] = band[0]
+        # All nodes but the second one, which stands for the band's first bubble.
+        count = bridge(context, 0, 1, 2) - 1
+        if count < 0:
+            return count + 1
+
+    length = n - passed + count
+    if length > len(band):
+        return FULL
+    band[count:length] = band[passed:n].copy()
+    _write_nodes(band, 0, context.work, 0, count)
+    return length
 
 
-@njit(cache=True)
-def append_back(band, n, poses, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Append poses (k, 3) after the first bubble that overlaps them, or after a bridge from the end; return n."""
-    nodes, radius = work.nodes, radius_at(grid, poses[0, 0], poses[0, 1])
+@kernel
+def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
+    """Append poses after the first bubble that overlaps the first of them.
+
+    If there is none, the gap from the last bubble is filled. Follows the back half of
+    `EBandPlanner::addFrames` (add_back).
+
+    Args:
+        band: Band to change.
+        n: Its length.
+        poses: Poses (k, 3) to append, x and y in m, yaw in rad.
+        context: What bubbles depend on.
+
+    Returns:
+        The new length, or a code of REASONS.
+    """
+    gains = context.gains
+    nodes = context.work.nodes
     place(nodes[1:], poses[:1], gains)
-    nodes[1, RADIUS] = radius
+    nodes[1, RADIUS] = radius_at(context.clearance, poses[0, 0], poses[0, 1])
+    if nodes[1, RADIUS] <= 0.0:
+        return IN_COLLISION
+
     end = -1
     for i in range(n - 1):
-        if overlaps(nodes, 1, band, i, gains.min_overlap):
+        if overlap(nodes, 1, band, i, gains.min_overlap):
             end = i + 1
             break
-    if radius <= 0.0:
-        return IN_COLLISION
+
     if end < 0:
-        put(nodes, 0, band, n - 1)
-        used = bridge(work, 0, 1, 2, grid, gains)
-        n = used if used < 0 else _join(band, n, work, used, 1)
-        if n < 0:
-            return n
-        end = n - 1
+        nodes[0] = band[n - 1]
+        count = bridge(context, 0, 1, 2)
+        if count < 0:
+            return count
+        # All nodes between the two; the poses come in place of the second one.
+        end = n + count - 2
+        if end <= len(band):
+            first = context.work.links[0, 1]
+            _write_nodes(band, n, context.work, first, count - 2)
+
     if end + len(poses) > len(band):
         return FULL
     place(band[end:], poses, gains)
-    added = measure(band[end:], len(poses), grid)
-    return added if added < 0 else end + added
+    length = measure(band[end:], len(poses), context.clearance)
+    return length if length < 0 else end + length

@@ -1,1 +1,1 @@
-"""Global plans as navfn makes them."""
+"""The global plan."""

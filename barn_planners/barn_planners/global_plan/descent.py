@@ -1,39 +1,34 @@
-"""Compiled loops that follow a potential (flat, cell = row * cols + column) from the goal to the robot."""
+"""Kernels that follow a potential down from the goal to the robot.
+
+`descend_as_navfn` repeats navfn's `NavFn::calcPath` and `gradCell` (navfn.cpp); `descend`
+has no orbits. Grids are flat: cell = row * columns + column.
+"""
 
 import math
 
 import numpy as np
-from numba import njit
 
-from barn_planners.global_plan.kernels import UNREACHED
+from barn_planners.global_plan.kernels import UNREACHED, Ends, Potential
+from barn_planners.kernel import kernel
+from barn_worlds.base.arrays import Floats, Singles
 
-
-@njit(cache=True)
-def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the unit descent direction (column, row) at a cell; zero on a plateau or the border."""
-    row, col = cell // cols, cell % cols
-    if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
-        return 0.0, 0.0
-    along = _slope(potential, cell, 1, blocked_slope)
-    across = _slope(potential, cell, cols, blocked_slope)
-    norm = math.hypot(along, across)
-    if norm == 0.0:
-        return 0.0, 0.0
-    return along / norm, across / norm
+_LARGEST_INTEGER = 2.0**31
 
 
-@njit(cache=True)
-def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the descent along one axis; at an unreached cell `blocked_slope` towards a reached neighbour."""
+@kernel
+def _slope(potential: Potential, cell: int, step: int, blocked_slope: float) -> float:
+    """Return the descent along one axis, whose neighbors are a step away.
+
+    At an unreached cell it is `blocked_slope` towards a neighbor that is reached.
+    """
     value = potential[np.uint64(cell)]
-    before, after = (
-        potential[np.uint64(cell - offset)],
-        potential[np.uint64(cell + offset)],
-    )
+    before = potential[np.uint64(cell - step)]
+    after = potential[np.uint64(cell + step)]
     if value >= UNREACHED:
         if before < UNREACHED:
             return -blocked_slope
         return blocked_slope if after < UNREACHED else 0.0
+
     slope = 0.0
     if before < UNREACHED:
         slope += before - value
@@ -42,209 +37,294 @@ def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-d
     return slope
 
 
-@njit(cache=True)
-def _lowest_neighbour(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Return the cell of lowest potential among a cell and its 8 neighbours, the first of equals."""
-    best = cell
+@kernel
+def _is_beside_wall(potential: Potential, columns: int, cell: int) -> bool:
+    """Return whether a cell or one of its 8 neighbors is unreached or off the grid."""
     for d_row in (-1, 0, 1):
         for d_col in (-1, 0, 1):
-            other = cell + d_row * cols + d_col
-            if potential[other] < potential[best]:
-                best = other
-    return best
+            neighbor = cell + d_row * columns + d_col
+            if (
+                neighbor < 0
+                or neighbor >= potential.size
+                or potential[neighbor] >= UNREACHED
+            ):
+                return True
+    return False
 
 
-@njit(cache=True)
-def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # type: ignore[no-untyped-def]
-    """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1); what `last` (row, column) has is kept."""
-    last_row, last_col = last
-    if row == last_row and col == last_col:
-        return
-    kept = corners.copy()
+@kernel
+def _unit_gradient(
+    potential: Potential, columns: int, cell: int, blocked_slope: float
+) -> tuple[float, float]:
+    """Return the unit descent (column, row) at a cell, zero on a plateau or border."""
+    row = cell // columns
+    col = cell % columns
+    last_row = potential.size // columns - 1
+    if row < 1 or col < 1 or col >= columns - 1 or row >= last_row:
+        return 0.0, 0.0
+
+    along = _slope(potential, cell, 1, blocked_slope)
+    across = _slope(potential, cell, columns, blocked_slope)
+    norm = math.hypot(along, across)
+    if norm == 0.0:
+        return 0.0, 0.0
+    return along / norm, across / norm
+
+
+@kernel
+def _direction(
+    potential: Potential, columns: int, x: float, y: float, blocked_slope: float
+) -> tuple[float, float]:
+    """Return the descent (column, row) at a point, bilinear between four cells."""
+    row = math.floor(y)
+    col = math.floor(x)
+    fx = x - col
+    fy = y - row
+    dx = 0.0
+    dy = 0.0
     for i in range(2):
         for j in range(2):
-            was_row, was_col = row + i - last_row, col + j - last_col
-            if 0 <= was_row <= 1 and 0 <= was_col <= 1:
-                gx, gy = kept[2 * was_row + was_col, 0], kept[2 * was_row + was_col, 1]
-            else:
-                gx, gy = gradient(
-                    potential, cols, (row + i) * cols + col + j, blocked_slope
-                )
-            corners[2 * i + j, 0], corners[2 * i + j, 1] = gx, gy
-
-
-@njit(cache=True)
-def _interpolated(corners, fx, fy):  # type: ignore[no-untyped-def]
-    """Return the descent direction (column, row) between the centres of four cells, bilinear."""
-    dx = dy = 0.0
-    for i in range(2):
-        for j in range(2):
+            corner = (row + i) * columns + col + j
+            gx, gy = _unit_gradient(potential, columns, corner, blocked_slope)
             weight = (fy if i else 1.0 - fy) * (fx if j else 1.0 - fx)
-            dx += weight * corners[2 * i + j, 0]
-            dy += weight * corners[2 * i + j, 1]
+            dx += weight * gx
+            dy += weight * gy
     return dx, dy
 
 
-@njit(cache=True)
-def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):  # type: ignore[no-untyped-def]
-    """Follow the potential down from `goal` to `start`; return how many points (column, row) are written, 0 on failure.
+@kernel
+def _lowest_neighbor(potential: Potential, columns: int, cell: int) -> int:
+    """Return the cell of lowest potential of a cell and its 8 neighbors."""
+    best = cell
+    for d_row in (-1, 0, 1):
+        for d_col in (-1, 0, 1):
+            neighbor = cell + d_row * columns + d_col
+            if potential[neighbor] < potential[best]:
+                best = neighbor
+    return best
 
-    Steps are `step` cells along the interpolated gradient; beside unreached cells, or when oscillating, to the lowest
-    neighbour's centre.
+
+@kernel
+def descend(
+    potential: Potential,
+    columns: int,
+    ends: Ends,
+    step: float,
+    neutral: float,
+    blocked_slope: float,
+    points: Floats,
+) -> int:
+    """Follow a potential down along its interpolated gradient.
+
+    Beside unreached cells, and where it would go to and fro, the path takes the center
+    of the lowest neighbor.
+
+    Args:
+        potential: Potential by cell.
+        columns: Number of columns of the grid.
+        ends: The path leads from the goal to the start.
+        step: Length of a step in cells.
+        neutral: Price of a free cell; below it, the start is reached.
+        blocked_slope: Slope at unreached cells.
+        points: Array (n, 2) that receives the path, column and row.
+
+    Returns:
+        Number of points, 0 on failure.
     """
-    rows = potential.size // cols
-    x, y = float(goal % cols), float(goal // cols)
-    corners, last = np.empty((4, 2)), (-2, -2)
+    rows = potential.size // columns
+    x = float(ends.goal % columns)
+    y = float(ends.goal // columns)
     for n in range(len(points)):
-        row, col = math.floor(y + 0.5), math.floor(x + 0.5)
-        if row < 0 or col < 0 or row >= rows or col >= cols:
+        row = math.floor(y + 0.5)
+        col = math.floor(x + 0.5)
+        if row < 0 or col < 0 or row >= rows or col >= columns:
             return 0
-        cell = row * cols + col
+
+        cell = row * columns + col
         if potential[cell] < neutral:
-            points[n, 0], points[n, 1] = float(start % cols), float(start // cols)
+            points[n, 0] = float(ends.start % columns)
+            points[n, 1] = float(ends.start // columns)
             return n + 1
-        if row < 1 or col < 1 or row >= rows - 1 or col >= cols - 1:
+
+        if row < 1 or col < 1 or row >= rows - 1 or col >= columns - 1:
             return 0
-        points[n, 0], points[n, 1] = x, y
+
+        points[n, 0] = x
+        points[n, 1] = y
         to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
-        dx = dy = 0.0
-        if not to_and_fro and not _beside_wall(potential, cols, cell):
-            low_row, low_col = math.floor(y), math.floor(x)
-            _find_corners(
-                potential, cols, low_row, low_col, blocked_slope, last, corners
-            )
-            last = low_row, low_col
-            dx, dy = _interpolated(corners, x - low_col, y - low_row)
+        dx = 0.0
+        dy = 0.0
+        if not to_and_fro and not _is_beside_wall(potential, columns, cell):
+            dx, dy = _direction(potential, columns, x, y, blocked_slope)
+
         norm = math.hypot(dx, dy)
         if norm > 0.0:
             x += step * dx / norm
             y += step * dy / norm
             continue
-        lowest = _lowest_neighbour(potential, cols, cell)
-        if potential[lowest] >= UNREACHED or (lowest == cell and x == col and y == row):
+
+        lowest = _lowest_neighbor(potential, columns, cell)
+        is_stuck = lowest == cell and x == col and y == row
+        if is_stuck or potential[lowest] >= UNREACHED:
             return 0
-        x, y = float(lowest % cols), float(lowest // cols)
+        x = float(lowest % columns)
+        y = float(lowest // columns)
+
     return 0
 
 
-@njit(cache=True)
-def descend_as_navfn(potential, cols, start, goal, neutral, blocked_slope, points):  # type: ignore[no-untyped-def]
-    """Follow the potential (float32) down as navfn does; return the points written and whether they reach `start`.
+@kernel
+def descend_as_navfn(
+    potential: Singles,
+    columns: int,
+    ends: Ends,
+    neutral: float,
+    blocked_slope: float,
+    points: Singles,
+) -> tuple[int, bool]:
+    """Follow a potential down as navfn does, in single precision.
 
-    A place is a cell and offsets from its centre, all in single precision. Gradients are interpolated, or extrapolated
-    where an offset is negative, and only that cell's neighbours are looked at for walls; so the path may orbit.
+    A place is a cell and offsets from its center. Gradients are interpolated, or
+    extrapolated where an offset is negative, and only that cell's neighbors are looked
+    at for walls. So the path may orbit.
+
+    Args:
+        potential: Potential by cell.
+        columns: Number of columns of the grid.
+        ends: The path leads from the goal to the start.
+        neutral: Price of a free cell; below it, the start is reached.
+        blocked_slope: Slope at unreached cells.
+        points: Array (n, 2) that receives the path, column and row.
+
+    Returns:
+        Number of points, and whether they reach the start.
     """
     size = potential.size
-    cell, dx, dy = goal, np.float32(0.0), np.float32(0.0)
+    cell = ends.goal
+    dx = np.float32(0.0)
+    dy = np.float32(0.0)
     for n in range(len(points)):
-        nearest = cell + _rounded(dx) + cols * _rounded(dy)
+        nearest = cell + _round(dx) + columns * _round(dy)
         if potential[max(0, min(size - 1, nearest))] < neutral:
-            points[n, 0], points[n, 1] = start % cols, start // cols
+            points[n, 0] = ends.start % columns
+            points[n, 1] = ends.start // columns
             return n + 1, True
-        if cell < cols or cell > size - cols:
+
+        if cell < columns or cell > size - columns:
             return n, False
-        points[n, 0], points[n, 1] = (
-            np.float32(cell % cols) + dx,
-            np.float32(cell // cols) + dy,
-        )
+
+        points[n, 0] = np.float32(cell % columns) + dx
+        points[n, 1] = np.float32(cell // columns) + dy
         to_and_fro = (
             n >= 2
             and points[n - 2, 0] == points[n, 0]
             and points[n - 2, 1] == points[n, 1]
         )
-        if to_and_fro or _beside_wall(potential, cols, cell):
-            cell, dx, dy = (
-                _lowest_in_whole_numbers(potential, cols, cell),
-                np.float32(0.0),
-                np.float32(0.0),
-            )
+        if to_and_fro or _is_beside_wall(potential, columns, cell):
+            cell = _lowest_neighbor_as_navfn(potential, columns, cell)
+            dx = np.float32(0.0)
+            dy = np.float32(0.0)
             if potential[cell] >= UNREACHED:
                 return n + 1, False
             continue
-        x, y = _direction(potential, cols, cell, dx, dy, blocked_slope)
+
+        x, y = _direction_as_navfn(potential, columns, cell, dx, dy, blocked_slope)
         if x == 0.0 and y == 0.0:
             return n + 1, False
+
         share = np.float32(0.5) / _length(x, y)
-        columns, dx = _whole_cells(dx + x * share)
-        rows, dy = _whole_cells(dy + y * share)
-        cell += columns + cols * rows
+        whole_columns, dx = _split_offset(dx + x * share)
+        whole_rows, dy = _split_offset(dy + y * share)
+        cell += whole_columns + columns * whole_rows
+
     return len(points), False
 
 
-@njit(cache=True)
-def _whole_cells(offset):  # type: ignore[no-untyped-def]
+@kernel
+def _round(offset: np.float32) -> int:
+    """Return an offset in (-1, 1) as the nearest integer, halves away from zero."""
+    return int(offset >= 0.5) - int(offset <= -0.5)
+
+
+@kernel
+def _split_offset(offset: np.float32) -> tuple[int, np.float32]:
     """Return how many cells an offset leads on, and what is left of it in [-1, 1]."""
     cells = int(offset > 1.0) - int(offset < -1.0)
     return cells, np.float32(np.float64(offset) - cells)
 
 
-@njit(cache=True)
-def _direction(potential, cols, cell, dx, dy, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the gradient at an offset from a cell, between or beyond that cell and those above and to the right."""
-    x, y = np.empty(4, np.float32), np.empty(4, np.float32)
-    for k, corner in enumerate((cell, cell + 1, cell + cols, cell + cols + 1)):
-        x[k], y[k] = _unit_gradient(potential, cols, corner, blocked_slope)
-    return _between(x, dx, dy), _between(y, dx, dy)
+@kernel
+def _direction_as_navfn(
+    potential: Singles,
+    columns: int,
+    cell: int,
+    dx: np.float32,
+    dy: np.float32,
+    blocked_slope: float,
+) -> tuple[np.float32, np.float32]:
+    """Return the gradient at an offset from a cell.
+
+    It is between or beyond that cell and those above and to the right.
+    """
+    x = np.empty(4, np.float32)
+    y = np.empty(4, np.float32)
+    for k, corner in enumerate((cell, cell + 1, cell + columns, cell + columns + 1)):
+        x[k], y[k] = _unit_gradient_as_navfn(potential, columns, corner, blocked_slope)
+    return _interpolate(x, dx, dy), _interpolate(y, dx, dy)
 
 
-@njit(cache=True)
-def _rounded(offset):  # type: ignore[no-untyped-def]
-    """Return an offset in (-1, 1) to the nearest whole number, halves away from zero."""
-    return int(offset >= 0.5) - int(offset <= -0.5)
-
-
-@njit(cache=True)
-def _length(x, y):  # type: ignore[no-untyped-def]
-    """Return the length of a vector in single precision."""
-    return np.float32(
-        math.sqrt(np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y))
-    )
-
-
-@njit(cache=True)
-def _between(corners, dx, dy):  # type: ignore[no-untyped-def]
-    """Return a value between (or beyond) four corners, rounded to single precision where navfn does."""
+@kernel
+def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32:
+    """Return a value between four corners, rounded to single precision as in navfn."""
     one = np.float64(1.0)
     low = np.float32((one - dx) * corners[0] + dx * corners[1])
     high = np.float32((one - dx) * corners[2] + dx * corners[3])
-    return np.float32((one - dy) * low + dy * high)
+    value: np.float32 = np.float32((one - dy) * low + dy * high)
+    return value
 
 
-@njit(cache=True)
-def _unit_gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the unit descent direction (column, row) at a cell, in single precision; zero off the grid."""
+@kernel
+def _unit_gradient_as_navfn(
+    potential: Singles, columns: int, cell: int, blocked_slope: float
+) -> tuple[np.float32, np.float32]:
+    """Return the unit descent (column, row) at a cell, zero off the grid."""
     zero = np.float32(0.0)
-    if cell < cols or cell > potential.size - cols:
+    if cell < columns or cell > potential.size - columns:
         return zero, zero
+
     along = np.float32(_slope(potential, cell, 1, blocked_slope))
-    across = np.float32(_slope(potential, cell, cols, blocked_slope))
+    across = np.float32(_slope(potential, cell, columns, blocked_slope))
     norm = _length(along, across)
     if norm <= 0.0:
         return zero, zero
+
     share = np.float32(1.0 / np.float64(norm))
     return share * along, share * across
 
 
-@njit(cache=True)
-def _beside_wall(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Tell whether a cell or one of its 8 neighbours is unreached or off the grid."""
-    for d_row in (-1, 0, 1):
-        for d_col in (-1, 0, 1):
-            other = cell + d_row * cols + d_col
-            if other < 0 or other >= potential.size or potential[other] >= UNREACHED:
-                return True
-    return False
+@kernel
+def _length(x: np.float32, y: np.float32) -> np.float32:
+    """Return the length of a vector, rounded to single precision at the end."""
+    square = np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y)
+    length: np.float32 = np.float32(math.sqrt(square))
+    return length
 
 
-@njit(cache=True)
-def _lowest_in_whole_numbers(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Return the cell of lowest potential of a cell and its 8 neighbours, each compared with a number rounded down."""
-    best, lowest = cell, -(2.0**31)
-    if potential[cell] < 2.0**31:
+@kernel
+def _lowest_neighbor_as_navfn(potential: Singles, columns: int, cell: int) -> int:
+    """Return the lowest of a cell and its 8 neighbors, as the original compares them.
+
+    It keeps the lowest value so far in an int, so that a value counts as lower only if
+    it is below that one rounded down.
+    """
+    best = cell
+    lowest = -_LARGEST_INTEGER
+    if potential[cell] < _LARGEST_INTEGER:
         lowest = math.floor(potential[cell])
     for d_row in (-1, 0, 1):
         for d_col in (-1, 0, 1):
-            other = cell + d_row * cols + d_col
-            if 0 <= other < potential.size and potential[other] < lowest:
-                best, lowest = other, math.floor(potential[other])
+            neighbor = cell + d_row * columns + d_col
+            if 0 <= neighbor < potential.size and potential[neighbor] < lowest:
+                best = neighbor
+                lowest = math.floor(potential[neighbor])
     return best

@@ -1,26 +1,29 @@
-"""The global plan, as in navfn: a potential grown from the robot over the costmap and followed down from the goal."""
+"""The global plan, as in navfn.
+
+A potential grows from the robot over the costmap; the plan follows it down from the
+goal.
+"""
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_planners.costmap.costmap import INSCRIBED, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED, Grid
 from barn_planners.global_plan import descent, kernels
-from barn_planners.interface import FloatArray
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import Pose2D
 
 _HIGHEST_PRICE = 253.0
 _BLOCKED_PRICE = _HIGHEST_PRICE + 1.0
-# A potential grows per cell by at least this share of the neutral price; the update formula may fall short of the
-# distance by the rest.
+_UNKNOWN = 255
+# A potential grows per cell by at least this share of the neutral price; the update
+# formula may fall short of the distance by the slack.
 _LEAST_GROWTH = 0.97
 _SLACK_CELLS = 16.0
 _ALL_ROUNDS = 2**62
-_NO_WAY = "no way to the goal"
 
 
 @dataclass(frozen=True)
@@ -53,171 +56,172 @@ class GlobalPlanConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class GlobalPlan:
-    """A plan: poses (n, 3) x, y m, yaw rad from robot to goal, or None with the reason."""
+    """A plan from the robot to the goal, or why there is none."""
 
-    poses: FloatArray | None
+    # (n, 3): x and y in m, yaw in rad.
+    poses: Floats | None
     reason: str = ""
 
 
 class GlobalPlanner:
-    """Plans on a costmap; keeps its last plan, and uses it again while nothing that it came from has changed."""
+    """Plans on a costmap.
+
+    It returns its last plan again while nothing that the plan depends on has changed.
+    """
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
-        self._kind: type[np.floating] = np.float32 if config.as_navfn else np.float64
-        self._price = cell_prices(config).astype(self._kind)
-        self._gain = (
-            (0.707106781 if config.as_navfn else math.sqrt(0.5)) * cell_prices(config)
-        ).astype(self._kind)
-        self._task: tuple[Any, ...] | None = None
-        self._fit((1, 1))
+        self._dtype: type[np.floating] = np.float32 if config.as_navfn else np.float64
+        # Digits of navfn's INVSQRT2.
+        diagonal = 0.707106781 if config.as_navfn else math.sqrt(0.5)
+        prices = cell_prices(config)
+        self._prices = prices.astype(self._dtype)
+        self._gains = (diagonal * prices).astype(self._dtype)
+        self._task: tuple[Grid, tuple[int, int], Pose2D] | None = None
+        self._shape = (0, 0)
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
-        """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
-        start_cell, goal_cell = (
-            costmap.world_to_cell(start.x, start.y),
-            _inner_cell(goal, costmap),
-        )
+        """Plan from the robot to the goal.
+
+        Args:
+            costmap: Global costmap.
+            start: Pose of the robot in the frame of the costmap.
+            goal: Goal in the same frame; the last pose of the plan is the goal exactly.
+        """
+        start_cell = costmap.world_to_cell(start.x, start.y)
         if start_cell is None:
             return GlobalPlan(None, "the robot is off the global costmap")
-        if goal_cell is None:
-            return GlobalPlan(None, "the goal is off the global costmap")
-        if start_cell == goal_cell and not self.config.as_navfn:
-            return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
-        if (
-            self._price[costmap.costs[goal_cell]] == math.inf
-            and start_cell != goal_cell
-        ):
-            return GlobalPlan(None, "the goal is inside an obstacle")
-        if costmap.costs.shape != self._shape:
-            self._fit(costmap.costs.shape)
-        task = (costmap.grid, start_cell, goal)
-        grid = (costmap.costs.ravel(), costmap.costs.shape[1], self._price)
-        if task != self._task or not kernels.is_same(
-            *grid, self._potentials, self._seen, self._windows
-        ):
-            self._last = self._new(costmap, grid, start_cell, goal_cell, goal)
-            self._task = task
-        return self._last
 
-    def _new(
-        self,
-        costmap: Costmap,
-        grid: tuple[Any, ...],
-        start: tuple[int, int],
-        goal: tuple[int, int],
-        goal_pose: Pose2D,
-    ) -> GlobalPlan:
-        costs, cols, price = grid
-        ends = (start[0] * cols + start[1], goal[0] * cols + goal[1])
-        config, whole = self.config, self._potentials[1]
-        work = (
-            self._potentials,
-            self._pending,
-            self._queues,
-            self._seen,
-            self._windows,
+        rows, cols = costmap.costs.shape
+        row, col = costmap.world_to_cell(goal.x, goal.y) or (0, 0)
+        # Plans do not lead into the outermost cells, which navfn blocks.
+        if not (1 <= row < rows - 1 and 1 <= col < cols - 1):
+            return GlobalPlan(None, "the goal is off the global costmap")
+
+        is_there = start_cell == (row, col)
+        if is_there and not self.config.as_navfn:
+            return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
+        if not is_there and self._prices[costmap.costs[row, col]] == math.inf:
+            return GlobalPlan(None, "the goal is inside an obstacle")
+
+        if (rows, cols) != self._shape:
+            self._allocate(rows, cols)
+        terrain = kernels.Terrain(
+            costmap.costs.ravel(), cols, self._prices, self._gains
         )
-        n, arrived = 0, False
-        if kernels.search(
-            costs,
-            cols,
-            (price, self._gain),
-            ends,
-            config.bounded,
-            config.neutral_cost,
-            self._limits,
-            work,
-        ):
-            neutral, points = config.neutral_cost, self._points
+        task = (costmap.grid, start_cell, goal)
+        if task != self._task or not kernels.is_same(terrain, self._memory):
+            ends = kernels.Ends(start_cell[0] * cols + start_cell[1], row * cols + col)
+            self._plan = self._new_plan(terrain, ends, costmap.grid, goal)
+            self._task = task
+        return self._plan
+
+    def _new_plan(
+        self, terrain: kernels.Terrain, ends: kernels.Ends, grid: Grid, goal: Pose2D
+    ) -> GlobalPlan:
+        config = self.config
+        count = 0
+        is_complete = False
+        if kernels.search(terrain, ends, self._growth, config.bounded, self._memory):
+            potential = self._memory.potentials[1]
+            cols = terrain.columns
             if config.as_navfn:
-                n, arrived = descent.descend_as_navfn(
-                    whole, cols, *ends, neutral, _BLOCKED_PRICE, points[: 4 * cols]
+                # navfn gives up after four points per column.
+                points = self._points[: 4 * cols]
+                count, is_complete = descent.descend_as_navfn(
+                    potential, cols, ends, config.neutral_cost, _BLOCKED_PRICE, points
                 )
             else:
-                n = descent.descend(
-                    whole,
+                count = descent.descend(
+                    potential,
                     cols,
-                    *ends,
+                    ends,
                     config.step_cells,
-                    neutral,
+                    config.neutral_cost,
                     _BLOCKED_PRICE,
-                    points,
+                    self._points,
                 )
-                arrived = n > 0
-        if n == 0 or not (arrived or config.unfinished_plans):
-            return GlobalPlan(None, _NO_WAY)
-        return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
+                is_complete = True
 
-    def _fit(self, shape: tuple[int, ...]) -> None:
-        rows, cols = self._shape = shape
-        self._task = None
-        neutral = self.config.neutral_cost
-        rounds = (
-            max(rows * cols // 20, rows + cols) if self.config.as_navfn else _ALL_ROUNDS
-        )
-        growth = (_BLOCKED_PRICE, 2.0 * neutral, rounds)
-        self._limits = (*growth, _LEAST_GROWTH * neutral, _SLACK_CELLS * neutral)
-        self._potentials = np.full((2, rows * cols), kernels.UNREACHED, self._kind)
-        border = np.ones((rows, cols), np.uint8)
-        border[1:-1, 1:-1] = 0
-        self._pending = border.ravel()
-        self._queues = np.empty((3, rows * cols), np.int32)
-        self._seen = np.empty(rows * cols, np.uint8)
-        self._windows = np.array([kernels.NOWHERE] * 2, np.int64)
-        self._points = np.empty(
-            (int(4 * (rows + cols) / self.config.step_cells), 2), self._kind
-        )
+        if count == 0 or not (is_complete or config.unfinished_plans):
+            return GlobalPlan(None, "no way to the goal")
 
-    def _poses(
-        self, costmap: Costmap, cells: npt.NDArray[np.floating], goal: Pose2D
-    ) -> FloatArray:
-        frame = (*costmap.grid, goal.x, goal.y)
-        poses: FloatArray
         poses, steps = kernels.poses_along(
-            cells.astype(np.float64, copy=False),
-            frame,
-            0.5 if self.config.half_cell_offset else 0.0,
+            self._points[:count].astype(np.float64, copy=False),
+            grid,
+            goal.x,
+            goal.y,
+            0.5 if config.half_cell_offset else 0.0,
         )
-        if not self.config.zero_intermediate_yaw:
-            poses[:-1, 2] = np.arctan2(steps[1], steps[0])
+        if not config.zero_intermediate_yaw:
+            poses[:-1, 2] = np.arctan2(steps[:, 1], steps[:, 0])
         poses[-1, 2] = goal.yaw
-        return poses
+        return GlobalPlan(poses)
+
+    def _allocate(self, rows: int, cols: int) -> None:
+        """Allocate memory for plans on a grid of this size."""
+        self._shape = (rows, cols)
+        self._task = None
+        self._memory = kernels.new_memory(rows, cols, self._dtype)
+        steps = int(4 * (rows + cols) / self.config.step_cells)
+        self._points = np.empty((steps, 2), self._dtype)
+        rounds = _ALL_ROUNDS
+        if self.config.as_navfn:
+            rounds = max(rows * cols // 20, rows + cols)
+        neutral = self.config.neutral_cost
+        self._growth = kernels.Growth(
+            _BLOCKED_PRICE,
+            2.0 * neutral,
+            rounds,
+            neutral,
+            _LEAST_GROWTH * neutral,
+            _SLACK_CELLS * neutral,
+        )
 
 
-def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
-    """Return the price of entering a cell by its costmap value, (256,); inf where blocked."""
+def cell_prices(config: GlobalPlanConfig) -> Floats:
+    """Return the price of entering a cell by its cost, inf where blocked, (256,)."""
     costs = np.arange(256, dtype=np.float64)
-    prices = np.minimum(
-        np.floor(config.neutral_cost + config.cost_factor * costs), _HIGHEST_PRICE
-    )
+    prices = np.floor(config.neutral_cost + config.cost_factor * costs)
+    prices = np.minimum(prices, _HIGHEST_PRICE)
     prices[INSCRIBED:] = math.inf
-    prices[255] = _HIGHEST_PRICE
+    prices[_UNKNOWN] = _HIGHEST_PRICE
     return prices
 
 
-def _inner_cell(pose: Pose2D, costmap: Costmap) -> tuple[int, int] | None:
-    cell, (rows, cols) = costmap.world_to_cell(pose.x, pose.y), costmap.costs.shape
-    return (
-        cell if cell and 1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1 else None
-    )
+def transform_plan(plan: Floats, frame: Pose2D) -> Floats:
+    """Return a plan in another frame.
+
+    Args:
+        plan: Poses (n, 3), x and y in m, yaw in rad.
+        frame: Frame of the plan, as a pose in the other frame.
+    """
+    poses = np.empty_like(plan)
+    poses[:, :2] = frame.transform(plan[:, :2])
+    poses[:, 2] = (plan[:, 2] + frame.yaw + np.pi) % (2.0 * np.pi) - np.pi
+    return poses
 
 
-def transform_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
-    """Return a plan (n, 3), which is relative to `frame`, in the frame that `frame` is given in."""
-    moved = np.empty_like(plan)
-    moved[:, :2] = frame.transform(plan[:, :2])
-    moved[:, 2] = (plan[:, 2] + frame.yaw + np.pi) % (2.0 * np.pi) - np.pi
-    return moved
+def visible_slice(plan: Floats, pose: Pose2D, radius_m: float) -> slice:
+    """Return the part of a plan near the robot, up to where the plan leaves it.
+
+    Args:
+        plan: Points (n, 2 or more), x and y in m.
+        pose: Pose of the robot.
+        radius_m: Distance from the robot up to which points are near.
+    """
+    return slice(*kernels.visible_points(plan, pose.x, pose.y, radius_m))
 
 
-def visible_slice(plan: FloatArray, pose: Pose2D, radius_m: float) -> slice:
-    """Return the part of a plan (n, 2 or more) that is within the radius of the pose, up to where it leaves it."""
-    first, end = kernels.visible_points(plan, pose.x, pose.y, radius_m)
-    return slice(first, end)
+def count_passed_points(plan: Floats, pose: Pose2D, distance_m: float) -> int:
+    """Return the number of points of a plan before the first one near the robot.
 
+    Args:
+        plan: Points (n, 2 or more), x and y in m.
+        pose: Pose of the robot.
+        distance_m: Points nearer than this are near.
 
-def count_passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
-    """Return the number of points before the first one nearer than `keep_m` to the pose; all if there is none."""
-    passed: int = kernels.count_passed_points(plan, pose.x, pose.y, keep_m)
-    return passed
+    Returns:
+        All points if none is near.
+    """
+    return kernels.passed_points(plan, pose.x, pose.y, distance_m)

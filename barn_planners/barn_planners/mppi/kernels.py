@@ -32,7 +32,7 @@ def length(x: float, y: float) -> float:
         x: Component along one axis.
         y: Component along the other.
     """
-    # The rounding error of the plain formula, computed and subtracted (Borges 2019).
+    # The rounding error of the plain formula, computed and subtracted.
     longer = max(abs(x), abs(y))
     shorter = min(abs(x), abs(y))
     rough = math.sqrt(longer * longer + shorter * shorter)

@@ -28,7 +28,8 @@ import math
 import numpy as np
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import INSCRIBED, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED
 from barn_planners.interface import PlannerView
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.config import MppiConfig, MppiPlannerConfig

@@ -277,7 +277,7 @@ def weighted_mean(
         mean: Mean controls (steps, 2), filled.
     """
     weights = np.exp(-(costs - costs.min()) / temperature)
-    # Most weights are so small that they would not change a digit.
+    # Most samples have a negligible weight; leaving them out saves most of the time.
     relevant = np.flatnonzero(weights >= 1e-9)
     total = 0.0
     for k in relevant:

@@ -146,7 +146,7 @@ class PolicyNetwork:
 def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
     """Return values @ weights + biases, summed in a fixed order.
 
-    BLAS would be as fast, but its order of summation depends on threads and machine.
+    The order of summation in BLAS depends on its threads and on the machine.
 
     Args:
         values: Inputs (n,).

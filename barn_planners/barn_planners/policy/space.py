@@ -224,8 +224,7 @@ class ObservationEncoder:
             available = f"{angles[0]:.3f} to {angles[-1]:.3f} rad"
             return f"the policy sees from {needed}, the scan only from {available}"
 
-        # Half a sector beyond both ends still counts: angles of real lidars are
-        # rounded.
+        # Beams up to half a sector beyond both ends belong to the outermost sectors.
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
         end_angle = config.angle_max_rad + 0.5 * width

@@ -1,18 +1,20 @@
-"""Wheel speeds from velocity commands, as the robot's controller computes them: one for each side of the robot."""
+"""Wheel speeds from velocity commands, as the robot's controller computes them."""
+
+import math
 
 from numba import njit
 
-from barn_sim.body.state import Fleet, Record, Records, set_drive
+from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import DriveConfig
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Velocity2D, nanoseconds
 
 
 class DriveController:
-    """Latency, watchdog, limits, kinematics and lag of the motors between a command and the wheels.
+    """Latency, watchdog, limits, kinematics and motor lag from command to wheels."""
 
-    fleet, index: whose state it keeps.
-    """
+    fleet: Fleet
+    """Keeps the state; replaced by a larger one if commands need more room."""
 
     def __init__(
         self,
@@ -22,20 +24,44 @@ class DriveController:
         fleet: Fleet,
         index: int,
     ) -> None:
-        self.fleet, self._index = fleet, index
+        """Fill in the settings of the drive.
+
+        Args:
+            config: Limits and delays.
+            track_m: Distance between the left and the right wheels.
+            tick_s: Duration of a tick.
+            fleet: Keeps the state.
+            index: Row of the robot in the fleet.
+        """
+        self.fleet = fleet
+        self._index = index
         self._latency_ns = nanoseconds(config.command_latency_s)
-        set_drive(self.fleet.settings, config, track_m, tick_s)
+
+        settings = fleet.settings
+        separation_m = track_m * config.wheel_separation_multiplier
+        settings["half_separation_m"] = 0.5 * separation_m
+        settings["timeout_ns"] = nanoseconds(config.command_timeout_s)
+        settings["max_speed"] = config.max_speed_m_s
+        settings["max_reverse"] = min(config.max_reverse_m_s, config.max_speed_m_s)
+        settings["max_turn"] = config.max_yaw_rate_rad_s
+        settings["speed_step"] = config.max_acceleration_m_s2 * tick_s
+        settings["turn_step"] = config.max_yaw_acceleration_rad_s2 * tick_s
+        lag_share = 1.0
+        if config.motor_lag_s:
+            lag_share = -math.expm1(-tick_s / config.motor_lag_s)
+        settings["lag_share"] = lag_share
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
-        """Take a command that arrives now."""
-        command = (
-            self._index,
-            now_ns + self._latency_ns,
-            velocity.linear,
-            velocity.angular,
-        )
+        """Accept a command, which takes effect after the latency.
+
+        Args:
+            velocity: Finite speed and yaw rate.
+            now_ns: Time at which it arrives; no later than any command after it.
+        """
+        arrival_ns = now_ns + self._latency_ns
+        command = (self._index, arrival_ns, velocity.linear, velocity.angular)
         if not add_command(self.fleet.robots, self.fleet.pending, *command):
-            self.fleet = self.fleet.with_room()
+            self.fleet = self.fleet.with_more_room()
             add_command(self.fleet.robots, self.fleet.pending, *command)
 
 
@@ -48,12 +74,26 @@ def add_command(
     linear: float,
     angular: float,
 ) -> bool:
-    """Put a command behind those on their way; return whether there was room."""
+    """Put a command behind those on their way.
+
+    Args:
+        robots: Records (n,) of robots.
+        pending: Their commands on the way (n, capacity, 3).
+        index: Row of the robot.
+        arrival_ns: Time at which the command takes effect.
+        linear: Speed, m/s.
+        angular: Yaw rate, rad/s.
+
+    Returns:
+        Whether there was room.
+    """
     robot: Record = robots[index]
     if robot.pending == pending.shape[1]:
         return False
-    row = pending[index, robot.pending]
-    row[0], row[1], row[2] = arrival_ns, linear, angular
+    command = pending[index, robot.pending]
+    command[0] = arrival_ns
+    command[1] = linear
+    command[2] = angular
     robot.pending += 1
     return True
 
@@ -62,33 +102,46 @@ def add_command(
 def turn_wheels(
     robot: Record, pending: Floats, index: int, settings: Record, now_ns: int
 ) -> None:
-    """Set the rim speeds of a robot for the tick that begins now."""
+    """Set the rim speeds of a robot for the tick that begins now.
+
+    Args:
+        robot: Record of the robot.
+        pending: Commands on their way to all robots (n, capacity, 3).
+        index: Row of the robot.
+        settings: Record of the fleet's settings.
+        now_ns: Time since the start.
+    """
     while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
         robot.target_since_ns = int(pending[index, 0, 0])
-        robot.target_speed, robot.target_turn = (
-            pending[index, 0, 1],
-            pending[index, 0, 2],
-        )
+        robot.target_speed = pending[index, 0, 1]
+        robot.target_turn = pending[index, 0, 2]
         robot.timed_out = False
         robot.pending -= 1
+        # Number by number: numba would copy a row to memory in between.
         for k in range(robot.pending):
-            for column in range(3):  # a row at once would be copied in between
+            for column in range(3):
                 pending[index, k, column] = pending[index, k + 1, column]
+
+    # The watchdog stops the robot once; the next command starts it again.
     if now_ns - robot.target_since_ns >= settings.timeout_ns and not robot.timed_out:
-        robot.target_speed = robot.target_turn = 0.0
+        robot.target_speed = 0.0
+        robot.target_turn = 0.0
         robot.timed_out = True
+
     speed = max(-settings.max_reverse, min(settings.max_speed, robot.target_speed))
-    turn = _within(robot.target_turn, settings.max_turn)
-    robot.speed += _within(speed - robot.speed, settings.speed_step)
-    robot.turn += _within(turn - robot.turn, settings.turn_step)
+    turn = _limit(robot.target_turn, settings.max_turn)
+    robot.speed += _limit(speed - robot.speed, settings.speed_step)
+    robot.turn += _limit(turn - robot.turn, settings.turn_step)
+
     left = robot.speed - robot.turn * settings.half_separation_m
     right = robot.speed + robot.turn * settings.half_separation_m
-    if settings.lags:
+    if settings.lag_share < 1.0:
         left = robot.left_m_s + settings.lag_share * (left - robot.left_m_s)
         right = robot.right_m_s + settings.lag_share * (right - robot.right_m_s)
-    robot.left_m_s, robot.right_m_s = left, right
+    robot.left_m_s = left
+    robot.right_m_s = right
 
 
 @njit(cache=True)
-def _within(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
+def _limit(value: float, largest: float) -> float:
+    return max(-largest, min(largest, value))

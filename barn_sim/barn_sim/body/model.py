@@ -1,7 +1,7 @@
 """The robot's rigid body, and the URDF that is published as robot_description.
 
-Both are made of the robot's `Chassis`, unless it comes with a URDF. The body includes the
-wheels' masses; `barn_sim.body.tires` explains why the wheels are not joints.
+Both are made of the robot's `Chassis`, unless it comes with a URDF. The body includes
+the wheels' masses; `barn_sim.body.tires` explains why the wheels are not joints.
 """
 
 import math
@@ -149,8 +149,8 @@ def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
 def description_text(chassis: Chassis) -> str:
     """Return the URDF of a robot, with the lidar where the file has it.
 
-    A generated URDF has the links of the Jackal's: the body with all of the mass, wheels
-    and lidar. It shows a prism as the box around it and a caster as a ball.
+    A generated URDF has the links of the Jackal's: the body with all of the mass,
+    wheels and lidar. It shows a prism as the box around it and a caster as a ball.
     """
     if chassis.description:
         file = resources.files("barn_worlds") / "data" / "robots" / chassis.description

@@ -1,1 +1,1 @@
-"""Contacts with obstacles, which PyBullet computes: what may be touched, and the bodies of what is near."""
+"""Contacts of the robot with obstacles, which PyBullet computes."""

@@ -1,126 +1,177 @@
 """The cylinders of a world. Only those near the robot are bodies of the physics client.
 
-A cylinder is a row of an array and costs nothing while the robot is more than a few centimetres away. It becomes a body
-when the robot, or another cylinder that is being pushed, comes near. Once it is at rest and the robot has gone, the
-body is removed and the cylinder stays where it is.
+A cylinder is a row of an array and costs nothing while the robot is more than a few
+centimeters away. It becomes a body when the robot, or another cylinder that is being
+pushed, comes near. The bodies are removed when the contact ends: everything is at rest
+and the robot has gone. The cylinders stay where they are.
 """
 
 import math
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from barn_sim.body.model import RobotModel
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.contact.bullet import PhysicsClient, add_body, bullet
-from barn_sim.contact.cylinders import follow_cylinders, near_cylinders, see_cylinders
+from barn_sim.contact.bullet import bullet
+from barn_sim.contact.cylinders import (
+    follow_cylinders,
+    intersect_cylinders,
+    near_cylinders,
+)
+from barn_sim.contact.scene import ContactScene
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import Pose2D
 from barn_worlds.worlds.world import World
 
-_LEAST_GAP_M = 0.03  # more than the Jackal covers in a tick
-_FASTER = 1.1  # than it may drive, as a robot that slides or is pushed may be
-# Groups of Bullet's collision filter: of moving obstacles, and of cylinders that can be pushed where there are such.
-PASSED_BY, _PUSHED = 64, 32
-TOUCH_GAP_M = 0.005  # a pushed cylinder this close pushes the next one
+# More than the Jackal covers in a tick.
+_LEAST_GAP_M = 0.03
+# A robot that slides or is pushed may be faster than it may drive.
+_SPEED_MARGIN = 1.1
+# A pushed cylinder this close pushes the next one.
+TOUCH_GAP_M = 0.005
 REST_GAP_M = 0.10
-REST_TICKS = 50  # a cylinder stays a body for this long after anything that moves was last near it
+# A contact lasts for this long after anything that moves was near a body.
+REST_TICKS = 50
+_CHECK_TICKS = 10
 MOVED_M = 1e-3
-_SWEEP_TICKS = 10
-_LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)  # m/s, rad/s, m, m: see `follow_cylinders`
-_NONE_TILTED = np.empty((0, 7))
+# Speed (m/s), spin (rad/s), gap (m) and displacement (m) of `follow_cylinders`.
+_LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)
 _UPRIGHT = math.cos(math.radians(0.5))
-_ANGULAR_DAMPING = 0.6  # share of the spin lost per second, so that struck cylinders stop rocking and rolling
+# Share of the spin lost per second, so that struck cylinders stop rocking and rolling.
+_ANGULAR_DAMPING = 0.6
+# Bullet's filter group of cylinders that can be pushed; moving obstacles pass through.
+_PUSHED_GROUP = 32
+_NOTHING_TILTED = np.empty((0, 7))
 
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Displaced cylinders: indices (n,), positions (n, 3) m, quaternions (n, 4) x y z w."""
+    """Displaced cylinders."""
 
     indices: Integers
+    """Rows (n,) of `World.cylinders_m`."""
+
     positions: Floats
+    """Centers (n, 3), m."""
+
     quaternions: Floats
+    """Attitudes (n, 4): x, y, z, w."""
 
 
-def tick_gap_m(config: SimulatorConfig) -> float:
+def contact_gap_m(config: SimulatorConfig) -> float:
     """Return more than any point of the robot covers in a tick.
 
-    A cylinder becomes a body when it is this near. The hand-over to Bullet begins at least a tick before: in the very
-    tick that makes a body, it matters to Bullet that the robot's was moved.
+    PyBullet takes the robot over when an obstacle is this near.
     """
     reach_m = max(math.hypot(x, y) for x, y in config.chassis.hull_m)
-    fastest_m_s = config.drive.max_speed_m_s + config.drive.max_yaw_rate_rad_s * reach_m
-    return max(_LEAST_GAP_M, _FASTER * fastest_m_s * config.physics.tick_s)
+    drive = config.drive
+    fastest_m_s = drive.max_speed_m_s + drive.max_yaw_rate_rad_s * reach_m
+    return max(_LEAST_GAP_M, _SPEED_MARGIN * fastest_m_s * config.physics.tick_s)
 
 
 class Obstacles:
-    """All cylinders of a world, and the bodies of those that are near the robot.
+    """All cylinders of a world, and the bodies of those that are near the robot."""
 
-    segments (n, 4): ends of the cylinders' axes seen from above, m. undisturbed: whether every cylinder stands exactly
-    where it stood. gap_m: how near the robot must be for a body. bodied (n,): which cylinders are bodies. radius_m: of
-    every cylinder.
-    """
+    radius_m: float
+    """Radius of every cylinder."""
+
+    segments: Floats
+    """Ends (n, 4) of the cylinders' axes seen from above, m."""
+
+    undisturbed: bool
+    """Whether every cylinder stands exactly where it stood."""
 
     def __init__(
-        self,
-        client: PhysicsClient,
-        model: RobotModel,
-        world: World,
-        config: ObstacleConfig,
-        gap_m: float,
+        self, model: RobotModel, world: World, config: ObstacleConfig, gap_m: float
     ) -> None:
-        self._client, self._extent, self._reach_m, self._config = (
-            client,
-            model.extent,
-            model.reach_m,
-            config,
-        )
-        self.gap_m, self._rest_gap_m = gap_m, max(REST_GAP_M, 2.0 * gap_m)
-        self._passed = bool(world.moving)  # whether moving obstacles pass through
-        self._centres, self.radius_m = world.cylinders_m, world.cylinder_radius_m
-        self._half = 0.5 * world.cylinder_height_m
-        count = len(self._centres)
+        """Put up the cylinders of a world.
+
+        Args:
+            model: Size of the robot.
+            world: Source of the cylinders.
+            config: Which of them can be pushed, and how they slide.
+            gap_m: Gap to the robot at which a cylinder becomes a body.
+        """
+        self._extent = model.extent
+        self._reach_m = model.reach_m
+        self._config = config
+        self._gap_m = gap_m
+        self._rest_gap_m = max(REST_GAP_M, 2.0 * gap_m)
+
+        self.radius_m = world.cylinder_radius_m
+        self._height_m = world.cylinder_height_m
+        self._homes = world.cylinders_m
+        count = len(self._homes)
         self._movable: Bools = np.full(count, config.movable)
         self._movable[len(world.obstacles_m) :] &= config.containment_movable
-        self._states = np.zeros((count, 7))  # position and quaternion
-        self._states[:, :2], self._states[:, 2], self._states[:, 6] = (
-            self._centres,
-            self._half,
-            1.0,
-        )
-        self.segments = np.concatenate([self._centres, self._centres], axis=1)
-        self._bodies: dict[int, int] = {}
-        self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
-        self.undisturbed = True
-        self._ticks = 0
-        # where the robot was when bodies were made last, and how far it may go from there until others are near
-        self._looked_from, self._free_m = (0.0, 0.0, 0.0), 0.0
-        self._needed = np.zeros(
-            count, np.int64
-        )  # tick at which a body was last near anything that moves
 
-    def prepare(self, x: float, y: float, yaw: float) -> None:
-        """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
+        # Position and quaternion of each.
+        self._states = np.zeros((count, 7))
+        self._states[:, :2] = self._homes
+        self._states[:, 2] = 0.5 * self._height_m
+        self._states[:, 6] = 1.0
+        self.segments = np.concatenate([self._homes, self._homes], axis=1)
+        self._displaced = np.zeros(count, np.bool_)
+        self.undisturbed = True
+
+        self._bodies: dict[int, int] = {}
+        self._is_body = np.zeros(count, np.bool_)
+        self._pushed = np.zeros(count, np.bool_)
+        self.end_contact()
+
+    @property
+    def has_bodies(self) -> bool:
+        """Whether any cylinder is a body now."""
+        return bool(self._bodies)
+
+    @property
+    def is_contact_over(self) -> bool:
+        """Whether nothing that moves has been near any body for a while."""
+        return all(self._is_at_rest(index) for index in self._bodies)
+
+    def _is_at_rest(self, index: int) -> bool:
+        """Tell whether nothing that moves has been near a body for a while."""
+        return self._ticks - self._needed_at[index] > REST_TICKS
+
+    def end_contact(self) -> None:
+        """Forget the bodies, which the scene has removed."""
+        self._bodies.clear()
+        self._is_body[:] = False
+        self._pushed[:] = False
+        self._ticks = 0
+        # Tick at which each body was last near anything that moves.
+        self._needed_at: dict[int, int] = {}
+        # Pose of the last look, and how far the robot may go from there.
+        self._looked_from = (0.0, 0.0, 0.0)
+        self._free_m = 0.0
+
+    def prepare(self, scene: ContactScene, x: float, y: float, yaw: float) -> None:
+        """Create bodies of the cylinders that could be touched in the next tick.
+
+        Args:
+            scene: Scene of the contact.
+            x: Position of base_link, m.
+            y: Position of base_link, m.
+            yaw: Yaw of base_link, rad.
+        """
         last_x, last_y, last_yaw = self._looked_from
-        if (
-            math.hypot(x - last_x, y - last_y) + abs(yaw - last_yaw) * self._reach_m
-            < self._free_m
-        ):
+        distance_m = math.hypot(x - last_x, y - last_y)
+        if distance_m + abs(yaw - last_yaw) * self._reach_m < self._free_m:
             return
-        self._looked_from = x, y, yaw
-        near, self._free_m = self._near(~self.bodied, x, y, yaw, self.gap_m)
-        for index in near:
-            self._bodies[index] = self._make(index)
-            self.bodied[index] = True
-            self._needed[index] = self._ticks
+        self._looked_from = (x, y, yaw)
+        indices, self._free_m = self._near(~self._is_body, x, y, yaw, self._gap_m)
+        for index in indices:
+            self._bodies[index] = self._add_body(scene, index)
+            self._is_body[index] = True
+            self._needed_at[index] = self._ticks
 
     def _near(
-        self, among: Bools, x: float, y: float, yaw: float, robot_within_m: float
+        self, candidates: Bools, x: float, y: float, yaw: float, robot_within_m: float
     ) -> tuple[list[int], float]:
-        found, free_m = near_cylinders(
+        indices, free_m = near_cylinders(
             self.segments,
-            among,
+            candidates,
             self._pushed,
             x,
             y,
@@ -130,116 +181,112 @@ class Obstacles:
             robot_within_m,
             TOUCH_GAP_M,
         )
-        return found.tolist(), free_m
+        return indices.tolist(), free_m
 
-    def _make(self, index: int) -> int:
-        client, config, state = self._client, self._config, self._states[index].tolist()
-        if not self._movable[index]:
-            kind = self.radius_m, 2.0 * self._half, config.friction
-            return client.receive_standing(
-                kind, state[:3], partial(self._add, state, 0.0)
-            )
-        tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
-        body = client.receive(
-            partial(
-                self._add,
-                state,
-                config.mass_kg,
-                localInertiaDiagonal=[tilt, tilt, spin],
-            )
+    def _add_body(self, scene: ContactScene, index: int) -> int:
+        config = self._config
+        state = self._states[index].tolist()
+        is_movable = self._movable[index]
+        dynamics: dict[str, object] = {
+            "lateralFriction": config.friction,
+            "angularDamping": _ANGULAR_DAMPING,
+        }
+        if is_movable:
+            tilt = config.inertia_tilt_kg_m2
+            spin = config.inertia_spin_kg_m2
+            dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
+        body = scene.add(
+            (self.radius_m, self._height_m),
+            state[:3],
+            state[3:],
+            config.mass_kg if is_movable else 0.0,
+            **dynamics,
         )
-        if self._passed:
+        if is_movable:
             bullet.setCollisionFilterGroupMask(
-                body, -1, _PUSHED, ~PASSED_BY, physicsClientId=client.id
+                body, -1, _PUSHED_GROUP, -1, physicsClientId=scene.client
             )
         return body
 
-    def _add(self, state: list[float], mass_kg: float, **dynamics: object) -> int:
-        client, size = self._client, (self.radius_m, 2.0 * self._half)
-        shapes = client.engine.shapes
-        if size not in shapes:
-            shapes[size] = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER,
-                radius=size[0],
-                height=size[1],
-                physicsClientId=client.id,
-            )
-        dynamics |= {
-            "lateralFriction": self._config.friction,
-            "angularDamping": _ANGULAR_DAMPING,
-        }
-        return add_body(
-            client.id, shapes[size], state[:3], state[3:], mass_kg, **dynamics
-        )
+    def follow(self, scene: ContactScene, robot: Pose2D) -> None:
+        """Copy the state of the bodies after a tick, and remove some of those at rest.
 
-    @property
-    def awake(self) -> bool:
-        """Whether any cylinder is a body now."""
-        return bool(self._bodies)
-
-    def follow(self, robot: Pose2D) -> None:
-        """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
-        indices = (
-            [index for index in self._bodies if self._movable[index]]
-            if self._config.movable
-            else []
-        )
+        Args:
+            scene: Scene of the contact.
+            robot: Pose of base_link after the tick.
+        """
+        indices = []
+        states = []
+        if self._config.movable:
+            for index, body in self._bodies.items():
+                if self._movable[index]:
+                    indices.append(index)
+                    states.append(np.concatenate(scene.state(body)))
         if indices:
-            self.undisturbed, self._free_m = False, 0.0
-            bodies, client = [self._bodies[index] for index in indices], self._client.id
-            places = [
-                bullet.getBasePositionAndOrientation(body, client) for body in bodies
-            ]
-            motions = [bullet.getBaseVelocity(body, client) for body in bodies]
-            states = np.array(
-                [
-                    np.concatenate([*at, *moves])
-                    for at, moves in zip(places, motions, strict=True)
-                ]
-            )
-            follow_cylinders(
-                np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._centres,
-                self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
-            )  # fmt: skip
-        self._ticks += 1
-        if self._ticks % _SWEEP_TICKS:
-            return
-        needed, _ = self._near(
-            self.bodied, robot.x, robot.y, robot.yaw, self._rest_gap_m
-        )
-        self._needed[needed] = self._ticks
-        for index in [
-            index
-            for index in self._bodies
-            if self._ticks - self._needed[index] > REST_TICKS
-        ]:
-            self._client.send_away(self._bodies.pop(index))
-            self.bodied[index] = self._pushed[index] = False
+            self.undisturbed = False
             self._free_m = 0.0
+            follow_cylinders(
+                np.array(indices),
+                np.array(states),
+                robot.x,
+                robot.y,
+                robot.yaw,
+                self._extent,
+                self._homes,
+                self.radius_m,
+                0.5 * self._height_m,
+                _LIMITS,
+                self._states,
+                self.segments,
+                self._pushed,
+                self._displaced,
+            )
+        self._ticks += 1
+        if self._ticks % _CHECK_TICKS == 0:
+            self._remove_bodies(scene, robot)
 
-    def touched_by(self, robot: int) -> bool:
-        """Tell whether the robot's body touches any cylinder."""
-        contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
-        return any(
-            contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts
-        )  # distance, normal force
+    def _remove_bodies(self, scene: ContactScene, robot: Pose2D) -> None:
+        """Remove cylinders at rest that a robot has left behind, if it moves others.
+
+        Bullet would go on solving their contacts with the ground. Fixed ones cost
+        nothing and stay until the contact ends.
+        """
+        needed, _ = self._near(
+            self._is_body, robot.x, robot.y, robot.yaw, self._rest_gap_m
+        )
+        for index in needed:
+            self._needed_at[index] = self._ticks
+        if not needed:
+            return
+        for index in list(self._bodies):
+            if self._movable[index] and self._is_at_rest(index):
+                scene.remove(self._bodies.pop(index))
+                self._is_body[index] = False
+                self._pushed[index] = False
+                self._free_m = 0.0
 
     def moved(self) -> Moved:
-        """Return the cylinders with an end displaced by more than a millimetre."""
+        """Return the cylinders with an end displaced by more than a millimeter."""
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 
     def cross_section(self, height_m: float) -> tuple[Floats, Floats]:
-        """Return the cylinders in a horizontal scan plane, as `Lidar.scan` takes them.
+        """Return the cylinders in a horizontal plane, as `Lidar.scan` needs them.
 
-        Centres (n, 2) of upright cylinders (at most half a degree from the vertical) in the plane, infinite for
-        the others; and the others (m, 7): centre x, y and height above the plane, unit vector of the axis, half length.
+        Args:
+            height_m: Height of the plane above the ground.
+
+        Returns:
+            Centers (n, 2) of upright cylinders, at most half a degree from the
+            vertical, infinite for the others; and the others (m, 7).
         """
         displaced = np.flatnonzero(self._displaced)
         if not len(displaced):
-            return self._centres, _NONE_TILTED
-        centres, tilted = self._centres.copy(), np.empty((len(displaced), 7))
-        count = see_cylinders(
-            displaced, self._states, self._half, height_m, _UPRIGHT, centres, tilted
+            return self._homes, _NOTHING_TILTED
+        centers = self._homes.copy()
+        tilted = np.empty((len(displaced), 7))
+        half_m = 0.5 * self._height_m
+        count = intersect_cylinders(
+            displaced, self._states, half_m, height_m, _UPRIGHT, centers, tilted
         )
-        return centres, tilted[:count]
+        return centers, tilted[:count]

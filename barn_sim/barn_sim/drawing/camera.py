@@ -14,7 +14,7 @@ from typing_extensions import Self
 
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
-from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.contact.bullet import bullet, connect, disconnect
 from barn_sim.drawing.meshes import Mesh, pillars, prism
 from barn_sim.drawing.robot_parts import RobotPart, robot_parts
 from barn_worlds.base.arrays import Floats, Points
@@ -136,7 +136,7 @@ class Studio:
             moving: Moving obstacles, shown where each picture has them.
             chassis: The robot.
         """
-        self._client = PhysicsClient(draws=True)
+        self._client = connect(renders=True)
         outlines = scene.boxes.outlines()
         points = np.concatenate([scene.cylinders_m, scene.ends_m(), *outlines, trail_m])
         low = points.min(axis=0) - 0.5
@@ -168,7 +168,7 @@ class Studio:
 
     def __exit__(self, *_: object) -> None:
         """Release the renderer."""
-        self._client.close()
+        disconnect(self._client)
 
     def picture(
         self,
@@ -214,14 +214,14 @@ class Studio:
             lightDirection=_LIGHT_FROM,
             shadow=0,
             renderer=bullet.ER_TINY_RENDERER,
-            physicsClientId=self._client.id,
+            physicsClientId=self._client,
         )
         fine = np.reshape(image[2], (height, finer, width, finer, 4))[..., :3]
         pixels: Pixels = fine.mean(axis=(1, 3)).round().astype(np.uint8)
         return pixels
 
     def _add_ground(self, low: Floats, high: Floats) -> None:
-        """Add a plane, and lines a meter apart between two corners (2,) of the scene."""
+        """Add a plane, and lines a meter apart between two corners of the scene."""
         x, y = (0.5 * (low + high)).tolist()
         width, length = (high - low).tolist()
         plane = (width + _MARGIN_M, length + _MARGIN_M, 0.02)
@@ -321,7 +321,7 @@ class Studio:
             kind,
             rgbaColor=(red / 255.0, green / 255.0, blue / 255.0, 1.0),
             specularColor=(0.1, 0.1, 0.1),
-            physicsClientId=self._client.id,
+            physicsClientId=self._client,
             **sizes,
         )
         return shape
@@ -331,7 +331,7 @@ class Studio:
         body: int = bullet.createMultiBody(
             baseVisualShapeIndex=shape,
             basePosition=_HIDDEN_M,
-            physicsClientId=self._client.id,
+            physicsClientId=self._client,
         )
         return body
 
@@ -343,5 +343,5 @@ class Studio:
         self, body: int, position: Sequence[float], attitude: Sequence[float]
     ) -> None:
         bullet.resetBasePositionAndOrientation(
-            body, position, attitude, physicsClientId=self._client.id
+            body, position, attitude, physicsClientId=self._client
         )

@@ -1,75 +1,106 @@
-"""Many robots advanced in compiled code, each as `barn_sim.motion.ticks.advance` does by itself, to the last bit.
+"""Many robots advanced in compiled code, each as `barn_sim.motion.ticks.advance` does.
 
-In the iteration for friction each step waits for the one before, and it takes a few sweeps for most robots but a
-hundred for some. So sweeps are done for several robots at once, each in a lane of vector instructions. A robot keeps
-its lane until it has no tick left, then the next one takes it. When there is none, the last lane takes its place. The
-few robots left at the end go on one after the other, each from the beginning of its tick.
+In the iteration for friction each step waits for the one before, and it takes a few
+sweeps for most robots but a hundred for some. So sweeps are done for several robots at
+once, each in a lane of vector instructions. A robot keeps its lane until it has no tick
+left, then the next one takes the lane. When there is none, the last lane moves there.
+The few robots that are left at the end go on one after the other.
 """
 
 import numpy as np
 from numba import njit
 
 from barn_sim.body.drive import add_command, turn_wheels
-from barn_sim.body.free_motion import fill, triple
 from barn_sim.body.friction import (
     SWEEPS,
     TOLERANCE,
-    after,
-    clipped_abreast,
+    Motion,
+    apply_impulse,
+    clip,
     sweep_friction,
 )
-from barn_sim.body.state import Record, Records
-from barn_sim.body.tires import forces
-from barn_sim.motion.ticks import (
-    BARE,
-    Push,
-    advance,
-    begin_push,
-    clear_of_movers,
-    end_if_clear,
-)
+from barn_sim.body.rigid_body import move_body
+from barn_sim.body.state import Record, Records, record_type
+from barn_sim.body.tires import begin_tires
+from barn_sim.body.vectors import fill
+from barn_sim.motion.ticks import NO_REFERENCES, advance, finish_tick, is_free
 from barn_worlds.base.arrays import Floats, Integers
 
 LANES = 32
-_FEW = 3  # robots that are faster one after the other
-# Rows, each of LANES numbers, in an array of one dimension, so that the compiler knows how far apart they are: motion,
-# the largest change of an impulse in a sweep, whether `clipped_abreast` was wrong, sweeps done; and of each wheel those
-# columns of `barn_sim.body.tires.stand` that begin with the impulse, then how fast its rim goes along x and y.
-_LARGEST, _WRONG, _SWEEPS, _ROWS = 5, 6, 7, 8
-_ARM, _LIMIT, _LEVERS, _STEP, _SURE, _RIM, _WHEEL_ROWS = 2, 5, 6, 12, 13, 14, 16
+# So few robots are faster one after the other.
+_FEW = 3
+# Numbers of a vector instruction.
+_VECTOR = 8
+
+# A number for each lane. Records of such rows have fixed places in memory, which the
+# compiler needs for vector instructions.
+_ROW = (np.float64, LANES)
+# A wheel of the robot in each lane, see `barn_sim.body.state.WHEEL`.
+_WHEEL = record_type(
+    [
+        ("impulse_x", *_ROW),
+        ("impulse_y", *_ROW),
+        ("arm_x", *_ROW),
+        ("arm_y", *_ROW),
+        ("arm_z", *_ROW),
+        ("limit", *_ROW),
+        ("levers", np.float64, (6, LANES)),
+        ("step", *_ROW),
+        ("rim_x", *_ROW),
+        ("rim_y", *_ROW),
+    ]
+)
+# The robot in each lane: its row in the fleet, its motion, the largest change of an
+# impulse in a sweep, the number of sweeps, and whether the iteration is done.
+_LANES = record_type(
+    [
+        ("index", np.int64, LANES),
+        ("motion", np.float64, (5, LANES)),
+        ("largest", *_ROW),
+        ("sweeps", np.int64, LANES),
+        ("done", np.int64, LANES),
+        ("wheels", _WHEEL, 4),
+    ]
+)
 
 
 @njit(cache=True)
 def advance_all(
-    robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
-    ticks: int, indices: Integers, commands: Floats, latency_ns: int, left: Integers, pushes: Floats,
-) -> None:  # fmt: skip
-    """Do as `barn_sim.motion.ticks.advance` for the robots `indices`; fill in ticks left (n,) and pushes (n, 4, 3).
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    segments: Floats,
+    cylinders: Integers,
+    noise: Floats,
+    ticks: int,
+    indices: Integers,
+    commands: Floats,
+    latency_ns: int,
+    left: Integers,
+) -> None:
+    """Send commands to robots and advance each as long as no obstacle is near.
 
-    commands (n, 2): given now, there must be room for them. segments (n, m, 4): those of each robot's world, the first
-    `cylinders` (n,) of a row.
+    Args:
+        robots: Records (n,) of robots.
+        pending: Commands on their way (n, capacity, 3), with room for one more.
+        settings: The fleet's settings (1,).
+        segments: Axes (n, m, 4) of the cylinders in each robot's world, m.
+        cylinders: How many of the m rows each world has (n,).
+        noise: Noise of the odometry's next updates (n, k, 2).
+        ticks: Largest number of ticks.
+        indices: Rows of the robots that advance.
+        commands: Speed (m/s) and yaw rate (rad/s) for each robot (n, 2).
+        latency_ns: Time until a command takes effect.
+        left: Filled in (n,): ticks that are left, since something is near.
     """
     for index in indices:
-        stamp_ns = robots[index].stamp_ns
-        add_command(
-            robots,
-            pending,
-            index,
-            stamp_ns + latency_ns,
-            commands[index, 0],
-            commands[index, 1],
-        )
+        arrival_ns = robots[index].stamp_ns + latency_ns
+        linear = commands[index, 0]
+        angular = commands[index, 1]
+        add_command(robots, pending, index, arrival_ns, linear, angular)
         left[index] = ticks
-    rows, wheels = (
-        np.zeros(_ROWS * LANES),
-        np.zeros(settings[0].grips * _WHEEL_ROWS * LANES),
-    )
-    held, done, begun = (
-        np.zeros(LANES, np.int64),
-        np.zeros(LANES, np.int64),
-        np.zeros((LANES, 12)),
-    )
-    _advance(
+    lanes = np.zeros(1, _LANES)
+    _advance_lanes(
         robots,
         pending,
         settings,
@@ -78,230 +109,215 @@ def advance_all(
         noise,
         indices,
         left,
-        pushes,
-        rows,
-        wheels,
-        held,
-        begun,
-        done,
+        lanes[0],
     )
 
 
-@njit(cache=True, **BARE)
-def _advance(
-    robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
-    indices: Integers, left: Integers, pushes: Floats, rows: Floats, wheels: Floats, held: Integers, begun: Floats,
-    done: Integers,
-) -> None:  # fmt: skip
-    """Do as `advance_all`, given the commands."""
+@njit(cache=True, **NO_REFERENCES)
+def _advance_lanes(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    segments: Floats,
+    cylinders: Integers,
+    noise: Floats,
+    indices: Integers,
+    left: Integers,
+    lanes: Record,
+) -> None:
     fixed: Record = settings[0]
-    used = min(LANES, len(indices))
-    for lane in range(used):
-        held[lane] = indices[lane]
-        _begin(robots, pending, settings, held[lane], rows, wheels, begun[lane], lane)
-    taken = used
+    state = (robots, pending, settings, segments, cylinders)
+    used = 0
+    waiting = 0
+    is_full = True
+    while is_full and used < LANES:
+        is_full, waiting = _fill_lane(*state, indices, waiting, lanes, used)
+        used += is_full
+
     while used > _FEW:
-        while _sweep(rows, wheels, done, fixed.grips, fixed.inverse_mass, used) == 0:
+        while _sweep(lanes, fixed, used) == 0:
             pass
         for lane in range(used - 1, -1, -1):
-            if not done[lane]:
+            if not lanes.done[lane]:
                 continue
-            index = held[lane]
-            near = segments[index, : cylinders[index]]
-            if not _end(
-                robots,
-                settings,
-                near,
-                noise,
-                index,
-                rows,
-                wheels,
-                begun[lane],
-                lane,
-                left,
-                pushes[index],
-            ):
-                if taken == len(indices):
-                    used -= 1
-                    held[lane] = held[used]
-                    _copy(rows, wheels, begun, used, lane, fixed.grips)
-                    continue
-                held[lane] = index = indices[taken]
-                taken += 1
-            _begin(robots, pending, settings, index, rows, wheels, begun[lane], lane)
+            index = lanes.index[lane]
+            motion = _leave_lane(robots[index], fixed, lanes, lane)
+            move_body(robots[index], fixed, motion)
+            finish_tick(robots[index], fixed, noise[index])
+            left[index] -= 1
+
+            # The same robot goes on, or one that waits, or the one in the last lane.
+            is_full = left[index] > 0 and _begin_tick(*state, index, lanes, lane)
+            if not is_full:
+                is_full, waiting = _fill_lane(*state, indices, waiting, lanes, lane)
+            if not is_full:
+                used -= 1
+                _move_lane(lanes, fixed.grips, used, lane)
+
     for lane in range(used):
-        index = held[lane]
-        rows[_WRONG * LANES + lane] = 1.0  # so that `_end` solves friction itself
+        index = lanes.index[lane]
         near = segments[index, : cylinders[index]]
-        if _end(
-            robots,
-            settings,
-            near,
-            noise,
-            index,
-            rows,
-            wheels,
-            begun[lane],
-            lane,
-            left,
-            pushes[index],
-        ):
-            left[index], push = advance(
-                robots, pending, settings, index, near, noise, left[index]
-            )
-            _fill(pushes[index], push)
+        _finish_sweeps(robots[index], fixed, noise[index], lanes, lane)
+        left[index] = advance(
+            robots, pending, settings, index, near, noise, left[index] - 1
+        )
 
 
-@njit(cache=True, **BARE)
-def _copy(
-    rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips: int
-) -> None:
-    """Move what is in a lane to another."""
-    for row in range(begun.shape[1]):
-        begun[to, row] = begun[lane, row]
-    for row in range(_ROWS):
-        rows[row * LANES + to] = rows[row * LANES + lane]
-    for row in range(grips * _WHEEL_ROWS):
-        wheels[row * LANES + to] = wheels[row * LANES + lane]
-
-
-@njit(cache=True, forceinline=True, **BARE)
-def _begin(
-    robots: Records, pending: Floats, settings: Records, index: int, rows: Floats, wheels: Floats, begun: Floats,
+@njit(cache=True, **NO_REFERENCES)
+def _fill_lane(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    segments: Floats,
+    cylinders: Integers,
+    indices: Integers,
+    waiting: int,
+    lanes: Record,
     lane: int,
-) -> None:  # fmt: skip
-    """Begin a tick of a robot, up to the first sweep; begun (12,): motion, rims, what the loads do."""
+) -> tuple[bool, int]:
+    """Put the next robot that is free into a lane; return whether, and who waits."""
+    while waiting < len(indices):
+        index = indices[waiting]
+        waiting += 1
+        if _begin_tick(
+            robots, pending, settings, segments, cylinders, index, lanes, lane
+        ):
+            return True, waiting
+    return False, waiting
+
+
+@njit(cache=True, **NO_REFERENCES)
+def _begin_tick(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    segments: Floats,
+    cylinders: Integers,
+    index: int,
+    lanes: Record,
+    lane: int,
+) -> bool:
+    """Put a robot into a lane, up to the first sweep, if no obstacle is near."""
     robot: Record = robots[index]
     fixed: Record = settings[0]
+    if not is_free(robot, fixed, segments[index, : cylinders[index]]):
+        return False
     turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
-    motion, rims, carried = begin_push(robot, fixed)
-    fill(begun, (*motion, *rims, *carried))
-    for row in range(5):
-        rows[row * LANES + lane] = begun[row]
-    rows[_WRONG * LANES + lane] = rows[_SWEEPS * LANES + lane] = 0.0
+    motion, rims = begin_tires(robot, fixed)
+    lanes.index[lane] = index
+    lanes.sweeps[lane] = 0
+    fill(lanes.motion[:, lane], motion)
     for i in range(fixed.grips):
-        of, to = robot.wheels[i], wheels[i * _WHEEL_ROWS * LANES + lane :]
-        for row in range(_RIM):
-            to[row * LANES] = of[3 + row]
-        to[_RIM * LANES], to[(_RIM + 1) * LANES] = rims[i % 2], rims[2 + i % 2]
+        wheel: Record = robot.wheels[i]
+        row: Record = lanes.wheels[i]
+        row.impulse_x[lane] = wheel.impulse_x
+        row.impulse_y[lane] = wheel.impulse_y
+        row.arm_x[lane] = wheel.arm_x
+        row.arm_y[lane] = wheel.arm_y
+        row.arm_z[lane] = wheel.arm_z
+        row.limit[lane] = wheel.limit
+        row.step[lane] = wheel.step
+        row.rim_x[lane] = rims[i % 2]
+        row.rim_y[lane] = rims[2 + i % 2]
+        for k in range(6):
+            row.levers[k, lane] = wheel.levers[k]
+    return True
 
 
-@njit(cache=True, forceinline=True, **BARE)
-def _end(
-    robots: Records, settings: Records, near: Floats, noise: Floats, index: int, rows: Floats, wheels: Floats,
-    begun: Floats, lane: int, left: Integers, pushes: Floats,
-) -> bool:  # fmt: skip
-    """End the tick of a robot whose friction is solved, or fill in its push where it may touch; tell if it goes on."""
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
-    contacts = robot.wheels[: fixed.contacts]
-    if rows[_WRONG * LANES + lane] > 0.0:
-        motion, rims = (
-            (begun[0], begun[1], begun[2], begun[3], begun[4]),
-            (begun[5], begun[6], begun[7], begun[8]),
-        )
-        grip = contacts[: fixed.grips]
-        sweep_friction(
-            motion,
-            rims,
-            grip[:, 5:8],
-            grip[:, 8],
-            fixed.inverse_mass,
-            grip[:, 3:5],
-            grip[:, 9:],
-        )
-    else:
-        for i in range(fixed.grips):
-            of = i * _WHEEL_ROWS * LANES + lane
-            contacts[i, 3], contacts[i, 4] = wheels[of], wheels[of + LANES]
-    force, torque = forces((begun[9], begun[10], begun[11]), contacts, fixed.tick_s)
-    push = (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
-    if clear_of_movers(robot, fixed) and end_if_clear(
-        robot, fixed, near, noise[index], push
-    ):
-        left[index] -= 1
-        return bool(left[index] > 0)
-    _fill(pushes, push)
-    return False
+@njit(cache=True, forceinline=True, **NO_REFERENCES)
+def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motion:
+    """Copy the impulses of a lane to the robot's record, and return the motion."""
+    for i in range(fixed.grips):
+        robot.wheels[i].impulse_x = lanes.wheels[i].impulse_x[lane]
+        robot.wheels[i].impulse_y = lanes.wheels[i].impulse_y[lane]
+    motion = lanes.motion
+    return (
+        motion[0, lane],
+        motion[1, lane],
+        motion[2, lane],
+        motion[3, lane],
+        motion[4, lane],
+    )
 
 
-@njit(cache=True)
-def _fill(rows: Floats, push: Push) -> None:
-    for k in range(4):
-        fill(rows[k], push[k])
+@njit(cache=True, **NO_REFERENCES)
+def _finish_sweeps(
+    robot: Record, fixed: Record, noise: Floats, lanes: Record, lane: int
+) -> None:
+    """Complete the tick of a robot in a lane by itself."""
+    left: Record = lanes.wheels[0]
+    right: Record = lanes.wheels[1]
+    rims = (left.rim_x[lane], right.rim_x[lane], left.rim_y[lane], right.rim_y[lane])
+    motion = _leave_lane(robot, fixed, lanes, lane)
+    grips = robot.wheels[: fixed.grips]
+    sweeps = SWEEPS - lanes.sweeps[lane]
+    motion = sweep_friction(motion, rims, grips, fixed.inverse_mass, sweeps)
+    move_body(robot, fixed, motion)
+    finish_tick(robot, fixed, noise)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, **BARE)
-def _sweep(
-    rows: Floats,
-    wheels: Floats,
-    done: Integers,
-    grips: int,
-    inverse_mass: float,
-    used: int,
-) -> int:
-    """Do a sweep of `sweep_friction` in the lanes in use; fill in which are done (LANES,), and return how many."""
-    width = (
-        (used + 7) // 8 * 8
-    )  # whole vectors; what is computed in the lanes beyond, nobody reads
-    for k in range(width):
-        rows[_LARGEST * LANES + k] = 0.0
+@njit(cache=True, **NO_REFERENCES)
+def _move_lane(lanes: Record, grips: int, source: int, target: int) -> None:
+    lanes.index[target] = lanes.index[source]
+    lanes.sweeps[target] = lanes.sweeps[source]
+    for k in range(5):
+        lanes.motion[k, target] = lanes.motion[k, source]
     for i in range(grips):
-        _sweep_wheel(
-            rows,
-            wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES],
-            inverse_mass,
-            width,
-        )
+        row: Record = lanes.wheels[i]
+        row.impulse_x[target] = row.impulse_x[source]
+        row.impulse_y[target] = row.impulse_y[source]
+        row.arm_x[target] = row.arm_x[source]
+        row.arm_y[target] = row.arm_y[source]
+        row.arm_z[target] = row.arm_z[source]
+        row.limit[target] = row.limit[source]
+        row.step[target] = row.step[source]
+        row.rim_x[target] = row.rim_x[source]
+        row.rim_y[target] = row.rim_y[source]
+        for k in range(6):
+            row.levers[k, target] = row.levers[k, source]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, **NO_REFERENCES)
+def _sweep(lanes: Record, fixed: Record, used: int) -> int:
+    """Do a sweep in the lanes in use; fill in which are done, return how many."""
+    # Whole vectors; nobody reads the numbers in the lanes beyond.
+    width = (used + _VECTOR - 1) // _VECTOR * _VECTOR
     for k in range(width):
-        rows[_SWEEPS * LANES + k] += 1.0
-        over = (rows[_LARGEST * LANES + k] < TOLERANCE) | (
-            rows[_SWEEPS * LANES + k] >= SWEEPS
-        )
-        done[k] = 1 if over | (rows[_WRONG * LANES + k] > 0.0) else 0
+        lanes.largest[k] = 0.0
+    for i in range(fixed.grips):
+        _sweep_wheel(lanes, lanes.wheels[i], fixed.inverse_mass, width)
+    for k in range(width):
+        lanes.sweeps[k] += 1
+        has_converged = lanes.largest[k] < TOLERANCE
+        lanes.done[k] = has_converged | (lanes.sweeps[k] >= SWEEPS)
     count = 0
     for k in range(used):
-        count += done[k]
+        count += lanes.done[k]
     return count
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, **BARE)
-def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float, width: int) -> None:
+@njit(cache=True, error_model="numpy", forceinline=True, **NO_REFERENCES)
+def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) -> None:
+    """Do as `sweep_friction` for one wheel of the robots in all lanes."""
+    rows = lanes.motion
+    levers = wheel.levers
     for k in range(width):
-        x, y, z = (
-            wheel[_ARM * LANES + k],
-            wheel[(_ARM + 1) * LANES + k],
-            wheel[(_ARM + 2) * LANES + k],
-        )
-        vx, vy, wx = rows[k], rows[LANES + k], rows[2 * LANES + k]
-        wy, wz = rows[3 * LANES + k], rows[4 * LANES + k]
-        slip_x = vx + wy * z - wz * y - wheel[_RIM * LANES + k]
-        slip_y = vy + wz * x - wx * z - wheel[(_RIM + 1) * LANES + k]
-        step, limit, surely = (
-            wheel[_STEP * LANES + k],
-            wheel[_LIMIT * LANES + k],
-            wheel[_SURE * LANES + k],
-        )
-        old_x, old_y = wheel[k], wheel[LANES + k]
-        new_x, new_y, right = clipped_abreast(
-            old_x - step * slip_x, old_y - step * slip_y, limit, surely
-        )
-        rows[_WRONG * LANES + k] = rows[_WRONG * LANES + k] if right else 1.0
-        change_x, change_y = new_x - old_x, new_y - old_y
-        wheel[k], wheel[LANES + k] = new_x, new_y
-        levers = (
-            wheel[_LEVERS * LANES + k], wheel[(_LEVERS + 1) * LANES + k], wheel[(_LEVERS + 2) * LANES + k],
-            wheel[(_LEVERS + 3) * LANES + k], wheel[(_LEVERS + 4) * LANES + k], wheel[(_LEVERS + 5) * LANES + k],
-        )  # fmt: skip
-        motion = after((vx, vy, wx, wy, wz), levers, inverse_mass, change_x, change_y)
-        (
-            rows[k],
-            rows[LANES + k],
-            rows[2 * LANES + k],
-            rows[3 * LANES + k],
-            rows[4 * LANES + k],
-        ) = motion
-        changed = abs(change_x)
-        changed = abs(change_y) if abs(change_y) > changed else changed
-        largest = rows[_LARGEST * LANES + k]
-        rows[_LARGEST * LANES + k] = changed if changed > largest else largest
+        motion = (rows[0, k], rows[1, k], rows[2, k], rows[3, k], rows[4, k])
+        vx, vy, wx, wy, wz = motion
+        slip_x = vx + wy * wheel.arm_z[k] - wz * wheel.arm_y[k] - wheel.rim_x[k]
+        slip_y = vy + wz * wheel.arm_x[k] - wx * wheel.arm_z[k] - wheel.rim_y[k]
+        x = wheel.impulse_x[k] - wheel.step[k] * slip_x
+        y = wheel.impulse_y[k] - wheel.step[k] * slip_y
+        x, y = clip(x, y, wheel.limit[k])
+        change_x = x - wheel.impulse_x[k]
+        change_y = y - wheel.impulse_y[k]
+        wheel.impulse_x[k] = x
+        wheel.impulse_y[k] = y
+        motion = apply_impulse(motion, levers[:, k], inverse_mass, change_x, change_y)
+        fill(rows[:, k], motion)
+
+        # Selects, which become vector instructions, unlike `max`.
+        size_x = abs(change_x)
+        size_y = abs(change_y)
+        change = size_y if size_y > size_x else size_x
+        lanes.largest[k] = change if change > lanes.largest[k] else lanes.largest[k]

@@ -1,21 +1,15 @@
 """How a robot moves through its world from tick to tick, by itself or in PyBullet.
 
-A tick of the physics has two halves. First the drive sets the wheels and the ground acts on the tyres, which is
-compiled code of our own (`ticks.advance`) and gives a push: force and torque on the body. Then the body moves under it.
+Where nothing is near, compiled code moves the robot as a free body (`ticks.advance`). A
+contact begins when an obstacle is so near that the robot could touch it in the next
+tick: the robot and the obstacles near it become bodies of a `ContactScene`, and
+PyBullet moves them under the forces of the ground on the tires. The contact ends when
+everything near the robot is at rest and the robot has gone. PyBullet then no longer has
+anything of it.
 
-Where nothing is near, the second half is compiled code, too: free motion. A body that touches nothing follows formulae
-that Bullet evaluates in a known order; `free_motion` repeats them operation by operation, so that the robot is where
-Bullet would have it, to the last bit, in a fraction of the time. `advance` goes on like this until something may be
-touched in the tick that has just begun. It then stops in the middle of that tick and returns the push.
-
-Bullet then moves the body under this push, and goes on as long as an obstacle is a body beside the robot's. Bullet is
-not told of free motion, so the body is handed over before: `Body.come_back` puts it where the robot is, with all that
-Bullet stores of a body. Cylinders and movers become bodies only where the robot is near them (`Obstacles.prepare`,
-`Movers.prepare`). Bullet must have moved the robot at least a tick before: in the very tick that makes a body, the
-order in which it solves contacts depends on whether the robot's was moved.
-
-Compiled code draws no random numbers, and how many ticks it takes at a time is not known in advance. So the noise of
-the odometry's next updates is drawn before (`draw_noise`), each once and in order, and waits in `Fleet.noise`.
+Compiled code draws no random numbers, and how many ticks it takes at a time is not
+known in advance. So the noise of the odometry's next updates is drawn before
+(`draw_noise`), each once and in order, and waits in `Fleet.noise`.
 """
 
 import math
@@ -24,208 +18,285 @@ from collections import deque
 import numpy as np
 
 from barn_sim.body.drive import DriveController
-from barn_sim.body.model import model_of
-from barn_sim.body.state import Fleet
-from barn_sim.config import SimulatorConfig
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.body.model import RobotModel, model_of
+from barn_sim.body.rigid_body import place_base
+from barn_sim.body.state import ROBOT, Fleet, Records
+from barn_sim.body.tires import Tires, tires_of
+from barn_sim.body.vectors import rotation
+from barn_sim.config import PhysicsConfig, SimulatorConfig
+from barn_sim.contact.bullet import bullet
 from barn_sim.contact.movers import Movers
-from barn_sim.contact.obstacles import Obstacles, tick_gap_m
-from barn_sim.contact.robot_body import Body
-from barn_sim.motion.ticks import Push, advance, free_tick, motion_of
+from barn_sim.contact.obstacles import Obstacles, contact_gap_m
+from barn_sim.contact.scene import ContactScene, ScenePool
+from barn_sim.motion.ticks import (
+    advance,
+    advance_past_movers,
+    base_motion,
+    body_state,
+    follow_body,
+    push_body,
+)
 from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds
 from barn_worlds.worlds.world import World
 
 
 class RobotMotion:
-    """A robot, its odometry and what stands or moves around it; `simulator.Simulator` says what the arguments are.
+    """A robot, its odometry and the obstacles around it."""
 
-    drive takes commands. obstacles: the cylinders. movers: walls and moving obstacles, None where there are none.
-    """
+    model: RobotModel
+    """The robot's body."""
+
+    drive: DriveController
+    """Accepts commands."""
+
+    odometry: FusedOdometry
+
+    obstacles: Obstacles
+    """The cylinders of the world."""
+
+    movers: Movers | None
+    """Walls and moving obstacles, if there are any."""
 
     def __init__(
-        self,
-        config: SimulatorConfig,
-        client: PhysicsClient,
-        fleet: Fleet,
-        index: int,
-        *,
-        free_motion: bool,
+        self, config: SimulatorConfig, scenes: ScenePool, fleet: Fleet, index: int
     ) -> None:
+        """Fill in the settings of the fleet.
+
+        Args:
+            config: The robot.
+            scenes: Physics clients for contacts.
+            fleet: Keeps the state.
+            index: Row of the robot in the fleet.
+
+        Raises:
+            ConfigError: If the robot cannot be simulated.
+        """
         self.model = model_of(config.chassis)
-        self._config, self._client, self._index, self._free_motion = (
-            config,
-            client,
-            index,
-            free_motion,
-        )
-        self._tick_ns, self._gap_m = config.tick_ns, tick_gap_m(config)
-        self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
-        self._ticks_of_noise = (
-            (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
-        )
+        self._config = config
+        self._scenes = scenes
+        self._scene: ContactScene | None = None
+        self._index = index
+        self._stamps_ns = fleet.robots["stamp_ns"]
+        self._tick_ns = config.tick_ns
+        self._gap_m = contact_gap_m(config)
+        self._tires = tires_of(self.model, config.physics)
+        _set_body(fleet.settings, self.model, config.physics, self._tires)
         self.drive = DriveController(
             config.drive, self.model.track_m, config.physics.tick_s, fleet, index
         )
-        self._body = Body(self.model, config.physics, client, fleet, index)
-        self._stamps, self._away, self._known, self._in_bullet = (
-            fleet.robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
-        )
+
+        self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
+        updates = fleet.noise.shape[1]
+        self._ticks_of_noise = (updates - 1) * self._odometry_ns // self._tick_ns
+        # Poses of the time that a sweep of the lidar takes.
+        sweep_ticks = config.ticks(1.0 / config.lidar.rate_hz)
         self._past: deque[tuple[int, float, float, float]] = deque(
-            maxlen=config.ticks(1.0 / config.lidar.rate_hz) + 2
+            maxlen=sweep_ticks + 2
         )
 
     def begin(
         self, world: World, start: Pose2D, phase_s: float, rng: np.random.Generator
     ) -> None:
-        """Put the robot on the ground of a world, at rest; rng: of the odometry."""
-        config, client, fleet, index = (
-            self._config,
-            self._client,
-            self.drive.fleet,
-            self._index,
+        """Put the robot on the ground of a world, at rest.
+
+        Args:
+            world: Obstacles around the robot.
+            start: Pose of base_link in the map frame.
+            phase_s: Time into the motions of obstacles at the start.
+            rng: Source of the odometry's noise.
+        """
+        self.close()
+        config = self._config
+        fleet = self.drive.fleet
+        fleet.robots[[self._index]] = _robot_at_rest(
+            fleet.settings, self.model, self._tires, start
         )
-        client.empty()
-        moves = bool(world.walls or world.moving)
-        # Where obstacles neither move nor can be moved, engines can be left to other robots in between.
-        self._fixed = not (config.obstacles.movable or moves)
-        self._body.begin(start, stays=self._free_motion and self._fixed)
-        self.odometry = FusedOdometry(config.odometry, rng, start.yaw, fleet, index)
-        self.obstacles = Obstacles(
-            client, self.model, world, config.obstacles, self._gap_m
+        self.odometry = FusedOdometry(
+            config.odometry, rng, start.yaw, fleet, self._index
         )
-        self.movers = (
-            Movers(client, self.model.extent, world, phase_s, config, self._gap_m)
-            if moves
-            else None
-        )
-        robot = fleet.robots[index]
-        robot["movers_clearance_m"] = 0.0 if moves else math.inf
+        self.obstacles = Obstacles(self.model, world, config.obstacles, self._gap_m)
+        self.movers = None
+        if world.walls or world.moving:
+            self.movers = Movers(self.model.extent, world, phase_s, config, self._gap_m)
+
+        robot = fleet.robots[self._index]
+        robot["movers_clearance_m"] = math.inf if self.movers is None else 0.0
         robot["radius_m"] = self.obstacles.radius_m
-        robot["near_m"] = self.obstacles.radius_m + self.obstacles.gap_m
-        robot["in_bullet"] = not self._free_motion
-        self._touched = False
+        robot["near_m"] = self.obstacles.radius_m + self._gap_m
+        self._was_touched = False
         self._past.clear()
-        self._placed: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
+        self._placement: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
         self.odometry.update(0)
 
     @property
     def stamp_ns(self) -> int:
         """Time since the start."""
-        return int(self._stamps[self._index])
+        return int(self._stamps_ns[self._index])
 
     @property
-    def free(self) -> bool:
-        """Whether the last tick was free motion, which Bullet has not been told of."""
-        return bool(self._away[self._index])
+    def is_in_contact(self) -> bool:
+        """Whether PyBullet moves the robot, since an obstacle is near."""
+        return self._scene is not None
 
     @property
-    def undisturbed(self) -> bool:
-        """Whether every cylinder stands exactly where it stood, and there is nothing else."""
+    def is_undisturbed(self) -> bool:
+        """Whether every cylinder stands where it stood, and there is nothing else."""
         return self.obstacles.undisturbed and self.movers is None
 
     def place(self) -> tuple[Pose2D, Velocity2D]:
         """Return pose and velocity of base_link now."""
-        if self._placed is None or self._placed[0] != self.stamp_ns:
+        if self._placement is None or self._placement[0] != self.stamp_ns:
             fleet = self.drive.fleet
-            x, y, yaw, linear, angular = motion_of(
+            x, y, yaw, linear, angular = base_motion(
                 fleet.robots, fleet.settings, self._index
             )
-            self._placed = (
-                self.stamp_ns,
-                (Pose2D(x, y, yaw), Velocity2D(linear, angular)),
-            )
-        return self._placed[1]
+            placement = (Pose2D(x, y, yaw), Velocity2D(linear, angular))
+            self._placement = (self.stamp_ns, placement)
+        return self._placement[1]
 
     def remember_pose(self) -> None:
-        """Store the pose of now, for `poses_at`."""
-        pose = self.place()[0]
+        """Store the present pose for `poses_at`."""
+        pose, _ = self.place()
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
 
     def poses_at(self, stamps_ns: Floats) -> Floats:
-        """Return poses (n, 3) of base_link at times up to now, by lines between those remembered."""
-        pose = self.place()[0]
+        """Return poses (n, 3) of base_link at times up to now, interpolated."""
+        pose, _ = self.place()
         past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
         past[:, 3] = np.unwrap(past[:, 3])
-        return np.column_stack(
-            [np.interp(stamps_ns, past[:, 0], past[:, k]) for k in (1, 2, 3)]
-        )
+        columns = [np.interp(stamps_ns, past[:, 0], past[:, k]) for k in (1, 2, 3)]
+        return np.column_stack(columns)
 
     def take_touch(self) -> bool:
         """Tell whether the robot has touched anything since the last call."""
-        touched, self._touched = self._touched, False
-        return touched
+        was_touched = self._was_touched
+        self._was_touched = False
+        return was_touched
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of ticks."""
         while ticks:
-            some = min(ticks, self._ticks_of_noise)
-            self.draw_noise(some)
-            self.run(some)
-            ticks -= some
+            count = min(ticks, self._ticks_of_noise)
+            self.draw_noise(count)
+            self.run(count)
+            ticks -= count
 
     def draw_noise(self, ticks: int) -> None:
-        """Have the odometry's noise for so many ticks, at most a control period."""
-        now_ns, period_ns = self.stamp_ns, self._odometry_ns
-        self.odometry.supply_noise(
-            now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns
-        )
+        """Draw the odometry's noise for the next ticks, for which there is room."""
+        now_ns = self.stamp_ns
+        end_ns = now_ns + ticks * self._tick_ns
+        first = now_ns // self._odometry_ns + 1
+        self.odometry.supply_noise(first, end_ns // self._odometry_ns)
 
-    def run(self, left: int, push: Push | None = None) -> None:
-        """Advance by the ticks left, for which there is noise; push: of the first one, if it has begun already."""
-        fleet, segments = self.drive.fleet, self.obstacles.segments
-        while left:
-            if push is None:
-                # free ticks, up to one in which something may be touched: that has begun with a push
-                state = fleet.robots, fleet.pending, fleet.settings
-                left, push = advance(*state, self._index, segments, fleet.noise, left)
-                continue
-            if not self._moves_past_movers(push):
-                self._move_in_bullet(push)
-            left, push = left - 1, None
-        if self._fixed and self._away[self._index]:
-            self._body.leave()
+    def run(self, ticks: int) -> None:
+        """Advance by a number of ticks for which noise has been drawn."""
+        fleet = self.drive.fleet
+        state = (fleet.robots, fleet.pending, fleet.settings, self._index)
+        segments = self.obstacles.segments
+        while ticks:
+            ticks = advance(*state, segments, fleet.noise, ticks)
+            if ticks:
+                if not self._passes_movers():
+                    self._advance_in_contact()
+                ticks -= 1
 
-    def _moves_past_movers(self, push: Push) -> bool:
-        """End a tick that has begun by free motion, if a look at the movers shows none of them near; tell whether.
+    def _passes_movers(self) -> bool:
+        """Look at the moving obstacles, and advance by a tick if none is near.
 
-        `advance` knows of movers only how near they may have come since they were looked at last.
+        `advance` knows only how near they may have come since the last look.
         """
-        fleet, index = self.drive.fleet, self._index
-        if self.movers is None or self._in_bullet[index]:
+        if self.movers is None or self.is_in_contact:
             return False
-        self.movers.look(fleet.robots, index)
+        fleet = self.drive.fleet
+        self.movers.look(fleet.robots[self._index])
         return bool(
-            free_tick(
+            advance_past_movers(
                 fleet.robots,
+                fleet.pending,
                 fleet.settings,
-                index,
+                self._index,
                 self.obstacles.segments,
                 fleet.noise,
-                push,
             )
         )
 
-    def _move_in_bullet(self, push: Push) -> None:
-        """Let Bullet end a tick that has begun, with the body handed over first if it was moved without Bullet."""
-        place, centre, force, torque = push
-        body, obstacles, index = self._body, self.obstacles, self._index
-        if body.id < 0:
-            body.enter()
-        if self._away[index]:
-            body.come_back()
-        obstacles.prepare(*place)
-        near_mover = self.movers is not None and self.movers.prepare(
-            *place, self.stamp_ns
+    def _advance_in_contact(self) -> None:
+        """Advance by a tick in PyBullet, and end the contact if nothing is near."""
+        fleet = self.drive.fleet
+        index = self._index
+        scene = self._scene
+        if scene is None:
+            scene = self._scenes.acquire(self.model, self._config.physics)
+            scene.place_robot(body_state(fleet.robots, index))
+            self._scene = scene
+            fleet.robots[index]["in_contact"] = True
+
+        place, position, force, torque = push_body(
+            fleet.robots, fleet.pending, fleet.settings, index
         )
-        now = body.move(centre, force, torque)
-        if obstacles.awake:
-            obstacles.follow(Pose2D(*now))
-        among_bodies = obstacles.awake or near_mover
-        if among_bodies:
-            self._touched = self._touched or obstacles.touched_by(body.id)
-        # Deep within another body, Bullet turns the robot as free motion does not: its heading is not known then.
-        self._in_bullet[index] = (
-            among_bodies or not self._free_motion or not self._known[index]
-        )
+        self.obstacles.prepare(scene, *place)
+        is_mover_near = False
+        if self.movers is not None:
+            is_mover_near = self.movers.prepare(scene, *place, self.stamp_ns)
+        state = scene.tick(position, force, torque)
+        pose = follow_body(fleet.robots, fleet.settings, index, state, fleet.noise)
+        self._was_touched = self._was_touched or scene.is_robot_touched()
+        if self.obstacles.has_bodies:
+            self.obstacles.follow(scene, Pose2D(*pose))
+        if self.obstacles.is_contact_over and not is_mover_near:
+            self._end_contact()
+
+    def _end_contact(self) -> None:
+        if self._scene is None:
+            return
+        self._scenes.release(self._scene)
+        self._scene = None
+        self.obstacles.end_contact()
+        if self.movers is not None:
+            self.movers.end_contact()
+        robot = self.drive.fleet.robots[self._index]
+        robot["in_contact"] = False
+        # Cylinders may have moved since the last look.
+        robot["clearance_m"] = 0.0
+
+    def close(self) -> None:
+        """Give back the scene of a contact."""
+        self._end_contact()
+
+
+def _set_body(
+    settings: Records, model: RobotModel, config: PhysicsConfig, tires: Tires
+) -> None:
+    """Fill in the settings of body and tires."""
+    settings["tick_s"] = config.tick_s
+    settings["tick_ns"] = nanoseconds(config.tick_s)
+    settings["gravity_m_s2"] = config.gravity_m_s2
+    settings["inverse_mass"] = 1.0 / model.mass_kg
+    settings["inertia"] = model.inertia
+    settings["inverse_inertia"] = 1.0 / model.inertia
+    settings["center"] = model.center_of_mass
+    settings["friction"] = config.wheel_friction
+    settings["stiffness"] = tires.stiffness
+    settings["damping"] = tires.damping
+    settings["wheel_radius_m"] = model.wheel_radius_m
+    settings["contacts"] = len(tires.hubs)
+    settings["grips"] = len(model.wheels)
+    settings["extent"] = model.extent
+    settings["reach_m"] = model.reach_m
+
+
+def _robot_at_rest(
+    settings: Records, model: RobotModel, tires: Tires, start: Pose2D
+) -> Records:
+    """Return the record (1,) of a robot that stands on its tires."""
+    height, roll, pitch = tires.rest
+    attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+    offset = np.array(rotation(attitude)) @ model.center_of_mass
+    robots = np.zeros(1, ROBOT)
+    robots["position"] = [start.x + offset[0], start.y + offset[1], height]
+    robots["attitude"] = attitude
+    robots["wheels"]["hub"][0, : len(tires.hubs)] = tires.hubs
+    place_base(robots[0], settings[0])
+    return robots

@@ -1,8 +1,8 @@
-"""Physics ticks of robots in compiled code: everything that is not PyBullet, and free motion without it.
+"""Physics ticks of robots in compiled code.
 
-A tick begins with a push: the drive sets the wheels, the ground acts on them. Then the body moves. Where no obstacle is
-near it touches nothing, and `free_motion` moves it with the same bits as Bullet does. Otherwise Bullet moves it,
-and the state follows; `way_back` has what it takes to bring the body there.
+A tick has two halves. First the drive turns the wheels and the ground acts on the
+tires. Then the body moves: as a free body (`barn_sim.body.rigid_body`) where no
+obstacle is near, else in PyBullet, under the same forces.
 """
 
 import math
@@ -10,39 +10,31 @@ from typing import Any
 
 from numba import njit
 
-from barn_sim.body import free_motion as free
 from barn_sim.body.drive import turn_wheels
-from barn_sim.body.free_motion import (
+from barn_sim.body.friction import SWEEPS, Motion, sweep_friction
+from barn_sim.body.rigid_body import move_body, place_base
+from barn_sim.body.state import Record, Records
+from barn_sim.body.tires import begin_tires, tire_forces
+from barn_sim.body.vectors import (
     Quaternion,
-    Triple,
-    attitude_of,
-    basis_of,
+    Vector,
+    cross,
     fill,
     quaternion,
-    triple,
-    turned,
+    rotation,
+    transform,
+    vector,
 )
-from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
-from barn_sim.body.state import Record, Records
-from barn_sim.body.tires import forces, offset_of_centre, place, stand
 from barn_sim.contact.cylinders import nearest_gap
 from barn_sim.sensors.odometry import integrate_wheels, read_odometry, renew_noise, wrap
 from barn_worlds.base.arrays import Floats, Integers
 
-Push = tuple[
-    Triple, Triple, Triple, Triple
-]  # pose of base_link, centre of mass (m), force (N), torque (N m)
-State = tuple[
-    Triple, Quaternion, Triple, Triple
-]  # position, heading or attitude, velocity, spin
-
-STILL, LEVEL = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-_MORE = 1.1
-# Of kernels that neither make nor keep arrays: numba need not count references to them, a third of a tick's time.
-BARE: dict[str, Any] = {"_nrt": False}
+# For kernels that neither create nor store arrays: numba need not count references to
+# them, which takes a third of a tick.
+NO_REFERENCES: dict[str, Any] = {"_nrt": False}
 
 
-@njit(cache=True, **BARE)
+@njit(cache=True, **NO_REFERENCES)
 def advance(
     robots: Records,
     pending: Floats,
@@ -51,240 +43,225 @@ def advance(
     segments: Floats,
     noise: Floats,
     ticks: int,
-) -> tuple[int, Push]:
-    """Advance a robot by so many ticks, as long as it is free; return the ticks left and how the next one begins.
+) -> int:
+    """Advance a robot as long as no obstacle is near.
 
-    segments (m, 4): axes of the cylinders seen from above. noise (n, k, 2): see `Fleet`. If ticks are left, the first
-    has begun: Bullet is to move the body under the push.
+    Args:
+        robots: Records (n,) of robots.
+        pending: Commands on their way (n, capacity, 3).
+        settings: The fleet's settings (1,).
+        index: Row of the robot.
+        segments: Axes (m, 4) of the cylinders in its world, seen from above, m.
+        noise: Noise of the odometry's next updates (n, k, 2).
+        ticks: Largest number of ticks.
+
+    Returns:
+        The number of ticks that are left; the next one needs PyBullet, or a look at the
+        moving obstacles.
     """
     robot: Record = robots[index]
     fixed: Record = settings[0]
     for left in range(ticks, 0, -1):
-        turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
-        pushed = push_on(robot, fixed)
-        if not (
-            clear_of_movers(robot, fixed)
-            and end_if_clear(robot, fixed, segments, noise[index], pushed)
-        ):
-            return left, pushed
-    return 0, (STILL, STILL, STILL, STILL)
+        if not is_free(robot, fixed, segments):
+            return left
+        _tick_freely(robot, pending, index, fixed, noise[index])
+    return 0
 
 
 @njit(cache=True)
-def free_tick(
+def advance_past_movers(
     robots: Records,
+    pending: Floats,
     settings: Records,
     index: int,
     segments: Floats,
     noise: Floats,
-    pushed: Push,
 ) -> bool:
-    """End a tick that has begun with a push without Bullet, if nothing is near; no mover is, as was just found."""
+    """Advance a robot by a tick after a look at the moving obstacles, if none is near.
+
+    Args:
+        robots: Records (n,) of robots.
+        pending: Commands on their way (n, capacity, 3).
+        settings: The fleet's settings (1,).
+        index: Row of the robot.
+        segments: Axes (m, 4) of the cylinders in its world, seen from above, m.
+        noise: Noise of the odometry's next updates (n, k, 2).
+
+    Returns:
+        Whether the robot has advanced.
+    """
     robot: Record = robots[index]
-    return robot.movers_clearance_m > 0.0 and end_if_clear(
-        robot, settings[0], segments, noise[index], pushed
-    )
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def end_if_clear(
-    robot: Record, fixed: Record, segments: Floats, noise: Floats, pushed: Push
-) -> bool:
-    """End a tick that has begun with a push without Bullet, if no cylinder is near; tell whether."""
-    if robot.in_bullet:
+    fixed: Record = settings[0]
+    if robot.movers_clearance_m <= 0.0 or not _is_clear(robot, fixed, segments):
         return False
-    covered = _covered(robot, fixed, pushed[2], pushed[3])
-    # distances are computed only once the robot may have covered the last one
-    if not _moved(robot, fixed, robot.looked_from) + covered < robot.clearance_m:
-        fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
-        gap = nearest_gap(segments, robot.x, robot.y, robot.yaw, fixed.extent)
-        robot.clearance_m = gap - robot.near_m
-        if not covered < robot.clearance_m:
-            return False
-    _move(robot, fixed, pushed[2], pushed[3])
-    _measure(robot, fixed, noise)
+    _tick_freely(robot, pending, index, fixed, noise[index])
     return True
 
 
+@njit(cache=True, forceinline=True)
+def _tick_freely(
+    robot: Record, pending: Floats, index: int, fixed: Record, noise: Floats
+) -> None:
+    turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+    move_body(robot, fixed, solve_tires(robot, fixed))
+    finish_tick(robot, fixed, noise)
+
+
 @njit(cache=True)
-def follow(
-    robots: Records, settings: Records, index: int, moved: State, noise: Floats
-) -> Triple:
-    """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
+def push_body(
+    robots: Records, pending: Floats, settings: Records, index: int
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Begin a tick that PyBullet completes.
+
+    Args:
+        robots: Records (n,) of robots.
+        pending: Commands on their way (n, capacity, 3).
+        settings: The fleet's settings (1,).
+        index: Row of the robot.
+
+    Returns:
+        x, y (m) and yaw (rad) of base_link, position of the center of mass (m), force
+        there (N) and torque (N m).
+    """
     robot: Record = robots[index]
     fixed: Record = settings[0]
-    position, attitude, velocity, spin = moved
-    heading = turned(quaternion(robot.attitude), spin, fixed.tick_s)
-    # Bullet does something else with a body that is deep within another, then its heading cannot be known
-    robot.known = robot.known and attitude_of(basis_of(heading)) == attitude
+    turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+    solve_tires(robot, fixed)
+    force, torque = tire_forces(robot, fixed)
+    place = (robot.x, robot.y, robot.yaw)
+    return place, vector(robot.position), force, torque
+
+
+@njit(cache=True)
+def follow_body(
+    robots: Records,
+    settings: Records,
+    index: int,
+    state: tuple[Vector, Quaternion, Vector, Vector],
+    noise: Floats,
+) -> tuple[float, float, float]:
+    """Complete a tick with the body's state in PyBullet.
+
+    Args:
+        robots: Records (n,) of robots.
+        settings: The fleet's settings (1,).
+        index: Row of the robot.
+        state: Position, attitude, velocity and spin after the tick.
+        noise: Noise of the odometry's next updates (n, k, 2).
+
+    Returns:
+        x, y (m) and yaw (rad) of base_link.
+    """
+    robot: Record = robots[index]
+    position, attitude, velocity, spin = state
     fill(robot.position, position)
-    fill(robot.heading, heading)
     fill(robot.attitude, attitude)
     fill(robot.velocity, velocity)
     fill(robot.spin, spin)
-    robot.away = 0
-    _measure(robot, fixed, noise[index])
+    finish_tick(robot, settings[0], noise[index])
     return robot.x, robot.y, robot.yaw
 
 
 @njit(cache=True)
-def way_back(
-    robots: Records, settings: Records, index: int, level: bool
-) -> tuple[State, Triple, State]:
-    """Return how to bring a body in Bullet, with all that Bullet stores of it, to where the robot has gone without it.
+def body_state(
+    robots: Records, index: int
+) -> tuple[Vector, Quaternion, Vector, Vector]:
+    """Return position, attitude, velocity and spin of a robot's center of mass.
 
-    level: whether Bullet has left it level and still in the tick before; else where the robot was then. Returns state
-    of the body at the start of the last tick, which makes its inertia, the torque in it, and its state afterwards.
+    Args:
+        robots: Records (n,) of robots.
+        index: Row of the robot.
     """
     robot: Record = robots[index]
-    fixed: Record = settings[0]
-    heading, velocity, spin = (
-        quaternion(robot.heading),
-        triple(robot.velocity),
-        triple(robot.spin),
-    )
-    before = quaternion(robot.heading_before)
-    _, torque = free.still_turning(
-        quaternion(robot.attitude_before), spin, heading, LEVEL if level else before, triple(fixed.inverse_inertia),
-        fixed.tick_s,
-    )  # fmt: skip
-    start = triple(robot.position_before), before, velocity, spin
-    return start, torque, (triple(robot.position), heading, velocity, spin)
-
-
-@njit(cache=True)
-def place_at_rest(robots: Records, settings: Records, index: int) -> None:
-    """Complete the state of a robot at rest, of which position and heading are known."""
-    robot: Record = robots[index]
-    fill(robot.attitude, attitude_of(basis_of(quaternion(robot.heading))))
-    robot.x, robot.y, robot.yaw = place(
-        triple(robot.position), quaternion(robot.attitude), settings[0].centre
+    return (
+        vector(robot.position),
+        quaternion(robot.attitude),
+        vector(robot.velocity),
+        vector(robot.spin),
     )
 
 
 @njit(cache=True)
-def push_on(robot: Record, fixed: Record) -> Push:
-    """Return how a tick begins for a record, of which the rim speeds are set."""
-    motion, rims, carried = begin_push(robot, fixed)
-    wheels = robot.wheels[: fixed.contacts]
-    grip = wheels[: fixed.grips]
-    sweep_friction(
-        motion,
-        rims,
-        grip[:, 5:8],
-        grip[:, 8],
-        fixed.inverse_mass,
-        grip[:, 3:5],
-        grip[:, 9:],
-    )
-    force, torque = forces(carried, wheels, fixed.tick_s)
-    return (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
+def solve_tires(robot: Record, fixed: Record) -> Motion:
+    """Solve the friction of a tick whose rim speeds are set.
+
+    Args:
+        robot: Record of the robot.
+        fixed: Record of the settings.
+
+    Returns:
+        Velocity along x and y and spin under the forces of the ground.
+    """
+    motion, rims = begin_tires(robot, fixed)
+    wheels = robot.wheels[: fixed.grips]
+    return sweep_friction(motion, rims, wheels, fixed.inverse_mass, SWEEPS)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def begin_push(robot: Record, fixed: Record) -> tuple[Motion, Rims, Triple]:
-    """Do as `push_on` up to the iteration for friction; return motion and rims for it, and what the loads do."""
-    wheels = robot.wheels[: fixed.contacts]
-    motion, turn, inverse, carried = stand(
-        triple(robot.position),
-        quaternion(robot.attitude),
-        triple(robot.velocity),
-        triple(robot.spin),
-        wheels,
-        fixed,
-    )
-    grip = wheels[: fixed.grips]
-    motion, rims = begin_friction(
-        motion, robot.left_m_s, robot.right_m_s, grip[:, 5:8], grip[:, 8], turn, inverse, fixed.inverse_mass,
-        grip[:, 3:5], grip[:, 9:],
-    )  # fmt: skip
-    return motion, rims, carried
+def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
+    """Update everything that follows from the motion of the body.
 
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _move(robot: Record, fixed: Record, force: Triple, torque: Triple) -> None:
-    """Move the body for a tick as Bullet does; see `barn_sim.body.free_motion`."""
-    tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
-    heading, attitude, spin = (
-        quaternion(robot.heading),
-        quaternion(robot.attitude),
-        triple(robot.spin),
-    )
-    inverse = triple(fixed.inverse_inertia)
-    stored = inverse if robot.stamp_ns > 0 else triple(fixed.first_inverse_inertia)
-    spin = free.spun(
-        free.world_tensor(basis_of(heading), stored),
-        attitude,
-        spin,
-        torque,
-        inverse,
-        tick,
-    )
-    fill(robot.position_before, triple(robot.position))
-    fill(robot.heading_before, heading)
-    fill(robot.attitude_before, attitude)
-    for k in range(3):
-        pull = force[k] - fixed.weight if k == 2 else force[k]
-        robot.velocity[k] += pull * inverse_mass * tick
-        robot.position[k] += robot.velocity[k] * tick
-    heading = turned(attitude, spin, tick)
-    fill(robot.spin, spin)
-    fill(robot.heading, heading)
-    fill(robot.attitude, attitude_of(basis_of(heading)))
-    robot.away += 1
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _measure(robot: Record, fixed: Record, noise: Floats) -> None:
-    """End a tick: place the robot, turn its wheels, let its odometry know."""
-    robot.x, robot.y, robot.yaw = place(
-        triple(robot.position), quaternion(robot.attitude), fixed.centre
-    )
+    Args:
+        robot: Record of the robot, whose body has moved.
+        fixed: Record of the settings.
+        noise: Noise of the odometry's next updates (k, 2).
+    """
+    place_base(robot, fixed)
     integrate_wheels(robot, fixed.tick_s)
-    robot.left_rad += robot.left_m_s * fixed.per_metre
-    robot.right_rad += robot.right_m_s * fixed.per_metre
+    turn_per_speed = fixed.tick_s / fixed.wheel_radius_m
+    robot.left_rad += robot.left_m_s * turn_per_speed
+    robot.right_rad += robot.right_m_s * turn_per_speed
     robot.stamp_ns += fixed.tick_ns
     if robot.stamp_ns % fixed.odometry_ns == 0:
-        renew_noise(
-            robot, fixed, noise[robot.stamp_ns // fixed.odometry_ns - robot.noise_from]
-        )
+        update = robot.stamp_ns // fixed.odometry_ns
+        renew_noise(robot, fixed, noise[update - robot.noise_from])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _covered(robot: Record, fixed: Record, force: Triple, torque: Triple) -> float:
-    """Return more than any point of the robot covers in a free tick that begins with this push."""
-    tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
-    x = robot.velocity[0] + force[0] * fixed.inverse_mass * tick
-    y = robot.velocity[1] + force[1] * fixed.inverse_mass * tick
-    twist = (abs(torque[0]) + abs(torque[1])) * max(inverse[0], inverse[1]) + abs(
-        torque[2]
-    ) * inverse[2]
-    spin = abs(robot.spin[0]) + abs(robot.spin[1]) + abs(robot.spin[2]) + twist * tick
-    reach = fixed.reach_m + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
-    return float(_MORE * tick * (math.sqrt(x * x + y * y) + spin * reach))
+def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
+    """Tell whether the robot can touch nothing in the next tick, as far as is known.
+
+    Args:
+        robot: Record of the robot.
+        fixed: Record of the settings.
+        segments: Axes (m, 4) of the cylinders in its world, seen from above, m.
+    """
+    if robot.in_contact or not _is_clear_of_movers(robot, fixed):
+        return False
+    return _is_clear(robot, fixed, segments)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _is_clear(robot: Record, fixed: Record, segments: Floats) -> bool:
+    """Tell whether no cylinder is near; distances are computed only when necessary."""
+    if _distance_from(robot, fixed, robot.looked_from) < robot.clearance_m:
+        return True
+    fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
+    gap = nearest_gap(segments, robot.x, robot.y, robot.yaw, fixed.extent)
+    robot.clearance_m = gap - robot.near_m
+    return bool(robot.clearance_m > 0.0)
 
 
 @njit(cache=True)
-def clear_of_movers(robot: Record, fixed: Record) -> bool:
-    """Tell whether nothing that moves, nor a wall, can be near by what was seen of them last."""
+def _is_clear_of_movers(robot: Record, fixed: Record) -> bool:
+    """Tell whether no wall or mover can be near by the last look at them."""
     if robot.movers_clearance_m == math.inf:
         return True
     if robot.stamp_ns >= robot.movers_until_ns:
         return False
-    passed = 1e-9 * (robot.stamp_ns - robot.movers_looked_ns)
-    covered = (
-        _moved(robot, fixed, robot.movers_looked_from) + robot.movers_speed_m_s * passed
-    )
-    return bool(covered < robot.movers_clearance_m)
+    elapsed_s = 1e-9 * (robot.stamp_ns - robot.movers_looked_ns)
+    distance = _distance_from(robot, fixed, robot.movers_looked_from)
+    approach = distance + robot.movers_speed_m_s * elapsed_s
+    return bool(approach < robot.movers_clearance_m)
 
 
 @njit(cache=True)
-def _moved(robot: Record, fixed: Record, pose: Floats) -> float:
+def _distance_from(robot: Record, fixed: Record, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
-    x, y = pose[0] - robot.x, pose[1] - robot.y
-    return float(
-        math.sqrt(x * x + y * y) + abs(wrap(robot.yaw - pose[2])) * fixed.reach_m
-    )
+    dx = pose[0] - robot.x
+    dy = pose[1] - robot.y
+    turn = abs(wrap(robot.yaw - pose[2]))
+    return float(math.sqrt(dx * dx + dy * dy) + turn * fixed.reach_m)
 
 
 @njit(cache=True)
@@ -296,36 +273,51 @@ def read_all(
     odometry: Floats,
     velocities: Floats,
 ) -> None:
-    """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
+    """Read time, poses and velocities of robots.
+
+    Args:
+        robots: Records (n,) of robots.
+        indices: Rows to read.
+        stamps_ns: Filled in (n,): times since the start.
+        truths: Filled in (n, 3): true poses of base_link, m and rad.
+        odometry: Filled in (n, 3): poses in the odom frame, m and rad.
+        velocities: Filled in (n, 2): forward speed and yaw rate of the odometry.
+    """
     for index in indices:
         robot: Record = robots[index]
-        x, y, yaw, speed, turn = read_odometry(robots, index)
+        x, y, yaw, speed, yaw_rate = read_odometry(robots, index)
         stamps_ns[index] = robot.stamp_ns
-        fill(truths[index], (robot.x, robot.y, through_quaternion(robot.yaw)))
-        fill(odometry[index], (x, y, through_quaternion(yaw)))
-        velocities[index, 0], velocities[index, 1] = speed, turn
+        fill(truths[index], (robot.x, robot.y, _through_quaternion(robot.yaw)))
+        fill(odometry[index], (x, y, _through_quaternion(yaw)))
+        velocities[index, 0] = speed
+        velocities[index, 1] = yaw_rate
 
 
 @njit(cache=True)
-def through_quaternion(yaw: float) -> float:
-    """Return a yaw as it comes out of a message, as `Pose2D.through_quaternion` does."""
+def _through_quaternion(yaw: float) -> float:
+    """Return a yaw as a message holds it, as `Pose2D.through_quaternion` does."""
     return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
 @njit(cache=True)
-def motion_of(
+def base_motion(
     robots: Records, settings: Records, index: int
 ) -> tuple[float, float, float, float, float]:
-    """Return x, y, yaw, forward speed and yaw rate of base_link."""
+    """Return the motion of base_link.
+
+    Args:
+        robots: Records (n,) of robots.
+        settings: The fleet's settings (1,).
+        index: Row of the robot.
+
+    Returns:
+        x, y (m), yaw (rad), forward speed (m/s) and yaw rate (rad/s).
+    """
     robot: Record = robots[index]
-    x, y, z = offset_of_centre(triple(settings[0].centre), quaternion(robot.attitude))
-    velocity, spin = robot.velocity, robot.spin
-    vx = velocity[0] - (spin[1] * z - spin[2] * y)
-    vy = velocity[1] - (spin[2] * x - spin[0] * z)
-    return (
-        robot.x,
-        robot.y,
-        robot.yaw,
-        vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw),
-        spin[2],
-    )
+    center = vector(settings[0].center)
+    offset = transform(rotation(quaternion(robot.attitude)), center)
+    lever_x, lever_y, _ = cross(vector(robot.spin), offset)
+    vx = robot.velocity[0] - lever_x
+    vy = robot.velocity[1] - lever_y
+    speed = vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw)
+    return robot.x, robot.y, robot.yaw, speed, robot.spin[2]

@@ -1,1 +1,1 @@
-"""ROS 2 node of the package, and what only it needs. The cores never import from here."""
+"""The ROS 2 node, and what only it needs. The cores never import from here."""

@@ -33,7 +33,7 @@ Answer = tuple[bool, str]
 
 
 class Leader:
-    """Serves the requests of a line in the executor of the node, one after the other."""
+    """Serves the requests of a line one after the other, in the node's executor."""
 
     config: RunConfig
     """Configuration for the next reset."""
@@ -77,7 +77,7 @@ class Leader:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def refuse(self, deed: str) -> str:
-        """Report a request of somebody else, and return the reason why it is refused."""
+        """Report a request of somebody else, and return why it is refused."""
         self._line.send(interference=deed)
         return "this simulator is led by an evaluator"
 

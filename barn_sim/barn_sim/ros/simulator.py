@@ -2,10 +2,10 @@
 
 The README lists topics and services. Parameters are the fields of `SimulatorNodeConfig`
 and `RunConfig`. If `robot` is set at the start, unset parameters of drive, lidar,
-odometry and friction have that robot's values. If it is set later, it changes the body at
-the next reset, but none of these parameters. With a private line, only the evaluator at
-its other end leads the node (`barn_sim.ros.leader`): services and changes of parameters
-are refused to everybody, and reported as interference.
+odometry and friction have that robot's values. If it is set later, it changes the body
+at the next reset, but none of these parameters. With a private line, only the evaluator
+at its other end leads the node (`barn_sim.ros.leader`): services and changes of
+parameters are refused to everybody, and reported as interference.
 """
 
 import json
@@ -322,7 +322,7 @@ def _initial_config(node: Node) -> RunConfig:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it should stop; return 1, with one line of reason, on errors."""
+    """Run the node until it should stop; print errors in one line and return 1."""
     node: SimulatorNode | None = None
 
     def stop(_signal: int, _frame: FrameType | None) -> None:

@@ -31,8 +31,8 @@ from barn_worlds.ros.topics import (
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
 
-# The referee judges by these: they go over the private line, if there is one, and before
-# they are published.
+# The referee judges by these: they go over the private line, if there is one, and
+# before they are published.
 _JUDGED = (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)
 _JUDGED_NAMES = {topic.name for topic in _JUDGED}
 _PUBLISHED = (

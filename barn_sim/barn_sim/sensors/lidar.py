@@ -51,7 +51,8 @@ class Lidar:
         self.mount = Pose2D(config.mount_x_m, config.mount_y_m, config.mount_yaw_rad)
         self._config = config
 
-        # Single precision, as in the message, so that sending a scan does not change it.
+        # Single precision, as in the message, so that sending a scan does not change
+        # it.
         spread = config.angle_max_rad - config.angle_min_rad
         angle_min = float(np.float32(config.angle_min_rad))
         increment = float(np.float32(spread / max(config.beams - 1, 1)))
@@ -142,7 +143,7 @@ class Lidar:
         return Scan(stamp_ns, measured, angle_min, increment, range_min, range_max)
 
     def _sensor_frames(self, poses: Floats) -> Floats:
-        """Return x, y, cosine and sine of the yaw (n, 4) of the sensor by the robot's."""
+        """Return the frames (n, 4) of the sensor for poses of the robot."""
         x, y, yaw = poses.T
         cosine = np.cos(yaw)
         sine = np.sin(yaw)

@@ -17,8 +17,8 @@ class FilterLocalization:
 
     While the robot moves less than the update distances the correction from odom to map
     stays, so the pose follows the odometry. Each update sets the correction so that the
-    pose is the truth plus an error. The error is a first-order Gauss-Markov process over
-    the updates, with the configured standard deviations from the first one on.
+    pose is the truth plus an error. The error is a first-order Gauss-Markov process
+    over the updates, with the configured standard deviations from the first one on.
     """
 
     def __init__(self, config: LocalizationConfig, rng: np.random.Generator) -> None:

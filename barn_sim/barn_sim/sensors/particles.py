@@ -1,9 +1,9 @@
 """Adaptive Monte Carlo localization: scans matched to the map that the robot was given.
 
 The rules are those of the amcl package (Fox 2001, KLD-sampling; Thrun, Burgard and Fox
-2005, tables 5.6 and 6.3) as the Jackal's navigation configures it, with the habits of it
-that change the result: the weight of a particle is one plus the sum of its beams' cubed
-likelihoods, and the motion model draws with variances as if they were standard
+2005, tables 5.6 and 6.3) as the Jackal's navigation configures it, with the habits of
+it that change the result: the weight of a particle is one plus the sum of its beams'
+cubed likelihoods, and the motion model draws with variances as if they were standard
 deviations. More are options: a correction takes effect late; the map's cells lie
 centered on their lower corners, so that poses come out half a cell too low in x and y;
 particles anywhere on the map are mixed in when scans fit worse than they did (table
@@ -36,7 +36,7 @@ _STEP_M = 0.01
 
 
 class ParticleLocalization:
-    """A particle filter whose correction changes only after the robot has moved enough."""
+    """A particle filter that corrects itself only after the robot has moved enough."""
 
     def __init__(
         self,
@@ -138,7 +138,7 @@ class ParticleLocalization:
         self._particles[:, 2] = heading + final_turn - final_spread * errors[2]
 
     def _weights(self, scan: Scan) -> Floats:
-        """Return how well the scan fits the map at each particle (n,), not normalized."""
+        """Return how well the scan fits the map at each particle (n,)."""
         ranges = np.asarray(scan.ranges, np.float64)
         beams = np.arange(len(ranges))
         stride = max((len(ranges) - 1) // (self._config.beams - 1), 1)
@@ -155,7 +155,7 @@ class ParticleLocalization:
         return particle_weights(self._particles, hits, table, *self._grid)
 
     def _cubed_likelihoods(self, range_max: float) -> Floats:
-        """Return the cubed likelihood of a hit in each cell of the map and its border."""
+        """Return the cubed likelihood of a hit in each cell of map and border."""
         if self._table is None or self._table[0] != range_max:
             config = self._config
             distances = np.pad(self._distances_m, 1, constant_values=_FARTHEST_M)
@@ -166,7 +166,7 @@ class ParticleLocalization:
         return self._table[1]
 
     def _resample(self, weights: Floats) -> None:
-        """Draw particles by weight until there are enough for the bins that they fill."""
+        """Draw particles by weight until there are enough for their bins."""
         count = self._config.max_particles
         sums = np.cumsum(weights)
         indices = np.searchsorted(
@@ -188,7 +188,7 @@ class ParticleLocalization:
         self._particles = particles[:count]
 
     def _random_share(self, average: float) -> float:
-        """Return the share of particles to draw anywhere, by this scan's average weight.
+        """Return the share of particles to draw anywhere by a scan's average weight.
 
         The averages start anew once particles are drawn anywhere.
         """
@@ -211,7 +211,7 @@ class ParticleLocalization:
         return np.column_stack([positions, yaws])
 
     def _mean_pose(self) -> Pose2D:
-        """Return the mean pose of the largest cluster of bins that touch one another."""
+        """Return the mean pose of the largest cluster of touching bins."""
         bins = particle_bins(self._particles)
         _, firsts, members = np.unique(
             bin_keys(bins), return_index=True, return_inverse=True

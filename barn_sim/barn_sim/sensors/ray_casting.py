@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.state import Record, Records
+from barn_sim.body.vectors import Vector
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Floats, Integers, Singles
 from barn_worlds.geometry.kernels import entry_time
@@ -24,7 +25,6 @@ Fan = tuple[float, float, float]
 Limits = tuple[float, float, float, float]
 # Position of the sensor (m), cosine and sine of its yaw.
 Frame = tuple[float, float, float, float]
-Vector = tuple[float, float, float]
 
 ROUGH_RAD = 5e-4
 """Largest error of `rough_angle`."""
@@ -136,7 +136,7 @@ def cast_sweep(
         ranges: Distances (n,) along the beams, m.
         directions: Unit vectors (n, 2) in the sensor frame.
         fan: Angles of the beams and longest range.
-        frames: Pose of the sensor at each beam: x, y, cosine and sine of the yaw (n, 4).
+        frames: x, y, cosine and sine of the yaw of the sensor at each beam (n, 4).
         turn: Largest angle between the sensor at a beam and at the last one, rad.
         centers: Upright cylinders (m, 2), m.
         radius: Radius of the cylinders, upright or tilted, m.
@@ -192,7 +192,7 @@ def measure(ranges: Floats, noise: Singles, limits: Limits, measured: Singles) -
         ranges: True ranges (n,) in m, inf where nothing is hit.
         noise: Standard normal numbers (n,).
         limits: Noise and range limits. The larger of both deviations counts.
-        measured: Filled in (n,): -inf below the shortest range, +inf beyond the longest.
+        measured: Filled in (n,): -inf below the shortest range, +inf beyond the last.
     """
     std, share, range_min, range_max = limits
     for beam in range(len(ranges)):
@@ -356,7 +356,7 @@ def _cast_circle(
     left: float,
     radius: float,
 ) -> None:
-    """Lower the ranges of some beams to their hits on a circle ahead and to the left."""
+    """Lower the ranges of some beams to their hits on a circle."""
     for beam in range(first, last + 1):
         along = directions[beam, 0] * ahead + directions[beam, 1] * left
         across = directions[beam, 0] * left - directions[beam, 1] * ahead
@@ -492,7 +492,7 @@ def _tilted_hit(
     half: float,
     radius: float,
 ) -> float:
-    """Return the distance along a horizontal beam to a cylinder's side or cap, or inf."""
+    """Return the distance along a beam to a cylinder's side or cap, or inf."""
     ox, oy, oz = offset
     ux, uy, uz = axis
     # Advance along the axis per meter of the beam.

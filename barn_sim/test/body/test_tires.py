@@ -1,0 +1,339 @@
+"""Wheels on the ground against plain references: friction solved by a general optimiser, and statics by hand."""
+
+import math
+from contextlib import ExitStack, closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from barn_sim.body.friction import SWEEPS, begin_friction, sweep_friction
+from barn_sim.body.model import model_of
+from barn_sim.body.state import WHEEL
+from barn_sim.body.tires import Tires, load_wheels, tire_forces, world_inertia
+from barn_sim.body.vectors import quaternion, rotation, vector
+from barn_sim.config import PhysicsConfig, SimulatorConfig, with_robot
+from barn_sim.contact.scene import ContactScene
+from barn_sim.motion.ticks import base_motion, body_state, follow_body, solve_tires
+from barn_sim.simulator import Simulator
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+from barn_worlds.worlds.world import World
+
+G = 9.81
+FRICTION = 0.5
+SEPARATION = 1.5 * 0.37559
+
+
+@njit
+def push(robots, settings, left, right):
+    robot = robots[0]
+    robot.left_m_s, robot.right_m_s = left, right
+    solve_tires(robot, settings[0])
+    force, torque = tire_forces(robot, settings[0])
+    return vector(robot.position), force, torque
+
+
+@njit
+def load(robots, settings):
+    robot = robots[0]
+    return load_wheels(robot, settings[0], rotation(quaternion(robot.attitude)))
+
+
+class Driven:
+    """The robot on the ground in PyBullet with its wheels at given speeds."""
+
+    def __init__(self, world: World, yaw: float = 0.0, tick_s: float = 0.005) -> None:
+        self.tick_s = tick_s
+        config = SimulatorConfig(physics=PhysicsConfig(tick_s=tick_s))
+        self.simulator = Simulator(world, config, Pose2D(0.0, 0.0, yaw), 0)
+        self.fleet = self.simulator.motion.drive.fleet
+        # Odometry has no part in this.
+        self.fleet.settings["odometry_ns"] = 2**62
+        self.scene = ContactScene(self.simulator.motion.model, config.physics)
+        self.scene.place_robot(body_state(self.fleet.robots, 0))
+
+    def run(self, speed: float, turn: float, duration_s: float) -> None:
+        half = 0.5 * SEPARATION * turn
+        robots, settings = self.fleet.robots, self.fleet.settings
+        for _ in range(round(duration_s / self.tick_s)):
+            state = self.scene.tick(*push(robots, settings, speed - half, speed + half))
+            follow_body(robots, settings, 0, state, self.fleet.noise)
+
+    def close(self) -> None:
+        self.scene.close()
+        self.simulator.close()
+
+    @property
+    def pose(self) -> Pose2D:
+        return Pose2D(*base_motion(self.fleet.robots, self.fleet.settings, 0)[:3])
+
+    @property
+    def velocity(self) -> Velocity2D:
+        return Velocity2D(*base_motion(self.fleet.robots, self.fleet.settings, 0)[3:])
+
+
+@pytest.fixture
+def driven(empty_world):
+    with ExitStack() as stack:
+        yield lambda **options: stack.enter_context(
+            closing(Driven(empty_world, **options))
+        )
+
+
+def rows(matrix):
+    """Return a matrix (3, 3) as the kernels take it."""
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def reference_friction(
+    velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling
+):
+    """Velocity (2,) and spin (3,) after friction, as the point of least energy of the relative motion.
+
+    Coulomb friction with given loads is the convex problem: minimise half of the impulses' energy plus their work on
+    the slip, each impulse within its circle. Solved here by a general optimiser instead of sweeps.
+    """
+    count = len(arms)
+    moved = np.array(
+        [[np.cross(arm, [1.0, 0, 0]), np.cross(arm, [0, 1.0, 0])] for arm in arms]
+    )  # (n, 2, 3)
+
+    def after(impulses):
+        pushed = impulses.reshape(count, 2)
+        new_spin = spin + inverse_inertia @ np.einsum("nk,nkd->d", pushed, moved)
+        return velocity + pushed.sum(axis=0) / mass, new_spin
+
+    def slips(impulses):
+        v, w = after(impulses)
+        at_wheels = v + np.array([np.cross(w, arm)[:2] for arm in arms])
+        return at_wheels - np.outer(rims, rolling)
+
+    start = slips(np.zeros(2 * count)).ravel()
+
+    def energy(impulses):
+        return 0.5 * impulses @ (slips(impulses).ravel() + start)
+
+    within = [
+        {
+            "type": "ineq",
+            "fun": lambda p, i=i: limits[i] ** 2 - p[2 * i] ** 2 - p[2 * i + 1] ** 2,
+        }
+        for i in range(count)
+    ]
+    best = minimize(
+        energy, np.zeros(2 * count), jac=lambda p: slips(p).ravel(), constraints=within, method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-15},
+    )  # fmt: skip
+    return after(best.x)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = model_of(STANDARD_ROBOT.chassis)
+    yaw = rng.uniform(-3.0, 3.0)
+    turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
+    arms = (
+        turn
+        @ (model.wheels - model.center_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
+    ).T
+    limits = rng.uniform(0.02, 0.2, 4)
+    velocity = rng.normal(0.0, 0.3, 2)
+    spin = rng.normal(0.0, [0.05, 0.05, 1.0])
+    left, right = rng.normal(0.0, 0.4, 2)
+    inverse = turn @ np.diag(1.0 / model.inertia) @ turn.T
+    rolling = np.array([math.cos(yaw), math.sin(yaw)])
+
+    wheels = np.zeros(4, WHEEL)
+    wheels["arm_x"], wheels["arm_y"], wheels["arm_z"] = arms.T
+    wheels["limit"] = limits
+    inverse_mass = 1.0 / model.mass_kg
+    motion, speeds = begin_friction(
+        (*velocity, *spin),
+        left,
+        right,
+        wheels,
+        rows(turn),
+        rows(inverse),
+        inverse_mass,
+    )
+    after = sweep_friction(motion, speeds, wheels, inverse_mass, SWEEPS)
+
+    rims = np.array([left, right, left, right])
+    expected = reference_friction(
+        velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling
+    )
+    np.testing.assert_allclose(after[:2], expected[0], atol=2e-5)
+    np.testing.assert_allclose(after[2:], expected[1], atol=2e-4)
+    impulses = np.hypot(wheels["impulse_x"], wheels["impulse_y"])
+    assert (impulses <= limits * (1 + 1e-12)).all()
+
+
+def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
+    chassis = load_robot("husky").chassis
+    light = replace(chassis, name="feather", inertia_kg_m2=(0.2, 1.0, 1.0))
+    with pytest.raises(
+        ConfigError,
+        match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s",
+    ):
+        Tires(model_of(light), PhysicsConfig())
+    assert Tires(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[
+        0
+    ] == pytest.approx(0.187, abs=0.001)
+
+
+def test_inertias_turn_with_the_body() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        turn = np.array(rotation(tuple(Rotation.random(rng=rng).as_quat().tolist())))
+        inverse = np.exp(rng.normal(size=3))
+        np.testing.assert_allclose(
+            world_inertia(rows(turn), tuple(inverse)),
+            turn @ np.diag(inverse) @ turn.T,
+            rtol=0,
+            atol=1e-13,
+        )
+
+
+@pytest.mark.parametrize(("robot", "within"), [("jackal", 1e-3), ("turtlebot4", 0.02)])
+def test_loads_carry_the_weight_and_balance_at_rest(
+    empty_world, robot: str, within: float
+) -> None:
+    """Of four wheels, and of two and a caster."""
+    config = with_robot(SimulatorConfig(), load_robot(robot))
+    with closing(Simulator(empty_world, config, Pose2D(0.0, 0.0, 0.7), 0)) as simulator:
+        model = simulator.motion.model
+        fleet = simulator.motion.drive.fleet
+        contacts = len(model.wheels) + len(model.casters)
+        torque = load(fleet.robots, fleet.settings)
+        loads = fleet.robots["wheels"]["load"][0, :contacts]
+    weight = model.mass_kg * G
+    assert loads.sum() == pytest.approx(weight, rel=within)
+    assert np.abs(torque).max() < within * weight * 0.26
+
+
+def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
+    robot = driven(yaw=0.7)
+    robot.run(0.0, 0.0, 5.0)
+    pose = robot.pose
+    velocity = robot.velocity
+    assert math.hypot(pose.x, pose.y) < 1e-5
+    assert abs(pose.yaw - 0.7) < 1e-6
+    assert abs(velocity.linear) < 1e-9
+    assert abs(velocity.angular) < 1e-9
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.5, 2.0, -0.5])
+def test_drives_straight_at_the_speed_of_its_wheels(driven, speed: float) -> None:
+    robot = driven()
+    robot.run(speed, 0.0, 2.0)
+    assert robot.velocity.linear == pytest.approx(speed, abs=1e-4)
+    assert abs(robot.pose.y) < 2e-3
+
+
+def test_speed_changes_by_friction_times_gravity(driven) -> None:
+    robot = driven()
+    robot.run(2.0, 0.0, 0.2)
+    assert robot.velocity.linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
+    robot.run(2.0, 0.0, 1.8)
+    before = robot.velocity.linear
+    robot.run(0.0, 0.0, 0.2)
+    braked = (before - robot.velocity.linear) / 0.2
+    assert braked == pytest.approx(FRICTION * G, rel=0.03)
+
+
+def test_turning_does_not_depend_on_the_heading(driven) -> None:
+    """What Bullet's own friction fails: there the same command gives from 0.1 to 1 rad/s."""
+    rates = []
+    for yaw in (0.0, 0.4, 0.7854, 1.2):
+        robot = driven(yaw=yaw)
+        robot.run(0.0, 1.0, 1.0)
+        rates.append(robot.velocity.angular)
+    assert np.ptp(rates) < 1e-6
+
+
+def steady_turn(speed: float, turn: float) -> tuple[float, float]:
+    """Speed of the centre of mass and yaw rate in a steady arc, by integrating the motion in the plane with tiny steps.
+
+    Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.
+    """
+    model = model_of(STANDARD_ROBOT.chassis)
+    wheels = (model.wheels - model.center_of_mass)[:, :2]
+    height = model.center_of_mass[2] - model.footing[2]
+    plane = np.column_stack([np.ones(4), wheels])
+    spin_mass = model.inertia[2]
+    rims = np.array([speed - turn * SEPARATION / 2, speed + turn * SEPARATION / 2] * 2)
+    v = np.array([speed, 0.0])
+    w = turn
+    forces = np.zeros((4, 2))
+    dt = 2e-4
+    for _ in range(20000):
+        fx, fy = forces.sum(axis=0)
+        # loads linear over the base; the moments of the forces at the ground about the centre of mass balance
+        moments = np.array([model.mass_kg * G, -height * fx, -height * fy])
+        loads = plane @ np.linalg.solve(plane.T @ plane, moments)
+        slip = (
+            v
+            + w * np.column_stack([-wheels[:, 1], wheels[:, 0]])
+            - np.column_stack([rims, np.zeros(4)])
+        )
+        length = np.hypot(*slip.T)
+        forces = -FRICTION * (loads / np.maximum(length, 1e-3))[:, None] * slip
+        a = forces.sum(axis=0) / model.mass_kg
+        v = v + dt * (a + w * np.array([v[1], -v[0]]))  # in the turning frame
+        w += (
+            dt * (wheels[:, 0] @ forces[:, 1] - wheels[:, 1] @ forces[:, 0]) / spin_mass
+        )
+    return float(np.hypot(*v)), float(w)
+
+
+@pytest.mark.parametrize(
+    ("speed", "turn"), [(0.0, 1.0), (0.2, 0.5), (0.5, 1.0), (0.5, -0.6)]
+)
+def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(
+    driven, speed: float, turn: float
+) -> None:
+    robot = driven()
+    robot.run(speed, turn, 4.0)
+    _, expected = steady_turn(speed, turn)
+    assert robot.velocity.angular == pytest.approx(expected, rel=0.01)
+
+
+def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None:
+    """The weight lies forward of the middle, and in an arc the rear swings out; none of it is in the odometry."""
+    robot = driven()
+    robot.run(0.0, 1.0, 2.0)
+    turned = [robot.pose]
+    for _ in range(6):
+        robot.run(0.0, 1.0, 1.0)
+        turned.append(robot.pose)
+    spread = max(a.distance(b) for a in turned for b in turned)
+    assert 0.01 < spread < 0.1
+
+
+@pytest.mark.parametrize(("speed", "turn"), [(0.5, 0.5), (0.0, 1.0)])
+def test_the_result_does_not_depend_on_the_tick(
+    driven, speed: float, turn: float
+) -> None:
+    fine = driven(tick_s=0.001)
+    coarse = driven(tick_s=0.005)
+    for robot in (fine, coarse):
+        robot.run(speed, turn, 3.0)
+    assert fine.pose.distance(coarse.pose) < 0.01
+    assert fine.velocity.angular == pytest.approx(coarse.velocity.angular, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("speed", "turn", "rate"), [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)]
+)
+def test_the_rates_that_the_readme_names(
+    driven, speed: float, turn: float, rate: float
+) -> None:
+    robot = driven()
+    robot.run(speed, turn, 3.0)
+    assert robot.velocity.angular == pytest.approx(rate, abs=0.005)

@@ -1,0 +1,57 @@
+"""The publishers of the simulator node: transforms only where tf2_msgs is installed, and the quality of the scans."""
+
+from unittest.mock import Mock
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from barn_sim.config import SimulatorConfig, SimulatorNodeConfig
+from barn_sim.messages import SimulatorMessages
+from barn_sim.ros.topics import Outputs
+from barn_worlds.base.types import Pose2D
+from barn_worlds.messages.topics import TF
+from barn_worlds.ros import topics
+
+
+def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
+    monkeypatch.setattr(
+        topics,
+        "find_message_class",
+        lambda name: None if name == TF.type_name else object,
+    )
+    node = Mock()
+    messages = SimulatorMessages(SimulatorConfig())
+    Outputs(node, SimulatorNodeConfig()).publish(
+        [*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)]
+    )
+    assert not {"/tf", "/tf_static"} & {
+        call.args[1] for call in node.create_publisher.call_args_list
+    }
+    (_, description), _ = messages.constant()
+    node.create_publisher().publish.assert_called_once_with(description)
+    assert "tf2_msgs" in str(node.get_logger().info.mock_calls)
+
+
+@pytest.mark.parametrize(
+    ("config", "reliable"),
+    [
+        (SimulatorNodeConfig(lockstep=True), True),
+        (SimulatorNodeConfig(), False),
+        (SimulatorNodeConfig(scan_reliability="reliable"), True),
+        (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
+    ],
+)
+def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
+    config: SimulatorNodeConfig, reliable: bool
+) -> None:
+    node = Mock()
+    Outputs(node, config)
+    profiles = {
+        topic: profile
+        for _, topic, profile in (
+            call.args for call in node.create_publisher.call_args_list
+        )
+    }
+    assert (profiles["scan"].reliability.name == "RELIABLE") is reliable
+    assert profiles["odom"].reliability.name == "RELIABLE"
