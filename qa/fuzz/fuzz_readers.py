@@ -202,7 +202,10 @@ def _experiment(folder: Path) -> Path:
             finished = finish_trial(
                 spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
             )
-            results.append(TrialRecord(finished.result, track_line(finished)))
+            record = TrialRecord(
+                finished.result, track_line(finished), commands_line(finished)
+            )
+            results.append(record)
         results.complete()
     return out
 

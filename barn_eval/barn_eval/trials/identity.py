@@ -14,7 +14,7 @@ from barn_worlds.robots.robot import Chassis
 
 # Versions of code that decides results beside any configuration, by the key that each
 # has in a task. A version rises whenever its code comes to give other results.
-CODE_VERSIONS: Mapping[str, int] = {}
+CODE_VERSIONS: Mapping[str, int] = {"physics": PHYSICS_VERSION}
 
 # Stands for a value that plain data do not have.
 NOT_SET = "not set"

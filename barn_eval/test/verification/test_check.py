@@ -250,7 +250,7 @@ FORGERIES = {
 
 @pytest.mark.parametrize("records", ["bags and commands", "commands", "tracks"])
 @pytest.mark.parametrize("name", FORGERIES)
-def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, bags):
+def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, records):
     changes, words = FORGERIES[name]
     folder = Path(shutil.copytree(collided, tmp_path / "out"))
     if records != "bags and commands":

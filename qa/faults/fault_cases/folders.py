@@ -39,9 +39,6 @@ def _copy_unfinished(lab: Lab) -> Path:
 
 def _torn(lab: Lab, name: str) -> str:
     out = _copy_unfinished(lab)
-    if name == "tracks.jsonl":  # a row comes after its track
-        rows = (out / "results.jsonl").read_bytes().splitlines(keepends=True)
-        (out / "results.jsonl").write_bytes(b"".join(rows[:-1]))
     path = out / name
     if name != "results.jsonl":  # a row comes after its track and its commands
         last = json.loads(path.read_text().splitlines()[-1])["trial_id"]

@@ -17,6 +17,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_worlds.base.errors import ConfigError
 
 # Hash of all keys of rows and run.json by schema. Where the keys have changed, raise
 # SCHEMA_VERSION in barn_eval.trials.result and add its hash; hashes never change.
@@ -72,10 +73,12 @@ def make_old(folder, change=lambda row: None):
     for session in content["sessions"]:
         session["commit"] = OLD_COMMIT
     (folder / "run.json").write_text(json.dumps(content))
+    task = RunFile.read(folder).task_fingerprint()
 
     def write(rows):
         for row in rows:
             row["schema_version"] = 2
+            row["task"] = task
             del row["scores"]["failure_time_s"]
             change(row)
         return rows
@@ -127,14 +130,30 @@ def test_what_is_damaged_is_wrong_in_an_older_folder_as_well(folder):
 
 
 def test_settings_of_ros_are_no_identity_in_mode_direct(folder):
-    make_old(folder)
-    rewrite_rows(folder, lambda rows: rows[:1])
+    content = json.loads((folder / "run.json").read_text())
+    content["schema_version"] = 2
+    del content["experiment"]["ros"]["isolate"]
+    (folder / "run.json").write_text(json.dumps(content))
+
+    def write(rows):
+        rows[0]["schema_version"] = 2
+        return rows[:1]
+
+    rewrite_rows(folder, write)
     results = barn.run(
         "0,120", "gap", SHORT, out=folder, engine="inline", progress=False
     )
     assert [row.schema_version for row in results.trials] == [2, 3]
     assert RunFile.read(folder).schema_version == SCHEMA_VERSION
-    assert barn.results.check(folder).problems == []
+    report = barn.results.check(folder)
+    assert (report.problems, report.driven) == ([], 2)
+
+
+def test_results_of_another_physics_are_not_mixed(folder, rejected):
+    rewrite_rows(make_old(folder), lambda rows: rows[:1])
+    with pytest.raises(ConfigError, match="physics is not set there, 1 here") as error:
+        barn.run("0,120", "gap", SHORT, out=folder, engine="inline", progress=False)
+    assert "(written at e6873c24, this is " in str(error.value)
 
 
 def test_another_configuration_is_refused_with_the_commits(folder, rejected):
