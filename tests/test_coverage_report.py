@@ -61,7 +61,7 @@ def test_each_gap_counts_for_the_first_reason_that_fits(tmp_path, monkeypatch):
 
 
 def test_reasons_are_given_of_files_that_exist():
-    root = REASONS.parents[1]
+    root = REASONS.parents[2]
     reasons = yaml.safe_load(REASONS.read_text("utf-8"))
     assert reasons and all(reasons.values())
     missing = [pattern for pattern in reasons if not list(root.glob(pattern))]

@@ -91,6 +91,11 @@ def complete(tmp_path_factory):
         ("results.parquet", lambda content: content[:-1], "results.parquet"),
         ("tracks.jsonl", lambda content: content + content, "tracks.jsonl is not that"),
         (
+            "commands.jsonl",
+            lambda content: content[: content.index(b"\n") + 1],
+            "commands.jsonl is not that",
+        ),
+        (
             "bags/gap_w0000_r00/metadata.yaml",
             lambda content: content + b"\n",
             "metadata.yaml is not that",

@@ -202,6 +202,8 @@ def compare_folders(point: Point, out: Path, model: Path) -> Point:
         ]
     except BarnError as error:
         return replace(point, problems=(str(error),))
+    if not died and commands(out) != commands(model):
+        problems.append("commands.jsonl is not that of the undisturbed campaign")
     names = [*FILES, *bags(model)] if point.mode == "direct" else FILES
     unequal = [name for name in names if not same(out / name, model / name)]
     if point.role == "planner" and len(died) == 1 and set(unequal) == set(FILES):
@@ -217,6 +219,13 @@ def same(path: Path, other: Path) -> bool:
     return (
         path.is_file() and other.is_file() and path.read_bytes() == other.read_bytes()
     )
+
+
+def commands(out: Path) -> dict[str, str]:
+    """Return the last commands of each trial of a campaign, in the order of names."""
+    lines = (out / "commands.jsonl").read_text("utf-8").splitlines()
+    last = {json.loads(line)["trial_id"]: line for line in lines}
+    return dict(sorted(last.items()))
 
 
 def bags(out: Path) -> list[str]:

@@ -28,6 +28,7 @@ from barn_eval.pages.replay.payload import make_payload
 from barn_eval.pages.template import script_json
 from barn_eval.results.bags.decode import TOPICS
 from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.commands import commands_line, parse_commands_line
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.rows import (
     RowFile,
@@ -58,6 +59,7 @@ from barn_sim.body.model import description_text
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import read_lines
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import extract_grid, read_map, write_map
@@ -200,7 +202,10 @@ def _experiment(folder: Path) -> Path:
             finished = finish_trial(
                 spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
             )
-            results.append(TrialRecord(finished.result, track_line(finished)))
+            record = TrialRecord(
+                finished.result, track_line(finished), commands_line(finished)
+            )
+            results.append(record)
         results.complete()
     return out
 
@@ -224,6 +229,11 @@ def _rows(path: Path) -> None:
 def _tracks(path: Path) -> None:
     for line in TrackFile(path.parent).read().values():
         assert parse_track_line(line, "")[1].packed
+
+
+def _commands(path: Path) -> None:
+    for where, line in read_lines(path):
+        parse_commands_line(unseal_line(line, where), where)
 
 
 def _run(path: Path) -> None:
@@ -484,6 +494,12 @@ READERS = {
     ),
     "tracks": Reader(
         "tracks.jsonl", lambda folder: _beside(folder, "tracks.jsonl"), _tracks, _lines
+    ),
+    "commands": Reader(
+        "commands.jsonl",
+        lambda folder: _beside(folder, "commands.jsonl"),
+        _commands,
+        _lines,
     ),
     "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),

@@ -1,4 +1,4 @@
-"""The folder of a run: rows, tracks, commands and bags, for readers who never run a trial.
+"""The folder of a run, for readers who never run a trial.
 
 `barn.results` offers the functions of `barn_eval.api.results` under the same names.
 """

@@ -177,7 +177,7 @@ class _Loop:
             ),
         )
         # The row is on the disk before the trial counts as done.
-        self.folder.append(TrialRecord(result, record.track))
+        self.folder.append(replace(record, result=result))
         self.running[report.key] = self.running[report.key].without(trial_id)
         return result
 

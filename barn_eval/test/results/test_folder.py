@@ -86,7 +86,7 @@ def test_sessions_are_kept_one_after_the_other(tmp_path):
     for count in (1, 1, None):
         keep(tmp_path, GAP, count)
     run_file = content(tmp_path)
-    assert (run_file["schema_version"], len(run_file["sessions"])) == (2, 3)
+    assert (run_file["schema_version"], len(run_file["sessions"])) == (3, 3)
     assert all(
         {"started_at", "execution", "versions", "commit", "machine"} <= session.keys()
         for session in run_file["sessions"]
@@ -119,8 +119,8 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "schema_version must be 2, got None"),
-        ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2, got 3"),
+        ("{}", "schema_version must be 2 or 3, got None"),
+        ('{"schema_version": 4, "experiment": {}}', "must be 2 or 3, got 4"),
         ('{"schema_version": 2, "experiment": 3}', "describes no run"),
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],

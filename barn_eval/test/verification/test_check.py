@@ -248,18 +248,26 @@ FORGERIES = {
 }
 
 
-@pytest.mark.parametrize("bags", ["all", "none"])
+@pytest.mark.parametrize("records", ["bags and commands", "commands", "tracks"])
 @pytest.mark.parametrize("name", FORGERIES)
-def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, bags):
+def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, records):
     changes, words = FORGERIES[name]
     folder = Path(shutil.copytree(collided, tmp_path / "out"))
-    if bags == "none":
+    if records != "bags and commands":
         without_bags(folder)
-        report = barn.results.check(folder)
-        assert (report.problems, report.driven) == ([], 0)
+    if records == "tracks":
+        (folder / "commands.jsonl").unlink()
+    report = barn.results.check(folder)
+    assert report.driven == (0 if records == "tracks" else 1)
+    if records == "tracks":
+        assert report.problems == [
+            f"{folder}: straight_w0120_r00: its commands are missing"
+        ]
         assert report.unchecked[0].startswith(
             "1 trials: not driven again, as their commands are not"
         )
+    else:
+        assert (report.problems, report.unchecked) == ([], [])
     forge(folder, **changes(barn.load(folder).trials[0]))
     problems = barn.results.check(folder).problems
     assert any(words in problem for problem in problems), problems

@@ -78,16 +78,16 @@ def test_a_circle_is_found_from_an_arc_of_it(seed):
     centre = rng.uniform(-5.0, 5.0, 2)
     radius = rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
-    points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points = centre + radius * directions
     center, radius_m, roundness = fit_circle(points)
     assert center == pytest.approx(centre, abs=1e-6)
     assert (radius_m, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
 
 
 def test_a_line_is_no_circle():
-    assert math.isinf(
-        fit_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
-    )
+    line = np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1)
+    assert math.isinf(fit_circle(line)[1])
 
 
 @pytest.mark.parametrize("velocity", [(1.0, 0.0), (-0.8, -1.0), (0.0, 2.0)])
@@ -97,7 +97,8 @@ def test_a_disc_is_tracked_from_a_robot_that_drives_and_turns(velocity):
 
     discs = tracks(disc, lambda time_s: Pose2D(0.5 * time_s, 0.0, 0.6 * time_s))
     ((x, y, radius),) = disc(29 * 0.05)
-    assert discs == pytest.approx(np.array([[x, y, *velocity, radius]]), abs=0.03)
+    expected = np.array([[x, y, *velocity, radius]])
+    assert discs == pytest.approx(expected, abs=0.03)
 
 
 def test_what_stands_is_not_tracked_however_the_robot_moves():
@@ -113,7 +114,8 @@ def test_two_that_cross_keep_their_velocities():
         lambda t: [(3.0, -1.0 + 1.0 * t, 0.3), (1.5, 1.2 - 1.0 * t, 0.3)], steps=20
     )
     by_x = discs[np.argsort(discs[:, 0])]
-    assert by_x[:, 2:4] == pytest.approx(np.array([[0.0, -1.0], [0.0, 1.0]]), abs=0.1)
+    velocities = np.array([[0.0, -1.0], [0.0, 1.0]])
+    assert by_x[:, 2:4] == pytest.approx(velocities, abs=0.1)
 
 
 def test_a_track_ends_unobserved_and_a_reset_forgets_all():
@@ -156,21 +158,20 @@ def test_meeting_distances_equal_small_steps(seed):
         positions = (
             discs[None, :, :2] + (way / speed)[:, None, None] * discs[None, :, 2:4]
         )
-        gap = (
-            np.hypot(*np.moveaxis(positions - robot[:, None], 2, 0))
-            - discs[:, 4]
-            - radius
-        ).min(axis=1)
+        offsets = np.moveaxis(positions - robot[:, None], 2, 0)
+        gap = (np.hypot(*offsets) - discs[:, 4] - radius).min(axis=1)
         expected = way[gap <= 0.0][0] if (gap <= 0.0).any() else math.inf
         assert distance <= expected + 1e-9
         if distance < 4.0:
-            assert gap[min(round(distance / 0.001), len(gap) - 1)] <= 0.006
+            step = min(round(distance / 0.001), len(gap) - 1)
+            assert gap[step] <= 0.006
 
 
 def test_discs_of_one_frame_in_another():
     disc = np.array([[2.0, 0.0, 0.0, 1.0, 0.3]])
     transformed = transform_discs(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
-    assert transformed == pytest.approx(np.array([[0.0, -1.0, 1.0, 0.0, 0.3]]))
+    expected = np.array([[0.0, -1.0, 1.0, 0.0, 0.3]])
+    assert transformed == pytest.approx(expected)
     assert transform_discs(transformed, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(
         disc
     )
@@ -268,13 +269,11 @@ def test_costs_of_meeting_discs_equal_a_plain_reference():
     costs = np.ones(30)
     add_moving_costs(costs, poses, 0.05, discs, 0.2, 10.0)
     times = 0.05 * np.arange(1, 21)[:, None, None]
-    away = np.hypot(
-        discs[:, 0] + times * discs[:, 2] - xs[..., None],
-        discs[:, 1] + times * discs[:, 3] - ys[..., None],
-    )
+    dx = discs[:, 0] + times * discs[:, 2] - xs[..., None]
+    dy = discs[:, 1] + times * discs[:, 3] - ys[..., None]
+    away = np.hypot(dx, dy)
     met = (away < discs[:, 4] + 0.2).any(axis=2)
     assert met.any() and not met[0].all()
-    expected = np.where(
-        met.any(axis=0), 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20), 0.0
-    )
+    cost = 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20)
+    expected = np.where(met.any(axis=0), cost, 0.0)
     np.testing.assert_allclose(costs, 1.0 + expected, rtol=1e-12)

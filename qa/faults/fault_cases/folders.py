@@ -39,10 +39,12 @@ def _copy_unfinished(lab: Lab) -> Path:
 
 def _torn(lab: Lab, name: str) -> str:
     out = _copy_unfinished(lab)
-    if name == "tracks.jsonl":  # a row comes after its track
-        rows = (out / "results.jsonl").read_bytes().splitlines(keepends=True)
-        (out / "results.jsonl").write_bytes(b"".join(rows[:-1]))
     path = out / name
+    if name != "results.jsonl":  # a row comes after its track and its commands
+        last = json.loads(path.read_text().splitlines()[-1])["trial_id"]
+        rows = (out / "results.jsonl").read_text().splitlines(keepends=True)
+        kept = [row for row in rows if json.loads(row)["trial_id"] != last]
+        (out / "results.jsonl").write_text("".join(kept))
     path.write_bytes(path.read_bytes()[:-40])
     return resume(lab)
 
@@ -50,6 +52,7 @@ def _torn(lab: Lab, name: str) -> str:
 for _name, _file in (
     ("row-cut-off", "results.jsonl"),
     ("track-cut-off", "tracks.jsonl"),
+    ("commands-cut-off", "commands.jsonl"),
 ):
     add(
         FAMILY,
@@ -220,6 +223,12 @@ for _name, _done, _alter, _words in (
         "tracks.jsonl is removed.",
         lambda out: (out / "tracks.jsonl").unlink(),
         "has no track",
+    ),
+    (
+        "missing-commands",
+        "commands.jsonl is removed.",
+        lambda out: (out / "commands.jsonl").unlink(),
+        "its commands are missing",
     ),
     (
         "missing-table",
