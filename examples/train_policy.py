@@ -129,11 +129,11 @@ def train(
         policy_kwargs={"net_arch": [128, 128], "log_std_init": -0.5},
         device="cpu",
     )
-    about = {"trained_in": open_dataset(config.dataset).checksum, "seed": seed}
-    export_policy(model, config, out / "untrained.npz", about)
+    description = {"trained_in": open_dataset(config.dataset).checksum, "seed": seed}
+    export_policy(model, config, out / "untrained.npz", description)
     curve = Curve()
     model.learn(steps, callback=curve)
-    export_policy(model, config, out / "policy.npz", about)
+    export_policy(model, config, out / "policy.npz", description)
     batch.close()
     return curve
 

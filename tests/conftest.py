@@ -1,4 +1,7 @@
-"""Fixtures of the tests of the repository: its documentation, examples, images and the tools of its makers."""
+"""Fixtures of the tests of the repository.
+
+Its documentation, examples, images and the tools of its makers.
+"""
 
 import pytest
 from extra_messages import extra_message_types, with_extra_messages
@@ -6,14 +9,14 @@ from shared_fixtures import longest_first, original_folder
 
 __all__ = ["extra_message_types", "original_folder", "with_extra_messages"]
 LONGEST = [
-    "documented_commands",
-    "way_in",
-    "templates",
-    "faults",
-    "endurance",
-    "nav2",
-    "notebooks",
-    "mutation",
+    "test_documented_commands.py",
+    "test_way_in.py",
+    "test_templates.py",
+    "test_faults.py",
+    "test_endurance.py",
+    "test_nav2.py",
+    "test_notebooks.py",
+    "test_mutation.py",
 ]
 
 

@@ -1,4 +1,7 @@
-"""What launch files have, read from their source: launch itself is only in a full ROS 2 installation."""
+"""What launch files have, read from their source.
+
+Launch itself is only in a full ROS 2 installation.
+"""
 
 import ast
 from functools import cache
@@ -7,34 +10,26 @@ from pathlib import Path
 
 from barn_worlds.base.config import fields_of
 
-SHARED = (
-    Path(__file__).resolve().parents[1]
-    / "barn_worlds"
-    / "barn_worlds"
-    / "ros"
-    / "launching.py"
-)
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT / "barn_worlds/barn_worlds/ros/launching.py"
 
 
 @cache
 def launch_arguments(path: Path) -> set[str]:
     """Return a set that the names of a launch file's arguments are among.
 
-    These are the texts in it and in what all launch files share, and the fields of the configurations that it imports.
+    These are the texts in it and in what all launch files share, and the fields of the
+    configurations that it imports.
     """
     tree = ast.parse(path.read_text("utf-8"))
     names = _texts(tree) | _texts(ast.parse(SHARED.read_text("utf-8")))
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("barn_"):
             for config in (
-                one.name for one in node.names if one.name.endswith("Config")
+                alias.name for alias in node.names if alias.name.endswith("Config")
             ):
-                names |= {
-                    name
-                    for name, _, _ in fields_of(
-                        getattr(import_module(node.module), config)()
-                    )
-                }
+                config_class = getattr(import_module(node.module), config)
+                names |= {name for name, _, _ in fields_of(config_class())}
     return names
 
 

@@ -1,7 +1,10 @@
-"""Play Nav2 to its trial node: a lifecycle manager, a navigator's goal states and a planner's plan. Plain rclpy.
+"""Play Nav2 to its trial node.
 
-Usage: nav2_stand_in.py TRIAL_NODE, a script, which is run in a process of its own as in a launch, and told to end as by
-Ctrl-C. Prints what ~/ready says, what the manager is asked to do, and how the script ended.
+A lifecycle manager, a navigator's goal states and a planner's plan. Plain rclpy.
+
+Usage: nav2_stand_in.py TRIAL_NODE, a script, which is run in a process of its own as in
+a launch, and told to end as by Ctrl-C. Prints what ~/ready says, what the manager is
+asked to do, and how the script ended.
 """
 
 import sys
@@ -58,14 +61,15 @@ peer.node.create_timer(1.0, look)
 
 
 def until_it_says(text):
-    found = []
+    responses = []
     peer.wait(
         lambda: (
-            found.append(peer.call("nav2_trial/ready")) or found[-1].message == text
+            responses.append(peer.call("nav2_trial/ready"))
+            or responses[-1].message == text
         ),
         text,
     )
-    print(found[-1].success, found[-1].message)
+    print(responses[-1].success, responses[-1].message)
 
 
 def reset():
@@ -90,16 +94,15 @@ until_it_says("")
 for _ in range(3):  # one reset after the other comes through
     reset()
     until_it_says("Nav2 has taken no goal yet")
-state["begun"] = (
-    take_goal  # a goal by action is taken, and said so once, before Nav2 is known to be active
-)
+# a goal by action is taken, and said so once, before Nav2 is known to be active
+state["begun"] = take_goal
 reset()
 until_it_says("Nav2 has no plan yet")
 state["obedient"] = False
 refused = reset()
 print(refused.success, refused.message)
 until_it_says("lifecycle_manager_navigation could not do RESET")
-code, said = trial_node.stop()
-print("ended with", code, "Traceback" in said)
-print(said, file=sys.stderr)
+code, log = trial_node.stop()
+print("ended with", code, "Traceback" in log)
+print(log, file=sys.stderr)
 peer.close()

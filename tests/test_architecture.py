@@ -27,7 +27,8 @@ WALL_CLOCKS = {
     "now",
     "today",
 }
-# What runs trials measures how long they take; what only judges or computes reads no clock.
+# What runs trials measures how long they take; what only judges or computes reads no
+# clock.
 MEASURING = tuple(
     f"barn_eval/{name}" for name in ("results/", "running/", "studies/", "commands/")
 )
@@ -54,28 +55,31 @@ class Source:
 
     @property
     def ros(self) -> bool:
-        """Whether this is where ROS may be known: nodes, what only they need, and launch files."""
+        """Whether this is where ROS may be known.
+
+        Nodes, what only they need, and launch files.
+        """
         parts = Path(self.where).parts
         return parts[0] == "launch" or "ros" in parts
 
     @property
     def imports(self) -> set[str]:
         """The dotted name of everything that the file imports, wherever in it."""
-        found: set[str] = set()
+        names: set[str] = set()
         for node in ast.walk(self.tree):
             if isinstance(node, ast.Import):
-                found |= {alias.name for alias in node.names}
+                names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
-                found |= {f"{node.module}.{alias.name}" for alias in node.names}
+                names |= {f"{node.module}.{alias.name}" for alias in node.names}
             elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(
                 ("import_module", "__import__")
             ):
-                found |= {
+                names |= {
                     argument.value
                     for argument in node.args[:1]
                     if isinstance(argument, ast.Constant)
                 }
-        return found
+        return names
 
     @property
     def tops(self) -> set[str]:
@@ -90,14 +94,14 @@ class Source:
 @cache
 def sources() -> tuple[Source, ...]:
     """Return the source files of all packages, tests and setup left out."""
-    found = []
+    files = []
     for package in ALLOWED:
-        for path in sorted((ROOT / package / package).rglob("*.py")) + sorted(
-            (ROOT / package).glob("launch/*.py")
-        ):
+        folder = ROOT / package
+        modules = sorted((folder / package).rglob("*.py"))
+        for path in modules + sorted(folder.glob("launch/*.py")):
             where = str(path.relative_to(ROOT / package))
-            found.append(Source(package, where, ast.parse(path.read_text("utf-8"))))
-    return tuple(found)
+            files.append(Source(package, where, ast.parse(path.read_text("utf-8"))))
+    return tuple(files)
 
 
 def test_the_source_is_looked_at():
@@ -132,7 +136,8 @@ def test_only_nodes_and_launch_files_know_ros():
     assert not wrong
 
 
-# The rooms of barn_eval, folders and files at its root, from the lowest to the highest; each imports only those below.
+# The rooms of barn_eval, folders and files at its root, from the lowest to the highest;
+# each imports only those below.
 ROOMS = (
     *("trials", "results", "running", "verification", "ros"),
     *("analysis", "pages", "learning", "studies", "api", "gym", "commands"),
@@ -145,19 +150,20 @@ ENTRANCES = ("__init__", "__main__")  # which import what they offer by name
 def test_rooms_import_only_rooms_below_them():
     wrong = []
     for source in (
-        one
-        for one in sources()
-        if one.package == "barn_eval" and not one.where.startswith("launch")
+        file
+        for file in sources()
+        if file.package == "barn_eval" and not file.where.startswith("launch")
     ):
         room = Path(source.where).with_suffix("").parts[1]
         if room in ENTRANCES:
             continue
-        below = (*ROOMS[: ROOMS.index(room) + 1], "__version__")
+        level = ROOMS.index(room)
+        below = (*ROOMS[: level + 1], "__version__")
         for name in source.imports:
-            top, *others = name.split(".")
+            top, *rooms = name.split(".")
             if f"{source.where} {name}" == FORWARDED:
                 continue
-            if top == "barn_eval" and others and others[0] not in below:
+            if top == "barn_eval" and rooms and rooms[0] not in below:
                 wrong.append(f"{source.where} imports {name}")
     assert not wrong
 
@@ -179,8 +185,8 @@ def test_parts_of_the_simulator_import_only_parts_below_them():
             continue
         below = SIMULATOR_PARTS[: SIMULATOR_PARTS.index(part) + 1]
         for name in source.imports:
-            top, *others = name.split(".")
-            if top == "barn_sim" and others[0] not in below:
+            top, *parts = name.split(".")
+            if top == "barn_sim" and parts[0] not in below:
                 wrong.append(f"{source.where} imports {name}")
     assert not wrong
 
@@ -191,7 +197,8 @@ def test_the_documentation_has_the_rooms_in_their_order():
     assert tuple(re.findall(r"(?m)^\| `(\w+)` \|", section)) == ROOMS
     named = re.findall(r"`(barn_\w+/[\w/]+\.py)`", section)
     assert len(named) > 20
-    assert [file for file in named if not (ROOT / file).is_file()] == []
+    missing = [file for file in named if not (ROOT / file).is_file()]
+    assert missing == []
 
 
 def test_cores_do_not_import_nodes():
@@ -208,20 +215,23 @@ def test_cores_do_not_import_nodes():
 
 def test_heavy_libraries_stay_in_their_place():
     assert not [
-        one.where
-        for one in sources()
-        if "pybullet" in one.tops and one.package != "barn_sim"
+        file.where
+        for file in sources()
+        if "pybullet" in file.tops and file.package != "barn_sim"
     ]
-    torch = [one for one in sources() if "torch" in one.tops]
+    torch = [file for file in sources() if "torch" in file.tops]
     assert not [
-        one.where
-        for one in torch
-        if one.package != "barn_metrics" or "model" not in one.where
+        file.where
+        for file in torch
+        if file.package != "barn_metrics" or "model" not in file.where
     ]
 
 
 def test_there_is_no_global_random_state():
-    """Only generators made from a seed: nothing but their constructors is taken from numpy.random."""
+    """Only generators made from a seed.
+
+    Nothing but their constructors is taken from numpy.random.
+    """
     wrong = [
         f"{source.where} imports random"
         for source in sources()
@@ -249,14 +259,15 @@ def test_there_is_no_global_random_state():
 
 def test_cores_read_no_clock():
     """Time is passed in, except where trials are run and their duration is measured."""
-    wrong = [
-        f"{source.where}:{call.lineno} {ast.unparse(call.func)}"
-        for source in sources()
-        if not source.ros and not source.where.startswith(MEASURING)
-        for call in source.calls()
-        if ast.unparse(call.func).split(".")[-1] in WALL_CLOCKS
-        and ast.unparse(call.func).split(".")[0] in ("time", "datetime", "date")
-    ]
+    wrong = []
+    for source in sources():
+        if source.ros or source.where.startswith(MEASURING):
+            continue
+        for call in source.calls():
+            name = ast.unparse(call.func)
+            parts = name.split(".")
+            if parts[-1] in WALL_CLOCKS and parts[0] in ("time", "datetime", "date"):
+                wrong.append(f"{source.where}:{call.lineno} {name}")
     assert not wrong
 
 
@@ -265,14 +276,14 @@ def test_user_strings_meet_no_shell_and_no_unsafe_loader():
     for source in sources():
         for call in source.calls():
             name = ast.unparse(call.func)
-            given = {
+            options = {
                 keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords
             }
             unsafe = (
                 name in UNSAFE
-                or given.get("shell") == "True"
-                or given.get("allow_pickle") == "True"
+                or options.get("shell") == "True"
+                or options.get("allow_pickle") == "True"
             )
-            if unsafe or (name == "np.load" and given.get("allow_pickle") != "False"):
+            if unsafe or (name == "np.load" and options.get("allow_pickle") != "False"):
                 wrong.append(f"{source.where}:{call.lineno} {name}")
     assert not wrong

@@ -1,4 +1,7 @@
-"""The suite's own data set stays near the paper's Table II, and docs/metrics.md shows what it gives."""
+"""The suite's own data set stays near the paper's Table II.
+
+docs/metrics.md shows what it gives.
+"""
 
 from pathlib import Path
 
@@ -47,10 +50,8 @@ def test_the_page_shows_the_tables_of_the_data_set(
 def test_a_data_set_that_is_not_there_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    assert (
-        page_tool.main([str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")])
-        == 1
-    )
+    arguments = [str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")]
+    assert page_tool.main(arguments) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert error.count("\n") == 1

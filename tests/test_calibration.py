@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from analysis.test_compare import write_folder
 from calibrate import main
 from calibration import calibrate
 from click.testing import CliRunner
 from published import published_trials, read_published
+from results.test_rows import result as a_result
 from scipy import stats
-from test_compare import write_folder
-from test_rows import result as a_result
 
 from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
@@ -29,20 +29,23 @@ MEANS = np.array([np.mean(times) for times in PUBLISHED.values()])
 
 
 def write_run(path, times):
-    """Write a run of times: {planner: {world: [time or None, ...]}}; None is a trial that reached the limit."""
+    """Write a run of times: {planner: {world: [time or None, ...]}}.
+
+    None is a trial that reached the limit.
+    """
     return write_folder(
         path,
         [
-            timed(planner, world, repetition, time_s)
+            make_result(planner, world, repetition, time_s)
             for planner, worlds in times.items()
-            for world, found in worlds.items()
-            for repetition, time_s in enumerate(found)
+            for world, times_s in worlds.items()
+            for repetition, time_s in enumerate(times_s)
         ],
     )
 
 
-def timed(planner, world, repetition, time_s):
-    one = a_result(world)
+def make_result(planner, world, repetition, time_s):
+    result = a_result(world)
     ended = Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
     scored_s = 50.0 if time_s is None else time_s
     times = {
@@ -50,13 +53,13 @@ def timed(planner, world, repetition, time_s):
         "path_length_m": LENGTH_M,
         "normalised_time_s_per_m": scored_s / LENGTH_M,
     }
-    scores = replace(one.scores, success=time_s is not None, **times)
+    scores = replace(result.scores, success=time_s is not None, **times)
     name = {
         "trial_id": format_trial_id(planner, world, repetition),
         "planner": planner,
         "repetition": repetition,
     }
-    return replace(one, **name, outcome=ended, scores=scores)
+    return replace(result, **name, outcome=ended, scores=scores)
 
 
 def write_table(path, **planners):
@@ -64,8 +67,13 @@ def write_table(path, **planners):
     names = [f"{planner}_{trial}" for planner in planners for trial in (1, 2, 3)]
     lines = [",".join(["world", "path_length_m", *names])]
     for world in PUBLISHED:
-        times = [f"{time:.3f}" for found in planners.values() for time in found[world]]
-        lines.append(",".join([str(world), f"{LENGTH_M}", *times]))
+        times = [
+            f"{time:.3f}"
+            for times_by_world in planners.values()
+            for time in times_by_world[world]
+        ]
+        fields = [str(world), f"{LENGTH_M}", *times]
+        lines.append(",".join(fields))
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -76,73 +84,82 @@ def table(tmp_path):
 
 
 def test_the_same_times_agree_in_everything(tmp_path, table):
-    (one,) = calibrate(
+    (calibration,) = calibrate(
         [write_run(tmp_path / "run", {"dwa": PUBLISHED})], table
     ).planners
-    assert one.correlation.estimate == pytest.approx(1.0)
-    assert one.correlation_of_successes.estimate == pytest.approx(1.0)
-    assert one.bias_percent.estimate == pytest.approx(0.0, abs=1e-9)
-    assert one.determination_of_equal_failures.estimate == pytest.approx(1.0)
-    assert one.ours == one.published
-    assert one.ours.spread_s_per_m == pytest.approx(
-        np.std([10.0, 11.0, 12.0]) / LENGTH_M
-    )
-    assert one.easy_worlds == (0, 1)
-    assert one.ours.easy_s.estimate == pytest.approx(11.5)
-    assert one.ours.easy_range_s == pytest.approx((11.0, 12.0))
+    assert calibration.correlation.estimate == pytest.approx(1.0)
+    assert calibration.correlation_of_successes.estimate == pytest.approx(1.0)
+    assert calibration.bias_percent.estimate == pytest.approx(0.0, abs=1e-9)
+    assert calibration.determination_of_equal_failures.estimate == pytest.approx(1.0)
+    assert calibration.ours == calibration.published
+    spread_s = np.std([10.0, 11.0, 12.0])
+    assert calibration.ours.spread_s_per_m == pytest.approx(spread_s / LENGTH_M)
+    assert calibration.easy_worlds == (0, 1)
+    assert calibration.ours.easy_s.estimate == pytest.approx(11.5)
+    assert calibration.ours.easy_range_s == pytest.approx((11.0, 12.0))
 
 
-def test_published_failures_are_those_of_30_s_and_of_50_s_and_more(tmp_path):
+def test_published_failures_are_times_of_30_s_and_from_50_s(tmp_path):
     times = PUBLISHED | {0: [30.0, 50.0, 51.2], 1: [30.001, 29.999, 49.999]}
     published = read_published(write_table(tmp_path / "trials.csv", dwa=times))["dwa"]
     assert published.failed[:6].tolist() == [True, True, True, False, False, False]
     assert not published.failed[6:].any()
 
 
+def mean_times(times_by_world, failure_s):
+    """Return the mean time of each world, a failure counted as so many seconds."""
+    means = []
+    for times in times_by_world.values():
+        means.append(np.mean([failure_s if time is None else time for time in times]))
+    return np.array(means)
+
+
 def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table):
     ours = {world: list(times) for world, times in PUBLISHED.items()}
     ours[0] = [None, 11.0, 12.0]
     ours[1] = [None, None, None]
-    (one,) = calibrate([write_run(tmp_path / "run", {"dwa": ours})], table).planners
-    counted = [
-        np.mean([50.0 if time is None else time for time in times])
-        for times in ours.values()
-    ]
+    (calibration,) = calibrate(
+        [write_run(tmp_path / "run", {"dwa": ours})], table
+    ).planners
+    counted = mean_times(ours, failure_s=50.0)
     expected = stats.spearmanr(counted, MEANS).statistic
     assert expected < 0.5
-    assert one.correlation.estimate == pytest.approx(expected)
-    assert one.correlation_of_successes.estimate == pytest.approx(1.0)
-    as_30_s = np.array(
-        [
-            np.mean([30.0 if time is None else time for time in times])
-            for times in ours.values()
-        ]
+    assert calibration.correlation.estimate == pytest.approx(expected)
+    assert calibration.correlation_of_successes.estimate == pytest.approx(1.0)
+    as_30_s = mean_times(ours, failure_s=30.0)
+    bias = np.mean(counted) / MEANS.mean() - 1.0
+    assert calibration.bias_percent.estimate == pytest.approx(100.0 * bias)
+    assert (
+        calibration.bias_percent.low
+        < calibration.bias_percent.estimate
+        < calibration.bias_percent.high
     )
-    assert one.bias_percent.estimate == pytest.approx(
-        100.0 * (np.mean(counted) / MEANS.mean() - 1.0)
-    )
-    assert one.bias_percent.low < one.bias_percent.estimate < one.bias_percent.high
-    assert one.ours.normalised_s_per_m.estimate == pytest.approx(
+    assert calibration.ours.normalised_s_per_m.estimate == pytest.approx(
         np.mean(counted) / LENGTH_M
     )
-    assert one.bias_percent_of_equal_failures.estimate == pytest.approx(
-        100.0 * (as_30_s.mean() / MEANS.mean() - 1.0)
-    )
+    bias = as_30_s.mean() / MEANS.mean() - 1.0
+    equal_failures = calibration.bias_percent_of_equal_failures
+    assert equal_failures.estimate == pytest.approx(100.0 * bias)
     r2 = 1.0 - ((as_30_s - MEANS) ** 2).mean() / MEANS.var()
     assert r2 < 0.0
-    assert one.determination_of_equal_failures.estimate == pytest.approx(r2)
+    assert calibration.determination_of_equal_failures.estimate == pytest.approx(r2)
     succeeded = [time for times in ours.values() for time in times if time is not None]
-    assert one.ours.successes_s_per_m == pytest.approx(np.mean(succeeded) / LENGTH_M)
-    assert one.published.successes_s_per_m == pytest.approx(MEANS.mean() / LENGTH_M)
-    assert one.ours.failure_share.estimate == pytest.approx(4 / 30)
-    assert one.published.failure_share.estimate == 0.0
+    assert calibration.ours.successes_s_per_m == pytest.approx(
+        np.mean(succeeded) / LENGTH_M
+    )
+    assert calibration.published.successes_s_per_m == pytest.approx(
+        MEANS.mean() / LENGTH_M
+    )
+    assert calibration.ours.failure_share.estimate == pytest.approx(4 / 30)
+    assert calibration.published.failure_share.estimate == 0.0
     assert [
-        (world.our_failures, world.published_failures) for world in one.worlds[:3]
+        (world.our_failures, world.published_failures)
+        for world in calibration.worlds[:3]
     ] == [(1, 0), (3, 0), (0, 0)]
-    assert one.worlds[1].ours_s == 50.0
+    assert calibration.worlds[1].ours_s == 50.0
 
 
-def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
+def test_the_mean_of_both_is_compared_over_and_within_folders(tmp_path):
     falling = {world: PUBLISHED[WORLDS - 1 - world] for world in PUBLISHED}
     table = write_table(
         tmp_path / "trials.csv",
@@ -157,12 +174,13 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     assert joint.worlds == WORLDS
     assert not joint.correlation.estimate > 0.5
     both = write_run(tmp_path / "both", {"dwa": PUBLISHED, "eband": PUBLISHED})
-    found = calibrate([both, dwa], table)
-    assert [joint.labels for joint in found.joint] == [("DWA (both)", "E-Band")]
-    assert found.joint[0].correlation.estimate == pytest.approx(1.0)
-    # E-Band's published times do not vary, so half of what ours are off is left in the mean of both.
+    report = calibrate([both, dwa], table)
+    assert [joint.labels for joint in report.joint] == [("DWA (both)", "E-Band")]
+    assert report.joint[0].correlation.estimate == pytest.approx(1.0)
+    # E-Band's published times do not vary, so half of what ours are off is left in the
+    # mean of both.
     r2 = 1.0 - ((MEANS - 20.0) ** 2).mean() / MEANS.var()
-    assert found.joint[0].determination_of_equal_failures.estimate == pytest.approx(r2)
+    assert report.joint[0].determination_of_equal_failures.estimate == pytest.approx(r2)
     assert calibrate([dwa], table).joint == ()
     content = json.loads((eband / "run.json").read_text())
     content["experiment"]["protocol"]["limit_s"] = 60.0
@@ -176,9 +194,9 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
 def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table):
     some = {world: PUBLISHED[world] for world in (2, 3, 4)} | {77: [15.0]}
     run = write_run(tmp_path / "run", {"dwa": some, "mppi": some})
-    (one,) = calibrate([run], table).planners
-    assert [world.world for world in one.worlds] == [2, 3, 4]
-    assert (one.ours.trials, one.published.trials) == (9, 9)
+    (calibration,) = calibrate([run], table).planners
+    assert [world.world for world in calibration.worlds] == [2, 3, 4]
+    assert (calibration.ours.trials, calibration.published.trials) == (9, 9)
 
 
 @pytest.mark.parametrize(
@@ -235,9 +253,8 @@ def test_published_times_are_read_with_the_worlds_beside_them(original_folder):
         for planner in ("dwa", "eband")
         for number in range(1, 6)
     ]
-    assert trials.difficulty()[0] == pytest.approx(
-        np.mean(times) / float(first["path_length_m"])
-    )
+    length_m = float(first["path_length_m"])
+    assert trials.difficulty()[0] == pytest.approx(np.mean(times) / length_m)
 
 
 def invoke(*arguments):
@@ -259,8 +276,9 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
     content = json.loads(
         invoke(run, "--reference", table, "--figure", figure, "--json").stdout
     )
-    assert [one["label"] for one in content["planners"]] == ["DWA", "E-Band"]
-    assert content["planners"][1]["published"]["failure_share"]["estimate"] == 0.1
+    assert [planner["label"] for planner in content["planners"]] == ["DWA", "E-Band"]
+    published = content["planners"][1]["published"]
+    assert published["failure_share"]["estimate"] == 0.1
     assert figure.read_bytes().startswith(magic)
     text = " ".join(invoke(run, "--reference", table).stdout.split())
     assert "Spearman, failures counted" in text
@@ -279,9 +297,13 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
 )
 def test_mistakes_are_one_line(tmp_path, table, change, words):
     write_run(tmp_path / "run", {"dwa": PUBLISHED})
-    given = {"folder": "run", "reference": table.name, "figure": "scatter.png"} | change
+    options = {
+        "folder": "run",
+        "reference": table.name,
+        "figure": "scatter.png",
+    } | change
     folder, reference, figure = (
-        str(tmp_path / given[name]) for name in ("folder", "reference", "figure")
+        str(tmp_path / options[name]) for name in ("folder", "reference", "figure")
     )
     done = invoke(folder, "--reference", reference, "--figure", figure)
     assert done.exit_code != 0

@@ -1,4 +1,7 @@
-"""Whether difficulty carries over from robot to robot: the page shows what its command makes of the trials kept."""
+"""Whether difficulty carries over from robot to robot.
+
+The page shows what its command makes of the trials kept.
+"""
 
 from itertools import product
 from pathlib import Path
@@ -13,7 +16,7 @@ from barn_worlds.base.errors import ConfigError
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
-def made_up():
+def invent_trials():
     rows = []
     for robot, planner, seed, world in product(
         ("jackal", "husky"), ("gap", "dwa"), (0, 1), range(0, 60, 6)
@@ -27,7 +30,7 @@ def made_up():
 
 
 def test_trials_are_written_and_read_again(tmp_path):
-    trials = made_up()
+    trials = invent_trials()
     (tmp_path / "trials.csv").write_text(tool.csv_text(trials))
     assert tool.read_trials(tmp_path / "trials.csv") == trials
     assert (trials.robots, trials.planners) == (["jackal", "husky"], ["gap", "dwa"])
@@ -39,8 +42,8 @@ def test_trials_are_written_and_read_again(tmp_path):
 
 
 def test_the_line_is_that_of_least_squares():
-    x = made_up().times("jackal", "dwa")
-    y = made_up().times("husky", "dwa")
+    x = invent_trials().times("jackal", "dwa")
+    y = invent_trials().times("husky", "dwa")
     expected = stats.linregress(x, y)
     assert tool.slope(x, y) == pytest.approx(expected.slope)
     assert tool.intercept(x, y) == pytest.approx(expected.intercept)
@@ -51,25 +54,22 @@ def test_the_line_is_that_of_least_squares():
 
 
 def test_correlations_between_robots_and_with_themselves():
-    trials = made_up()
+    trials = invent_trials()
     x = trials.times("jackal", "dwa")
     y = trials.times("husky", "dwa")
     first, second = trials.tries("jackal", "dwa")
-    row = next(
-        line for line in tool.robots_table(trials).splitlines() if "DWA" in line
-    ).split("|")
-    assert float(row[2].split()[0]) == pytest.approx(
-        stats.spearmanr(x, y).statistic, abs=0.006
-    )
+    lines = tool.robots_table(trials).splitlines()
+    row = next(line for line in lines if "DWA" in line).split("|")
+    correlation = stats.spearmanr(x, y).statistic
+    assert float(row[2].split()[0]) == pytest.approx(correlation, abs=0.006)
     once = stats.spearmanr(first, second).statistic
-    assert float(row[3].split()[0]) == pytest.approx(
-        2.0 * once / (1.0 + once), abs=0.006
-    )
+    twice = 2.0 * once / (1.0 + once)
+    assert float(row[3].split()[0]) == pytest.approx(twice, abs=0.006)
     assert "| gap | 1.00" in tool.robots_table(trials)
 
 
 def test_planners_that_did_not_drive_every_robot_are_refused():
-    trials = made_up()
+    trials = invent_trials()
     some = tool.Trials(
         tuple(
             row for row in trials.rows if (row.robot, row.planner) != ("husky", "gap")

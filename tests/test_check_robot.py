@@ -1,4 +1,7 @@
-"""The self-test drive: all robots that come with the suite pass, and it finds one that does not drive as it should."""
+"""The self-test drive: all robots of the suite pass.
+
+It detects a robot that does not drive as it should.
+"""
 
 import json
 import re
@@ -13,20 +16,27 @@ from planar import GRAVITY_M_S2, Planar
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/robots.md"
 
 
-def changed(name, part, **values):
+def change_robot(name, part, **values):
     robot = load_robot(name)
     return replace(robot, **{part: replace(getattr(robot, part), **values)})
 
 
 @pytest.mark.parametrize("name", list(ROBOTS))
 def test_robots_drive_as_theory_says(name):
-    """The page's cells hold deviations in %, one or two for a robot, in the order in which they are measured."""
+    """The page's cells hold deviations in % in the order in which they are measured.
+
+    There are one or two for a robot.
+    """
     driven = self_test(load_robot(name))
     assert len(driven) >= 8
-    assert {one.manoeuvre: abs(one.deviation) for one in driven if not one.passed} == {}
+    assert {
+        measurement.manoeuvre: abs(measurement.deviation)
+        for measurement in driven
+        if not measurement.passed
+    } == {}
     assert LARGEST_DEVIATION == 0.03
     lines = [
         line.split("|")[2:-1]
@@ -34,14 +44,15 @@ def test_robots_drive_as_theory_says(name):
         if line.startswith(f"| `{name}` |")
     ]
     (cells,) = (line for line in lines if len(line) == 7)
-    told = [
+    printed = [
         float(number)
         for cell in cells
         for number in cell.split(";")
         if number.strip() != "none"
     ]
-    found = [100.0 * one.deviation for one in driven]
-    assert told == pytest.approx([*found[:-4], *found[-4::2], *found[-3::2]], abs=0.06)
+    deviations = [100.0 * measurement.deviation for measurement in driven]
+    expected = deviations[:-4] + deviations[-4::2] + deviations[-3::2]
+    assert printed == pytest.approx(expected, abs=0.06)
 
 
 def test_what_it_prints(tmp_path):
@@ -53,11 +64,11 @@ def test_what_it_prints(tmp_path):
         text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")
     )  # shorter than a control period
     runs = [
-        CliRunner().invoke(main, [str(one), *more])
-        for one in (mine, late)
-        for more in ((), ("--json",))
+        CliRunner().invoke(main, [str(file), *options])
+        for file in (mine, late)
+        for options in ((), ("--json",))
     ]
-    assert [one.exit_code for one in runs] == [0, 0, 1, 1]
+    assert [file.exit_code for file in runs] == [0, 0, 1, 1]
     first, *_, last = runs[0].output.splitlines()
     assert (
         first
@@ -71,14 +82,17 @@ def test_what_it_prints(tmp_path):
         " % !" in runs[2].output
         and "does not drive as theory says in" in runs[2].output
     )
-    assert [json.loads(one.output)["passed"] for one in runs[1::2]] == [True, False]
+    assert [json.loads(file.output)["passed"] for file in runs[1::2]] == [True, False]
     assert "none.yaml: No such file" in CliRunner().invoke(main, ["none.yaml"]).output
 
 
 @pytest.mark.parametrize("name", ["turtlebot4", "turtlebot3_waffle"])
 def test_with_lag_and_little_grip_too(name):
-    robot = changed(name, "drive", motor_lag_s=0.15, max_acceleration_m_s2=3.0)
-    assert all(one.passed for one in self_test(replace(robot, wheel_friction=0.3)))
+    robot = change_robot(name, "drive", motor_lag_s=0.15, max_acceleration_m_s2=3.0)
+    assert all(
+        measurement.passed
+        for measurement in self_test(replace(robot, wheel_friction=0.3))
+    )
 
 
 @pytest.mark.parametrize("name", ["max_speed_m_s", "max_yaw_rate_rad_s"])
@@ -86,7 +100,7 @@ def test_a_robot_that_may_not_drive_is_refused(name):
     with pytest.raises(
         ConfigError, match=f"^robot turtlebot4: drive.{name} must be above 0"
     ):
-        self_test(changed("turtlebot4", "drive", **{name: 0.0}))
+        self_test(change_robot("turtlebot4", "drive", **{name: 0.0}))
 
 
 @pytest.mark.parametrize("friction", [0.0, 1e-4])
@@ -99,7 +113,7 @@ def test_a_robot_that_does_not_get_going_is_refused(friction):
 
 
 def test_a_stop_is_latency_ramp_and_lag():
-    robot = changed("turtlebot4", "drive", motor_lag_s=0.2, command_latency_s=0.1)
+    robot = change_robot("turtlebot4", "drive", motor_lag_s=0.2, command_latency_s=0.1)
     speed = 0.46
     ramp = robot.drive.max_acceleration_m_s2
     by_hand = speed * (0.1 + 0.2) + 0.5 * speed**2 / ramp

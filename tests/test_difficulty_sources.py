@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from judge_difficulty import main as judge
+from model.test_model import make_trials
 from reproduce_work import experiment_of, write_invented
-from test_model import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
@@ -31,7 +31,10 @@ def worlds():
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
-    """Return the folder of an experiment: two planners, two repetitions, in worlds of barn300."""
+    """Return the folder of an experiment.
+
+    Two planners, two repetitions, in worlds of barn300.
+    """
     path = tmp_path_factory.mktemp("experiment") / "out"
     write_invented(path, experiment_of("0:300:10", 2))
     return path
@@ -57,7 +60,7 @@ def test_networks_are_judged_on_folds_by_a_tool(source):
     assert "ridge" in judged.output and "routes" in judged.output
 
 
-def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_path):
+def test_worlds_are_identified_by_checksum_not_by_number(source, tmp_path):
     worlds, trials = read_trials(source)
     dataset = open_dataset("barn300")
     assert tuple(worlds) == trials.world_numbers == dataset.world_numbers[::10]
@@ -66,7 +69,11 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
         for index, world in worlds.items()
     )
     results = read_source(source).results
-    first = [one.scores.normalised_time_s_per_m for one in results if one.world == 10]
+    first = [
+        result.scores.normalised_time_s_per_m
+        for result in results
+        if result.world == 10
+    ]
     assert (len(first), len(trials)) == (4, len(results))
     assert trials.difficulty()[1] == pytest.approx(np.mean(first))
     write_dataset_file(
@@ -84,7 +91,7 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
         read_trials(source, "barn_test")
 
 
-def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(
+def test_uncounted_trials_and_incomplete_worlds_are_left_out(
     tmp_path,
 ):
     def lost(result):
@@ -108,8 +115,8 @@ def test_other_sources_are_refused(tmp_path):
 
 
 def test_a_trained_model_predicts_from_the_command_line(weights):
-    path, told = weights
-    assert told["training_worlds"] == COUNT
+    path, description = weights
+    assert description["training_worlds"] == COUNT
     predict = ["difficulty", "predict", "barn300", "--weights", str(path)]
     output = CliRunner().invoke(cli, [*predict, "--worlds", "0-4", "--json"]).output
     lines = json.loads(output)["worlds"]
@@ -122,33 +129,36 @@ def test_a_trained_model_predicts_from_the_command_line(weights):
 def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
     path, trained = weights
     config = EvaluationConfig(folds=3, repeats=1)
-    found = evaluate(*load_trials([source]), load_model(path), config)
-    ridge, one = found.scores
+    report = evaluate(*load_trials([source]), load_model(path), config)
+    ridge, network = report.scores
     assert all(
-        each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, one)
+        each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, network)
     )
     difficulty = read_trials(source)[1].difficulty()
-    assert (ridge.name, ridge.gain, one.name, found.worlds) == (
+    assert (ridge.name, ridge.gain, network.name, report.worlds) == (
         "ridge",
         None,
         "weights",
         COUNT,
     )
     assert (
-        one.mse.estimate == pytest.approx(trained["training_mse"]) == one.training_mse
+        network.mse.estimate
+        == pytest.approx(trained["training_mse"])
+        == network.training_mse
     )
-    assert one.r2.estimate == pytest.approx(
-        1.0 - trained["training_mse"] / difficulty.var()
+    unexplained = trained["training_mse"] / difficulty.var()
+    assert network.r2.estimate == pytest.approx(1.0 - unexplained)
+    assert network.gain.estimate == pytest.approx(
+        ridge.mse.estimate - network.mse.estimate
     )
-    assert one.gain.estimate == pytest.approx(ridge.mse.estimate - one.mse.estimate)
-    assert found.ceiling is not None
+    assert report.ceiling is not None
 
 
 def test_worlds_held_out_judge_weights_alone(tmp_path):
     judges = tmp_path / "judges"
     write_invented(judges, experiment_of("0-29", 2, "barn_test"))
-    (one,) = evaluate(*load_trials([judges]), load_model()).scores
-    assert (one.name, one.gain, len(one.predictions)) == ("weights", None, COUNT)
+    (score,) = evaluate(*load_trials([judges]), load_model()).scores
+    assert (score.name, score.gain, len(score.predictions)) == ("weights", None, COUNT)
 
 
 def test_mistakes_are_named(source):
@@ -163,42 +173,36 @@ def test_mistakes_are_named(source):
 
 def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     trials = make_trials(worlds, repetitions=1)
-    one, other = (
+    even_worlds, odd_worlds = (
         {index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1)
     )
-    some = trials.in_worlds(one)
-    rest = trials.in_worlds(other)
-    renumbered = dict(enumerate(other.values()))
-    numbers = dict(zip(other, renumbered, strict=True))
-    moved = replace(
-        rest, worlds=np.array([numbers[int(index)] for index in rest.worlds])
+    some = trials.in_worlds(even_worlds)
+    rest = trials.in_worlds(odd_worlds)
+    renumbered = dict(enumerate(odd_worlds.values()))
+    numbers = dict(zip(odd_worlds, renumbered, strict=True))
+    moved_numbers = [numbers[int(index)] for index in rest.worlds]
+    moved = replace(rest, worlds=np.array(moved_numbers))
+    joined_worlds, joined_trials = join_trials(
+        [(even_worlds, some), (renumbered, moved), (even_worlds, some)]
     )
-    found_worlds, found = join_trials([(one, some), (renumbered, moved), (one, some)])
-    assert len(found_worlds) == len(worlds) and len(found) == len(trials) + len(some)
+    assert len(joined_worlds) == len(worlds) and len(joined_trials) == len(
+        trials
+    ) + len(some)
     expected = {
         worlds[index].checksum: value
         for index, value in zip(trials.world_numbers, trials.difficulty(), strict=True)
     }
     assert [
-        expected[found_worlds[number].checksum] for number in found.world_numbers
-    ] == pytest.approx(found.difficulty())
+        expected[joined_worlds[number].checksum]
+        for number in joined_trials.world_numbers
+    ] == pytest.approx(joined_trials.difficulty())
     with pytest.raises(
         ModelError, match="there are trials of world 1, but not the world itself"
     ):
         join_trials([({0: renumbered[0]}, moved)])
+    numbers_with_stray = np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)
+    stray = replace(moved, worlds=numbers_with_stray)
     with pytest.raises(
         ModelError, match="there are trials of world 9999, but not the world itself"
     ):
-        join_trials(
-            [
-                (
-                    renumbered,
-                    replace(
-                        moved,
-                        worlds=np.where(
-                            np.arange(len(moved)) == 0, 9_999, moved.worlds
-                        ),
-                    ),
-                )
-            ]
-        )
+        join_trials([(renumbered, stray)])

@@ -1,10 +1,10 @@
-"""Training with PyTorch: repeatable, the same in numpy, and judged in worlds held out."""
+"""Training with PyTorch is repeatable, the same in numpy and judged in other worlds."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_model import make_trials
+from model.test_model import make_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.evaluation import (
@@ -41,19 +41,19 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
     first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
     assert (first(inputs) == again(inputs)).all()
-    assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
+    errors = (first(inputs) - targets)[:, 0]
+    assert np.mean(errors**2) < 0.3 * targets[:, 0].var()
     training = NetworkTraining(inputs, targets, config, 3)
     every = torch.arange(len(inputs))
     strips = (training.strips, training.mirrored_strips)
     with torch.no_grad():
         both = [training.outputs(way, every).numpy() for way in strips]
-    theirs = 0.5 * (both[0] + both[1]) * training.target_std + training.target_mean
+    mean_output = 0.5 * (both[0] + both[1])
+    theirs = mean_output * training.target_std + training.target_mean
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
-def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
-    worlds, tmp_path
-):
+def test_training_is_repeatable_and_its_model_stored_and_checked(worlds, tmp_path):
     worlds = {number: worlds[number] for number in list(worlds)[::3]}
     trials = make_trials(worlds)
     model = train_model(worlds, trials)
@@ -62,17 +62,17 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
     assert read.predict(worlds[0]) == model.predict(worlds[0])
     save_model(train_model(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
-    found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
-    assert (found.worlds, found.trials, model.about["training_worlds"]) == (
+    report = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
+    assert (report.worlds, report.trials, model.about["training_worlds"]) == (
         len(worlds),
         len(trials),
         len(worlds),
     )
-    assert found.score(WEIGHTS).mse.estimate == pytest.approx(
+    assert report.score(WEIGHTS).mse.estimate == pytest.approx(
         model.about["training_mse"]
     )
-    assert found.score(WEIGHTS).predictions == pytest.approx(
-        [model.predict(one).difficulty_s_per_m for one in worlds.values()]
+    assert report.score(WEIGHTS).predictions == pytest.approx(
+        [model.predict(world).difficulty_s_per_m for world in worlds.values()]
     )
     assert all(
         model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3]
@@ -95,7 +95,7 @@ def test_both_kinds_are_judged_on_the_same_folds(worlds):
     assert noise_ceiling(trials).estimate > 0.5
 
 
-def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
+def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):
     held_out = open_dataset("barn_test")
     renamed = {
         number: replace(held_out.load(number), name=f"mine_{number}")

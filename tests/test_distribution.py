@@ -1,4 +1,7 @@
-"""The suite as one distribution: a wheel has all that the five packages have, and knows its commit."""
+"""The suite as one distribution.
+
+A wheel has all that the five packages have, and knows its commit.
+"""
 
 import re
 import subprocess
@@ -43,8 +46,8 @@ def wheel(tmp_path_factory):
         place,
     ]
     subprocess.run([*build, place / "clone"], check=True)
-    (found,) = place.glob("*.whl")
-    return zipfile.ZipFile(found)
+    (file,) = place.glob("*.whl")
+    return zipfile.ZipFile(file)
 
 
 def test_it_has_every_file_of_the_packages(wheel):
@@ -53,7 +56,7 @@ def test_it_has_every_file_of_the_packages(wheel):
     assert not [name for name in wheel.namelist() if "/test/" in name]
 
 
-def test_ros_finds_the_packages_their_launch_files_and_parameters(wheel):
+def test_ros_finds_packages_launch_files_and_parameters(wheel):
     share = f"barn_suite-{__version__}.data/data/share"
     places = {"launch", "config", "package.xml"}
     tracked = [
@@ -63,42 +66,48 @@ def test_ros_finds_the_packages_their_launch_files_and_parameters(wheel):
     index = [
         f"{share}/ament_index/resource_index/packages/{package}" for package in PACKAGES
     ]
-    assert {*index, *(f"{share}/{name}" for name in tracked)} <= set(wheel.namelist())
+    shared = {f"{share}/{name}" for name in tracked}
+    assert {*index, *shared} <= set(wheel.namelist())
 
 
 def test_it_requires_what_the_packages_require(wheel, monkeypatch):
     (name,) = (
         name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")
     )
-    about = message_from_bytes(wheel.read(name))
-    assert about["Version"] == __version__
+    metadata = message_from_bytes(wheel.read(name))
+    assert metadata["Version"] == __version__
     needed = {}
     for package in PACKAGES:
         monkeypatch.chdir(ROOT / package)
-        for one in run_setup("setup.py", stop_after="config").install_requires:
-            library, version = re.fullmatch(r"(\w+)(?:>=|==)?(.*)", one).groups()
-            needed.setdefault(library, set()).add(
-                tuple(map(int, version.split("."))) if version else ()
-            )
+        for requirement in run_setup("setup.py", stop_after="config").install_requires:
+            library, version = re.fullmatch(
+                r"(\w+)(?:>=|==)?(.*)", requirement
+            ).groups()
+            numbers = tuple(map(int, version.split("."))) if version else ()
+            needed.setdefault(library, set()).add(numbers)
     highest = {
         library: max(versions)
         for library, versions in needed.items()
         if library not in PACKAGES
     }
     stated = [
-        re.fullmatch(r"(\w+)>=([\d.]+)", one)
-        for one in about.get_all("Requires-Dist")
-        if "extra" not in one
+        re.fullmatch(r"(\w+)>=([\d.]+)", requirement)
+        for requirement in metadata.get_all("Requires-Dist")
+        if "extra" not in requirement
     ]
-    assert {one[1]: tuple(map(int, one[2].split("."))) for one in stated} == highest
+    stated_versions = {}
+    for requirement in stated:
+        numbers = requirement[2].split(".")
+        stated_versions[requirement[1]] = tuple(map(int, numbers))
+    assert stated_versions == highest
 
 
 def test_installed_it_says_its_commit(wheel, tmp_path):
     wheel.extractall(tmp_path / "installed")
-    asked = "from barn_eval.results.provenance import commit, versions; print(commit(), versions()['barn_sim'])"
+    script = "from barn_eval.results.provenance import commit, versions; print(commit(), versions()['barn_sim'])"
     environment = {"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"}
     done = subprocess.run(
-        [sys.executable, "-c", asked],
+        [sys.executable, "-c", script],
         env=environment,
         cwd=tmp_path,
         check=True,

@@ -1,6 +1,9 @@
-"""Images, compose files and workflow: what they name exists, and what they pin is what is locked.
+"""Images, compose files and workflow.
 
-No container engine is needed: files are read. That they build is for the workflow to show.
+What they name exists, and what they pin is what is locked.
+
+No container engine is needed: files are read. That they build is for the workflow to
+show.
 """
 
 import re
@@ -21,28 +24,34 @@ DOCKER = ROOT / "docker"
 
 @dataclass
 class Stage:
-    """A stage of a Dockerfile: what it is made from, and its instructions with their arguments."""
+    """A stage of a Dockerfile.
+
+    What it is made from, and its instructions with their arguments.
+    """
 
     base: str
     name: str
     instructions: list[tuple[str, str]] = field(default_factory=list)
 
     def all(self, keyword):
-        return [arguments for found, arguments in self.instructions if found == keyword]
+        return [arguments for name, arguments in self.instructions if name == keyword]
 
 
 def stages(path):
-    """Return the stages of a Dockerfile in order; what stands before the first is in one named ''."""
+    """Return the stages of a Dockerfile in order.
+
+    What stands before the first is in one named ''.
+    """
     text = re.sub(r"\\\n", " ", re.sub(r"(?m)^\s*#.*\n", "", path.read_text()))
-    found = [Stage("", "")]
+    build_stages = [Stage("", "")]
     for line in filter(str.strip, text.splitlines()):
         keyword, _, arguments = line.strip().partition(" ")
         if keyword == "FROM":
             base, _, name = arguments.partition(" AS ")
-            found.append(Stage(base.strip(), name.strip()))
+            build_stages.append(Stage(base.strip(), name.strip()))
         else:
-            found[-1].instructions.append((keyword, " ".join(arguments.split())))
-    return found
+            build_stages[-1].instructions.append((keyword, " ".join(arguments.split())))
+    return build_stages
 
 
 FILES = sorted(DOCKER.glob("*Dockerfile"))
@@ -66,7 +75,8 @@ def test_everything_copied_exists_and_is_sent_to_the_engine(path):
                 word for word in shlex.split(arguments) if not word.startswith("--")
             ]
             if "--from=" in arguments:
-                assert arguments.split("--from=")[1].split()[0] in SUITE
+                source = arguments.split("--from=")[1]
+                assert source.split()[0] in SUITE
                 continue
             for source in sources:
                 copied += 1
@@ -78,7 +88,8 @@ def test_everything_copied_exists_and_is_sent_to_the_engine(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_bases_and_packages_are_pinned(path):
     names = {stage.name for stage in stages(path)}
-    defaults = dict(one.split("=", 1) for one in stages(path)[0].all("ARG"))
+    arguments = stages(path)[0].all("ARG")
+    defaults = dict(argument.split("=", 1) for argument in arguments)
     for stage in stages(path)[1:]:
         base = re.sub(r"\$\{(\w+)\}", lambda match: defaults[match[1]], stage.base)
         assert base in names or re.fullmatch(r"ros:jazzy-[a-z]+-[a-z]+-noble", base), (
@@ -101,14 +112,15 @@ def test_bases_and_packages_are_pinned(path):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_what_runs_is_no_superuser(path):
-    made = {stage.name: stage for stage in stages(path)}
+    stages_by_name = {stage.name: stage for stage in stages(path)}
     for stage in stages(path)[1:]:
         runs = bool(
             stage.all("CMD") or stage.all("ENTRYPOINT") or stage.name == "cluster"
         )
         if runs:
             assert stage.all("USER")[-1] == "10001:10001", stage.name
-    assert stages(path)[-1].all("USER") or made[stages(path)[-1].base].all("USER")
+    last = stages(path)[-1]
+    assert last.all("USER") or stages_by_name[last.base].all("USER")
 
 
 def test_all_packages_are_built_and_all_tests_run():
@@ -124,7 +136,7 @@ def test_all_packages_are_built_and_all_tests_run():
         "requirements/extra.lock" in command for command in SUITE["test"].all("RUN")
     )
     # tests look at these beside the packages
-    wanted = {
+    folders = {
         "docs",
         "docker",
         "examples",
@@ -134,7 +146,7 @@ def test_all_packages_are_built_and_all_tests_run():
         "README.md",
         "Makefile",
     }
-    assert wanted <= {
+    assert folders <= {
         word for arguments in SUITE["test"].all("COPY") for word in arguments.split()
     }
 
@@ -147,7 +159,7 @@ def test_the_entrypoint_can_be_started():
 
 
 @pytest.mark.parametrize(("path", "service"), list(services()))
-def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, service):
+def test_a_service_has_a_pinned_image_and_existing_commands(path, service):
     name, _, tag = service["image"].partition(":")
     assert name in ("barn-suite", "barn-nav2")
     assert tag.split("-")[0] == __version__
@@ -169,10 +181,12 @@ def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, ser
 
 
 def runs_known_program(words):
-    """Assert that a command of a service is one of the suite's, of Ray's, or a launch file that exists."""
+    """Assert that a command of a service is the suite's, Ray's or a launch file's."""
     text = re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", " ".join(words))
-    for found in re.findall(r"\bbarn ([a-z][^&]*)", text):
-        name, *arguments = (word for word in found.split() if not word.startswith("$$"))
+    for invocation in re.findall(r"\bbarn ([a-z][^&]*)", text):
+        name, *arguments = (
+            word for word in invocation.split() if not word.startswith("$$")
+        )
         command = cli.get_command(click.Context(cli), name)
         assert isinstance(command, click.Command)
         command.make_context(name, arguments)
@@ -181,11 +195,11 @@ def runs_known_program(words):
         for a, b, c in re.findall(r"ros2 launch (\w+) (\S+\.launch\.py)(.*)", text)
     ]
     launched += [
-        (ROOT / "examples" / path, given)
-        for path, given in re.findall(r"ros2 launch /(\S+)(.*)", text)
+        (ROOT / "examples" / path, options)
+        for path, options in re.findall(r"ros2 launch /(\S+)(.*)", text)
     ]
-    for path, given in launched:
-        assert set(re.findall(r"(\w+):=", given)) <= launch_arguments(path)
+    for path, options in launched:
+        assert set(re.findall(r"(\w+):=", options)) <= launch_arguments(path)
     assert re.search(r"\b(barn|ray start|ros2 launch) ", text), text
 
 
@@ -205,11 +219,8 @@ def test_the_workflow_pins_its_actions_and_calls_what_exists():
     path = ROOT / ".github" / "workflows" / "ci.yaml"
     workflow = yaml.safe_load(path.read_text())
     assert workflow["permissions"] == {"contents": "read"}
-    assert workflow["jobs"]["pypi"]["strategy"]["matrix"]["python"] == [
-        "3.10",
-        "3.11",
-        "3.12",
-    ]
+    matrix = workflow["jobs"]["pypi"]["strategy"]["matrix"]
+    assert matrix["python"] == ["3.10", "3.11", "3.12"]
     targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text()))
     stage_names = set(SUITE)
     for job in workflow["jobs"].values():

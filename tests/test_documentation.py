@@ -1,4 +1,7 @@
-"""The figures of the documentation are drawn by one command and described, and docs/campaigns.md says what there is."""
+"""The figures of the documentation are drawn by one command and described.
+
+docs/campaigns.md says what there is.
+"""
 
 import re
 import shutil
@@ -22,14 +25,15 @@ def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
     for name in ("results.json", "results_origin.json", "carry_over.csv"):
         shutil.copy(DOCS / name, tmp_path)
     assert tool.main([str(tmp_path), "--dataset", "barn_test"]) == 0
-    drawn = {path.name for path in (tmp_path / "figures").iterdir()}
-    shown = capsys.readouterr().out
-    assert all(f"{tmp_path / 'figures' / name}\n" in shown for name in drawn)
+    figures = {path.name for path in (tmp_path / "figures").iterdir()}
+    output = capsys.readouterr().out
+    folder = tmp_path / "figures"
+    assert all(f"{folder / name}\n" in output for name in figures)
     assert {
         path.name for path in (DOCS / "figures").iterdir()
-    } == drawn | tool.ELSEWHERE.keys()
-    assert not drawn & tool.ELSEWHERE.keys()
-    assert all(f"{name} is left as it is: " in shown for name in tool.ELSEWHERE)
+    } == figures | tool.ELSEWHERE.keys()
+    assert not figures & tool.ELSEWHERE.keys()
+    assert all(f"{name} is left as it is: " in output for name in tool.ELSEWHERE)
 
 
 def test_a_folder_without_results_is_one_line(tmp_path, capsys):
@@ -37,10 +41,10 @@ def test_a_folder_without_results_is_one_line(tmp_path, capsys):
     assert re.fullmatch(r"error: [^\n]*results\.json[^\n]*\n", capsys.readouterr().err)
 
 
-def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
+def test_every_figure_has_a_text_that_describes_it():
     pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
     texts = [page.read_text("utf-8") for page in pages]
-    found = [
+    images = [
         match
         for text in texts
         for match in re.findall(r"!\[([^\]]*)\]\(([^)]*figures/[^)]*)\)", text)
@@ -50,11 +54,12 @@ def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
         for text in texts
         for match in re.findall(r'<img src="([^"]*figures/[^"]*)" alt="([^"]*)"', text)
     ]
-    found += [(about, target) for target, about in tags]
-    assert {Path(target).name for _, target in found} == {
+    images += [(text, target) for target, text in tags]
+    assert {Path(target).name for _, target in images} == {
         path.name for path in (DOCS / "figures").iterdir()
     }
-    assert [target for text, target in found if len(text.split()) < 3] == []
+    unexplained = [target for text, target in images if len(text.split()) < 3]
+    assert unexplained == []
 
 
 def columns_of(section):
@@ -80,9 +85,10 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
         "eband",
     ]
     assert campaign.config.protocol == PAPER_2020
-    shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
-    assert set(RunConfig.__dataclass_fields__) - shown == {"ros"}
+    keys = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
+    assert set(RunConfig.__dataclass_fields__) - keys == {"ros"}
 
 
 def test_the_number_of_resamples_is_the_codes():
-    assert f"{RESAMPLES:,}".replace(",", " ") in " ".join(CAMPAIGNS.split())
+    resamples = f"{RESAMPLES:,}".replace(",", " ")
+    assert resamples in " ".join(CAMPAIGNS.split())

@@ -1,4 +1,7 @@
-"""What the documentation names exists: commands with their options (parsed, not run), links, paths, Python names."""
+"""What the documentation names exists.
+
+Commands with their options (parsed, not run), links, paths, Python names.
+"""
 
 import ast
 import inspect
@@ -50,17 +53,16 @@ def commands(program):
     """Yield each command of a program that the pages show, as (page, words)."""
     for path in PAGES:
         text = re.sub(r"\\\n\s*", " ", path.read_text("utf-8"))
-        shown = re.findall(r"(?m)^    (\S.*)$", text) + re.findall(r"`([^`\n]+)`", text)
+        lines = re.findall(r"(?m)^    (\S.*)$", text) + re.findall(r"`([^`\n]+)`", text)
         for block in re.findall(r"(?ms)^```(?:bash|sh|console)?\n(.*?)^```", text):
-            shown += block.splitlines()
-        for line in shown:
+            lines += block.splitlines()
+        for line in lines:
             for part in re.split(r" && | & | \| ", line):
                 assignments = re.match(r"(?:[A-Z_]+=\S+ )*", part).end()
                 if part[assignments:].startswith(program + " "):
-                    yield pytest.param(
-                        part[assignments:],
-                        id=f"{path.relative_to(ROOT)}: {part[assignments:][:70]}",
-                    )
+                    command = part[assignments:]
+                    name = f"{path.relative_to(ROOT)}: {command[:70]}"
+                    yield pytest.param(command, id=name)
 
 
 def words_of(line):
@@ -106,14 +108,15 @@ def check_values(name, values):
     else:
         rules = PROTOCOLS[protocol]
     if name in ("run", "campaign"):
-        settings = [one for one in values.get("ros") or [] if "KEY" not in one]
+        settings = [
+            setting for setting in values.get("ros") or [] if "KEY" not in setting
+        ]
         replace_dotted(RosConfig(), parse_parameters(tuple(settings), "--ros"), "--ros")
-        simulator_config(
-            rules, parse_parameters(tuple(values.get("simulator") or ()), "--sim")
-        )
-    known = {*planner_names(), *EXAMPLES}
+        assignments = tuple(values.get("simulator") or ())
+        simulator_config(rules, parse_parameters(assignments, "--sim"))
+    names = {*planner_names(), *EXAMPLES}
     for planner in (values.get("planners") or "dwa").split(","):
-        assert planner.split(":")[0] in known
+        assert planner.split(":")[0] in names
 
 
 @cache
@@ -151,17 +154,18 @@ def test_ros2_is_shown_with_what_exists(line):
         package, program, *rest = words
         assert program in executables(package)
         if "--params-file" in rest:
-            assert (ROOT / package / rest[rest.index("--params-file") + 1]).is_file()
+            file = rest[rest.index("--params-file") + 1]
+            assert (ROOT / package / file).is_file()
     if verb == "launch" and words and words[0] not in FOREIGN:
         launched = ROOT / words[0]
-        given = words[1:]
+        arguments = words[1:]
         if not words[0].endswith(".launch.py"):
             launched = ROOT / words[0] / "launch" / words[1]
-            given = words[2:]
+            arguments = words[2:]
         assert launched.is_file()
         declared = launch_arguments(launched)
-        for one in given:
-            assert one.partition(":=")[0] in declared, one
+        for argument in arguments:
+            assert argument.partition(":=")[0] in declared, argument
 
 
 @pytest.mark.parametrize(
@@ -179,7 +183,8 @@ def test_files_and_targets_that_are_shown_exist(line):
         if word.startswith(("docker/", "examples/")):
             assert (ROOT / word).exists()
     if words[:2] == ["docker", "compose"]:
-        assert (ROOT / words[words.index("-f") + 1]).is_file()
+        file = words[words.index("-f") + 1]
+        assert (ROOT / file).is_file()
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -189,18 +194,22 @@ def test_links_lead_to_files_and_headings_that_exist(path):
         if re.match(r"[a-z]+://", target):
             continue
         file, _, heading = target.partition("#")
-        there = (path.parent / file).resolve() if file else path
-        assert there.exists(), target
+        linked_file = (path.parent / file).resolve() if file else path
+        assert linked_file.exists(), target
         if heading:
-            found = re.findall(r"(?m)^#+ (.+)$", there.read_text("utf-8"))
+            headings = re.findall(r"(?m)^#+ (.+)$", linked_file.read_text("utf-8"))
             anchors = {
-                re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in found
+                re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+                for title in headings
             }
             assert heading in anchors, target
 
 
-def quoted(path):
-    """Return the texts between backticks on a page, without code blocks and the changelog's past."""
+def quotations(path):
+    """Return the texts between backticks on a page.
+
+    Code blocks and the changelog's past are left out.
+    """
     text = path.read_text("utf-8")
     if path.name == "CHANGELOG.md":
         text = text.partition("\n## [Unreleased]")[2].partition("\n## [")[0]
@@ -219,13 +228,14 @@ ENTRY_POINTS = {
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_python_names_exist(path):
-    found = [
-        PYTHON_NAME.match(text) for text in quoted(path) if not TOP_FOLDER.match(text)
+    matches = [
+        PYTHON_NAME.match(text)
+        for text in quotations(path)
+        if not TOP_FOLDER.match(text)
     ]
-    names = [name[0] for name in found if name]
-    assert [
-        name for name in names if name not in ENTRY_POINTS and not exists(name)
-    ] == []
+    names = [name[0] for name in matches if name]
+    missing = [name for name in names if name not in ENTRY_POINTS and not exists(name)]
+    assert missing == []
 
 
 def exists(name):
@@ -237,7 +247,7 @@ def exists(name):
 
 
 def test_everything_in_the_api_pages_exists():
-    found = 0
+    count = 0
     for path in (ROOT / "docs" / "api").glob("*.md"):
         for module, members in re.findall(
             r"(?m)^::: (\S+)(?:\n    options: .*members: \[(.*?)\])?",
@@ -245,23 +255,25 @@ def test_everything_in_the_api_pages_exists():
         ):
             for name in ["", *filter(None, members.split(", "))]:
                 resolve_name(f"{module}:{name}" if name else module)
-                found += 1
-    assert found > 50
+                count += 1
+    assert count > 50
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_paths_exist(path):
     named = [
-        text.replace("NAME", "*") for text in quoted(path) if TOP_FOLDER.match(text)
+        text.replace("NAME", "*") for text in quotations(path) if TOP_FOLDER.match(text)
     ]
-    assert [
-        text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]
-    ] == []
+    for text in named:
+        assert [*ROOT.glob(text), *path.parent.glob(text)], text
 
 
 @cache
-def said_in_the_source():
-    """Return all texts in the source of the suite, those between the values of an f-string one by one."""
+def source_texts():
+    """Return all texts in the source of the suite.
+
+    Those between the values of an f-string are separate.
+    """
     return [
         node.value
         for path in ROOT.glob("barn_*/barn_*/**/*.py")
@@ -275,7 +287,7 @@ def symptoms():
     text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
     cells = re.findall(r"(?m)^\| ([^|]+) \|", text)
     return sorted(
-        {quoted for cell in cells for quoted in re.findall(r"`([^`]+)`", cell)}
+        {quotation for cell in cells for quotation in re.findall(r"`([^`]+)`", cell)}
         - {"pip install", "/tf"}
     )
 
@@ -283,17 +295,15 @@ def symptoms():
 @pytest.mark.parametrize("symptom", symptoms())
 def test_what_troubleshooting_quotes_is_what_the_suite_says(symptom):
     parts = [part.strip(" ,:") for part in re.split(r"…|; |: |, ", symptom)]
-    for part in filter(lambda one: len(one) > 3, parts):
-        assert any(part in text for text in said_in_the_source()), part
+    for part in filter(lambda words: len(words) > 3, parts):
+        assert any(part in text for text in source_texts()), part
 
 
 def test_every_failure_is_in_troubleshooting():
     text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
-    assert [
-        one.value
-        for one in Outcome
-        if one is not Outcome.SUCCESS and f"`{one.value}`" not in text
-    ] == []
+    failures = [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS]
+    for outcome in failures:
+        assert f"`{outcome.value}`" in text
 
 
 def test_there_is_something_to_check():
@@ -302,7 +312,8 @@ def test_there_is_something_to_check():
     assert len(list(commands("ros2"))) > 10
 
 
-# With what examples are tried instead, so that they do not take long: fewer worlds and processes.
+# With what examples are tried instead, so that they do not take long: fewer worlds and
+# processes.
 FEWER = {
     '"0:300:100"': '"0,100"',
     '"0:300:150"': '"0"',
@@ -317,7 +328,10 @@ FEWER |= {
 
 
 def python_examples():
-    """Yield the Python of each page, its blocks one after the other, and of each docstring of the front door."""
+    """Yield the Python of each page and of each docstring of the front door.
+
+    The blocks of a page come one after the other.
+    """
     for path in PAGES:
         text = path.read_text("utf-8")
         blocks = re.findall(r"(?ms)^```python\n(.*?)^```", text)
@@ -335,26 +349,27 @@ def python_examples():
             yield pytest.param(
                 before, "\n".join(blocks), id=str(path.relative_to(ROOT))
             )
-    found = {"": barn_eval} | {
+    members = {"": barn_eval} | {
         name: getattr(barn_eval, name) for name in dir(barn_eval)
     }
     for noun, module in [
-        (name, one) for name, one in found.items() if name and inspect.ismodule(one)
+        (name, member)
+        for name, member in members.items()
+        if name and inspect.ismodule(member)
     ]:
-        found |= {
-            f"{noun}.{name}": one
-            for name, one in vars(module).items()
-            if inspect.isfunction(one)
+        members |= {
+            f"{noun}.{name}": member
+            for name, member in inspect.getmembers(module, inspect.isfunction)
         }
-    for name, one in found.items():
-        text = inspect.getdoc(one) or ""
-        shown = re.search(
+    for name, member in members.items():
+        text = inspect.getdoc(member) or ""
+        lines = re.search(
             r"(?m)^    (?:import |def |barn\.|worlds? = ).*(?:\n(?:    .*)?)*", text
         )
-        if shown:
+        if lines:
             yield pytest.param(
                 [],
-                "import barn_eval as barn\n\n" + textwrap.dedent(shown[0]),
+                "import barn_eval as barn\n\n" + textwrap.dedent(lines[0]),
                 id=f"barn_eval.{name}".strip("."),
             )
 
@@ -362,22 +377,21 @@ def python_examples():
 @pytest.mark.parametrize(("before", "example"), list(python_examples()))
 def test_python_runs_as_it_is_shown(before, example, tmp_path):
     for module in {"gymnasium", "stable_baselines3"} & {
-        one.split(".")[-1] for one in re.findall(r"[\w.]+", example)
+        word.split(".")[-1] for word in re.findall(r"[\w.]+", example)
     }:
         pytest.importorskip(
             module, reason=f"{module}, an optional extra, is not installed"
         )
     (tmp_path / "out").mkdir()
-    for shown, tried in FEWER.items():
-        example = example.replace(shown, tried)
+    for text, shorter in FEWER.items():
+        example = example.replace(text, shorter)
     (tmp_path / "shown.py").write_text(example)
-    found = os.pathsep.join(
-        [str(ROOT / "examples"), *filter(None, [os.environ.get("PYTHONPATH")])]
-    )
+    folders = [str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")]
+    search_path = os.pathsep.join(filter(None, folders))
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
         command = [sys.executable, *words]
-        environment = os.environ | {"PYTHONPATH": found}
+        environment = os.environ | {"PYTHONPATH": search_path}
         done = subprocess.run(
             command,
             cwd=tmp_path,
@@ -390,14 +404,14 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
 
 
 def test_python_examples_are_found():
-    shown = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
-    assert shown in (ROOT / "README.md").read_text("utf-8")
-    found = {one.id for one in python_examples()}
+    source = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
+    assert source in (ROOT / "README.md").read_text("utf-8")
+    ids = {parameters.id for parameters in python_examples()}
     assert {
         "README.md",
         "docs/python.md",
         "docs/tutorials/reading_a_bag.md",
         "barn_eval",
         "barn_eval.run",
-    } <= found
-    assert len(found) > 12
+    } <= ids
+    assert len(ids) > 12

@@ -1,4 +1,6 @@
-"""The tools that measure endurance: a few kill points as they are, and that what they measure can come out badly.
+"""The tools that measure endurance.
+
+A few kill points as they are, and that what they measure can come out badly.
 
 `python qa/faults/kill_points.py` and `python qa/faults/long_run.py` go on for longer.
 """
@@ -21,7 +23,7 @@ import pytest
 TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
-def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
+def test_campaigns_resume_after_a_kill_to_the_same_tables():
     mode = (
         "ros" if importlib.util.find_spec("rclpy") else "direct"
     )  # which test_campaign.py kills as well
@@ -35,20 +37,20 @@ def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
     ]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr + ended.stdout
-    found = json.loads(ended.stdout)["points"]
-    assert [one["mode"] for one in found] == [mode]
-    assert all(one["equal"] and not one["problems"] for one in found)
+    points = json.loads(ended.stdout)["points"]
+    assert [point["mode"] for point in points] == [mode]
+    assert all(point["equal"] and not point["problems"] for point in points)
 
 
 def test_the_same_seed_gives_the_same_points():
     durations_s = {"direct": 10.0, "ros": 20.0}
-    one, other, third = (
-        kill_points.drawn(20, seed, ["direct", "ros"], durations_s)
+    first_points, same_points, other_points = (
+        kill_points.draw_points(20, seed, ["direct", "ros"], durations_s)
         for seed in (1, 1, 2)
     )
-    assert one == other != third
-    assert {point.role for point in one} <= set(kill_points.ROLES["ros"])
-    assert all(0.0 <= point.at_s <= durations_s[point.mode] for point in one)
+    assert first_points == same_points != other_points
+    assert {point.role for point in first_points} <= set(kill_points.ROLES["ros"])
+    assert all(0.0 <= point.at_s <= durations_s[point.mode] for point in first_points)
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +91,11 @@ def complete(tmp_path_factory):
         ("results.parquet", lambda content: content[:-1], "results.parquet"),
         ("tracks.jsonl", lambda content: content + content, "tracks.jsonl is not that"),
         (
+            "commands.jsonl",
+            lambda content: content[: content.index(b"\n") + 1],
+            "commands.jsonl is not that",
+        ),
+        (
             "bags/gap_w0000_r00/metadata.yaml",
             lambda content: content + b"\n",
             "metadata.yaml is not that",
@@ -105,9 +112,11 @@ def test_a_campaign_that_differs_is_not_equal(
 ):
     out = shutil.copytree(complete, tmp_path / "out")
     point = kill_points.Point("direct", "worker", 1.0)
-    assert kill_points.compared(point, out, complete).equal
+    assert kill_points.compare_folders(point, out, complete).equal
     (out / name).write_bytes(change((out / name).read_bytes()))
-    assert complaint in " ".join(kill_points.compared(point, out, complete).problems)
+    assert complaint in " ".join(
+        kill_points.compare_folders(point, out, complete).problems
+    )
 
 
 def test_what_grows_is_not_flat():
@@ -119,9 +128,8 @@ def test_what_grows_is_not_flat():
     leaking = long_run.growth("all.anonymous_mb", trials, 200.0 + noise + 0.02 * trials)
     assert not leaking.flat
     assert leaking.per_1000 == pytest.approx(20.0, abs=3 * leaking.uncertainty)
-    assert not long_run.growth(
-        "all.handles", trials, 20.0 + np.floor(trials / 500)
-    ).flat
+    handles = 20.0 + np.floor(trials / 500)
+    assert not long_run.growth("all.handles", trials, handles).flat
     assert long_run.growth("all.handles", trials, np.full(len(trials), 20.0)).flat
     assert not long_run.growth(
         "all.anonymous_mb", trials, 200.0 + 100.0 * noise
@@ -140,9 +148,9 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     ) as process:
         try:
             assert process.stdout.readline() == b"up\n"
-            (seen,) = processes.marked(tmp_path.name)
-            assert (seen.pid, seen.role) == (process.pid, "other")
-            used = processes.usage(seen)
+            (marked_process,) = processes.list_marked(tmp_path.name)
+            assert (marked_process.pid, marked_process.role) == (process.pid, "other")
+            used = processes.usage(marked_process)
             assert used.threads == 2
             assert used.handles == len(os.listdir(f"/proc/{process.pid}/fd"))  # noqa: PTH208
             assert 0 < used.anonymous_bytes <= used.rss_bytes
@@ -153,11 +161,11 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
                 taken["temporary_files"],
                 taken["all.threads"],
             ) == (7, 1, 2)
-            assert processes.ended(tmp_path.name, 0.0) == [seen]
+            assert processes.wait_for_end(tmp_path.name, 0.0) == [marked_process]
         finally:
             process.send_signal(signal.SIGKILL)
-    assert processes.ended(tmp_path.name, 10.0) == []
-    assert processes.usage(seen) == processes.Usage()
+    assert processes.wait_for_end(tmp_path.name, 10.0) == []
+    assert processes.usage(marked_process) == processes.Usage()
 
 
 @pytest.mark.parametrize(

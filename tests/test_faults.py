@@ -1,6 +1,7 @@
-"""Faults: a handful of the cases of the table, whose page lists exactly them, and files of strangers under mutations.
+"""A few fault cases, the page that lists all of them, and mutated files of strangers.
 
-`python qa/faults/faults.py` tries all cases; `python qa/fuzz/fuzz.py --reader NAME --inputs N` goes on for longer.
+`python qa/faults/faults.py` tries all cases; `python qa/fuzz/fuzz.py --reader NAME
+--inputs N` goes on for longer.
 """
 
 import json
@@ -38,11 +39,12 @@ def test_quick_cases_pass(tmp_path):
         tmp_path / "out",
     )
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
-    assert {one["case"]: one["status"] for one in found} == dict.fromkeys(
-        QUICK, "passed"
-    )
-    assert json.loads((tmp_path / "out" / "faults.json").read_text()) == found
+    outcomes = json.loads(ended.stdout)
+    assert {
+        outcome["case"]: outcome["status"] for outcome in outcomes
+    } == dict.fromkeys(QUICK, "passed")
+    written = (tmp_path / "out/faults.json").read_text()
+    assert json.loads(written) == outcomes
     assert (
         faults(
             "--only", QUICK[0], "--resume", "--json", "--out", tmp_path / "out"
@@ -52,15 +54,17 @@ def test_quick_cases_pass(tmp_path):
 
 
 def test_the_page_lists_exactly_the_cases_of_the_tool():
-    cases = {one["case"]: one for one in json.loads(faults("--list", "--json").stdout)}
+    cases = {
+        case["case"]: case for case in json.loads(faults("--list", "--json").stdout)
+    }
     assert len(cases) >= 80
     rows = re.findall(
         r"^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"), re.MULTILINE
     )
     assert sorted(rows) == sorted(cases)
     assert all(
-        one["done"].endswith(".") and one["must"].endswith(".")
-        for one in cases.values()
+        case["done"].endswith(".") and case["must"].endswith(".")
+        for case in cases.values()
     )
 
 
@@ -84,20 +88,16 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
         raise kit.Wrong("it is not so")
 
     monkeypatch.setattr(kit, "_LEFT_S", 0.1)
-    outcome = tool.tried(kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, [])
-    assert (outcome.status, outcome.measured) == ("failed", "it is not so")
-    left = tool.tried(
-        kit.Case(
-            "x",
-            "z",
-            "Done.",
-            "Must.",
-            lambda lab: lab.start_program(["sleep", "600"]),
-            60.0,
-        ),
-        tmp_path,
-        [],
+    outcome = tool.try_case(
+        kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, []
     )
+    assert (outcome.status, outcome.measured) == ("failed", "it is not so")
+
+    def sleep(lab):
+        lab.start_program(["sleep", "600"])
+
+    case = kit.Case("x", "z", "Done.", "Must.", sleep, 60.0)
+    left = tool.try_case(case, tmp_path, [])
     assert left.status == "failed"
     assert "processes are left: ['sleep 600 ']" in left.measured
 
@@ -106,7 +106,7 @@ INPUTS = 400  # the same in every run, which qa/fuzz/fuzz.py goes beyond
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def reports(tmp_path_factory):
     """What the tool says of each reader."""
     out = tmp_path_factory.mktemp("fuzz")
     options = f"--corpus --inputs {INPUTS} --seconds 3600 --json".split()
@@ -115,13 +115,16 @@ def found(tmp_path_factory):
     ended = subprocess.run(
         command, capture_output=True, text=True, check=False, env=patient
     )
-    told = {one["reader"]: one for one in map(json.loads, ended.stdout.splitlines())}
-    assert told.keys() == READERS.keys(), ended.stderr
-    return told
+    reports_by_reader = {
+        report["reader"]: report
+        for report in map(json.loads, ended.stdout.splitlines())
+    }
+    assert reports_by_reader.keys() == READERS.keys(), ended.stderr
+    return reports_by_reader
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_whatever_a_file_holds_it_is_read_or_refused_in_one_line(found, reader):
-    assert found[reader]["findings"] == []
-    assert found[reader]["inputs"] == INPUTS
-    assert 0 < found[reader]["read"] < INPUTS
+def test_whatever_a_file_holds_it_is_read_or_refused_in_one_line(reports, reader):
+    assert reports[reader]["findings"] == []
+    assert reports[reader]["inputs"] == INPUTS
+    assert 0 < reports[reader]["read"] < INPUTS

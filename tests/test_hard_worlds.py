@@ -1,4 +1,7 @@
-"""Hard worlds: the way of each is proven for the turned footprint, against a slow plain reference."""
+"""The path of each hard world is proven for the turned footprint.
+
+The reference is slow and plain.
+"""
 
 import math
 from itertools import pairwise
@@ -23,7 +26,7 @@ from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 
 def least_gap_m(way, grid, side_m, robot, samples=40):
-    """Return how near a robot that drives a way, closely sampled, comes to the cylinders of a grid."""
+    """Return how near a robot on a sampled path comes to a grid's cylinders."""
     footprint = Footprint(
         np.array(robot.chassis.hull_m), robot.chassis.footprint_radius_m
     )
@@ -33,14 +36,12 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
         turn = (later - yaw + math.pi) % (2.0 * math.pi) - math.pi
         for share in np.linspace(0.0, 1.0, samples):
             at = yaw + share * turn
-            dx, dy = (
-                centres - side_m * np.array([x + share * (u - x), y + share * (v - y)])
-            ).T
+            point = np.array([x + share * (u - x), y + share * (v - y)])
+            dx, dy = (centres - side_m * point).T
             ahead = math.cos(at) * dx + math.sin(at) * dy
             left = math.cos(at) * dy - math.sin(at) * dx
-            nearest = min(
-                nearest, float(footprint.distances(ahead, left).min()) - side_m / 2.0
-            )
+            distance_m = float(footprint.distances(ahead, left).min())
+            nearest = min(nearest, distance_m - side_m / 2.0)
     return nearest
 
 
@@ -55,16 +56,19 @@ def test_the_turned_footprint_keeps_the_margin_all_along_the_way(kind, robot):
     assert least_gap_m(way, world.grid, world.resolution_m, driven) >= margin_m - 1e-9
     steps = np.diff(way[:, :2], axis=0)
     moved = np.hypot(*steps.T) > 0
-    assert np.allclose(
-        np.arctan2(steps[moved, 1], steps[moved, 0]), way[:-1][moved, 2]
-    )  # straight ahead
-    assert np.allclose(way[:-1][moved, 2], way[1:][moved, 2])
+    # straight ahead
+    headings = way[:-1][moved, 2]
+    assert np.allclose(np.arctan2(steps[moved, 1], steps[moved, 0]), headings)
+    assert np.allclose(headings, way[1:][moved, 2])
     assert world.path[0, 1] == 0
     assert world.path[-1, 1] == parameters.cols - 1
 
 
 def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
-    """A wall of cylinders with a gap of four cells, 0.6 m, leaves the Jackal, 0.43 m wide, 0.085 m on each side."""
+    """A gap of four cells, 0.6 m, leaves the Jackal 0.085 m on each side.
+
+    The Jackal is 0.43 m wide.
+    """
     grid = np.zeros((20, 20), bool)
     grid[:, 10] = True
     grid[8:12, 10] = False
@@ -95,20 +99,20 @@ def test_a_way_without_obstacles_is_the_straight_one():
 
 
 def test_a_world_depends_on_its_seed_kind_and_number_alone():
-    one = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD_ROBOT, "w")
-    other = generate_hard_worlds(
+    worlds = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD_ROBOT, "w")
+    other_worlds = generate_hard_worlds(
         HardParameters(), ["dead_ends"], 1, 11, STANDARD_ROBOT, "w"
     )
-    assert [world.provenance.parameters["kind"] for world in one] == [
+    assert [world.provenance.parameters["kind"] for world in worlds] == [
         kind for kind in KINDS for _ in range(2)
     ]
-    assert other[0].checksum == one[2].checksum
-    assert len({world.checksum for world in one}) == 8
+    assert other_worlds[0].checksum == worlds[2].checksum
+    assert len({world.checksum for world in worlds}) == 8
     assert (
         generate_hard_worlds(
             HardParameters(), ["dead_ends"], 1, 12, STANDARD_ROBOT, "w"
         )[0].checksum
-        != other[0].checksum
+        != other_worlds[0].checksum
     )
 
 
@@ -125,7 +129,7 @@ def test_no_way_in_the_grids_tried_is_said():
 
 def test_the_shipped_hard_worlds_come_again_from_their_seed():
     shipped = open_dataset("barn_hard")
-    made = {
+    checksums = {
         world.checksum
         for world in generate_hard_worlds(
             HardParameters(),
@@ -136,4 +140,6 @@ def test_the_shipped_hard_worlds_come_again_from_their_seed():
             "w",
         )
     }
-    assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}
+    assert checksums <= {
+        shipped.load(index).checksum for index in shipped.world_numbers
+    }

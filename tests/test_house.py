@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-TOOL = Path(__file__).resolve().parents[1] / "qa" / "checks" / "house.py"
+TOOL = Path(__file__).resolve().parents[1] / "qa/checks/house.py"
 UPPER_BOUNDS = {
     "packages": {
         "tokens": 300_000,

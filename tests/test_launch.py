@@ -1,4 +1,4 @@
-"""The launch files: whole where launch is not installed, and with the arguments they promise where it is."""
+"""Launch files are whole without launch, and have their arguments with it."""
 
 import ast
 import importlib.util
@@ -37,12 +37,12 @@ def node_configs(name):
     from barn_planners.ros.planner import NodeConfig  # noqa: PLC0415
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
-    found = {"planner": [NodeConfig()], "map_server": [MapServerConfig()]}
-    found |= {
+    configs = {"planner": [NodeConfig()], "map_server": [MapServerConfig()]}
+    configs |= {
         "simulator": [RunConfig(), SimulatorNodeConfig()],
         "evaluator": [EvaluatorConfig()],
     }
-    return found[name]
+    return configs[name]
 
 
 def module_of(name):
@@ -55,7 +55,7 @@ def module_of(name):
     return module
 
 
-def declared(name):
+def declared_arguments(name):
     """Return the arguments that a launch file declares."""
     declare = pytest.importorskip("launch.actions", reason=REASON).DeclareLaunchArgument
     entities = module_of(name).generate_launch_description().entities
@@ -75,16 +75,16 @@ def test_every_launch_file_is_there_and_makes_a_description():
 
 @pytest.mark.parametrize("name", NODES)
 def test_parameters_without_a_dot_are_arguments_and_no_others(name):
-    given = declared(name)
+    names = declared_arguments(name)
     parameters = {
         field for config in node_configs(name) for field, _, _ in fields_of(config)
     }
     topics = {
         topic.replace("/", "_") + "_topic" for topic in constant(FILES[name], "TOPICS")
     }
-    assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
+    assert names - USUAL - topics - {"use_sim_time", "planner"} <= parameters
     handles = {"supervisor_fd", "simulator_fd", "evaluator_fd"}
-    assert {field for field in parameters if "." not in field} - handles <= given
+    assert {field for field in parameters if "." not in field} - handles <= names
 
 
 @pytest.mark.parametrize("name", [*NODES, "rviz"])
@@ -100,11 +100,11 @@ def test_it_renames_only_topics_that_there_are(name):
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_it_declares_the_usual_arguments(name):
-    assert declared(name) >= ARGUMENTS[name]
+    assert declared_arguments(name) >= ARGUMENTS[name]
 
 
 @pytest.mark.parametrize(
-    ("given", "preset", "use_map"),
+    ("arguments", "preset", "use_map"),
     [
         ({"protocol": "challenge"}, "challenge", "false"),
         ({"protocol": "known_map"}, "challenge", "true"),
@@ -116,11 +116,11 @@ def test_it_declares_the_usual_arguments(name):
         ),
     ],
 )
-def test_a_planner_is_started_as_the_protocol_says(given, preset, use_map):
+def test_a_planner_is_started_as_the_protocol_says(arguments, preset, use_map):
     trial = module_of("trial")
     context = trial.LaunchContext()
-    context.launch_configurations.update({"preset": "", "use_map": ""} | given)
+    context.launch_configurations.update({"preset": "", "use_map": ""} | arguments)
     for action in trial._by_protocol(context):
         action.execute(context)
-    found = context.launch_configurations
-    assert (found["preset"], found["use_map"]) == (preset, use_map)
+    configurations = context.launch_configurations
+    assert (configurations["preset"], configurations["use_map"]) == (preset, use_map)

@@ -1,4 +1,7 @@
-"""Figures are written whole, are the same every time, fit their width, and no text in them overlaps another."""
+"""Figures are written whole, are the same every time and fit their width.
+
+No text in them overlaps another.
+"""
 
 import itertools
 from pathlib import Path
@@ -36,7 +39,10 @@ def _free_world() -> World:
 
 
 def _texts(figure: Figure) -> list[Text]:
-    """Return the texts that are seen; matplotlib also keeps labels of ticks beyond the ends of an axis."""
+    """Return the texts that are seen.
+
+    Matplotlib also keeps labels of ticks beyond the ends of an axis.
+    """
     texts = [
         *figure.texts,
         *(text for legend in figure.legends for text in legend.get_texts()),
@@ -56,7 +62,7 @@ def _texts(figure: Figure) -> list[Text]:
 
 
 def _overlapping_texts(figure: Figure) -> list[tuple[str, str]]:
-    """Return pairs of texts of which one covers part of the other, and texts that the figure's edge cuts."""
+    """Return pairs of texts that overlap, and texts that the figure's edge cuts."""
     FigureCanvasAgg(figure).draw()
     renderer = figure.canvas.get_renderer()
     boxes = [
@@ -101,7 +107,7 @@ def test_texts_neither_overlap_nor_leave_the_figure(name):
     assert _overlapping_texts(FIGURES[name]()) == []
 
 
-def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path):
+def test_world_figure_is_a_repeatable_png_of_the_stated_width(tmp_path: Path):
     for name in ("first.png", "second.png"):
         draw_world_figure(_world(), tmp_path / "new folder" / name)
     first, second = (
@@ -135,7 +141,7 @@ def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path: Path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_automaton_figure_shows_the_random_grid_and_three_iterations():
+def test_automaton_figure_shows_random_grid_and_three_iterations():
     figure = tool.automaton_figure()
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
     assert titles == ["Random fill", "Iteration 1", "Iteration 2", "Iteration 3"]

@@ -21,24 +21,28 @@ def cylinder(name, period_s, *keys):
 
 
 def crossing(x, period_s):
-    """Return a cylinder that goes to and fro between -5 m and 5 m across the drive at x."""
+    """Return a cylinder that goes to and fro between -5 m and 5 m at x.
+
+    It crosses the drive.
+    """
     return cylinder(
         "a", period_s, (0.0, x, -5.0), (period_s / 2, x, 5.0), (period_s, x, -5.0)
     )
 
 
 def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
-    found = motion_statistics(build_arena("one", [crossing(0.0, 20.0)]))
-    assert found.crossings_per_min == pytest.approx(6.0)
-    assert found.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
-    assert (found.obstacles, found.period_s) == (1, 20.0)
-    # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2), 0.785 m in the mean, of 20 m
-    assert found.occupied_share == pytest.approx(
+    statistics = motion_statistics(build_arena("one", [crossing(0.0, 20.0)]))
+    assert statistics.crossings_per_min == pytest.approx(6.0)
+    assert statistics.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
+    assert (statistics.obstacles, statistics.period_s) == (1, 20.0)
+    # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2),
+    # 0.785 m in the mean, of 20 m
+    assert statistics.occupied_share == pytest.approx(
         0.1 * 0.7854 / 20.0, rel=0.1
     )  # counted in steps of 0.1 m
 
 
-def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
+def test_jumping_over_a_line_or_passing_its_ends_is_no_crossing():
     jump = cylinder("jump", 10.0, (0.0, 0.0, 1.0), (10.0, 0.0, 3.0))
     below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
     over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))
@@ -46,15 +50,10 @@ def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
         motion_statistics(build_arena("jumps", [jump, below, over])).crossings_per_min
         == 0.0
     )
-    assert (
-        motion_statistics(
-            build_arena("beyond", [crossing(11.5, 20.0)])
-        ).crossings_per_min
-        == 0.0
-    )
-    once = motion_statistics(
-        build_arena("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))])
-    )
+    beyond = motion_statistics(build_arena("beyond", [crossing(11.5, 20.0)]))
+    assert beyond.crossings_per_min == 0.0
+    moving = cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))
+    once = motion_statistics(build_arena("once", [moving]))
     assert once.crossings_per_min == pytest.approx(
         6.0
     )  # once a period: the jump back is none
@@ -63,31 +62,30 @@ def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
 def test_means_are_over_worlds_and_extremes_over_all():
     slow = build_arena("slow", [crossing(0.0, 40.0)])
     fast = build_arena("fast", [crossing(0.0, 10.0)])
-    found = mean_statistics([slow, fast])
-    assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
-    assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
+    statistics = mean_statistics([slow, fast])
+    assert (statistics.slowest_mps, statistics.fastest_mps) == pytest.approx(
+        (0.5, 2.0), rel=1e-3
+    )
+    assert statistics.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
 
 
 def test_worlds_are_counted_by_their_class(tmp_path):
-    chosen = [motion_class(name) for name in ("easy", "hard")]
-    made = dict(
-        enumerate(world for one in chosen for world in generate_arenas(one, 2, 5))
+    classes = [motion_class(name) for name in ("easy", "hard")]
+    dataset_worlds = dict(
+        enumerate(
+            world for motion in classes for world in generate_arenas(motion, 2, 5)
+        )
     )
-    write_dataset_file(tmp_path / "own.npz", "own", made, {"seed": 5})
-    found = by_class(str(tmp_path / "own.npz"))
-    assert {name: len(worlds) for name, worlds in found.items()} == {
+    write_dataset_file(tmp_path / "own.npz", "own", dataset_worlds, {"seed": 5})
+    worlds_by_class = by_class(str(tmp_path / "own.npz"))
+    assert {name: len(worlds) for name, worlds in worlds_by_class.items()} == {
         "easy": 2,
         "hard": 2,
     }
-    mean = (len(made[0].moving) + len(made[1].moving)) / 2
-    assert mean_statistics(found["easy"]).obstacles == mean
-    (row,) = (
-        line
-        for line in CliRunner()
-        .invoke(main, [str(tmp_path / "own.npz")])
-        .output.splitlines()
-        if "easy" in line
-    )
+    mean = (len(dataset_worlds[0].moving) + len(dataset_worlds[1].moving)) / 2
+    assert mean_statistics(worlds_by_class["easy"]).obstacles == mean
+    result = CliRunner().invoke(main, [str(tmp_path / "own.npz")])
+    (row,) = (line for line in result.output.splitlines() if "easy" in line)
     assert f"{mean:.3f}" in row
 
 
@@ -103,15 +101,15 @@ def test_dynabarn_has_the_speeds_and_periods_that_were_published():
         (40, (1.52, 1.90), (16, 70)),
     ):
         moving = [
-            one
+            obstacle
             for index in range(first, first + 20)
-            for one in dataset.load(index).moving
+            for obstacle in dataset.load(index).moving
         ]
-        keys = [np.array(one.motion.keys) for one in moving]
-        mean = [
-            np.hypot(*np.diff(table[:, 1:], axis=0).T).sum() / table[-1, 0]
-            for table in keys
-        ]
+        keys = [np.array(obstacle.motion.keys) for obstacle in moving]
+        mean = []
+        for table in keys:
+            steps = np.diff(table[:, 1:], axis=0)
+            mean.append(np.hypot(*steps.T).sum() / table[-1, 0])
         assert (min(mean), max(mean)) == pytest.approx(speeds, abs=0.005)
-        of_period = [one.motion.period_s for one in moving]
+        of_period = [obstacle.motion.period_s for obstacle in moving]
         assert periods[0] - 0.5 <= min(of_period) and max(of_period) <= periods[1] + 0.5

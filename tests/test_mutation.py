@@ -1,4 +1,7 @@
-"""The mutation check finds what tests miss: what it changes, what it takes as killed, and what is known to survive."""
+"""The mutation check finds what tests miss.
+
+What it changes, what it takes as killed, and what is known to survive.
+"""
 
 import json
 import subprocess
@@ -46,7 +49,9 @@ def f(x: int = 3) -> "float":
 
 def test_changes_are_small_and_leave_words_alone(tool):
     changes, _, _ = tool
-    assert {(one.line, one.where, one.now) for one in changes.mutants_of(SOURCE)} == {
+    assert {
+        (mutant.line, mutant.where, mutant.now) for mutant in changes.mutants_of(SOURCE)
+    } == {
         (6, "f", 'def f(x: int = 2) -> "float":'),
         (6, "f", 'def f(x: int = 4) -> "float":'),
         (8, "f", "if (x < 5) or x:"),
@@ -78,16 +83,20 @@ def test_good_tests_kill_and_weak_tests_are_found_out(tmp_path):
         0,
         {"summary": "5 mutants, 5 killed, 0 survived (100.0 %)", "survivors": []},
     )
-    code, found = run(*sample, "--tests", weak)
+    code, report = run(*sample, "--tests", weak)
     assert code == 1
-    assert 0 < len(found["survivors"]) < 5
+    assert 0 < len(report["survivors"]) < 5
     assert all(
-        one["was"] != one["now"] and one["reason"] is None for one in found["survivors"]
+        survivor["was"] != survivor["now"] and survivor["reason"] is None
+        for survivor in report["survivors"]
     )
 
 
 def test_a_hang_counts_as_killed():
-    """In a process of its own: the tool forks, which is not for a process that runs tests."""
+    """In a process of its own.
+
+    The tool forks, which is not for a process that runs tests.
+    """
     code = (
         f"import sys; sys.path.insert(0, {str(TOOL)!r}); import runner; runner.prepare();"
         "tests = [runner.ROOT / 'barn_eval' / 'test' / 'test_scores.py'];"
@@ -101,13 +110,13 @@ def test_a_hang_counts_as_killed():
 
 def test_every_mutant_that_is_known_to_survive_is_there(tool):
     changes, report, runner = tool
-    reasons = report.known_reasons()
-    known = {
-        (module, one.where, one.was, one.now)
+    reasons = report.load_reasons()
+    present = {
+        (module, mutant.where, mutant.was, mutant.now)
         for module in {change[0] for change in reasons}
-        for one in changes.mutants_of(runner.source_of(module).read_text("utf-8"))
+        for mutant in changes.mutants_of(runner.source_of(module).read_text("utf-8"))
     }
-    assert reasons.keys() - known == set(), (
+    assert reasons.keys() - present == set(), (
         "the code has changed: look at these in qa/checks/mutate/survivors.yaml again"
     )
     assert all(reason.endswith(".") for reason in reasons.values())

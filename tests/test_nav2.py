@@ -1,6 +1,7 @@
 """The bring-up of Nav2 in examples/nav2: consistent with the simulator and with itself.
 
-Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given Nav2's source.
+Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given
+Nav2's source.
 """
 
 import ast
@@ -25,29 +26,28 @@ from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.ros.domain import reserve_domain
 
-FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
+FOLDER = Path(__file__).resolve().parents[1] / "examples/nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 # of the paper
 SPEED_MPS = 0.5
 TURN_RADPS = 1.57
 
 
-def merged(*names):
-    """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
+def merge_nodes(*names):
+    """Return the parameters of all nodes, as Nav2 gets them from several files."""
     nodes = {}
     for name in names:
-        for node, content in yaml.safe_load(
-            (FOLDER / "params" / f"{name}.yaml").read_text()
-        ).items():
-            nodes[node] = updated(
+        text = (FOLDER / f"params/{name}.yaml").read_text()
+        for node, content in yaml.safe_load(text).items():
+            nodes[node] = update_nested(
                 nodes.get(node, {}), content.get(node, content)["ros__parameters"]
             )
     return nodes
 
 
-def updated(before, values):
+def update_nested(before, values):
     return before | {
-        k: updated(before.get(k, {}), v) if isinstance(v, dict) else v
+        k: update_nested(before.get(k, {}), v) if isinstance(v, dict) else v
         for k, v in values.items()
     }
 
@@ -57,7 +57,7 @@ def updated(before, values):
     ids="_".join,
 )
 def nodes(request):
-    return merged("common", *request.param) | {"mode": request.param[0]}
+    return merge_nodes("common", *request.param) | {"mode": request.param[0]}
 
 
 def test_plugins_that_are_listed_are_configured(nodes):
@@ -80,9 +80,8 @@ def test_plugins_that_are_listed_are_configured(nodes):
     for node, keys in listed.items():
         for key in keys:
             assert nodes[node][key]
-            assert all(
-                "::" in nodes[node][plugin]["plugin"] for plugin in nodes[node][key]
-            ), (node, key)
+            for plugin in nodes[node][key]:
+                assert "::" in nodes[node][plugin]["plugin"], (node, key)
     for costmap in ("local_costmap", "global_costmap"):
         layer = nodes[costmap]["obstacle_layer"]
         assert layer[layer["observation_sources"]]["topic"] == "/scan"
@@ -113,9 +112,8 @@ def test_the_footprint_is_that_of_the_robot(nodes):
         for y in (-1, 1)
     }
     for costmap in ("local_costmap", "global_costmap"):
-        assert {
-            tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])
-        } == corners
+        footprint = ast.literal_eval(nodes[costmap]["footprint"])
+        assert {tuple(corner) for corner in footprint} == corners
         radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
         assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
 
@@ -125,14 +123,13 @@ def test_the_footprint_is_that_of_the_robot(nodes):
 def test_another_robot_has_its_own_size_and_limits(name, mode):
     chassis = ROBOTS[name].chassis
     drive = ROBOTS[name].drive
-    nodes = merged("common", mode, "rpp", f"{name}_rpp")
-    before = merged("common", mode, "rpp")
+    nodes = merge_nodes("common", mode, "rpp", f"{name}_rpp")
+    before = merge_nodes("common", mode, "rpp")
     outline = {(x, y) for x, y in chassis.footprint_m}
     scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
     for costmap in ("local_costmap", "global_costmap"):
-        assert {
-            tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])
-        } == outline
+        footprint = ast.literal_eval(nodes[costmap]["footprint"])
+        assert {tuple(corner) for corner in footprint} == outline
         assert outline or nodes[costmap]["robot_radius"] == chassis.footprint_radius_m
         assert (
             nodes[costmap]["inflation_layer"]["inflation_radius"]
@@ -146,9 +143,9 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
             and "angular" not in key
             and "robot_pose" not in key
         ):
-            about = before["controller_server"]["FollowPath"][key]
-            assert isinstance(about, bool) or value == pytest.approx(
-                scale * about, rel=0.04
+            default = before["controller_server"]["FollowPath"][key]
+            assert isinstance(default, bool) or value == pytest.approx(
+                scale * default, rel=0.04
             ), key
     smoother = nodes["velocity_smoother"]
     assert (
@@ -169,7 +166,7 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
 )  # of DynaBARN, of the challenge
 def test_goals_lie_within_the_global_costmap(mode, goal_m):
     # beyond the map as well, so that a costmap of the map's size would not do
-    costmap = merged("common", mode)["global_costmap"]
+    costmap = merge_nodes("common", mode)["global_costmap"]
     assert costmap["rolling_window"]
     assert min(costmap["width"], costmap["height"]) / 2 > goal_m + 1.0
 
@@ -205,7 +202,8 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     servers = constant(FOLDER / "nav2.launch.py", "SERVERS")
     remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
     assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
-    # the smoother hears what the controller and the behaviours send, the monitor what the smoother sends
+    # the smoother hears what the controller and the behaviours send, the monitor what
+    # the smoother sends
     assert (
         remapped["controller_server"]
         == remapped["behavior_server"]
@@ -219,11 +217,12 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
 def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     # a robot kept standing is told so for longer than the evaluator waits for a command
     assert nodes["collision_monitor"]["stop_pub_timeout"] > WaitLimits().command_s
-    # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
+    # a tree whose servers do not answer in time gives up what it has begun: 20 ms is
+    # too short for a busy machine
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
 
 
-def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
+def test_a_nav2_that_has_given_up_may_stand_until_the_end():
     commands = re.findall(
         r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8")
     )
@@ -242,8 +241,10 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
     )
     assert set(named) == {"examples/nav2/lockstep", "examples/nav2/params"}
     assert all((FOLDER.parents[1] / name).exists() for name in named)
-    assert (FOLDER / "params" / f"{workflow['env']['CONTROLLER']}.yaml").is_file()
-    (call,) = re.findall(r"barn ab (.*?) \|", steps[-2]["run"].replace("\\\n", " "))
+    controller = workflow["env"]["CONTROLLER"]
+    assert (FOLDER / f"params/{controller}.yaml").is_file()
+    script = steps[-2]["run"].replace("\\\n", " ")
+    (call,) = re.findall(r"barn ab (.*?) \|", script)
     values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(
         shlex.split(call)
     )
@@ -259,37 +260,35 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
 
 
 @pytest.mark.parametrize("name", ["controllers", "fast"])
-def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
+def test_a_campaign_declares_the_speed_each_controller_keeps(name):
     speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
-    for one in yaml.safe_load((FOLDER / "lockstep" / f"{name}.yaml").read_text())[
-        "planners"
-    ]:
+    text = (FOLDER / f"lockstep/{name}.yaml").read_text()
+    for planner in yaml.safe_load(text)["planners"]:
         files = [
-            Path(word) for word in shlex.split(one["command"]) if "examples/" in word
+            Path(word)
+            for word in shlex.split(planner["command"])
+            if "examples/" in word
         ]
         assert all((FOLDER.parents[1] / file).is_file() for file in files)
-        follow = merged(*(file.stem for file in files[1:]))["controller_server"][
-            "FollowPath"
-        ]
+        nodes = merge_nodes(*(file.stem for file in files[1:]))
+        follow = nodes["controller_server"]["FollowPath"]
         follow |= {
             key: float(value)
-            for key, value in re.findall(r"FollowPath\.(\w+):=([\d.]+)", one["command"])
+            for key, value in re.findall(
+                r"FollowPath\.(\w+):=([\d.]+)", planner["command"]
+            )
         }
-        assert (
-            0.99
-            <= next(follow[key] for key in speeds if key in follow)
-            / one["max_speed_mps"]
-            <= 1.0
-        )
+        speed = next(follow[key] for key in speeds if key in follow)
+        assert 0.99 <= speed / planner["max_speed_mps"] <= 1.0
 
 
-def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
-    shown = set(
+def test_the_documented_protocols_of_nav2_send_the_goal_once():
+    protocols = set(
         re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8"))
     )
-    assert shown == {"challenge", "known_map"}
-    assert {PROTOCOLS[name].goal_period_s for name in shown} == {0.0}
-    assert {name: PROTOCOLS[name].map_given for name in shown} == {
+    assert protocols == {"challenge", "known_map"}
+    assert {PROTOCOLS[name].goal_period_s for name in protocols} == {0.0}
+    assert {name: PROTOCOLS[name].map_given for name in protocols} == {
         "challenge": False,
         "known_map": True,
     }
@@ -315,22 +314,25 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
         )
     (other / "package.xml").touch()
     text = "controller_server: {ros__parameters: {%s: 20.0, a: {plugin: 'nav2_controller::%s'}, b: {%s}}}"
-    own = "plugin: 'other::Checker', gain: 1, %s: 2"
-    mine.write_text(text % ("controller_frequency", "Checker", own % "use_sim_time"))
+    plugin = "plugin: 'other::Checker', gain: 1, %s: 2"
+    mine.write_text(text % ("controller_frequency", "Checker", plugin % "use_sim_time"))
     assert check.main([str(source), str(other), str(mine)]) == 0
-    mine.write_text(text % ("controler_frequency", "Chequer", own % "gian"))
+    mine.write_text(text % ("controler_frequency", "Chequer", plugin % "gian"))
     assert check.main([str(source), str(other), str(mine)]) == 1
-    said = capsys.readouterr().out
-    assert "controler_frequency is not read by nav2_controller" in said
-    assert "b.gian is not read by other" in said
+    output = capsys.readouterr().out
+    assert "controler_frequency is not read by nav2_controller" in output
+    assert "b.gian is not read by other" in output
     assert (
-        "no plugin nav2_controller::Chequer" in said
-        and "5 parameters checked, 3 unknown" in said
+        "no plugin nav2_controller::Chequer" in output
+        and "5 parameters checked, 3 unknown" in output
     )
 
 
-def test_each_trial_gets_a_fresh_nav2(with_more_messages):
-    """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
+def test_each_trial_gets_a_fresh_nav2(with_extra_messages):
+    """The node nav2_trial with stand-ins for lifecycle manager and navigator.
+
+    They run in another process.
+    """
     script = Path(__file__).with_name("nav2_stand_in.py")
     with reserve_domain({}) as domain:
         environment = {

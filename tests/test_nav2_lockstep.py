@@ -1,6 +1,7 @@
 """Nav2's own plugins in lockstep, where examples/nav2/lockstep and Nav2 are built.
 
-The host is looked for in AMENT_PREFIX_PATH; NAV2_LOCKSTEP may name a command that runs it in an environment of its own.
+The host is looked for in AMENT_PREFIX_PATH; NAV2_LOCKSTEP may name a command that runs
+it in an environment of its own.
 """
 
 import os
@@ -19,7 +20,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig
 
-PARAMETERS = Path(__file__).resolve().parents[1] / "examples" / "nav2" / "params"
+PARAMETERS = Path(__file__).resolve().parents[1] / "examples/nav2/params"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 BUILT = [
     str(path)
@@ -63,7 +64,10 @@ def test_the_same_seed_gives_the_same_drive(tmp_path, controller):
 
 
 def commands(bag):
-    """Return the serialised commands of a bag; all else is not decoded, of which plugins may publish much."""
+    """Return the serialised commands of a bag.
+
+    All else is not decoded, of which plugins may publish much.
+    """
     (path,) = bag.glob("*.mcap")
     with path.open("rb") as file:
         return [

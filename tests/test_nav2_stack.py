@@ -1,7 +1,8 @@
 """The whole of Nav2 in real time, as examples/nav2 shows it, where Nav2 is installed.
 
-It is looked for in AMENT_PREFIX_PATH; NAV2_LAUNCH may name a command that does what `ros2 launch` does, in an
-environment of its own. The suite publishes transforms where its Python has tf2_msgs.
+It is looked for in AMENT_PREFIX_PATH; NAV2_LAUNCH may name a command that does what
+`ros2 launch` does, in an environment of its own. The suite publishes transforms where
+its Python has tf2_msgs.
 """
 
 import importlib.util
@@ -22,9 +23,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 
-LAUNCH_FILE = (
-    Path(__file__).resolve().parents[1] / "examples" / "nav2" / "nav2.launch.py"
-)
+LAUNCH_FILE = Path(__file__).resolve().parents[1] / "examples/nav2/nav2.launch.py"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 INSTALLED = any(Path(prefix, "share/nav2_bt_navigator").is_dir() for prefix in PREFIXES)
 LAUNCH = os.environ.get("NAV2_LAUNCH") or ("ros2 launch" if INSTALLED else "")
@@ -49,10 +48,10 @@ def test_a_killed_server_ends_one_trial_and_the_next_ones_drive(tmp_path, nothin
         args=(nothing_left, tmp_path / "logs" / "planner.log"),
     )
     killer.start()
-    first, *others = trials
+    first, *later_results = trials
     killer.join()
     assert first.outcome is Outcome.PLANNER_DIED
-    for result in others:
+    for result in later_results:
         assert result.outcome in (
             Outcome.SUCCESS,
             Outcome.TIMEOUT,

@@ -20,9 +20,12 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 
-def shown(notebook):
-    """Return what each cell shows: its tables and texts as words, of figures only which kinds there are."""
-    found = []
+def list_outputs(notebook):
+    """Return what each cell shows.
+
+    Its tables and texts as words, of figures only which kinds there are.
+    """
+    cell_outputs = []
     for cell in notebook.cells:
         for output in cell.get("outputs", ()):
             assert output.output_type in ("execute_result", "display_data", "stream"), (
@@ -33,30 +36,31 @@ def shown(notebook):
             table = re.sub(
                 r'(?s)<style.*?</style>|src="data:[^"]*"', "", data.get("text/html", "")
             ).split()
-            found.append((cell.id, output.get("name"), sorted(data), words, table))
-    return found
+            cell_outputs.append(
+                (cell.id, output.get("name"), sorted(data), words, table)
+            )
+    return cell_outputs
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
 def test_a_notebook_shows_what_it_gives(path, tmp_path):
-    kept = nbformat.read(path, as_version=4)
+    stored = nbformat.read(path, as_version=4)
     run = nbformat.read(path, as_version=4)
     for cell in run.cells:
         if cell.cell_type == "code":
             cell.outputs = []
-    nbclient.NotebookClient(
-        run, timeout=1000, resources={"metadata": {"path": str(tmp_path)}}
-    ).execute()
-    assert shown(run) == shown(kept)
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(run, timeout=1000, resources=resources).execute()
+    assert list_outputs(run) == list_outputs(stored)
     assert not any(
         output.get("name") == "stderr"
-        for cell in kept.cells
+        for cell in stored.cells
         for output in cell.get("outputs", ())
     )
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
-def test_a_notebook_is_kept_as_run_small_and_without_traces_of_a_machine(path):
+def test_a_notebook_is_as_run_small_and_names_no_machine(path):
     text = path.read_text("utf-8")
     assert len(text) < 1_500_000
     text = re.sub(

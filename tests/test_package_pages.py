@@ -31,7 +31,10 @@ def services_of(package):
 
 
 def rows_of(text):
-    """Return the rows of a page's tables of topics: name, with a slash in front, to the cells behind it."""
+    """Return the rows of a page's tables of topics.
+
+    Name, with a slash in front, to the cells behind it.
+    """
     rows = {}
     for table in re.findall(
         r"^\| topic \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE
@@ -46,7 +49,7 @@ def rows_of(text):
 
 
 @pytest.mark.parametrize("page", NODES, ids=lambda path: path.parent.name)
-def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
+def test_every_service_and_topic_with_its_type_is_on_the_page(page):
     text = page.read_text("utf-8")
     package = page.parent.name
     rows = rows_of(text)

@@ -1,4 +1,4 @@
-"""Our planners beside recordings of the original ROS 1 planners, where the recordings are."""
+"""Our planners beside recordings of the original ROS 1 planners, where these are."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,8 @@ FOLDER = Path(
     )
 )
 PATHS = sorted(FOLDER.glob("*.npz"))
-# Share of driving cycles whose commands are equal: with plan and costmaps given, and from observations alone.
+# Share of driving cycles whose commands are equal: with plan and costmaps given, and
+# from observations alone.
 GIVEN = 0.99
 SEEN = 0.95
 SETTINGS = {
@@ -30,13 +31,13 @@ pytestmark = pytest.mark.skipif(
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 def test_commands_are_the_originals(path):
     recording = tool.Recording(path)
-    given, plan, seen = (
+    from_plan, plan, from_readings = (
         list(tool.Replay(recording, depth, SETTINGS[recording.planner]).compare())
         for depth in tool.DEPTHS
     )
-    assert len(given) == len(plan) == len(seen) > 50
-    assert tool.share(given, tool.TIGHT) >= GIVEN
-    assert tool.share(seen, tool.LOOSE) >= SEEN
+    assert len(from_plan) == len(plan) == len(from_readings) > 50
+    assert tool.share(from_plan, tool.TIGHT) >= GIVEN
+    assert tool.share(from_readings, tool.LOOSE) >= SEEN
     assert all(cycle.plan for cycle in plan), (
         "navfn's plans are equal on its own costmap"
     )

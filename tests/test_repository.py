@@ -1,4 +1,7 @@
-"""What the repository states more than once is the same everywhere: its version and its checks."""
+"""What the repository states more than once is the same everywhere.
+
+Its version and its checks.
+"""
 
 import json
 import os
@@ -30,17 +33,15 @@ def text_of(name: str) -> str:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(
-    package, monkeypatch
-):
-    about = ElementTree.fromstring(text_of(f"{package}/package.xml"))
-    assert about.findtext("version") == __version__
+def test_a_package_and_its_requirements_have_the_suites_version(package, monkeypatch):
+    package_xml = ElementTree.fromstring(text_of(f"{package}/package.xml"))
+    assert package_xml.findtext("version") == __version__
     assert import_module(package).__version__ == __version__
     monkeypatch.chdir(ROOT / package)
     built = run_setup("setup.py", stop_after="config")
     assert (built.get_name(), built.get_version()) == (package, __version__)
     required = {name for name in built.install_requires if name.startswith("barn_")}
-    depends = {node.text for node in about.iter("exec_depend")} & set(PACKAGES)
+    depends = {node.text for node in package_xml.iter("exec_depend")} & set(PACKAGES)
     assert required == {f"{name}=={__version__}" for name in depends}
 
 
@@ -63,7 +64,10 @@ def test_the_paper_that_is_cited_is_the_one_of_the_front_page():
 
 
 def test_a_new_version_is_written_wherever_the_old_one_stands():
-    """The files of bump-my-version's configuration are all that have the version, but for records of what was made."""
+    """The files of bump-my-version's configuration are all that have the version.
+
+    Records of what was made are left out.
+    """
     tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has no reader of TOML")
     bump = tomllib.loads(text_of("pyproject.toml"))["tool"]["bumpversion"]
     assert bump["current_version"] == __version__
@@ -125,15 +129,12 @@ def test_no_two_files_of_tests_have_the_same_name():
     names = [
         path.name for top in (*PACKAGES, "") for path in (ROOT / top).glob("test*/*.py")
     ]
-    assert sorted(name for name, count in Counter(names).items() if count > 1) == [
-        "conftest.py"
-    ]
+    counts = Counter(names)
+    assert [name for name in counts if counts[name] > 1] == ["conftest.py"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(
-    package, monkeypatch
-):
+def test_package_xml_has_a_key_or_a_note_for_each_library(package, monkeypatch):
     text = text_of(f"{package}/package.xml")
     keys = {node.text for node in ElementTree.fromstring(text).iter("exec_depend")}
     without = set(
@@ -143,8 +144,8 @@ def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(
     )
     monkeypatch.chdir(ROOT / package)
     required = {
-        re.match(r"\w+", one)[0].lower()
-        for one in run_setup("setup.py", stop_after="config").install_requires
+        re.match(r"\w+", requirement)[0].lower()
+        for requirement in run_setup("setup.py", stop_after="config").install_requires
     }
     of_library = {"pillow": "python3-pil", "pyyaml": "python3-yaml"}
     for library in required - set(PACKAGES):
@@ -158,21 +159,19 @@ def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(
 @pytest.mark.parametrize("package", PACKAGES)
 def test_rosdep_knows_every_key(package):
     lists = Path(os.environ["ROSDISTRO"])
-    known = {*PACKAGES}
+    keys = {*PACKAGES}
     for name in ("base", "python"):
-        known |= set(
-            yaml.safe_load((lists / "rosdep" / f"{name}.yaml").read_text("utf-8"))
-        )
-    for name, about in yaml.safe_load(
-        (lists / "jazzy/distribution.yaml").read_text("utf-8")
-    )["repositories"].items():
-        known |= set(about.get("release", {}).get("packages", [name]))
-    about = ElementTree.fromstring(text_of(f"{package}/package.xml"))
+        text = (lists / f"rosdep/{name}.yaml").read_text("utf-8")
+        keys |= set(yaml.safe_load(text))
+    text = (lists / "jazzy/distribution.yaml").read_text("utf-8")
+    for name, repository in yaml.safe_load(text)["repositories"].items():
+        keys |= set(repository.get("release", {}).get("packages", [name]))
+    package_xml = ElementTree.fromstring(text_of(f"{package}/package.xml"))
     assert {
         node.text
         for kind in ("exec_depend", "test_depend")
-        for node in about.iter(kind)
-    } <= known
+        for node in package_xml.iter(kind)
+    } <= keys
 
 
 def test_a_release_says_what_the_citation_says():
@@ -186,10 +185,9 @@ def test_a_release_says_what_the_citation_says():
         {"name": author["name"]} for author in citation["authors"]
     ]
     assert zenodo["keywords"] == citation["keywords"]
-    assert (
-        zenodo["related_identifiers"][0]["identifier"]
-        == citation["references"][0]["identifiers"][0]["value"]
-    )
+    (related, *_) = zenodo["related_identifiers"]
+    (identifier, *_) = citation["references"][0]["identifiers"]
+    assert related["identifier"] == identifier["value"]
 
 
 def test_a_tag_is_released_only_with_its_version_and_notes():

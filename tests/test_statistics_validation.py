@@ -1,4 +1,4 @@
-"""Simulated trials are what they say, and what is found of them is within what is promised."""
+"""Simulated trials are what they say, and their statistics are within the promise."""
 
 import json
 from dataclasses import replace
@@ -18,7 +18,7 @@ from barn_eval.analysis.significance import variance_components
 from barn_eval.analysis.statistics import TrialValues
 from barn_metrics.bootstrap import Interval
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "statistics.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/statistics.md"
 
 
 def some(name, *settings):
@@ -47,12 +47,12 @@ def some(name, *settings):
     ],
 )
 def test_each_target_is_met_within_chance(name, setting, simulations):
-    (found,) = run_checks(simulations, seed=4, groups=[some(name, setting)])
-    assert found.conclusion != "missed"
-    assert len(found.shares) == 2
+    (check,) = run_checks(simulations, seed=4, groups=[some(name, setting)])
+    assert check.conclusion != "missed"
+    assert len(check.shares) == 2
 
 
-def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
+def test_a_verdict_from_observed_failures_alone_is_detected(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
     monkeypatch.setattr(TrialValues, "counts_failures", False)
     (unlike,) = run_checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
@@ -66,11 +66,11 @@ def test_an_interval_over_trials_would_be_found_out(monkeypatch):
         "proportion",
         lambda some, worlds: over_trials(some, np.arange(len(worlds))),
     )
-    found = list(
+    checks = list(
         run_checks(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))])
     )
-    assert [one.conclusion for one in found] == ["missed"] * 2
-    assert all(share < 0.85 for one in found for share in one.shares)
+    assert [check.conclusion for check in checks] == ["missed"] * 2
+    assert all(share < 0.85 for check in checks for share in check.shares)
 
 
 def test_a_board_without_holm_would_be_found_out(monkeypatch):
@@ -84,31 +84,34 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
         draw_equal_planners(2, 300, np.random.default_rng([1, number]))
         for number in range(5)
     ]
-    values = np.array([[one.values for one in pair] for pair in draws])
+    values = np.array([[sample.values for sample in pair] for pair in draws])
     failed = (values == 10.0).astype(float)
     assert failed.mean() == pytest.approx(0.07, abs=0.02)
     assert values[0][0].tolist() != values[0][1].tolist()
     parts = [
-        variance_components(one.ravel(), draws[0][0].worlds) for one in failed[:, 0]
+        variance_components(sample.ravel(), draws[0][0].worlds)
+        for sample in failed[:, 0]
     ]
-    correlation = np.mean([one.between / (one.between + one.within) for one in parts])
+    correlation = np.mean(
+        [sample.between / (sample.between + sample.within) for sample in parts]
+    )
     assert correlation == pytest.approx(0.67, abs=0.12)
-    assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4
+    both = (values[:, 0].ravel(), values[:, 1].ravel())
+    assert np.corrcoef(*both)[0, 1] > 0.4
     assert draws[0][0].repetitions.tolist()[:4] == [0, 1, 2, 0]
 
 
 @pytest.mark.parametrize(
-    ("found", "verdict"),
+    ("share", "verdict"),
     [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")],
 )
-def test_a_target_is_missed_beyond_three_errors_with_any_seed(found, verdict):
-    one = Check(
-        "", "", 1000, (0.95, found), (0.93, 0.97)
+def test_a_target_is_missed_beyond_three_errors_with_any_seed(share, verdict):
+    check = Check(
+        "", "", 1000, (0.95, share), (0.93, 0.97)
     )  # an error is 0.8 % at the lower limit, 0.5 % at the upper
-    assert one.conclusion == verdict
-    assert one.standard_error == pytest.approx(
-        max((x * (1.0 - x) / 1000) ** 0.5 for x in (0.95, found))
-    )
+    assert check.conclusion == verdict
+    variances = [x * (1.0 - x) / 1000 for x in (0.95, share)]
+    assert check.standard_error == pytest.approx(max(variances) ** 0.5)
 
 
 def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
@@ -134,7 +137,10 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
 
 
 def test_the_page_is_what_the_command_writes():
-    """The shares are simulated again in full; of the rest, the page must have a row with the settings of today."""
+    """The shares are simulated again in full.
+
+    Of the rest, the page must have a row with the settings of today.
+    """
     text = PAGE.read_text("utf-8")
     every = [
         line
@@ -143,9 +149,8 @@ def test_the_page_is_what_the_command_writes():
     ]
     assert len(every) == sum(len(group.settings) for group in GROUPS.values())
     assert not any("missed" in line for line in every)
-    page = render_page(
-        list(run_checks(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json")
-    )
+    checks = list(run_checks(groups=[GROUPS["share"]]))
+    page = render_page(checks, 0, PAGE.with_name("ranking.json"))
     assert every[:8] == [
         line for line in page.splitlines() if line.startswith("| the 95 %")
     ]

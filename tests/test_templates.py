@@ -1,4 +1,7 @@
-"""Planner packages do what their pages say, installed as users install them; the template in C++ is whole."""
+"""Planner packages do what their pages say, installed as users install them.
+
+The template in C++ is whole.
+"""
 
 import json
 import os
@@ -19,10 +22,13 @@ TRAINING = EXAMPLES / "policy_training"
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """Return the environment in which the packages are installed, entry points and all, in a folder of its own."""
+def installed_packages(tmp_path_factory):
+    """Return the environment in which the packages are installed in their own folder.
+
+    Entry points are installed, too.
+    """
     folder = tmp_path_factory.mktemp("installed")
-    sources = [folder / one.name for one in (PYTHON, PREDICTIVE)]
+    sources = [folder / package.name for package in (PYTHON, PREDICTIVE)]
     for source in sources:
         shutil.copytree(
             EXAMPLES / source.name, source, ignore=shutil.ignore_patterns("__pycache__")
@@ -80,11 +86,11 @@ def barn(environment, folder, *arguments):
 @pytest.mark.parametrize(
     "folder", [PYTHON, PREDICTIVE, TRAINING], ids=lambda folder: folder.name
 )
-def test_its_own_tests_pass(installed, tmp_path, folder):
+def test_its_own_tests_pass(installed_packages, tmp_path, folder):
     if folder is TRAINING:
         pytest.importorskip("stable_baselines3")
     done = python(
-        installed,
+        installed_packages,
         tmp_path,
         "pytest",
         "-q",
@@ -95,11 +101,9 @@ def test_its_own_tests_pass(installed, tmp_path, folder):
     assert done.returncode == 0, done.stdout
 
 
-def test_registered_it_refuses_what_its_configuration_does_not_allow(
-    installed, tmp_path
-):
+def test_registered_it_refuses_a_wrong_configuration(installed_packages, tmp_path):
     done = python(
-        installed,
+        installed_packages,
         tmp_path,
         "barn_eval",
         "run",
@@ -113,11 +117,13 @@ def test_registered_it_refuses_what_its_configuration_does_not_allow(
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(installed, tmp_path):
+def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(
+    installed_packages, tmp_path
+):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     node = f"{sys.executable} -m template_planner.node"
     (result,) = barn(
-        installed,
+        installed_packages,
         tmp_path,
         "--mode",
         "ros",
@@ -129,8 +135,8 @@ def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(installed, tmp_pa
     assert result["outcome"] == "success", result["detail"]
 
 
-def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(
-    installed, tmp_path
+def test_registered_it_completes_a_world_directly_as_over_ros(
+    installed_packages, tmp_path
 ):
     rows = []
     for mode in ("direct", "ros"):
@@ -145,7 +151,7 @@ def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ro
             "--mode",
             mode,
         ]
-        (row,) = barn(installed, tmp_path / mode, *settings)
+        (row,) = barn(installed_packages, tmp_path / mode, *settings)
         assert row["outcome"] == "success"
         rows.append({key: row[key] for key in ("planner", "scores", "measures")})
     assert rows[0] == rows[1]

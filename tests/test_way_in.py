@@ -1,4 +1,7 @@
-"""The README's own lines, from nothing to a score with the locked releases, and the tutorial on one's own robot."""
+"""The README's lines lead from nothing to a score with the locked releases.
+
+The tutorial on one's own robot works, too.
+"""
 
 import json
 import os
@@ -14,10 +17,10 @@ from test_repository import ROOT, text_of
 from barn_eval.commands.main import main
 
 
-def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
+def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no repository, so it cannot be cloned")
-    asked = [
+    probe = [
         sys.executable,
         "-m",
         "pip",
@@ -28,25 +31,24 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
         tmp_path,
         "wheel",
     ]
-    if subprocess.run(asked, check=False).returncode:
+    if subprocess.run(probe, check=False).returncode:
         pytest.skip("no packages can be had from here")
     pins = re.findall(
         r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)",
         text_of("requirements/base.lock"),
     )
-    (tmp_path / "pins.txt").write_text(
-        "".join(f"{name}{version}\n" for name, version in pins)
-    )
-    given = {
+    lines = [f"{name}{version}\n" for name, version in pins]
+    (tmp_path / "pins.txt").write_text("".join(lines))
+    variables = {
         "PIP_CONSTRAINT": str(tmp_path / "pins.txt"),
         "PIP_BUILD_CONSTRAINT": os.devnull,
     }
-    given |= {
+    variables |= {
         "PIP_NO_COMPILE": "no"
     }  # which is yes: most modules of the libraries are not imported here
     way = [ROOT / "qa" / "release" / "way_in.sh", tmp_path / "way", sys.executable]
     done = subprocess.run(
-        way, check=False, env=os.environ | given, capture_output=True, text=True
+        way, check=False, env=os.environ | variables, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
     rows = [
@@ -56,12 +58,11 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
         .splitlines()
     ]
     assert [row["outcome"] for row in rows] == ["success"]
-    assert (
-        len((tmp_path / "way/demo/results.jsonl").read_text("utf-8").splitlines()) == 3
-    )
+    rows = (tmp_path / "way/demo/results.jsonl").read_text("utf-8")
+    assert len(rows.splitlines()) == 3
 
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorials" / "own_robot.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/tutorials/own_robot.md"
 
 
 def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):
@@ -75,14 +76,14 @@ def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):
         with pytest.raises(SystemExit) as ended:
             main(words[1:])
         assert ended.value.code in (0, None), (words, capfd.readouterr().err)
-    said = capfd.readouterr().out
-    assert "robot mine, " in said
-    for made in (
+    output = capfd.readouterr().out
+    assert "robot mine, " in output
+    for file in (
         "mine.png",
         "mine.npz",
         "out/mine_dwa.html",
         "out/mine/results.parquet",
     ):
-        assert Path(made).stat().st_size > 1000
-    for trial in re.findall(r"(?m)^ *dwa_w0000_r00 +(\w+)", said):
+        assert Path(file).stat().st_size > 1000
+    for trial in re.findall(r"(?m)^ *dwa_w0000_r00 +(\w+)", output):
         assert trial == "success"

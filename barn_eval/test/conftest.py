@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Opened, launch
-from extra_messages import more_messages, with_more_messages
+from extra_messages import extra_message_types, with_extra_messages
 from report_work import campaign, drive
 from shared_fixtures import longest_first, original_folder
 
@@ -17,26 +17,24 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
-__all__ = ["more_messages", "original_folder", "with_more_messages"]
+__all__ = ["extra_message_types", "original_folder", "with_extra_messages"]
 LONGEST = [
-    "ros_trials",
-    "ros_neighbours",
-    "campaign_ray",
-    "campaign_ros",
-    "report",
-    "campaign",
-    "ros_interference",
-]
-LONGEST += [
-    "campaign_local",
-    "pages",
-    "motion_shown",
-    "front_door",
-    "tune",
-    "compute",
-    "cli",
-    "ab",
-    "difficulty",
+    "ros/test_trials.py",
+    "ros/test_neighbors.py",
+    "running/test_cluster.py",
+    "ros/test_work.py",
+    "report/test_page.py",
+    "running/test_run.py",
+    "ros/test_interference.py",
+    "running/test_pool.py",
+    "pages/test_pages.py",
+    "replay/test_movers.py",
+    "api/test_front_door.py",
+    "studies/test_tune.py",
+    "running/test_compute.py",
+    "commands/test_main.py",
+    "studies/test_ab.py",
+    "api/test_difficulty.py",
 ]
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -11,7 +11,7 @@ import pytest
 
 
 @pytest.fixture(scope="session")
-def more_messages(tmp_path_factory):
+def extra_message_types(tmp_path_factory):
     """A folder with nav2_msgs and tf2_msgs, of which the wheels have none; None where they are installed."""
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
@@ -33,12 +33,12 @@ def more_messages(tmp_path_factory):
 
 
 @pytest.fixture
-def with_more_messages(more_messages, monkeypatch):
-    if more_messages is not None:
+def with_extra_messages(extra_message_types, monkeypatch):
+    if extra_message_types is not None:
         for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
             monkeypatch.setenv(
                 name,
-                f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(
+                f"{extra_message_types}{os.pathsep}{os.environ.get(name, '')}".rstrip(
                     os.pathsep
                 ),
             )

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from test_rows import result as a_result
+from results.test_rows import result as a_result
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord

@@ -56,7 +56,7 @@ def test_bca_limits_are_those_of_efrons_formula():
     assert (interval.low, interval.high) == pytest.approx(tuple(expected), rel=1e-9)
 
 
-def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_otherwise():
+def test_an_interval_is_of_95_percent_from_10_000_draws():
     interval = bootstrap_interval(mean, len(VALUES))
     assert interval == bootstrap_interval(
         mean, len(VALUES), seed=0, percentile=False, resamples=10_000
@@ -70,7 +70,7 @@ def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_
         assert interval != bootstrap_interval(mean, len(VALUES), **other), other
 
 
-def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_without_limits():
+def test_draws_without_a_figure_are_left_out():
     def unless_alike(sample):
         return np.where(np.ptp(sample, axis=-1) > 0, sample.mean(axis=-1), np.nan)
 
@@ -94,7 +94,7 @@ def test_a_limit_that_is_infinite_is_none():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("percentile", [False, True])
-def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_warning(
+def test_one_world_has_no_limits_and_raises_no_warning(
     percentile,
 ):
     assert bootstrap_interval(

@@ -82,7 +82,7 @@ def test_sharpest_turn_equals_the_reference(path, window):
     assert sharpest_turn(turning, lengths, window) == pytest.approx(expected)
 
 
-def test_clearance_is_measured_between_surfaces_and_to_the_side_edges():
+def test_clearance_is_between_surfaces_and_side_edges():
     grid = np.zeros((9, 9), bool)
     grid[4, 4] = True
     path = np.array([[4, 1], [1, 4], [7, 7], [0, 0]])
@@ -139,7 +139,7 @@ def test_repeats_in_place_are_dropped_and_returns_are_kept():
     assert without_repeats(path).tolist() == [[0, 0], [0, 1], [0, 0]]
 
 
-def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(
+def test_features_of_originals_are_finite_and_symmetric(
     originals,
 ):
     for original in originals[::7]:

@@ -171,7 +171,7 @@ def test_a_formula_gives_the_values_that_it_is_named_after(originals, formula, w
     assert len(ours) == 50
 
 
-def test_published_largest_characteristic_dimension_is_not_that_of_the_published_paths(
+def test_the_published_dimension_differs_from_its_paths(
     originals,
 ):
     """What docs/metrics.md says of Table II: the paper's maximum over cells is 20.00."""
@@ -184,7 +184,7 @@ def test_published_largest_characteristic_dimension_is_not_that_of_the_published
 
 @given(cspace=sparse_grids)
 @settings(max_examples=40, deadline=None)
-def test_maps_hold_the_values_of_the_cells_and_nothing_where_occupied(cspace):
+def test_maps_hold_cell_values_and_nothing_where_occupied(cspace):
     maps = metric_maps(cspace)
     free = np.argwhere(~cspace)
     values = cell_metrics(cspace, free)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from shared_fixtures import own_domain
+from shared_fixtures import private_domain
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
 
-__all__ = ["own_domain"]
+__all__ = ["private_domain"]
 ANGLES = np.linspace(-2.35619, 2.35619, 360)
 LIDAR_X_M = 0.055
 

@@ -54,7 +54,7 @@ def announced(monkeypatch):
     return announce
 
 
-def test_every_built_in_planner_can_be_made_with_each_of_its_presets():
+def test_every_planner_can_be_built_with_every_preset():
     assert {"dwa", "eband"} <= set(planner_names())
     for name in planner_names():
         for preset, config in presets(name).items():
@@ -132,7 +132,7 @@ def test_values_that_cannot_work_are_refused(message):
     assert message in str(caught.value)
 
 
-def test_a_registered_planner_is_found_and_names_are_not_taken_twice():
+def test_a_registered_planner_is_found_and_names_are_unique():
     register("stand", ENTRY)
     assert "stand" in planner_names() and isinstance(make_planner("stand"), Stand)
     for name in ("stand", "dwa"):
@@ -140,7 +140,7 @@ def test_a_registered_planner_is_found_and_names_are_not_taken_twice():
             register(name, ENTRY)
 
 
-def test_a_planner_of_another_package_is_found_by_its_entry_point(announced):
+def test_a_planner_is_found_by_its_entry_point(announced):
     announced("test_registry:ENTRY")
     assert "stand" in planner_names()
     assert make_planner(

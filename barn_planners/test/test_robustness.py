@@ -118,9 +118,7 @@ def started(name, preset=None, goal=GOAL, static_map=None):
 
 
 @pytest.mark.parametrize("name", planner_names())
-def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(
-    flat_world, name
-):
+def test_a_faulty_observation_stops_the_robot_with_a_reason(flat_world, name):
     world = flat_world(BOX)
     planner = started(name, goal=Pose2D(7.0, 0.0, 0.0))
     observed(world, planner, 30)

@@ -3,13 +3,13 @@ from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
-from shared_fixtures import own_domain
+from shared_fixtures import private_domain
 
 from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.worlds.world import World
 
-__all__ = ["own_domain"]
+__all__ = ["private_domain"]
 
 
 @pytest.fixture(scope="module")

@@ -118,9 +118,7 @@ def test_a_step_of_no_robot_changes_nothing(simulator):
 
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "scout_mini"])
-def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
-    walled_world, robot
-):
+def test_batched_robots_advance_as_each_alone(walled_world, robot):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
     count = 3 * LANES - 5
     rng = np.random.default_rng(0)

@@ -171,7 +171,7 @@ def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
         )
 
 
-def test_more_than_a_tick_of_the_fastest_robot_is_left_to_an_obstacle():
+def test_obstacles_are_left_more_than_a_fast_tick():
     assert contact_gap_m(SimulatorConfig()) == 0.03
     robot = load_robot("husky")
     fast = with_robot(

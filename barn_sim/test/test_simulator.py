@@ -224,9 +224,7 @@ def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> N
     assert not simulator.read_collision()
 
 
-def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(
-    empty_world, simulators
-) -> None:
+def test_a_nan_command_stops_the_robot_and_is_counted(empty_world, simulators) -> None:
     simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     for _ in range(20):
         simulator.step(Velocity2D(0.5, 0.0))

@@ -5,11 +5,11 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from hypothesis import settings
-from shared_fixtures import original_folder, own_domain
+from shared_fixtures import original_folder, private_domain
 
 from barn_worlds.worlds.world import World
 
-__all__ = ["original_folder", "own_domain"]
+__all__ = ["original_folder", "private_domain"]
 settings.register_profile("suite", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("suite")
 

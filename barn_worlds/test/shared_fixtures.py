@@ -9,19 +9,31 @@ import pytest
 from barn_worlds.base.garbage import reduce_garbage_collection
 from barn_worlds.ros.domain import reserve_domain
 
-__all__ = ["longest_first", "original_folder", "own_domain"]
+__all__ = ["longest_first", "original_folder", "private_domain"]
 reduce_garbage_collection()
 SAMPLE = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
 
 
 def longest_first(items: list[pytest.Item], longest: Sequence[str]) -> None:
-    """Put the files of tests that take longest first, so that no process waits for one of them at the end."""
-    names = [*longest, *(item.path.stem.removeprefix("test_") for item in items)]
-    items.sort(key=lambda item: names.index(item.path.stem.removeprefix("test_")))
+    """Put the slowest files of tests first, so that no process waits for one at the end.
+
+    Args:
+        items: Tests, which are sorted in place.
+        longest: Ends of paths of files, the slowest first.
+    """
+
+    def place(item: pytest.Item) -> int:
+        path = item.path.as_posix()
+        for number, ending in enumerate(longest):
+            if path.endswith(f"/{ending}"):
+                return number
+        return len(longest)
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="module")
-def own_domain() -> Iterator[int]:
+def private_domain() -> Iterator[int]:
     """A ROS domain for the tests of a module and the processes that they start, on this host only."""
     with reserve_domain({}) as number, pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(number))

@@ -1,4 +1,7 @@
-"""Count the tests in the result files under a build folder; exit 1 if any failed or a folder has none."""
+"""Count the tests in the result files under a build folder.
+
+Exit 1 if any failed or a folder has none.
+"""
 
 import sys
 from pathlib import Path

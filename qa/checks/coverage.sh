@@ -6,17 +6,17 @@ cd "$(dirname "$0")/../.."
 export COVERAGE_FILE="$PWD/build/coverage/data"
 rm -rf build/coverage
 mkdir -p build/coverage
-python -m coverage run -m pytest -q -n auto --dist loadfile --ignore-glob='*/test_*ros*'
-python -m coverage run -m pytest -q barn_worlds/test/test_ros_domain.py # a lock, which needs no ROS
+python -m coverage run -m pytest -q -n auto --dist loadfile --ignore-glob='*/test/ros/*'
+python -m coverage run -m pytest -q barn_worlds/test/ros/test_domain.py # a lock, which needs no ROS
 # These have passed above. As Python some take too long.
 kernels() {
     local package=$1
     shift
-    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q -n auto --timeout 120 "${@/#/$package/test/test_}" || true
+    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q -n auto --timeout 120 "${@/#/$package/test/}" || true
 }
-kernels barn_worlds cspace.py path_planner.py generate.py motion.py world.py format_gazebo.py
-kernels barn_sim wheels.py tires.py lidar.py particles.py obstacles.py movers.py sim_motion.py simulator.py
-kernels barn_planners costmap.py dwa_kernels.py eband_kernels.py mppi_kernels.py global_plan.py policy.py policy_file.py gap.py
-kernels barn_metrics metrics.py features.py
+kernels barn_worlds worlds datasets/test_generate.py moving formats/test_gazebo.py
+kernels barn_sim body contact sensors test_sim_motion.py test_simulator.py
+kernels barn_planners costmap dwa/test_kernels.py eband/test_kernels.py mppi/test_kernels.py global_plan policy gap
+kernels barn_metrics test_metrics.py test_features.py
 python -m coverage combine --quiet
 python qa/checks/coverage_report.py "$@"

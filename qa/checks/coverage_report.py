@@ -1,9 +1,12 @@
-"""Print the share of branches that tests reach, by package, and list what they do not; exit code 1 below the goal.
+"""Print the share of branches that tests reach, by package, and list the others.
+
+The exit code is 1 below the goal.
 
     python qa/checks/coverage_report.py --json
 
-Reads the data that `make coverage` has collected. Counted are branches alone: lines without a choice come on top.
-uncovered.yaml beside this file says of branches that no test can reach, or that none need reach, why that is so.
+Reads the data that `make coverage` has collected. Counted are branches alone: lines
+without a choice come on top. uncovered.yaml beside this file says of branches that no
+test can reach, or that none need reach, why that is so.
 """
 
 import json
@@ -29,7 +32,10 @@ REFUSAL = "refusals, in one line, that no test provokes"
 
 @dataclass
 class Reached:
-    """Branches of a package, those that tests reach, and the others by file, as (from line, to line; 0: the end)."""
+    """Branches of a package: how many there are and how many tests reach.
+
+    `missing` holds the others by file, as (from line, to line); line 0 is the end.
+    """
 
     branches: int = 0
     reached: int = 0
@@ -50,17 +56,21 @@ class Reached:
             ]
 
 
-def counted(content: dict[str, Any]) -> dict[str, Reached]:
-    """Return the branches by package, and of all, from what coverage.py tells as JSON."""
-    found: dict[str, Reached] = defaultdict(Reached)
-    for path, one in content["files"].items():
+def count_branches(content: dict[str, Any]) -> dict[str, Reached]:
+    """Return the branches by package, and of all, from the JSON of coverage.py."""
+    branches: dict[str, Reached] = defaultdict(Reached)
+    for path, file_report in content["files"].items():
         for name in (path.split("/")[0], "all"):
-            found[name].add(path, one)
-    return dict(sorted(found.items(), key=lambda item: (item[0] == "all", item[0])))
+            branches[name].add(path, file_report)
+    names = sorted(branches, key=lambda name: (name == "all", name))
+    return {name: branches[name] for name in names}
 
 
 def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
-    """Return why a branch to a line of a file is not reached, empty if nobody says; reasons: by pattern of paths."""
+    """Return why a branch to a line of a file is not reached, empty if nobody says.
+
+    `reasons`: by pattern of paths.
+    """
     if line.startswith("raise "):
         return REFUSAL
     return next(
@@ -68,7 +78,7 @@ def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
     )
 
 
-def by_reason(
+def group_by_reason(
     missing: Mapping[str, list[tuple[int, int]]], reasons: Mapping[str, str]
 ) -> dict[str, int]:
     """Return the number of branches not reached by reason, the most first."""
@@ -81,7 +91,7 @@ def by_reason(
     return dict(counts.most_common())
 
 
-def collected() -> dict[str, Any]:
+def collect() -> dict[str, Any]:
     """Return what coverage.py has collected; ClickException if there is nothing."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "coverage.json"
@@ -103,23 +113,27 @@ def collected() -> dict[str, Any]:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def main(goal: float, as_json: bool) -> None:
     """Report the branches that tests reach."""
-    found = counted(collected())
+    branches = count_branches(collect())
     reasons = yaml.safe_load(REASONS.read_text("utf-8"))
-    whys = by_reason(found["all"].missing, reasons)
+    whys = group_by_reason(branches["all"].missing, reasons)
     if as_json:
         content = {
-            name: asdict(one) | {"percent": one.percent} for name, one in found.items()
+            name: asdict(reached) | {"percent": reached.percent}
+            for name, reached in branches.items()
         }
         click.echo(json.dumps(content | {"reasons": whys}, indent=2))
     else:
-        shown = Table("", "branches", "reached", "%")
-        for name, one in found.items():
-            shown.add_row(
-                name, str(one.branches), str(one.reached), f"{one.percent:.1f}"
+        table = Table("", "branches", "reached", "%")
+        for name, reached in branches.items():
+            table.add_row(
+                name,
+                str(reached.branches),
+                str(reached.reached),
+                f"{reached.percent:.1f}",
             )
         console = Console()
-        console.print(shown)
-        for path, gaps in found["all"].missing.items():
+        console.print(table)
+        for path, gaps in branches["all"].missing.items():
             texts = (
                 f"{start} to {end}" if end else f"{start} to the end"
                 for start, end in gaps
@@ -137,7 +151,7 @@ def main(goal: float, as_json: bool) -> None:
                 highlight=False,
                 soft_wrap=True,
             )
-    sys.exit(int(found["all"].percent < goal))
+    sys.exit(int(branches["all"].percent < goal))
 
 
 if __name__ == "__main__":

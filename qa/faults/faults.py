@@ -1,9 +1,12 @@
-"""Do to the suite what a campaign may meet, with the real commands, and say what comes of it.
+"""Do to the suite what a campaign may meet and say what comes of it.
+
+All cases use the real commands.
 
     python qa/faults/faults.py --only 'campaign/*'
 
-Each case has a folder of its own, a time limit, and must leave no process behind. Exit code 1 if one failed. What was
-measured is kept in OUT/faults.json, from which `--write docs/reliability.md` renews the table; other rows stay.
+Each case has a folder of its own, a time limit, and must leave no process behind. Exit
+code 1 if one failed. What was measured is kept in OUT/faults.json, from which `--write
+docs/reliability.md` renews the table; other rows stay.
 """
 
 import fnmatch
@@ -43,7 +46,10 @@ _MEASURED = 160  # characters of the table
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a case went: passed, failed or skipped, what was measured or went wrong, and how long it took."""
+    """How a case went.
+
+    Passed, failed or skipped, what was measured or went wrong, and how long it took.
+    """
 
     case: str
     status: str
@@ -51,8 +57,11 @@ class Outcome:
     duration_s: float
 
 
-def tried(case: Case, kept: Path, labs: list[Lab]) -> Outcome:
-    """Try a case in a folder of its own, which is kept where it failed; labs: gets the place."""
+def try_case(case: Case, failed_folder: Path, labs: list[Lab]) -> Outcome:
+    """Try a case in a folder of its own, which is kept where it failed.
+
+    `labs`: gets the place.
+    """
     folder = Path(tempfile.mkdtemp(prefix="barn-fault-"))
     lab = Lab(folder, case.limit_s)
     labs.append(lab)
@@ -74,7 +83,7 @@ def tried(case: Case, kept: Path, labs: list[Lab]) -> Outcome:
     lab.end_all()
     labs.remove(lab)
     if status == FAILED:
-        place = kept / case.key.replace("/", "-")
+        place = failed_folder / case.key.replace("/", "-")
         shutil.rmtree(place, ignore_errors=True)
         with suppress(OSError, shutil.Error):
             shutil.copytree(
@@ -85,17 +94,17 @@ def tried(case: Case, kept: Path, labs: list[Lab]) -> Outcome:
     return Outcome(case.key, status, text, round(duration_s, 1))
 
 
-def chosen(patterns: Sequence[str]) -> list[Case]:
+def select_cases(patterns: Sequence[str]) -> list[Case]:
     """Return the cases that match one of the patterns, all without any."""
-    found = [
+    cases = [
         case
         for key, case in CASES.items()
         if not patterns or any(fnmatch.fnmatch(key, p) for p in patterns)
     ]
-    return sorted(found, key=lambda case: list(FAMILIES).index(case.family))
+    return sorted(cases, key=lambda case: list(FAMILIES).index(case.family))
 
 
-def known(path: Path) -> dict[str, Outcome]:
+def read_outcomes(path: Path) -> dict[str, Outcome]:
     """Return what was measured earlier."""
     if not path.exists():
         return {}
@@ -111,17 +120,17 @@ def table(rows: Mapping[str, str]) -> Iterator[str]:
         yield from (rows[key] for key, case in CASES.items() if case.family == family)
 
 
-def row(case: Case, found: Outcome) -> str:
+def row(case: Case, outcome: Outcome) -> str:
     """Return the line of a case in the table."""
     measured = (
-        found.measured
-        if len(found.measured) <= _MEASURED
-        else found.measured[:_MEASURED] + " ..."
+        outcome.measured
+        if len(outcome.measured) <= _MEASURED
+        else outcome.measured[:_MEASURED] + " ..."
     )
-    word = "" if found.status == PASSED else f"**{found.status}** "
-    seconds = f"{found.duration_s:.0f}" if found.status != UNTRIED else ""
-    said = _cell(measured).replace("[", "\\[")  # no link
-    return f"{_beginning(case)}{word}{said} | {seconds} |"
+    word = "" if outcome.status == PASSED else f"**{outcome.status}** "
+    seconds = f"{outcome.duration_s:.0f}" if outcome.status != UNTRIED else ""
+    text = _cell(measured).replace("[", "\\[")  # no link
+    return f"{_beginning(case)}{word}{text} | {seconds} |"
 
 
 def _beginning(case: Case) -> str:
@@ -129,18 +138,21 @@ def _beginning(case: Case) -> str:
 
 
 def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
-    """Return the line of each case: as measured now, else that of the page if the case is still the same."""
-    there = page.splitlines()
-    found = {}
+    """Return the line of each case.
+
+    As measured now, else that of the page if the case is still the same.
+    """
+    page_lines = page.splitlines()
+    lines = {}
     for key, case in CASES.items():
-        kept = [line for line in there if line.startswith(_beginning(case))]
+        old_lines = [line for line in page_lines if line.startswith(_beginning(case))]
         untried = Outcome(key, UNTRIED, "", 0.0)
-        found[key] = (
-            kept[0]
-            if kept and key not in outcomes
+        lines[key] = (
+            old_lines[0]
+            if old_lines and key not in outcomes
             else row(case, outcomes.get(key, untried))
         )
-    return found
+    return lines
 
 
 def _cell(text: str) -> str:
@@ -153,6 +165,17 @@ def _cell(text: str) -> str:
     )
 
 
+def _status(cell: str) -> str:
+    """Return the status that the cell of a case states.
+
+    It is left out where it passed.
+    """
+    for status in (FAILED, SKIPPED, UNTRIED):
+        if f"**{status}**" in cell:
+            return status
+    return PASSED
+
+
 def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
     """Replace the table of a page; ClickException where it has no place for it."""
     text = page.read_text("utf-8")
@@ -162,19 +185,14 @@ def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
         raise click.ClickException(f"{page}: must have the lines {BEGIN} and {END}")
     rows = _rows(text, outcomes)
     cells = [line.rsplit(" | ", 2)[1:] for line in rows.values()]
-    words = Counter(
-        next(
-            (one for one in (FAILED, SKIPPED, UNTRIED) if f"**{one}**" in cell), PASSED
-        )
-        for cell, _ in cells
+    words = Counter(_status(cell) for cell, _ in cells)
+    durations_s = [float(seconds.strip("| ") or 0.0) for _, seconds in cells]
+    took_min = sum(durations_s) / 60.0
+    statuses = [word for word in (PASSED, FAILED, SKIPPED, UNTRIED) if words[word]]
+    counts = ", ".join(f"{words[word]} {word}" for word in statuses)
+    head = (
+        f"{len(CASES)} cases: {counts}. Their times sum up to {took_min:.0f} minutes."
     )
-    took_min = sum(float(seconds.strip("| ") or 0.0) for _, seconds in cells) / 60.0
-    told = ", ".join(
-        f"{words[word]} {word}"
-        for word in (PASSED, FAILED, SKIPPED, UNTRIED)
-        if words[word]
-    )
-    head = f"{len(CASES)} cases: {told}. Their times sum up to {took_min:.0f} minutes."
     page.write_text(
         f"{before}{begin}\n{head}\n" + "\n".join(table(rows)) + f"\n\n{end}{after}",
         "utf-8",
@@ -222,42 +240,40 @@ def main(
     page: Path | None,
 ) -> None:
     """Try fault cases; exit code 1 if one failed."""
-    cases = chosen(only)
+    cases = select_cases(only)
     if not cases:
         raise click.ClickException(f"no case matches {', '.join(only)}")
     if listed:
-        click.echo(
-            json.dumps(
-                [
-                    {"case": one.key, "done": one.done, "must": one.must}
-                    for one in cases
-                ],
-                indent=1,
-            )
-            if as_json
-            else "\n".join(f"{one.key}: {one.done}" for one in cases)
-        )
+        if as_json:
+            entries = [
+                {"case": case.key, "done": case.done, "must": case.must}
+                for case in cases
+            ]
+            click.echo(json.dumps(entries, indent=1))
+        else:
+            click.echo("\n".join(f"{case.key}: {case.done}" for case in cases))
         return
     out.mkdir(parents=True, exist_ok=True)
-    outcomes = known(out / "faults.json")
+    outcomes = read_outcomes(out / "faults.json")
     if resume:
         cases = [
-            one
-            for one in cases
-            if one.key not in outcomes or outcomes[one.key].status != PASSED
+            case
+            for case in cases
+            if case.key not in outcomes or outcomes[case.key].status != PASSED
         ]
     fresh = []
     for outcome in _all_tried(cases, jobs, out):
         fresh.append(outcome)
         outcomes[outcome.case] = outcome
         (out / "faults.json").write_text(
-            json.dumps([asdict(one) for one in outcomes.values()], indent=1)
+            json.dumps([asdict(case) for case in outcomes.values()], indent=1)
         )
     if as_json:
-        click.echo(json.dumps([asdict(one) for one in fresh], indent=1))
+        click.echo(json.dumps([asdict(case) for case in fresh], indent=1))
     if page is not None:
         write(page, outcomes)
-    sys.exit(int(any(one.status == FAILED for one in fresh)))
+    has_failed = any(case.status == FAILED for case in fresh)
+    sys.exit(int(has_failed))
 
 
 def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]:
@@ -277,7 +293,7 @@ def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]
     ):
         bar = progress.add_task("fault cases", total=len(cases))
         labs: list[Lab] = []
-        waited_for = [pool.submit(tried, case, out, labs) for case in cases]
+        waited_for = [pool.submit(try_case, case, out, labs) for case in cases]
         try:
             for future in as_completed(waited_for):
                 outcome = future.result()

@@ -1,13 +1,17 @@
-"""Kill processes of small campaigns at random moments, resume, and compare the tables with undisturbed ones.
+"""Kill processes of small campaigns at random moments and resume the campaigns.
+
+The tables are compared with undisturbed ones.
 
     python qa/faults/kill_points.py --points 100 --seed 1 --json
 
-Each point starts a campaign of four trials with two workers, every second one over ROS, and kills (SIGKILL) one process
-of it: campaign, worker, and over ROS also a guard, simulator, planner or evaluator. The same command is then repeated
-until it returns 0. After each session no process may be left. In the end `barn check` must find nothing wrong, and
-tables, tracks and, in mode direct, bags must be those of the undisturbed campaign to the last byte. One difference is
-allowed: a planner that dies has failed, whoever killed it, so a trial may say that its planner was killed by SIGKILL.
-Moment and role are drawn from the seed; what the process was doing by then is not the same twice.
+Each point starts a campaign of four trials with two workers, every second one over ROS,
+and kills (SIGKILL) one process of it: campaign, worker, and over ROS also a guard,
+simulator, planner or evaluator. The same command is then repeated until it returns 0.
+After each session no process may be left. In the end `barn check` must find nothing
+wrong, and tables, tracks and, in mode direct, bags must be those of the undisturbed
+campaign to the last byte. One difference is allowed: a planner that dies has failed,
+whoever killed it, so a trial may say that its planner was killed by SIGKILL. Moment and
+role are drawn from the seed; what the process was doing by then is not the same twice.
 """
 
 import json
@@ -24,7 +28,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
-from processes import NEAR, Seen, ended, environment, marked
+from processes import NEAR, Seen, environment, list_marked, wait_for_end
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -38,7 +42,8 @@ ROLES = {
     "direct": ("campaign", "worker"),
     "ros": ("campaign", "worker", "guard", "simulator", "planner", "evaluator"),
 }
-# What is waited for in wall-clock time is waited for longer than usual: a busy machine is not what is looked at.
+# What is waited for in wall-clock time is waited for longer than usual: a busy machine
+# is not what is looked at.
 PATIENT = ("simulator", "gate", "service", "command", "clock", "vanished")
 PATIENCE_S = 300
 SESSIONS = 5  # most, until a campaign must be complete
@@ -51,8 +56,9 @@ _SOONEST_S = 0.1
 class Point:
     """A kill and what came of it.
 
-    at_s: from the start of the campaign. sessions: until it was complete, the one that was disturbed included. equal:
-    to the last byte, or but for a trial whose planner was killed (planner_died). problems: all that must not be.
+    at_s: from the start of the campaign. sessions: until it was complete, the one that
+    was disturbed included. equal: to the last byte, or but for a trial whose planner
+    was killed (planner_died). problems: all that must not be.
     """
 
     mode: str
@@ -72,15 +78,20 @@ class Session:
         self._mark = folder.name
         protocol = folder.parent / "near.yaml"
         protocol.write_text(NEAR)
-        chosen = {
+        options_by_key = {
             "worlds": "0,100,200,299",
             "planners": "gap",
             "protocol": protocol,
             "mode": mode,
             "seed": 5,
         }
-        chosen |= {"workers": 2, "bags": "all", "repetitions": 1, "out": folder / "out"}
-        options = [f"--{key}={value}" for key, value in chosen.items()]
+        options_by_key |= {
+            "workers": 2,
+            "bags": "all",
+            "repetitions": 1,
+            "out": folder / "out",
+        }
+        options = [f"--{key}={value}" for key, value in options_by_key.items()]
         if mode == "ros":
             options += [f"--ros=patience.{name}_s={PATIENCE_S}" for name in PATIENT]
         with (folder / "printed.txt").open("a") as printed:
@@ -92,22 +103,27 @@ class Session:
             )
 
     def kill(self, role: str, at_s: float) -> bool:
-        """Kill a process of a role that lives at a moment, or the first one after it; False if there was none."""
+        """Kill a process of a role that lives at a moment, or the first one after it.
+
+        False if there was none.
+        """
         time.sleep(at_s)
         while self.process.poll() is None:
-            for one in marked(self._mark):
-                if one.role == role and self._killed(one):
+            for process in list_marked(self._mark):
+                if process.role == role and self._kill_process(process):
                     return True
             time.sleep(0.05)
         return False
 
-    def _killed(self, one: Seen) -> bool:
+    def _kill_process(self, process: Seen) -> bool:
         try:
-            handle = os.pidfd_open(one.pid)
+            handle = os.pidfd_open(process.pid)
         except ProcessLookupError:
             return False
         try:
-            if one not in marked(self._mark):  # the number was another's by then
+            if process not in list_marked(
+                self._mark
+            ):  # the number was another's by then
                 return False
             signal.pidfd_send_signal(handle, signal.SIGKILL)
         finally:
@@ -122,26 +138,29 @@ class Session:
         except subprocess.TimeoutExpired:
             self.process.kill()
             problems.append(f"no end within {SESSION_S:g} s")
-        for one in ended(self._mark, LEFT_S):
-            problems.append(f"{one.role} is left {LEFT_S:g} s after the end")
-            os.kill(one.pid, signal.SIGKILL)
+        for process in wait_for_end(self._mark, LEFT_S):
+            problems.append(f"{process.role} is left {LEFT_S:g} s after the end")
+            os.kill(process.pid, signal.SIGKILL)
         return self.process.wait(), problems
 
 
-def undisturbed(folder: Path, mode: str) -> float:
-    """Run a campaign to its end and return how long it took; ClickException if it fails."""
+def run_undisturbed(folder: Path, mode: str) -> float:
+    """Run a campaign to its end and return how long it took.
+
+    Raises:
+        ClickException: If it fails.
+    """
     folder.mkdir()
     began = time.monotonic()
     code, problems = Session(folder, mode).end()
     if code or problems:
-        raise click.ClickException(
-            f"undisturbed: {code} {problems} {(folder / 'printed.txt').read_text()[-2000:]}"
-        )
+        printed = (folder / "printed.txt").read_text()[-2000:]
+        raise click.ClickException(f"undisturbed: {code} {problems} {printed}")
     return time.monotonic() - began
 
 
-def disturbed(point: Point, folder: Path, model: Path) -> Point:
-    """Run a campaign with a kill, resume it until it is complete and compare it with the undisturbed one."""
+def try_point(point: Point, folder: Path, model: Path) -> Point:
+    """Run a campaign with a kill, resume it and compare it with the undisturbed one."""
     folder.mkdir()
     began = time.monotonic()
     session = Session(folder, point.mode)
@@ -153,7 +172,7 @@ def disturbed(point: Point, folder: Path, model: Path) -> Point:
         not hit and code == 0 and not problems
     ):  # it was over sooner than the undisturbed one
         return replace(
-            disturbed(
+            try_point(
                 replace(point, at_s=point.at_s / 2),
                 folder.with_name(f"{folder.name}s"),
                 model,
@@ -169,33 +188,44 @@ def disturbed(point: Point, folder: Path, model: Path) -> Point:
     if code or problems:
         printed = (folder / "printed.txt").read_text()[-1000:]
         return replace(point, problems=(*problems, f"exit code {code}: {printed}"))
-    return compared(point, folder / "out", model / "out")
+    return compare_folders(point, folder / "out", model / "out")
 
 
-def compared(point: Point, out: Path, model: Path) -> Point:
+def compare_folders(point: Point, out: Path, model: Path) -> Point:
     """Return the point with what is the matter with a complete campaign."""
     try:
         problems = check_folder(out).problems
         died = [
-            one.trial_id
-            for one in RowFile(out).read()
-            if one.detail == "the planner was killed by SIGKILL"
+            result.trial_id
+            for result in RowFile(out).read()
+            if result.detail == "the planner was killed by SIGKILL"
         ]
     except BarnError as error:
         return replace(point, problems=(str(error),))
+    if not died and commands(out) != commands(model):
+        problems.append("commands.jsonl is not that of the undisturbed campaign")
     names = [*FILES, *bags(model)] if point.mode == "direct" else FILES
     unequal = [name for name in names if not same(out / name, model / name)]
     if point.role == "planner" and len(died) == 1 and set(unequal) == set(FILES):
-        others = [without(one / "results.csv", died[0]) for one in (out, model)]
-        unequal = [] if others[0] == others[1] else ["results.csv"]
+        tables = [without(folder / "results.csv", died[0]) for folder in (out, model)]
+        unequal = [] if tables[0] == tables[1] else ["results.csv"]
         point = replace(point, planner_died=died[0])
     problems += [f"{name} is not that of the undisturbed campaign" for name in unequal]
     return replace(point, equal=not unequal, problems=tuple(problems))
 
 
-def same(one: Path, other: Path) -> bool:
+def same(path: Path, other: Path) -> bool:
     """Tell whether two files are there and hold the same."""
-    return one.is_file() and other.is_file() and one.read_bytes() == other.read_bytes()
+    return (
+        path.is_file() and other.is_file() and path.read_bytes() == other.read_bytes()
+    )
+
+
+def commands(out: Path) -> dict[str, str]:
+    """Return the last commands of each trial of a campaign, in the order of names."""
+    lines = (out / "commands.jsonl").read_text("utf-8").splitlines()
+    last = {json.loads(line)["trial_id"]: line for line in lines}
+    return dict(sorted(last.items()))
 
 
 def bags(out: Path) -> list[str]:
@@ -216,18 +246,18 @@ def without(table: Path, trial_id: str) -> list[str]:
     ]
 
 
-def drawn(
+def draw_points(
     points: int, seed: int, modes: Sequence[str], durations_s: dict[str, float]
 ) -> list[Point]:
     """Return that many points, the modes in turn."""
     draw = random.Random(seed)
-    found = []
+    kill_points = []
     for number in range(points):
         mode = modes[number % len(modes)]
         role = draw.choice(ROLES[mode])
         at_s = draw.uniform(0.0, durations_s[mode])
-        found.append(Point(mode, role, round(at_s, 3)))
-    return found
+        kill_points.append(Point(mode, role, round(at_s, 3)))
+    return kill_points
 
 
 @click.command()
@@ -260,28 +290,26 @@ def main(
         root = Path(name)
         task = progress.add_task("points", total=points)
         durations_s = {
-            mode: undisturbed(root / f"{root.name}_{mode}", mode)
+            mode: run_undisturbed(root / f"{root.name}_{mode}", mode)
             for mode in modes[:points]
         }
-        for number, point in enumerate(drawn(points, seed, modes, durations_s)):
+        for number, point in enumerate(draw_points(points, seed, modes, durations_s)):
             folder = root / f"{root.name}_{number}"
-            done.append(disturbed(point, folder, root / f"{root.name}_{point.mode}"))
+            done.append(try_point(point, folder, root / f"{root.name}_{point.mode}"))
             progress.advance(task)
             if log:
                 with log.open("a") as file:
-                    file.write(json.dumps(asdict(done[-1])) + "\n")
+                    line = json.dumps(asdict(done[-1]))
+                    file.write(line + "\n")
             for problem in done[-1].problems:
                 progress.console.print(
                     f"{point.mode} {point.role} at {point.at_s} s: {problem}",
                     markup=False,
                 )
-    good = all(one.equal and not one.problems for one in done)
+    good = all(result.equal and not result.problems for result in done)
     if as_json:
-        click.echo(
-            json.dumps(
-                {"good": good, "points": [asdict(one) for one in done]}, indent=2
-            )
-        )
+        points_as_json = [asdict(result) for result in done]
+        click.echo(json.dumps({"good": good, "points": points_as_json}, indent=2))
     else:
         console.print(table(done))
     sys.exit(int(not good))
@@ -289,7 +317,7 @@ def main(
 
 def table(points: Sequence[Point]) -> Table:
     """Return points by mode and role for a terminal."""
-    shown = Table(
+    printed = Table(
         "mode",
         "role killed",
         "points",
@@ -298,16 +326,17 @@ def table(points: Sequence[Point]) -> Table:
         "most sessions",
         "longest [s]",
     )
-    for (mode, role), number in sorted(
-        Counter((one.mode, one.role) for one in points).items()
-    ):
-        own = [one for one in points if (one.mode, one.role) == (mode, role)]
-        died = sum(bool(one.planner_died) for one in own)
-        sessions = max(one.sessions for one in own)
-        longest_s = max(one.seconds for one in own)
-        equal = sum(one.equal for one in own)
-        shown.add_row(mode, role, *map(str, (number, equal, died, sessions, longest_s)))
-    return shown
+    numbers = Counter((point.mode, point.role) for point in points)
+    for (mode, role), number in sorted(numbers.items()):
+        group = [point for point in points if (point.mode, point.role) == (mode, role)]
+        died = sum(bool(point.planner_died) for point in group)
+        sessions = max(point.sessions for point in group)
+        longest_s = max(point.seconds for point in group)
+        equal = sum(point.equal for point in group)
+        printed.add_row(
+            mode, role, *map(str, (number, equal, died, sessions, longest_s))
+        )
+    return printed
 
 
 if __name__ == "__main__":

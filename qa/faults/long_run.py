@@ -1,11 +1,15 @@
-"""Run thousands of trials in one session and tell whether memory, handles, threads and files stay flat.
+"""Run thousands of trials in one session and check that resources stay flat.
+
+These are memory, handles, threads and files.
 
     python qa/faults/long_run.py --direct 5000 --ros 500 --json
 
-One worker drives to a goal 2 m ahead, which takes about 2 s simulated; over ROS each trial is recorded as well, and the
-bags of successes are removed again. What the processes use is sampled by finished trials. A quantity is flat if from
-the first tenth of the run to its end it grows by less than is allowed below, with 97.5 % confidence. The uncertainty is
-that of a line through the means of 20 blocks of samples; neighbouring samples are not independent, blocks nearly are.
+One worker drives to a goal 2 m ahead, which takes about 2 s simulated; over ROS each
+trial is recorded as well, and the bags of successes are removed again. What the
+processes use is sampled by finished trials. A quantity is flat if from the first tenth
+of the run to its end it grows by less than is allowed below, with 97.5 % confidence.
+The uncertainty is that of a line through the means of 20 blocks of samples;
+neighbouring samples are not independent, blocks nearly are.
 """
 
 import json
@@ -26,11 +30,11 @@ from processes import (
     ROLES,
     SHARED_MEMORY,
     Usage,
-    ended,
     environment,
-    mapped,
-    marked,
+    list_marked,
+    list_segments,
     usage,
+    wait_for_end,
 )
 from rich.console import Console
 from rich.progress import Progress
@@ -48,7 +52,10 @@ _END_S = 60.0  # that processes have to end after their campaign has
 
 @dataclass(frozen=True)
 class Growth:
-    """How a quantity changes per 1000 trials, with the half-width of its 95 % interval; `flat` as above."""
+    """How a quantity changes per 1000 trials, with the half-width of its 95 % interval.
+
+    `flat` as above.
+    """
 
     quantity: str
     mean: float
@@ -62,7 +69,11 @@ Sample = dict[str, float]
 
 
 def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growth:
-    """Return the growth of a quantity over a run; ValueError with fewer samples than blocks."""
+    """Return the growth of a quantity over a run.
+
+    Raises:
+        ValueError: With fewer samples than blocks.
+    """
     x = np.asarray(trials, float)
     y = np.asarray(values, float)
     settled = x >= SETTLED * x[-1]
@@ -70,10 +81,11 @@ def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growt
     if len(x) < BLOCKS:
         raise ValueError(f"{len(x)} samples, at least {BLOCKS} are needed")
     means = np.array(
-        [[part.mean() for part in np.array_split(one, BLOCKS)] for one in (x, y)]
+        [[part.mean() for part in np.array_split(axis, BLOCKS)] for axis in (x, y)]
     )
     fit = linregress(*means)
-    half = float(t.ppf(0.975, BLOCKS - 2)) * fit.stderr if np.ptp(means[1]) else 0.0
+    quantile = float(t.ppf(0.975, BLOCKS - 2))
+    half = quantile * fit.stderr if np.ptp(means[1]) else 0.0
     allowed = ALLOWED_SHARE * y.mean() if name.endswith("_mb") else ALLOWED_COUNT
     flat = (fit.slope + half) * (x[-1] - x[0]) <= allowed
     return Growth(
@@ -86,13 +98,13 @@ def campaign(mode: str, trials: int, folder: Path) -> list[str]:
     protocol = folder / "near.yaml"
     protocol.write_text(NEAR)
     worlds = -(-trials // 99) if trials > 99 * WORLDS else WORLDS
-    chosen = {
+    options = {
         "worlds": f"0-{worlds - 1}",
         "repetitions": -(-trials // worlds),
         "planners": "gap",
         "mode": mode,
     }
-    chosen |= {
+    options |= {
         "protocol": protocol,
         "workers": 1,
         "bags": "failed" if mode == "ros" else "none",
@@ -103,16 +115,17 @@ def campaign(mode: str, trials: int, folder: Path) -> list[str]:
         "-m",
         "barn_eval",
         "campaign",
-        *(f"--{key}={value}" for key, value in chosen.items()),
+        *(f"--{key}={value}" for key, value in options.items()),
     ]
 
 
 def run(
     mode: str, trials: int, limit_s: float, progress: Progress
 ) -> tuple[list[Sample], dict[str, int], int]:
-    """Return samples of a campaign, its outcomes, and the number of processes that it left behind.
+    """Return samples of a campaign, its outcomes and how many processes it left behind.
 
-    It is stopped after the limit. Raises ClickException, with what it printed last, if it fails.
+    It is stopped after the limit. Raises ClickException, with what it printed last, if
+    it fails.
     """
     with tempfile.TemporaryDirectory(prefix="barn_long_run_") as name:
         folder = Path(name)
@@ -147,37 +160,41 @@ def run(
         outcomes = Counter(
             json.loads(line)["outcome"] for line in rows.read_text().splitlines()
         )
-        return samples, dict(outcomes), len(ended(mark, _END_S))
+        return samples, dict(outcomes), len(wait_for_end(mark, _END_S))
 
 
 def sample(done: int, mark: str, segments: set[str], temporary: Path) -> Sample:
     """Return what the processes with a mark use, in all and by role."""
-    processes = marked(mark)
-    used = [(one.role, usage(one)) for one in processes]
-    found: Sample = {"trials": done, "processes": len(used)}
+    processes = list_marked(mark)
+    used = [(process.role, usage(process)) for process in processes]
+    quantities: Sample = {"trials": done, "processes": len(used)}
     for role in ("all", *ROLES):
-        own = [what for who, what in used if role in ("all", who)] or [Usage()]
-        found[f"{role}.anonymous_mb"] = sum(one.anonymous_bytes for one in own) / 1e6
-        found[f"{role}.rss_mb"] = sum(one.rss_bytes for one in own) / 1e6
-        found[f"{role}.handles"] = sum(one.handles for one in own)
-        found[f"{role}.threads"] = sum(one.threads for one in own)
-    segments |= mapped(processes)
-    found["shared_memory"] = sum((SHARED_MEMORY / name).exists() for name in segments)
-    found["temporary_files"] = sum(1 for _ in temporary.rglob("*"))
-    return found
-
-
-def table(mode: str, found: Sequence[Growth]) -> Table:
-    """Return growths for a terminal."""
-    shown = Table("", "mean", "growth per 1000 trials", "", title=f"mode {mode}")
-    for one in found:
-        shown.add_row(
-            one.quantity,
-            f"{one.mean:.1f}",
-            f"{one.per_1000:+.2f} ± {one.uncertainty:.2f}",
-            "flat" if one.flat else "NOT FLAT",
+        usages = [what for who, what in used if role in ("all", who)] or [Usage()]
+        quantities[f"{role}.anonymous_mb"] = (
+            sum(entry.anonymous_bytes for entry in usages) / 1e6
         )
-    return shown
+        quantities[f"{role}.rss_mb"] = sum(entry.rss_bytes for entry in usages) / 1e6
+        quantities[f"{role}.handles"] = sum(entry.handles for entry in usages)
+        quantities[f"{role}.threads"] = sum(entry.threads for entry in usages)
+    segments |= list_segments(processes)
+    quantities["shared_memory"] = sum(
+        (SHARED_MEMORY / name).exists() for name in segments
+    )
+    quantities["temporary_files"] = sum(1 for _ in temporary.rglob("*"))
+    return quantities
+
+
+def table(mode: str, growths: Sequence[Growth]) -> Table:
+    """Return growths for a terminal."""
+    printed = Table("", "mean", "growth per 1000 trials", "", title=f"mode {mode}")
+    for growth in growths:
+        printed.add_row(
+            growth.quantity,
+            f"{growth.mean:.1f}",
+            f"{growth.per_1000:+.2f} ± {growth.uncertainty:.2f}",
+            "flat" if growth.flat else "NOT FLAT",
+        )
+    return printed
 
 
 @click.command()
@@ -214,27 +231,29 @@ def main(
         if samples:
             samples.mkdir(parents=True, exist_ok=True)
             (samples / f"{mode}.json").write_text(json.dumps(taken))
-        done = [one["trials"] for one in taken]
+        done = [sample["trials"] for sample in taken]
         names = [
             name
             for name in taken[0]
-            if name != "trials" and any(one[name] for one in taken)
+            if name != "trials" and any(sample[name] for sample in taken)
         ]
         names += [
             name for name in ("shared_memory", "temporary_files") if name not in names
         ]
-        found = [growth(name, done, [one[name] for one in taken]) for name in names]
-        good &= not left and all(one.flat for one in found)
+        growths = [
+            growth(name, done, [sample[name] for sample in taken]) for name in names
+        ]
+        good &= not left and all(entry.flat for entry in growths)
         took_min = (time.monotonic() - began) / 60
         report[mode] = {
             "outcomes": outcomes,
             "minutes": round(took_min, 1),
             "left_behind": left,
-            "growth": [asdict(one) for one in found],
+            "growth": [asdict(entry) for entry in growths],
         }
         if not as_json:
             console.print(
-                table(mode, found),
+                table(mode, growths),
                 f"{outcomes} in {took_min:.1f} min, {left} processes left behind",
             )
     if as_json:

@@ -1,4 +1,7 @@
-"""The processes of a campaign as Linux shows them under /proc, found by a variable that all of them inherit."""
+"""The processes of a campaign as Linux shows them under /proc.
+
+They are recognized by a variable that all of them inherit.
+"""
 
 import os
 import re
@@ -9,7 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MARK = "BARN_TOOL_SESSION"  # variable of the environment
-NEAR = "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\nlimit_s: 10.0\n"  # a protocol of short trials
+# a protocol of short trials
+NEAR = (
+    "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\nlimit_s: 10.0\n"
+)
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  # nosec B108
 ROLES = ("campaign", "worker", "guard", "simulator", "planner", "evaluator")
 _NODES = {
@@ -21,7 +27,10 @@ _NODES = {
 
 @dataclass(frozen=True)
 class Seen:
-    """A process: number, time of its start in ticks (which tells it from a later one of that number), and role."""
+    """A process: its number, the time of its start and its role.
+
+    The time in ticks tells it from a later process with the same number.
+    """
 
     pid: int
     start: int
@@ -30,7 +39,11 @@ class Seen:
 
 @dataclass(frozen=True)
 class Usage:
-    """What a process uses: memory as resident, and that of it which is of no file, in bytes; open handles; threads."""
+    """What a process uses.
+
+    Memory as resident, and that of it which is of no file, in bytes; open handles;
+    threads.
+    """
 
     rss_bytes: int = 0
     anonymous_bytes: int = 0
@@ -38,46 +51,50 @@ class Usage:
     threads: int = 0
 
 
-def marked(mark: str) -> list[Seen]:
-    """Return the living processes with that mark in their environment, in the order of their numbers."""
-    wanted = f"{MARK}={mark}".encode()
-    found = []
+def list_marked(mark: str) -> list[Seen]:
+    """Return the living processes with that mark, in the order of their numbers."""
+    entry = f"{MARK}={mark}".encode()
+    processes = []
     for folder in Path("/proc").iterdir():
         if not folder.name.isdigit():
             continue
         with suppress(OSError, IndexError):
-            if wanted in (folder / "environ").read_bytes().split(b"\0"):
-                fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+            if entry in (folder / "environ").read_bytes().split(b"\0"):
+                stat = (folder / "stat").read_text()
+                fields = stat.rsplit(")", 1)[1].split()
                 if fields[0] not in "ZX":
-                    found.append(
+                    processes.append(
                         Seen(
                             int(folder.name), int(fields[19]), role(_arguments(folder))
                         )
                     )
-    return sorted(found, key=lambda one: one.pid)
+    return sorted(processes, key=lambda process: process.pid)
 
 
 def role(arguments: Sequence[str]) -> str:
-    """Return what a process of ours is for, by its command line; "other" where that is none of the known ones."""
+    """Return what a process of ours is for, by its command line.
+
+    "other" where that is none of the known ones.
+    """
     scripts = [argument.rsplit("/", 1)[-1] for argument in arguments[1:4]]
     if "launcher.py" in scripts:
         return "guard"
     if "barn_eval.running.worker" in scripts:
         return "worker"
     if "start.py" in scripts:
-        return next(
-            (
-                name
-                for part, name in _NODES.items()
-                if any(part in one for one in arguments)
-            ),
-            "other",
-        )
+        for part, name in _NODES.items():
+            if any(part in argument for argument in arguments):
+                return name
+        return "other"
     return "campaign" if "barn_eval" in arguments else "other"
 
 
 def usage(process: Seen) -> Usage:
-    """Return what a process uses, nothing if it has ended; OSError where that cannot be told."""
+    """Return what a process uses, nothing if it has ended.
+
+    Raises:
+        OSError: Where that cannot be told.
+    """
     folder = Path("/proc") / str(process.pid)
     try:
         memory = (folder / "smaps_rollup").read_text()
@@ -93,29 +110,29 @@ def usage(process: Seen) -> Usage:
     )
 
 
-def ended(mark: str, limit_s: float) -> list[Seen]:
-    """Wait for all processes with a mark to end, and return those that have not within the limit."""
+def wait_for_end(mark: str, limit_s: float) -> list[Seen]:
+    """Wait for all processes with a mark to end, and return those still alive.
+
+    They are alive after the limit.
+    """
     deadline = time.monotonic() + limit_s
-    while (left := marked(mark)) and time.monotonic() < deadline:
+    while (left := list_marked(mark)) and time.monotonic() < deadline:
         time.sleep(0.1)
     return left
 
 
-def mapped(processes: Sequence[Seen]) -> set[str]:
+def list_segments(processes: Sequence[Seen]) -> set[str]:
     """Return the names of the entries of shared memory that processes have mapped."""
     names: set[str] = set()
-    for one in processes:
+    for process in processes:
         with suppress(OSError):
-            names.update(
-                re.findall(
-                    rf"{SHARED_MEMORY}/(\S+)", Path(f"/proc/{one.pid}/maps").read_text()
-                )
-            )
+            maps = Path(f"/proc/{process.pid}/maps").read_text()
+            names.update(re.findall(rf"{SHARED_MEMORY}/(\S+)", maps))
     return names
 
 
 def environment(mark: str, temporary: Path) -> dict[str, str]:
-    """Return the environment of a campaign whose processes are to be found by that mark."""
+    """Return the environment of a campaign whose processes carry that mark."""
     temporary.mkdir(parents=True, exist_ok=True)
     return os.environ | {MARK: mark, "TMPDIR": str(temporary)}
 
@@ -125,5 +142,5 @@ def _arguments(folder: Path) -> list[str]:
 
 
 def _number(text: str, name: str) -> int:
-    found = re.search(rf"^{name}:\s+(\d+)", text, re.MULTILINE)
-    return int(found.group(1)) if found else 0
+    match = re.search(rf"^{name}:\s+(\d+)", text, re.MULTILINE)
+    return int(match.group(1)) if match else 0

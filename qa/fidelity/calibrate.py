@@ -1,9 +1,13 @@
-"""Compare planners with published times of the same worlds; the figures of docs/fidelity.md.
+"""Compare planners with published times of the same worlds.
 
-    python qa/fidelity/calibrate.py FOLDER ... --reference ../shared/barn_original/trials.csv --figure scatter.png
+The figures of docs/fidelity.md.
 
-FOLDERs hold runs or campaigns. A published time of 30.000 s, or of 50 s and more, is a failure that counts with it.
-Intervals are of 95 %, over worlds. The figure has our mean times over the published ones, world by world.
+    python qa/fidelity/calibrate.py FOLDER ... --reference
+    ../shared/barn_original/trials.csv --figure scatter.png
+
+FOLDERs hold runs or campaigns. A published time of 30.000 s, or of 50 s and more, is a
+failure that counts with it. Intervals are of 95 %, over worlds. The figure has our mean
+times over the published ones, world by world.
 """
 
 import json
@@ -40,7 +44,11 @@ _COLUMNS = 2
 
 
 def write_scatter(report: CalibrationReport, path: Path) -> None:
-    """Write a panel per planner to a file ending in one of `FIGURES`; StoreError if it cannot be written."""
+    """Write a panel per planner to a file ending in one of `FIGURES`.
+
+    Raises:
+        StoreError: If it cannot be written.
+    """
     with style():
         figure = scatter(report)
     write_figure(figure, path)
@@ -53,27 +61,27 @@ def scatter(report: CalibrationReport) -> Figure:
     figure = new_figure(5.0 * rows + 0.8, 4.8 * columns)
     times = [
         time
-        for one in report.planners
-        for world in one.worlds
+        for calibration in report.planners
+        for world in calibration.worlds
         for time in (world.ours_s, world.published_s)
     ]
     limits = (0.95 * min(times), 1.05 * max(times))
-    for index, one in enumerate(report.planners):
+    for index, calibration in enumerate(report.planners):
         axes = figure.add_subplot(rows, columns, index + 1)
-        _panel(axes, one, limits)
+        _panel(axes, calibration, limits)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
 
 
-def _panel(axes: Axes, one: Calibration, limits: tuple[float, float]) -> None:
+def _panel(axes: Axes, calibration: Calibration, limits: tuple[float, float]) -> None:
     axes.axline(
         (limits[0], limits[0]), slope=1.0, color=FAINT, lw=1.0, label="equal times"
     )
     for kind, (label, marker, colour) in _KINDS.items():
         worlds = [
             world
-            for world in one.worlds
+            for world in calibration.worlds
             if (world.our_failures > 0, world.published_failures > 0) == kind
         ]
         axes.scatter(
@@ -85,13 +93,15 @@ def _panel(axes: Axes, one: Calibration, limits: tuple[float, float]) -> None:
             edgecolor=colour,
             label=label,
         )
-    title = f"{plain_text(one.label)}: Spearman {one.correlation.estimate:.2f} over {len(one.worlds)} worlds"
+    rank_correlation = calibration.correlation.estimate
+    subject = f"{plain_text(calibration.label)}: Spearman {rank_correlation:.2f}"
+    title = f"{subject} over {len(calibration.worlds)} worlds"
     label_axes(axes, "published mean time of a world [s]", "our mean time [s]", title)
     axes.set(xlim=limits, ylim=limits, box_aspect=1.0)
 
 
-def _table(one: Calibration) -> FittedTable:
-    sides = (one.ours, one.published)
+def _table(calibration: Calibration) -> FittedTable:
+    sides = (calibration.ours, calibration.published)
     rows = (
         ("trials", *(str(side.trials) for side in sides)),
         ("failures [%]", *(side.failure_share.scale(100.0).text(1) for side in sides)),
@@ -99,10 +109,10 @@ def _table(one: Calibration) -> FittedTable:
             "mean time per metre [s/m]",
             *(side.normalised_s_per_m.text() for side in sides),
         ),
-        ("its bias [%]", one.bias_percent.text(1), ""),
+        ("its bias [%]", calibration.bias_percent.text(1), ""),
         (
             "its bias, each failure as 30 s [%]",
-            one.bias_percent_of_equal_failures.text(1),
+            calibration.bias_percent_of_equal_failures.text(1),
             "",
         ),
         (
@@ -118,18 +128,22 @@ def _table(one: Calibration) -> FittedTable:
             "lowest, highest of these [s]",
             *(", ".join(map(number, side.easy_range_s)) for side in sides),
         ),
-        ("Spearman, failures counted", one.correlation.text(), ""),
+        ("Spearman, failures counted", calibration.correlation.text(), ""),
         (
             "Spearman, each failure as 30 s",
-            one.correlation_of_equal_failures.text(),
+            calibration.correlation_of_equal_failures.text(),
             "",
         ),
-        ("Spearman, successes only", one.correlation_of_successes.text(), ""),
-        ("R2, each failure as 30 s", one.determination_of_equal_failures.text(), ""),
+        ("Spearman, successes only", calibration.correlation_of_successes.text(), ""),
+        (
+            "R2, each failure as 30 s",
+            calibration.determination_of_equal_failures.text(),
+            "",
+        ),
     )
-    title = f"{one.label}, {one.protocol} protocol, {len(one.worlds)} worlds"
-    easy = ", ".join(map(str, one.easy_worlds))
-    caption = f"easy: the {len(one.easy_worlds)} worlds with the shortest published times, {easy}"
+    title = f"{calibration.label}, {calibration.protocol} protocol, {len(calibration.worlds)} worlds"
+    easy = ", ".join(map(str, calibration.easy_worlds))
+    caption = f"easy: the {len(calibration.easy_worlds)} worlds with the shortest published times, {easy}"
     return table(("", ">ours", ">published"), rows, title=title, caption=caption)
 
 

@@ -1,4 +1,7 @@
-"""How closely planners agree with published trials of the same worlds (the paper's, Sec. IV)."""
+"""How closely planners agree with published trials of the same worlds.
+
+The published trials are the paper's (Sec. IV).
+"""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -20,7 +23,8 @@ from barn_metrics.model.evaluation import determination
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
 
-# The easy worlds of a planner: this share of the common ones, those it was quickest in when published.
+# The easy worlds of a planner: this share of the common ones, those it was quickest in
+# when published.
 EASY_SHARE = 0.2
 FIGURES = (".png", ".svg", ".pdf")  # what the scatter can be written as
 
@@ -29,10 +33,11 @@ FIGURES = (".png", ".svg", ".pdf")  # what the scatter can be written as
 class Side:
     """What ours and the published trials have each; intervals are of 95 %.
 
-    trials, failure_share: with failures counted. normalised_s_per_m: mean over all trials, failures as they count.
-    successes_s_per_m: mean over the successful trials, NaN where there is none.
-    spread_s_per_m: standard deviation over a world's trials, averaged over worlds. easy_s: mean time in the easy
-    worlds, easy_range_s: lowest and highest mean of one of them.
+    trials, failure_share: with failures counted. normalised_s_per_m: mean over all
+    trials, failures as they count. successes_s_per_m: mean over the successful trials,
+    NaN where there is none. spread_s_per_m: standard deviation over a world's trials,
+    averaged over worlds. easy_s: mean time in the easy worlds, easy_range_s: lowest and
+    highest mean of one of them.
     """
 
     trials: int
@@ -59,11 +64,13 @@ class WorldTimes:
 class Calibration:
     """The agreement of one planner with the table.
 
-    Correlations are Spearman's over worlds, of mean times per metre: of all trials with failures as they count, and
-    of successful ones, in worlds where both have some. bias_percent: of the mean time per metre, against the
-    published one. Those of equal failures count every failure of both sides with 30 s, since a trial cut off stands
-    with 50 s in the table and most failures with 30 s. determination: R2 of our means as they are, not of a line
-    through them, for the published ones. easy_worlds: see `EASY_SHARE`.
+    Correlations are Spearman's over worlds, of mean times per metre: of all trials with
+    failures as they count, and of successful ones, in worlds where both have some.
+    bias_percent: of the mean time per metre, against the published one. Those of equal
+    failures count every failure of both sides with 30 s, since a trial cut off stands
+    with 50 s in the table and most failures with 30 s. determination: R2 of our means
+    as they are, not of a line through them, for the published ones. easy_worlds: see
+    `EASY_SHARE`.
     """
 
     label: str
@@ -85,7 +92,8 @@ class Calibration:
 class Joint:
     """The agreement over worlds of the mean of several planners' times per metre.
 
-    correlation: Spearman's, failures as they count. determination_of_equal_failures: R2, each failure as 30 s.
+    correlation: Spearman's, failures as they count. determination_of_equal_failures:
+    R2, each failure as 30 s.
     """
 
     labels: tuple[str, ...]
@@ -105,8 +113,9 @@ class CalibrationReport:
 def calibrate(folders: Sequence[Path], reference: Path) -> CalibrationReport:
     """Compare the planners of runs and campaigns with a table of published times.
 
-    Planners that the table does not have are left out. ConfigError in one line if none is left, if a planner has no
-    world of the table, or if worlds of the same number have other paths.
+    Planners that the table does not have are left out. ConfigError in one line if none
+    is left, if a planner has no world of the table, or if worlds of the same number
+    have other paths.
     """
     table = read_published(reference)
     entries = [entry for entry in read_entries(folders) if entry.planner in table]
@@ -120,10 +129,10 @@ def calibrate(folders: Sequence[Path], reference: Path) -> CalibrationReport:
     }
     planners = tuple(_calibration(entry, *pairs[entry.label]) for entry in entries)
     groups = _together(entries)
-    return CalibrationReport(
-        planners,
-        tuple(_joint({label: pairs[label] for label in group}) for group in groups),
-    )
+    joint = []
+    for group in groups:
+        joint.append(_joint({label: pairs[label] for label in group}))
+    return CalibrationReport(planners, tuple(joint))
 
 
 def _common(
@@ -131,10 +140,10 @@ def _common(
 ) -> tuple[TimedTrials, TimedTrials]:
     """Return our trials and the published ones in the worlds that both have."""
     ours = TimedTrials(
-        np.array([one.world for one in entry.results], np.int64),
-        np.array([one.scores.scored_time_s for one in entry.results]),
-        np.array([not one.scores.success for one in entry.results]),
-        {one.world: one.scores.path_length_m for one in entry.results},
+        np.array([result.world for result in entry.results], np.int64),
+        np.array([result.scores.scored_time_s for result in entry.results]),
+        np.array([not result.scores.success for result in entry.results]),
+        {result.world: result.scores.path_length_m for result in entry.results},
     )
     shared = sorted(ours.lengths_m.keys() & published.lengths_m.keys())
     if not shared:
@@ -158,7 +167,7 @@ def _calibration(
     return Calibration(
         label=entry.label,
         planner=entry.planner,
-        protocol=", ".join(sorted({one.protocol for one in entry.results})),
+        protocol=", ".join(sorted({result.protocol for result in entry.results})),
         worlds=_world_times(ours, published),
         correlation=_correlation(ours, published),
         correlation_of_successes=rank_correlation(
@@ -190,7 +199,7 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
 
 
 def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
-    """Return the agreement of the planners' mean in the worlds that all of them have."""
+    """Return the agreement of the planners' mean in the worlds that all have."""
     worlds, mine, theirs = _means_of_planners(list(pairs.values()))
     equal = [
         (_equal_failures(ours), _equal_failures(published))
@@ -207,7 +216,10 @@ def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
 def _means_of_planners(
     pairs: Sequence[tuple[TimedTrials, TimedTrials]],
 ) -> tuple[Integers, Floats, Floats]:
-    """Return the worlds (n,) that all planners have and the mean of the planners there, ours and published (n,)."""
+    """Return the worlds (n,) that all planners have and the planners' mean times there.
+
+    The times are ours and the published ones, each (n,).
+    """
     means = [
         [_by_world(side, side.normalised_s_per_m) for side in pair] for pair in pairs
     ]
@@ -230,8 +242,11 @@ def _determination(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> Interval
 
 
 def _together(entries: Sequence[Entry]) -> list[list[str]]:
-    """Return the labels that are averaged: all of one task if no planner is there twice, else those of one folder."""
-    tasks = {one.task for entry in entries for one in entry.results}
+    """Return the labels that are averaged.
+
+    All of one task if no planner is there twice, else those of one folder.
+    """
+    tasks = {result.task for entry in entries for result in entry.results}
     if len({entry.planner for entry in entries}) == len(entries) and len(tasks) == 1:
         groups = [[entry.label for entry in entries]]
     else:
@@ -246,7 +261,8 @@ def _together(entries: Sequence[Entry]) -> list[list[str]]:
 def _easy_worlds(published: TimedTrials) -> tuple[int, ...]:
     means = _by_world(published, published.times_s)
     quickest = sorted(means, key=lambda world: (means[world], world))
-    return tuple(sorted(quickest[: math.ceil(EASY_SHARE * len(quickest))]))
+    count = math.ceil(EASY_SHARE * len(quickest))
+    return tuple(sorted(quickest[:count]))
 
 
 def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes, ...]:
@@ -256,8 +272,10 @@ def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes,
         for side in (ours, published)
     ]
     return tuple(
-        WorldTimes(one, mine[one], theirs[one], failed[0][one], failed[1][one])
-        for one in mine
+        WorldTimes(
+            number, mine[number], theirs[number], failed[0][number], failed[1][number]
+        )
+        for number in mine
     )
 
 
@@ -273,13 +291,17 @@ def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
 
 
 def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
-    """Return how far our mean time per metre is from the published one; every world counts alike."""
+    """Return how far our mean time per metre is from the published one.
+
+    Every world counts alike.
+    """
     mine, theirs = (
         np.array(list(_by_world(side, side.normalised_s_per_m).values()))
         for side in (ours, published)
     )
     ratio = bootstrap_interval(
-        lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine)
+        lambda sample: mine[sample].sum(axis=-1) / theirs[sample].sum(axis=-1),
+        len(mine),
     )
     low, high = (
         None if limit is None else 100.0 * (limit - 1.0)
@@ -297,14 +319,20 @@ def _equal_failures(trials: TimedTrials) -> TimedTrials:
 
 def _only(trials: TimedTrials, worlds: Collection[int]) -> TimedTrials:
     """Return the trials in some of the worlds."""
-    kept = np.isin(trials.worlds, sorted(worlds))
+    selected = np.isin(trials.worlds, sorted(worlds))
     return TimedTrials(
-        trials.worlds[kept], trials.times_s[kept], trials.failed[kept], trials.lengths_m
+        trials.worlds[selected],
+        trials.times_s[selected],
+        trials.failed[selected],
+        trials.lengths_m,
     )
 
 
 def _by_world(trials: TimedTrials, values: Floats) -> dict[int, float]:
-    """Return the mean of one value per trial (n,) over each world's trials, worlds ascending."""
+    """Return the mean of a value per trial (n,) over each world's trials.
+
+    Worlds are ascending.
+    """
     return {
         int(world): float(values[trials.worlds == world].mean())
         for world in np.unique(trials.worlds)

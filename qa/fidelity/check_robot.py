@@ -1,9 +1,12 @@
-"""Drive a robot straight, in turns, arcs and stops, and compare it with a planar model from theory, `planar.py`.
+"""Drive a robot straight, in turns, arcs and stops, and compare it with theory.
+
+The theory is the planar model of `planar.py`.
 
     python qa/fidelity/check_robot.py turtlebot4
     python qa/fidelity/check_robot.py mine.yaml --json
 
-The exit code is 1 if a speed, a yaw rate or a distance is more than 3 % off, or if the file describes no robot.
+The exit code is 1 if a speed, a yaw rate or a distance is more than 3 % off, or if the
+file describes no robot.
 """
 
 import json
@@ -38,7 +41,10 @@ _LONGEST_S = 120.0  # that a robot may take until it goes as commanded
 
 @dataclass(frozen=True)
 class Measured:
-    """One quantity of the drive: what theory says, what the simulator did; asked: of the robot, if anything was."""
+    """One quantity of the drive: what theory says, what the simulator did.
+
+    `asked`: of the robot, if anything was.
+    """
 
     manoeuvre: str
     quantity: str
@@ -59,7 +65,11 @@ class Measured:
 
 
 def self_test(robot: Robot) -> list[Measured]:
-    """Drive a robot and return all that was measured; ConfigError if it cannot be simulated, or does not get going."""
+    """Drive a robot and return all that was measured.
+
+    Raises:
+        ConfigError: If it cannot be simulated, or does not get going.
+    """
     for name in ("max_speed_m_s", "max_yaw_rate_rad_s"):
         if getattr(robot.drive, name) == 0.0:
             raise ConfigError(
@@ -151,7 +161,7 @@ class _SelfTest:
         return Simulator(self._world, self._config, _START, 0)
 
     def _settling_s(self, speed: float, turn: float = 0.0) -> float:
-        """Return a time after which the robot follows a command, of whole control periods."""
+        """Return the time until the robot follows a command, in control periods."""
         drive = self._robot.drive
         grip = min(self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
         gain = max(min(drive.max_acceleration_m_s2, grip), 1e-9)
@@ -160,9 +170,9 @@ class _SelfTest:
             ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
         )
         if needed_s > _LONGEST_S:
-            wanted = f"must let it reach its speeds within {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
+            requirement = f"must let it reach its speeds within {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
             raise ConfigError(
-                f"robot {self._robot.name}: its accelerations and wheel_friction {wanted}"
+                f"robot {self._robot.name}: its accelerations and wheel_friction {requirement}"
             )
         period = self._config.control_period_s
         return period * math.ceil(needed_s / period)
@@ -175,36 +185,47 @@ class _SelfTest:
             simulator.step(command)
             for _ in range(round(duration_s / self._config.control_period_s))
         ]
-        velocities = [one.truth.velocity for one in sensed]
+        velocities = [sample.truth.velocity for sample in sensed]
         linear, angular = np.mean(
-            [(one.linear, one.angular) for one in velocities], axis=0
+            [(sample.linear, sample.angular) for sample in velocities], axis=0
         ).tolist()
         return linear, angular
 
 
-def show(found: Robot, driven: list[Measured]) -> None:
+def show(robot: Robot, driven: list[Measured]) -> None:
     """Print how a robot drove, and whether that is as theory says."""
-    drive = found.drive
-    chassis = found.chassis
-    size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
+    drive = robot.drive
+    chassis = robot.chassis
+    size = f"{robot.length_m:.3g} x {robot.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
     limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
-    click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")
+    click.echo(f"{robot.name}: {chassis.kind}, {size}, up to {limits}")
     table = Table("manoeuvre", "quantity", "asked", "theory", "simulated", "deviation")
-    for one in driven:
-        asked = "" if one.asked is None else f"{one.asked:.3f}"
-        deviation = f"{100 * one.deviation:+.1f} %{'' if one.passed else ' !'}"
-        numbers = (asked, f"{one.theory:.3f}", f"{one.simulated:.3f}", deviation)
-        table.add_row(one.manoeuvre, f"{one.quantity} ({one.unit})", *numbers)
+    for measurement in driven:
+        demand = "" if measurement.asked is None else f"{measurement.asked:.3f}"
+        deviation = (
+            f"{100 * measurement.deviation:+.1f} %{'' if measurement.passed else ' !'}"
+        )
+        numbers = (
+            demand,
+            f"{measurement.theory:.3f}",
+            f"{measurement.simulated:.3f}",
+            deviation,
+        )
+        table.add_row(
+            measurement.manoeuvre,
+            f"{measurement.quantity} ({measurement.unit})",
+            *numbers,
+        )
     Console().print(table)
-    beyond = sum(not one.passed for one in driven)
-    worst = max(abs(one.deviation) for one in driven)
+    beyond = sum(not measurement.passed for measurement in driven)
+    worst = max(abs(measurement.deviation) for measurement in driven)
     verdict = (
         f"does not drive as theory says in {beyond} respects"
         if beyond
         else "drives as theory says"
     )
     click.echo(
-        f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed"
+        f"{robot.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed"
     )
 
 
@@ -214,23 +235,28 @@ def show(found: Robot, driven: list[Measured]) -> None:
 def main(robot: str, as_json: bool) -> None:
     """Check a robot: a name or a YAML file."""
     try:
-        found = load_robot(robot)
-        driven = self_test(found)
+        loaded = load_robot(robot)
+        driven = self_test(loaded)
     except BarnError as error:
         raise click.ClickException(str(error)) from None
-    passed = all(one.passed for one in driven)
+    passed = all(measurement.passed for measurement in driven)
     if as_json:
         measured = [
-            {**asdict(one), "deviation": one.deviation, "passed": one.passed}
-            for one in driven
+            {
+                **asdict(measurement),
+                "deviation": measurement.deviation,
+                "passed": measurement.passed,
+            }
+            for measurement in driven
         ]
         click.echo(
             json.dumps(
-                {"robot": found.name, "passed": passed, "self_test": measured}, indent=1
+                {"robot": loaded.name, "passed": passed, "self_test": measured},
+                indent=1,
             )
         )
     else:
-        show(found, driven)
+        show(loaded, driven)
     sys.exit(int(not passed))
 
 

@@ -1,9 +1,12 @@
-"""What a robot in the plane should do, from textbooks: the reference of the self-test, independent of the simulator.
+"""What a robot in the plane should do, from textbooks.
 
-Wheels of a differential drive roll without slipping (Siegwart, Nourbakhsh and Scaramuzza 2011, ch. 3;
-Rajamani 2012, ch. 2) as long as friction holds them, which limits how fast a robot gains and loses speed (ch. 4). A
-skid-steer robot turns by slipping: its wheels are rigid, with Coulomb friction under loads from statics, and its steady
-motion is where their forces balance (Kozlowski and Pazderski 2004).
+The reference of the self-test, independent of the simulator.
+
+Wheels of a differential drive roll without slipping (Siegwart, Nourbakhsh and
+Scaramuzza 2011, ch. 3; Rajamani 2012, ch. 2) as long as friction holds them, which
+limits how fast a robot gains and loses speed (ch. 4). A skid-steer robot turns by
+slipping: its wheels are rigid, with Coulomb friction under loads from statics, and its
+steady motion is where their forces balance (Kozlowski and Pazderski 2004).
 """
 
 import math
@@ -31,7 +34,7 @@ class Planar:
 
     @property
     def friction_m_s2(self) -> float:
-        """Acceleration that the friction of all wheels would give if they carried all of the weight."""
+        """Acceleration by the friction of all wheels if they carried all weight."""
         return self.robot.wheel_friction * GRAVITY_M_S2
 
     @property
@@ -40,9 +43,12 @@ class Planar:
         return self.robot.chassis.centre_of_mass_m[2] + self.robot.chassis.base_height_m
 
     def grip_m_s2(self, sense: int) -> float:
-        """Return the largest acceleration (sense 1) or deceleration (-1) that the driven wheels find friction for.
+        """Return the largest acceleration (sense 1) or deceleration (-1) by friction.
 
-        With one driven axle, weight moves to the rear as the robot gains speed. Balance of forces and moments.
+        It is that of the driven wheels.
+
+        With one driven axle, weight moves to the rear as the robot gains speed. Balance
+        of forces and moments.
         """
         chassis = self.robot.chassis
         friction = self.robot.wheel_friction
@@ -59,15 +65,15 @@ class Planar:
         return self.go(0.0, math.inf, speed_m_s)[1]
 
     def go(
-        self, wanted_m_s: float, duration_s: float, start_m_s: float = 0.0
+        self, target_m_s: float, duration_s: float, start_m_s: float = 0.0
     ) -> tuple[float, float]:
-        """Return speed (m/s) and distance (m) so long after a robot was given a forward speed.
+        """Return speed (m/s) and distance (m) some time after a step of the command.
 
         With latency, ramp of the controller, lag of the motors and friction.
         """
         drive = self.robot.drive
         grips = self.grip_m_s2(-1), self.grip_m_s2(1)
-        asked = rim = speed = start_m_s
+        command = rim = speed = start_m_s
         time_s = distance = 0.0
         while time_s < duration_s and (
             duration_s < math.inf
@@ -76,16 +82,23 @@ class Planar:
         ):
             if time_s >= drive.command_latency_s:
                 most = drive.max_acceleration_m_s2 * _STEP_S
-                asked += max(-most, min(most, wanted_m_s - asked))
+                command += max(-most, min(most, target_m_s - command))
             lag = drive.motor_lag_s
-            rim = asked if lag == 0.0 else rim + (asked - rim) * min(_STEP_S / lag, 1.0)
+            rim = (
+                command
+                if lag == 0.0
+                else rim + (command - rim) * min(_STEP_S / lag, 1.0)
+            )
             speed += max(-grips[0] * _STEP_S, min(grips[1] * _STEP_S, rim - speed))
             distance += speed * _STEP_S
             time_s += _STEP_S
         return speed, distance
 
     def arc(self, speed_m_s: float, turn_rad_s: float) -> tuple[float, float]:
-        """Return the steady forward speed (m/s) and yaw rate (rad/s) under a command within the limits."""
+        """Return the steady forward speed (m/s) and yaw rate (rad/s) under a command.
+
+        The command is within the limits.
+        """
         chassis = self.robot.chassis
         drive = self.robot.drive
         half = 0.5 * chassis.track_m * drive.wheel_separation_multiplier
@@ -96,7 +109,7 @@ class Planar:
         return self._skid(left, right)
 
     def stopping_rad(self, turn_rad_s: float) -> float:
-        """Return how far a differential drive turns on in place after it was told to stop."""
+        """Return how far a differential drive turns on in place after a stop."""
         chassis = self.robot.chassis
         drive = self.robot.drive
         _, rate = self.arc(0.0, turn_rad_s)
@@ -116,7 +129,7 @@ class Planar:
         )
 
     def _skid(self, left_m_s: float, right_m_s: float) -> tuple[float, float]:
-        """Return the steady forward speed of base_link and the yaw rate of a robot on four wheels that slip.
+        """Return the steady speed of base_link and yaw rate on four wheels that slip.
 
         The motion in the frame of the robot, integrated until it is steady.
         """
@@ -161,7 +174,10 @@ class Planar:
     def _loads(
         self, places: list[tuple[float, float]], fx: float, fy: float
     ) -> list[float]:
-        """Return the loads (N) of wheels at corners of a rectangle, on equal springs, under forces at the ground."""
+        """Return the loads (N) of wheels at corners of a rectangle, on equal springs.
+
+        The forces act at the ground.
+        """
         mass = self.robot.chassis.mass_kg
         count = len(places)
         mean_x = sum(x for x, _ in places) / count

@@ -2,9 +2,10 @@
 
     python qa/fidelity/published.py ../shared/barn_original/trials.csv
 
-A row per world: `world`, `path_length_m` and columns PLANNER_1, PLANNER_2, ... of times in seconds. The worlds are in
-the folder of the table. The shipped weights are judged beside ridge regression on the five metrics in worlds held out;
-intervals are of 95 %, over worlds.
+A row per world: `world`, `path_length_m` and columns PLANNER_1, PLANNER_2, ... of times
+in seconds. The worlds are in the folder of the table. The shipped weights are judged
+beside ridge regression on the five metrics in worlds held out; intervals are of 95 %,
+over worlds.
 """
 
 import csv
@@ -42,7 +43,9 @@ _COLUMN = re.compile(r"(.+)_([1-9][0-9]*)")
 
 @dataclass(frozen=True, eq=False)
 class TimedTrials:
-    """Trials of one planner: number of the world, time as counted in seconds, whether it failed (each (n,)).
+    """Trials of one planner.
+
+    Number of the world, time as counted in seconds, whether it failed (each (n,)).
 
     lengths_m: arc length of the path of each world in metres.
     """
@@ -61,19 +64,23 @@ class TimedTrials:
         return self.times_s / lengths_m
 
     def other_length(self, lengths_m: Iterable[tuple[int, float]]) -> int | None:
-        """Return the first of some worlds, given with their path lengths, that has another length here."""
+        """Return the first of some worlds whose path has another length here."""
         return next(
             (
                 world
-                for world, one in lengths_m
-                if abs(one - self.lengths_m[world]) > SAME_LENGTH_M
+                for world, length_m in lengths_m
+                if abs(length_m - self.lengths_m[world]) > SAME_LENGTH_M
             ),
             None,
         )
 
 
 def read_published(path: Path) -> dict[str, TimedTrials]:
-    """Return the published trials by planner; ConfigError in one line for a file that is no such table."""
+    """Return the published trials by planner.
+
+    Raises:
+        ConfigError: For a file that is no such table. The message is one line.
+    """
     lengths: dict[int, float] = {}
     times: dict[str, list[tuple[int, float]]] = {}
     with convert_os_errors(ConfigError, path), path.open(newline="") as file:
@@ -90,16 +97,19 @@ def read_published(path: Path) -> dict[str, TimedTrials]:
         raise ConfigError(
             f"{path}: must have at least one world and columns of times, such as dwa_1"
         )
-    return {planner: _trials(found, lengths) for planner, found in times.items()}
+    return {planner: _trials(pairs, lengths) for planner, pairs in times.items()}
 
 
 def _trials(
-    found: list[tuple[int, float]], lengths: Mapping[int, float]
+    times_by_world: list[tuple[int, float]], lengths: Mapping[int, float]
 ) -> TimedTrials:
-    times = np.array([time for _, time in found])
+    times = np.array([time for _, time in times_by_world])
     failed = np.isclose(times, FAILURE_TIME_S, rtol=0.0, atol=1e-9) | (times >= LIMIT_S)
     return TimedTrials(
-        np.array([world for world, _ in found], np.int64), times, failed, lengths
+        np.array([world for world, _ in times_by_world], np.int64),
+        times,
+        failed,
+        lengths,
     )
 
 
@@ -109,31 +119,35 @@ def _above(low: float, where: str, column: str, row: Mapping[str, str]) -> float
     except ValueError:
         value = math.nan
     if not low < value < math.inf:
+        text = format_value(row.get(column))
         raise ConfigError(
-            f"{where}: {column} must be a number above {low:g}, got {format_value(row.get(column))}"
+            f"{where}: {column} must be a number above {low:g}, got {text}"
         )
     return value
 
 
 def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
-    """Return the worlds of a table, by number, and the trials in them; ConfigError for worlds with other paths."""
+    """Return the worlds of a table, by number, and the trials in them.
+
+    Raises:
+        ConfigError: For worlds with other paths.
+    """
     published = read_published(path)
     dataset = open_dataset(path.resolve().parent)
     first = next(iter(published.values()))
     worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
-    if (
-        other := first.other_length(
-            (number, one.path_length_m) for number, one in worlds.items()
-        )
-    ) is not None:
+    lengths_m = [(number, world.path_length_m) for number, world in worlds.items()]
+    other = first.other_length(lengths_m)
+    if other is not None:
         raise ConfigError(
             f"{path}: path of world {other} has another length in {dataset.name}"
         )
+    tables = published.values()
     trials = Trials(
-        np.concatenate([one.worlds for one in published.values()]),
-        tuple(planner for planner, one in published.items() for _ in one.worlds),
-        np.concatenate([one.normalised_s_per_m for one in published.values()]),
-        ~np.concatenate([one.failed for one in published.values()]),
+        np.concatenate([table.worlds for table in tables]),
+        tuple(name for name, table in published.items() for _ in table.worlds),
+        np.concatenate([table.normalised_s_per_m for table in tables]),
+        ~np.concatenate([table.failed for table in tables]),
     )
     return worlds, trials
 
@@ -143,12 +157,12 @@ def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
 def main(table: Path) -> None:
     """Judge the shipped weights by published times."""
     try:
-        found = evaluate(*published_trials(table), load_model(), EvaluationConfig())
+        report = evaluate(*published_trials(table), load_model(), EvaluationConfig())
     except BarnError as error:
         raise click.ClickException(str(error)) from None
-    for one in found.scores:
+    for score in report.scores:
         click.echo(
-            f"{one.name}: error {one.mse.text()}, R2 {one.r2.text()}, Spearman {one.spearman.text()}"
+            f"{score.name}: error {score.mse.text()}, R2 {score.r2.text()}, Spearman {score.spearman.text()}"
         )
 
 

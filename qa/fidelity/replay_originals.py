@@ -1,13 +1,18 @@
-"""Replay what the original ROS 1 planners saw, planned and commanded to this package's planners, cycle by cycle.
+"""Replay the recordings of the original ROS 1 planners with this package's planners.
+
+What they saw, planned and commanded is compared cycle by cycle.
 
     python qa/fidelity/replay_originals.py ../shared/originals/eband_*.npz
-    python qa/fidelity/replay_originals.py ../shared/originals/dwa_1_fine.npz --depth observations --partings 20
+    python qa/fidelity/replay_originals.py ../shared/originals/dwa_1_fine.npz --depth
+    observations --partings 20
 
-A recording has the observations of one drive, and what the original made of each: costmaps, plan, band and command.
-Three depths say where a difference comes from: `controller` gives our planner the original's plan and costmaps, `plan`
-its costmaps alone, `observations` neither. At the first two depths a difference does not last: each cycle has the
-original's inputs. The table counts the driving cycles, in which the original's local planner sent a command, and the
-share of them in which ours equals it; with `--partings` follow the first cycles in which something differs, and what.
+A recording has the observations of one drive, and what the original made of each:
+costmaps, plan, band and command. Three depths say where a difference comes from:
+`controller` gives our planner the original's plan and costmaps, `plan` its costmaps
+alone, `observations` neither. At the first two depths a difference does not last: each
+cycle has the original's inputs. The table counts the driving cycles, in which the
+original's local planner sent a command, and the share of them in which ours equals it;
+with `--partings` follow the first cycles in which something differs, and what.
 """
 
 import ast
@@ -46,7 +51,10 @@ _ROUNDED_M = 1e-6  # recordings keep places in single precision
 
 
 class Recording:
-    """One drive of an original planner: `planner` names it, `cycles` counts its control cycles."""
+    """One drive of an original planner.
+
+    `planner` names it, `cycles` counts its control cycles.
+    """
 
     def __init__(self, path: Path):
         with np.load(path, allow_pickle=False) as file:
@@ -56,15 +64,14 @@ class Recording:
         self.cycles = len(self._arrays["stamp_ns"])
 
     def costs(self, name: str) -> npt.NDArray[np.uint8]:
-        """Return the costs (cycles, rows, columns) of the `local` or the `global` costmap."""
+        """Return the costs (cycles, rows, columns) of costmap `local` or `global`."""
         costs: npt.NDArray[np.uint8] = self._arrays[name].astype(np.uint8, copy=False)
         return costs
 
     def origins(self, name: str) -> FloatArray:
-        """Return the outer corners (cycles, 2) of cell 0, 0 of a costmap, x and y in m."""
-        return np.broadcast_to(self._arrays[f"{name}_origin"], (self.cycles, 2)).astype(
-            np.float64
-        )
+        """Return the outer corners (cycles, 2) of a costmap's cell 0, 0 in m."""
+        origin = self._arrays[f"{name}_origin"]
+        return np.broadcast_to(origin, (self.cycles, 2)).astype(np.float64)
 
     def number(self, name: str) -> float:
         """Return a number that is recorded once."""
@@ -82,7 +89,7 @@ class Recording:
 
     @property
     def parameters(self) -> dict[str, object]:
-        """What was configured otherwise than launched, as parameters of our planners."""
+        """Parameters of our planners where a recording differs from the launch."""
         options = ast.literal_eval(str(self._arrays["options"]))
         paddings = {
             f"{ours}.footprint_padding_m": options.get(theirs, {}).get(
@@ -106,13 +113,15 @@ class Recording:
             *angles,
             *limits,
         )
-        return Observation(
-            stamp_ns, odometry, scan, Pose2D(*recorded["pose"][cycle].tolist())
-        )
+        pose = Pose2D(*recorded["pose"][cycle].tolist())
+        return Observation(stamp_ns, odometry, scan, pose)
 
     def plan(self, cycle: int) -> FloatArray:
-        """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
-        points = self._joined("plan", cycle)
+        """Return the plan (n, 2) in m after a cycle.
+
+        What lies on lines of the grid is put back there exactly.
+        """
+        points = self._join("plan", cycle)
         resolution = self.number("global_resolution")
         origin: FloatArray = self._arrays["global_origin"]
         lines: FloatArray = (
@@ -122,7 +131,7 @@ class Recording:
 
     def band(self, cycle: int) -> FloatArray:
         """Return the bubbles (n, 3) after a cycle: x, y, radius in m."""
-        return self._joined("band", cycle)
+        return self._join("band", cycle)
 
     def command(self, cycle: int) -> Velocity2D | None:
         """Return what was sent in a cycle, None for nothing."""
@@ -133,11 +142,10 @@ class Recording:
             else None
         )
 
-    def _joined(self, name: str, cycle: int) -> FloatArray:
+    def _join(self, name: str, cycle: int) -> FloatArray:
         end = self._ends[name][cycle]
-        points: FloatArray = self._arrays[name][
-            end - self._arrays[f"{name}_n"][cycle] : end
-        ].astype(np.float64)
+        begin = end - self._arrays[f"{name}_n"][cycle]
+        points: FloatArray = self._arrays[name][begin:end].astype(np.float64)
         return points
 
     @cached_property
@@ -169,7 +177,10 @@ class _RecordedCosts(RollingCostmap):
 
 
 class _RecordedPlans(GlobalPlanner):
-    """A global planner that returns the plans of a recording; poses but the goal have yaw 0."""
+    """A global planner that returns the plans of a recording.
+
+    Poses but the goal have yaw 0.
+    """
 
     def __init__(self, recording: Recording):
         self._recording = recording
@@ -188,7 +199,10 @@ class _RecordedPlans(GlobalPlanner):
 
 @dataclass(frozen=True)
 class Cycle:
-    """One control cycle of ours beside the original's: which parts are equal, and the commands."""
+    """One control cycle of ours beside the original's.
+
+    Which parts are equal, and the commands.
+    """
 
     number: int
     plan: bool
@@ -233,9 +247,9 @@ class Replay(NavigationPlanner):
             raise ConfigError(
                 f"{recording.name}: {recording.planner!r} follows no global plan"
             )
-        made = planner_entry(recording.planner).build(config)
-        assert isinstance(made, NavigationPlanner)
-        super().__init__(config, made.controller)
+        planner = planner_entry(recording.planner).build(config)
+        assert isinstance(planner, NavigationPlanner)
+        super().__init__(config, planner.controller)
         self._recording = recording
         self._depth = depth
         self._given: list[_RecordedCosts | _RecordedPlans] = []
@@ -256,18 +270,23 @@ class Replay(NavigationPlanner):
             self._given.append(self._global_planner)
 
     def compare(self) -> Iterator[Cycle]:
-        """Yield the driving cycles: those in which the original's local planner was asked and sent a command."""
+        """Yield the driving cycles.
+
+        Those in which the original's local planner was asked and sent a command.
+        """
         sent = STOP
         for number in range(self._recording.cycles):
-            for given in self._given:
-                given.cycle = number
+            for stand_in in self._given:
+                stand_in.cycle = number
             ours = self.step(self._recording.observation(number)).command
             sent = sent if ours is None else ours
             original = self._recording.command(number)
             if original is not None and number > 0:
-                yield self._compared(number, sent, original)
+                yield self._compare_commands(number, sent, original)
 
-    def _compared(self, number: int, sent: Velocity2D, original: Velocity2D) -> Cycle:
+    def _compare_commands(
+        self, number: int, sent: Velocity2D, original: Velocity2D
+    ) -> Cycle:
         recorded = self._recording
         band = self.controller.view().band
         local, whole = (
@@ -291,8 +310,10 @@ class Replay(NavigationPlanner):
         )
 
 
-def _near(one: FloatArray, other: FloatArray) -> bool:
-    return one.shape == other.shape and bool((np.abs(one - other) <= _PLACE_M).all())
+def _near(values: FloatArray, other_values: FloatArray) -> bool:
+    if values.shape != other_values.shape:
+        return False
+    return bool((np.abs(values - other_values) <= _PLACE_M).all())
 
 
 def share(cycles: Sequence[Cycle], tolerance: tuple[float, float]) -> float:
@@ -301,7 +322,10 @@ def share(cycles: Sequence[Cycle], tolerance: tuple[float, float]) -> float:
 
 
 def row(name: str, cycles: Sequence[Cycle]) -> str:
-    """Return a line of the table: cycles, and the shares in which commands and their causes are equal."""
+    """Return a line of the table.
+
+    Cycles, and the shares in which commands and their causes are equal.
+    """
     count = max(1, len(cycles))
     equal = [
         share(cycles, TIGHT),
@@ -356,17 +380,17 @@ def main(
         click.echo(
             f"{depth:18} cycles{'tight':>10}{'loose':>10}{'local':>10}{'global':>10}{'plan':>10}{'band':>10}"
         )
-        found: list[Cycle] = []
+        all_cycles: list[Cycle] = []
         for path in paths:
             recording = Recording(path)
             cycles = list(Replay(recording, depth, overrides).compare())
-            found += cycles
+            all_cycles += cycles
             click.echo(row(recording.name, cycles))
             for cycle in [cycle for cycle in cycles if not cycle.within(TIGHT)][
                 :partings
             ]:
                 click.echo(f"    {cycle}")
-        click.echo(row("all", found))
+        click.echo(row("all", all_cycles))
 
 
 if __name__ == "__main__":

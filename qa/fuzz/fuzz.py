@@ -1,10 +1,13 @@
-"""Fuzz the readers of files: every input is read, or refused by a BarnError of one line, within 2 s and 1 GB.
+"""Fuzz the readers of files.
+
+Every input is read, or refused by a BarnError of one line, within 2 s and 1 GB.
 
     python qa/fuzz/fuzz.py --reader rows --inputs 100000 --seconds 600
 
-Inputs are mutations of real files and of the corpus (qa/fuzz/corpus/READER). Input number N of a seed is always the
-same, so that processes with other seeds share the work. Inputs run in a child process. Findings go to --out; with any
-the exit code is 1. `--corpus` reads the corpus first; with `--inputs 0` nothing else.
+Inputs are mutations of real files and of the corpus (qa/fuzz/corpus/READER). Input
+number N of a seed is always the same, so that processes with other seeds share the
+work. Inputs run in a child process. Findings go to --out; with any the exit code is 1.
+`--corpus` reads the corpus first; with `--inputs 0` nothing else.
 """
 
 import gc
@@ -35,14 +38,17 @@ LIMIT_S = float(
 LIMIT_BYTES = 1 << 30
 LONGEST_MESSAGE = 2000
 _HANGS_S = 20.0  # of processor time, after which a child is killed
-_NUMBER, _READ = (
-    0,
-    1,
-)  # places in what a child shares: the input it is at, how many were read without a refusal
+# places in what a child shares: the input it is at, and how many inputs were read
+# without a refusal
+_NUMBER = 0
+_READ = 1
 
 
 def finding(reader: Reader, path: Path) -> tuple[str, bool]:
-    """Return what is wrong with how a file is read, empty if nothing, and whether it was read."""
+    """Return what is wrong with how a file is read, and whether it was read.
+
+    The text is empty if nothing is wrong.
+    """
     began = time.process_time()
     try:
         reader.read(path)
@@ -63,8 +69,8 @@ def finding(reader: Reader, path: Path) -> tuple[str, bool]:
     return (f"took {took_s:.1f} s" if took_s > LIMIT_S else ""), read
 
 
-def prepared(reader: Reader, name: str, folder: Path) -> list[bytes]:
-    """Return the contents that inputs are made from, and warm up what the reader loads and compiles."""
+def prepare(reader: Reader, name: str, folder: Path) -> list[bytes]:
+    """Return the contents that inputs are made from, and warm up the reader."""
     seeds = reader.seeds(folder)
     for seed in seeds:
         (folder / reader.name).write_bytes(seed)
@@ -82,10 +88,13 @@ def corpus(name: str) -> list[Path]:
 def fuzz(
     name: str, inputs: int, seconds: float, seed: int, out: Path, first: int = 0
 ) -> tuple[int, int, list[str]]:
-    """Return how many inputs were tried, how many of them were read, and the findings, whose files go to `out`."""
+    """Return how many inputs were tried and read, and the findings.
+
+    The files of the findings go to `out`.
+    """
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
-        seeds = prepared(reader, name, Path(folder))
+        seeds = prepare(reader, name, Path(folder))
         shared = RawArray("q", [first, 0])
         findings: list[str] = []
         end = time.monotonic() + seconds
@@ -104,18 +113,12 @@ def fuzz(
             )
             child = get_context("fork").Process(target=_child, args=arguments)
             child.start()
-            why = _watched(child, shared)
+            why = _watch(child, shared)
             if child.exitcode != 0:
                 number = shared[_NUMBER]
-                content = made(reader, seeds, name, seed, number)
-                findings.append(
-                    keep(
-                        out,
-                        name,
-                        content,
-                        f"input {number} of seed {seed}: {why or child.exitcode}",
-                    )
-                )
+                content = make_input(reader, seeds, name, seed, number)
+                complaint = f"input {number} of seed {seed}: {why or child.exitcode}"
+                findings.append(keep(out, name, content, complaint))
                 shared[_NUMBER] = number + 1
         findings += [
             path.name for path in out.glob(f"{name}-*.txt") if path.name not in findings
@@ -123,7 +126,7 @@ def fuzz(
         return shared[_NUMBER] - first, shared[_READ], findings
 
 
-def made(
+def make_input(
     reader: Reader, seeds: Sequence[bytes], name: str, seed: int, number: int
 ) -> bytes:
     """Return an input."""
@@ -134,14 +137,18 @@ def made(
 def keep(out: Path, name: str, content: bytes, complaint: str) -> str:
     """Write an input and what is wrong, and return the name of the latter."""
     out.mkdir(parents=True, exist_ok=True)
-    stem = f"{name}-{sha256(content).hexdigest()[:12]}"
+    digest = sha256(content).hexdigest()
+    stem = f"{name}-{digest[:12]}"
     (out / f"{stem}.bin").write_bytes(content)
     (out / f"{stem}.txt").write_text(complaint)
     return f"{stem}.txt"
 
 
-def _watched(child: Any, shared: Any) -> str:
-    """Wait for a child and return why it was killed, if it was: an input that takes far too long."""
+def _watch(child: Any, shared: Any) -> str:
+    """Wait for a child and return why it was killed, if it was.
+
+    An input that takes far too long.
+    """
     at = -1
     since_s = 0.0
     while child.is_alive():
@@ -159,7 +166,8 @@ def _watched(child: Any, shared: Any) -> str:
 
 def _processor_s(pid: int) -> float:
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        stat = Path(f"/proc/{pid}/stat").read_text()
+        fields = stat.rsplit(")", 1)[1].split()
     except OSError:
         return 0.0
     return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
@@ -176,19 +184,20 @@ def _child(
     shared: Any,
     out: Path,
 ) -> None:
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    pages = Path("/proc/self/statm").read_text().split()[0]
+    used = int(pages) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT_BYTES, used + LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stderr = sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
     gc.freeze()  # what the parent has loaded need not be looked through again and again
-    seen = set()
+    reported = set()
     while shared[_NUMBER] < target and time.monotonic() < end:
-        content = made(reader, seeds, name, seed, shared[_NUMBER])
+        content = make_input(reader, seeds, name, seed, shared[_NUMBER])
         (folder / reader.name).write_bytes(content)
         complaint, read = finding(reader, folder / reader.name)
         kind = "".join(complaint.splitlines()[-3:-1])[:200] or complaint
-        if complaint and kind not in seen:
-            seen.add(kind)
+        if complaint and kind not in reported:
+            reported.add(kind)
             keep(out, name, content, complaint)
         shared[_READ] += read
         shared[_NUMBER] += 1
@@ -197,7 +206,7 @@ def _child(
 def _corpus_findings(name: str) -> Iterator[str]:
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
-        prepared(reader, name, Path(folder))
+        prepare(reader, name, Path(folder))
         for path in corpus(name):
             (Path(folder) / reader.name).write_bytes(path.read_bytes())
             complaint, _ = finding(reader, Path(folder) / reader.name)
@@ -252,25 +261,25 @@ def main(
     failed = False
     for name in names or READERS:
         findings = list(_corpus_findings(name)) if with_corpus else []
-        told = (
+        text = (
             f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings\n"
             if with_corpus
             else ""
         )
-        tried = read = 0
+        input_count = read = 0
         if inputs:
-            tried, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
-            told += f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings\n"
+            input_count, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
+            text += f"{name}: {input_count} inputs, {read} read, {input_count - read} refused, {len(fresh)} findings\n"
             findings += fresh
-        told += "".join(f"  {line}\n" for line in findings)
+        text += "".join(f"  {line}\n" for line in findings)
         whole = {
             "reader": name,
             "seed": seed,
-            "inputs": tried,
+            "inputs": input_count,
             "read": read,
             "findings": findings,
         }
-        click.echo(json.dumps(whole) if as_json else told.rstrip())
+        click.echo(json.dumps(whole) if as_json else text.rstrip())
         failed |= bool(findings)
     sys.exit(int(failed))
 

@@ -1,4 +1,4 @@
-"""Mutations of bytes and of plain data, all drawn from a generator that is passed in."""
+"""Mutations of bytes and of plain data, all from a generator that is passed in."""
 
 import random
 import struct
@@ -68,15 +68,18 @@ TOKENS = tuple(
 )
 
 
-def mutated(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Return bytes with one to eight changes; others: contents of the same kind, from which parts are taken."""
-    found = bytearray(data)
+def mutate_bytes(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
+    """Return bytes with one to eight changes.
+
+    `others` is contents of the same kind, from which parts are taken.
+    """
+    content = bytearray(data)
     for _ in range(1 + int(draw.random() ** 3 * 8)):
-        _change(draw, found, others)
-    return bytes(found[:LONGEST])
+        _change(draw, content, donors)
+    return bytes(content[:LONGEST])
 
 
-def _change(draw: random.Random, data: bytearray, others: Sequence[bytes]) -> None:
+def _change(draw: random.Random, data: bytearray, donors: Sequence[bytes]) -> None:
     at = draw.randrange(len(data) + 1)
     end = min(len(data), at + 1 + int(draw.random() ** 4 * 200))
     kind = draw.randrange(9)
@@ -95,7 +98,7 @@ def _change(draw: random.Random, data: bytearray, others: Sequence[bytes]) -> No
         size = draw.choice((1, 2, 4, 8))
         data[at : at + size] = packed[:size] if draw.random() < 0.5 else packed[-size:]
     elif kind == 6:
-        other = draw.choice(others)
+        other = draw.choice(donors)
         begin = draw.randrange(len(other) + 1)
         data[at:end] = other[begin : begin + draw.randrange(200)]
     elif kind == 7 and draw.random() < 0.3:
@@ -115,8 +118,11 @@ def _change_number(draw: random.Random, data: bytearray, at: int) -> None:
         data[at:end] = repr(draw.choice(NUMBERS)).encode()
 
 
-def mutated_plain(draw: random.Random, content: Any) -> Any:
-    """Return plain data (mappings, lists, texts, numbers) with one to four changes, made in place."""
+def mutate_plain(draw: random.Random, content: Any) -> Any:
+    """Return plain data with one to four changes, made in place.
+
+    Plain data are mappings, lists, texts and numbers.
+    """
     holder = [content]
     for _ in range(1 + int(draw.random() ** 2 * 4)):
         _change_plain(draw, holder)

@@ -1,4 +1,7 @@
-"""What is fuzzed: each reader of files of strangers, seeds made from real files, and how such files are changed."""
+"""What is fuzzed: each reader of files of strangers, with seeds and mutations.
+
+The seeds are made from real files.
+"""
 
 import base64
 import io
@@ -13,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from fuzz_mutator import mutated, mutated_plain
+from fuzz_mutator import mutate_bytes, mutate_plain
 from mcap.writer import CompressionType, Writer
 from PIL import Image
 from rosbags import rosbag2
@@ -25,6 +28,7 @@ from barn_eval.pages.replay.payload import make_payload
 from barn_eval.pages.template import script_json
 from barn_eval.results.bags.decode import TOPICS
 from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.commands import commands_line, parse_commands_line
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.rows import (
     RowFile,
@@ -55,6 +59,7 @@ from barn_sim.body.model import description_text
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import read_lines
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import extract_grid, read_map, write_map
@@ -73,57 +78,58 @@ Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 class Reader:
     """A reader under test.
 
-    name: of the file in a folder of its own. seeds: contents of good files; whatever else `read` needs is put into the
-    folder given. read: reads the file and uses what it got as the suite does; a BarnError is a refusal.
+    name: of the file in a folder of its own. seeds: contents of good files; whatever
+    else `read` needs is put into the folder given. read: reads the file and uses what
+    it got as the suite does; a BarnError is a refusal.
     """
 
     name: str
     seeds: Callable[[Path], list[bytes]]
     read: Callable[[Path], Any]
-    mutate: Mutate = mutated
+    mutate: Mutate = mutate_bytes
 
 
-def _json(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+def _json(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Change a JSON document as bytes, or as the data that it stands for."""
     if draw.random() < 0.4:
-        return mutated(draw, data, others)
+        return mutate_bytes(draw, data, donors)
     try:
-        content = mutated_plain(draw, json.loads(data))
+        content = mutate_plain(draw, json.loads(data))
         return json.dumps(content, ensure_ascii=draw.random() < 0.8).encode(
             "utf-8", "surrogatepass"
         )
     except (ValueError, RecursionError):
-        return mutated(draw, data, others)
+        return mutate_bytes(draw, data, donors)
 
 
-def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+def _lines(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Change a line of JSON, now and then with the right checksum, or the file."""
     lines = data.splitlines()
     if draw.random() < 0.2 or not lines:
-        return mutated(draw, data, others)
+        return mutate_bytes(draw, data, donors)
     number = draw.randrange(len(lines))
     try:
         line = unseal_line(lines[number].decode(), "")
         content = (
-            _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
+            _change_unpacked(draw, json.loads(line)) if draw.random() < 0.3 else None
         )
         changed = (
             json.dumps(content).encode()
             if content
-            else _json(draw, line.encode(), others)
+            else _json(draw, line.encode(), donors)
         )
         if draw.random() < 0.5:
             changed = seal_line(changed.decode()).encode()
         lines[number] = changed
     except (ValueError, ConfigError):
-        return mutated(draw, data, others)
+        return mutate_bytes(draw, data, donors)
     return b"\n".join(lines) + b"\n"
 
 
-def _unpacked_change(draw: random.Random, content: Any) -> Any:
+def _change_unpacked(draw: random.Random, content: Any) -> Any:
     """Change what a track has packed."""
     if isinstance(content, dict) and isinstance(content.get("zlib"), str):
-        packed = mutated(
+        packed = mutate_bytes(
             draw, zlib.decompress(base64.b64decode(content["zlib"])), [b"\xff" * 100]
         )
         content["zlib"] = base64.b64encode(zlib.compress(packed, 1)).decode()
@@ -131,15 +137,15 @@ def _unpacked_change(draw: random.Random, content: Any) -> Any:
     return None
 
 
-def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+def _npz(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Change a member of an archive, or the archive."""
     if draw.random() < 0.3:
-        return mutated(draw, data, others)
+        return mutate_bytes(draw, data, donors)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
     except Exception:  # a member of the corpus need not be an archive
-        return mutated(draw, data, others)
+        return mutate_bytes(draw, data, donors)
     name = draw.choice(list(members))
     if name.endswith(".json"):
         members[name] = _json(draw, members[name], [members[name]])
@@ -147,9 +153,9 @@ def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
         head = members[name][:128]
         rest = members[name][128:]
         members[name] = (
-            mutated(draw, head, [head]) + rest
+            mutate_bytes(draw, head, [head]) + rest
             if draw.random() < 0.7
-            else mutated(draw, members[name], [head])
+            else mutate_bytes(draw, members[name], [head])
         )
     if draw.random() < 0.05:
         del members[name]
@@ -178,12 +184,12 @@ def _scene() -> Any:
 
 def _experiment(folder: Path) -> Path:
     """Make a folder of an experiment in which every trial timed out, with tracks."""
-    asked = RunConfig(
+    config = RunConfig(
         worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa"))
     )
-    specs = asked.trials()
+    specs = config.trials()
     out = folder / "experiment"
-    with ResultsFolder.open(out, asked, ExecutionConfig(), specs) as kept:
+    with ResultsFolder.open(out, config, ExecutionConfig(), specs) as results:
         for spec in specs:
             steps = np.linspace(0.0, 2.0, 40)
             driven = Trajectory(
@@ -196,13 +202,16 @@ def _experiment(folder: Path) -> Path:
             finished = finish_trial(
                 spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
             )
-            kept.append(TrialRecord(finished.result, track_line(finished)))
-        kept.complete()
+            record = TrialRecord(
+                finished.result, track_line(finished), commands_line(finished)
+            )
+            results.append(record)
+        results.complete()
     return out
 
 
 def _beside(folder: Path, name: str) -> list[bytes]:
-    """Return a file of an experiment, whose others are put beside the files under test."""
+    """Return a file of an experiment and put the others beside the files under test."""
     out = _experiment(folder)
     for path in out.iterdir():
         (folder / path.name).write_bytes(path.read_bytes())
@@ -210,16 +219,21 @@ def _beside(folder: Path, name: str) -> list[bytes]:
 
 
 def _rows(path: Path) -> None:
-    found = RowFile(path.parent).read()
-    results_table(found), timing_table(found), trials_table(found, "").csv()
-    for one in found:
-        assert from_json_line(to_json_line(one), "") == one
-        one.trial_id.encode()
+    results = RowFile(path.parent).read()
+    results_table(results), timing_table(results), trials_table(results, "").csv()
+    for result in results:
+        assert from_json_line(to_json_line(result), "") == result
+        result.trial_id.encode()
 
 
 def _tracks(path: Path) -> None:
     for line in TrackFile(path.parent).read().values():
         assert parse_track_line(line, "")[1].packed
+
+
+def _commands(path: Path) -> None:
+    for where, line in read_lines(path):
+        parse_commands_line(unseal_line(line, where), where)
 
 
 def _run(path: Path) -> None:
@@ -228,9 +242,9 @@ def _run(path: Path) -> None:
 
 
 def _request(path: Path) -> None:
-    asked = read_request(path, {}).config
-    for planner in asked.planners:
-        asked.resolve_planner(planner)
+    config = read_request(path, {}).config
+    for planner in config.planners:
+        config.resolve_planner(planner)
 
 
 def _protocol(path: Path) -> None:
@@ -260,9 +274,8 @@ out: y
 
 
 def _protocol_seeds(_: Path) -> list[bytes]:
-    whole = yaml.safe_dump(
-        {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
-    ).encode()
+    protocol = {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
+    whole = yaml.safe_dump(protocol).encode()
     return [
         b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n",
         whole,
@@ -284,7 +297,7 @@ def _urdf(path: Path) -> None:
 
 
 def _bag_seeds(_: Path) -> list[bytes]:
-    found = []
+    seeds = []
     for part, compression in enumerate(
         (CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)
     ):
@@ -320,8 +333,8 @@ def _bag_seeds(_: Path) -> list[bytes]:
             {"result": '{"outcome": "success", "scores": {"challenge": 0.5}}'},
         )
         writer.finish()
-        found.append(file.getvalue())
-    return found
+        seeds.append(file.getvalue())
+    return seeds
 
 
 def _message(make_message: Any, kind: str, time: int) -> Any:
@@ -344,14 +357,9 @@ def _message(make_message: Any, kind: str, time: int) -> Any:
         )
     if kind == "visualization_msgs/msg/MarkerArray":
         point = make_message("geometry_msgs/msg/Point", x=0.1 * time)
-        return make_message(
-            kind,
-            markers=[
-                make_message(
-                    "visualization_msgs/msg/Marker", type=4, points=[point] * 3
-                )
-            ],
-        )
+        points = [point] * 3
+        marker = make_message("visualization_msgs/msg/Marker", type=4, points=points)
+        return make_message(kind, markers=[marker])
     if kind == "tf2_msgs/msg/TFMessage":
         return make_message(
             kind,
@@ -365,8 +373,14 @@ def _message(make_message: Any, kind: str, time: int) -> Any:
 
 
 def _bag(path: Path) -> None:
-    found = read_recorded_trial(path if path.suffix == ".mcap" else path.parent)
-    script_json(make_payload(found)), list_facts(found), describe(found).encode()
+    recorded_trial = read_recorded_trial(
+        path if path.suffix == ".mcap" else path.parent
+    )
+    (
+        script_json(make_payload(recorded_trial)),
+        list_facts(recorded_trial),
+        describe(recorded_trial).encode(),
+    )
 
 
 def _sqlite_seeds(folder: Path) -> list[bytes]:
@@ -389,19 +403,20 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
 
 def _npy_seeds(folder: Path) -> list[bytes]:
     for kind in (np.int64, np.float64, np.bool_, np.uint8):
-        np.save(folder / f"{kind.__name__}.npy", _world().grid[:10, :10].astype(kind))
+        grid = _world().grid[:10, :10].astype(kind)
+        np.save(folder / f"{kind.__name__}.npy", grid)
     return _files(*folder.glob("*.npy"))
 
 
-def _own_seeds(folder: Path) -> list[bytes]:
+def _dataset_seeds(folder: Path) -> list[bytes]:
     write_dataset_file(folder / "own.npz", "own", {0: _world(), 3: _world()})
     write_dataset_file(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
     return _files(folder / "own.npz", folder / "scenes.npz")
 
 
 def _dataset(path: Path) -> None:
-    found = open_dataset(path)
-    assert [found.load(index).name.encode() for index in found.world_numbers[:3]]
+    dataset = open_dataset(path)
+    assert [dataset.load(index).name.encode() for index in dataset.world_numbers[:3]]
 
 
 def _single(path: Path) -> None:
@@ -433,9 +448,8 @@ def _image_seeds(folder: Path) -> list[bytes]:
     for ending in ("png", "bmp", "ppm"):
         for mode in ("L", "RGB", "1"):
             files.append(folder / f"{mode}.{ending}")
-            Image.open(folder / "map.pgm").resize((20, 30)).convert(mode).save(
-                files[-1]
-            )
+            image = Image.open(folder / "map.pgm").resize((20, 30))
+            image.convert(mode).save(files[-1])
     return _files(*files)
 
 
@@ -444,8 +458,8 @@ def _image(path: Path) -> None:
 
 
 def _policy(path: Path) -> None:
-    found = read_policy(path)
-    PolicyNetwork(found).act(np.zeros(found.layers[0], np.float32))
+    policy = read_policy(path)
+    PolicyNetwork(policy).act(np.zeros(policy.layers[0], np.float32))
 
 
 def _policy_seeds(folder: Path) -> list[bytes]:
@@ -481,13 +495,19 @@ READERS = {
     "tracks": Reader(
         "tracks.jsonl", lambda folder: _beside(folder, "tracks.jsonl"), _tracks, _lines
     ),
+    "commands": Reader(
+        "commands.jsonl",
+        lambda folder: _beside(folder, "commands.jsonl"),
+        _commands,
+        _lines,
+    ),
     "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
     "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
     "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
     "npy": Reader("input.npy", _npy_seeds, _single),
-    "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
+    "dataset": Reader("input.npz", _dataset_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),
     "weights": Reader("input.npz", _weights_seeds, _weights, _npz),
     "scene": Reader(

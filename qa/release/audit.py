@@ -1,4 +1,4 @@
-"""Ask a service on the internet which of the locked packages have known vulnerabilities (`make audit`).
+"""Ask a service which locked packages have known vulnerabilities (`make audit`).
 
 Exit code 1 if one has, 2 if the service could not be asked.
 """
@@ -12,8 +12,11 @@ LOCKS = ("requirements/base.lock", "requirements/docs.lock")
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def audited(lock: str) -> tuple[int, list[str], str]:
-    """Return how many packages of a lock file were audited, their vulnerabilities, and why not all were."""
+def audit(lock: str) -> tuple[int, list[str], str]:
+    """Return how many packages of a lock file were audited, and their vulnerabilities.
+
+    The last text says why not all packages were.
+    """
     words = [
         "uvx",
         "pip-audit",
@@ -33,35 +36,38 @@ def audited(lock: str) -> tuple[int, list[str], str]:
         return 0, [], "uv is not installed"
     except (ValueError, KeyError):
         return 0, [], " ".join(ended.stderr.split())[-300:]
-    found = [
-        f"{lock}: {one['name']} {one['version']}: {flaw['id']}, fixed in {', '.join(flaw['fix_versions']) or 'none'}"
-        for one in packages
-        for flaw in one.get("vulns", [])
-    ]
-    skipped = [one["name"] for one in packages if "skip_reason" in one]
+    flaws = []
+    for package in packages:
+        for flaw in package.get("vulns", []):
+            versions = ", ".join(flaw["fix_versions"]) or "none"
+            name = f"{package['name']} {package['version']}"
+            flaws.append(f"{lock}: {name}: {flaw['id']}, fixed in {versions}")
+    skipped = [package["name"] for package in packages if "skip_reason" in package]
     why = (
         f"{len(skipped)} packages are not known to the service, such as {skipped[0]}"
         if skipped
         else ""
     )
-    return len(packages) - len(skipped), found, why
+    return len(packages) - len(skipped), flaws, why
 
 
 def main() -> int:
     """Print what was found."""
     code = 0
     for lock in LOCKS:
-        count, found, why = audited(lock)
+        count, flaws, why = audit(lock)
+        note = f"; {why}" if why else ""
         print(
-            f"{lock}: {count} packages audited, {len(found)} known vulnerabilities{f'; {why}' if why else ''}"
+            f"{lock}: {count} packages audited, "
+            f"{len(flaws)} known vulnerabilities{note}"
         )
-        print(*found, sep="\n" if found else "", end="\n" if found else "")
+        print(*flaws, sep="\n" if flaws else "", end="\n" if flaws else "")
         if not count:
             print(
                 f"{lock}: NOT AUDITED: the service cannot be asked from here",
                 file=sys.stderr,
             )
-        code = max(code, 2 if not count else int(bool(found)))
+        code = max(code, 2 if not count else int(bool(flaws)))
     return code
 
 

@@ -1,9 +1,13 @@
-"""The tables of parameters in the READMEs and the files for `--params-file`, made from the configurations themselves.
+"""The tables of parameters in the READMEs and the files for `--params-file`.
 
-`qa/release/regenerate.py` writes them, and a test in each package checks that they are current.
+Both are made from the configurations themselves.
+
+`qa/release/regenerate.py` writes them, and a test in each package checks that they are
+current.
 """
 
-# ruff: noqa: PLC0415 (a package is imported only for its own reference: not every place has all of them, or ROS)
+# A package is imported only for its own reference: not every place has all, or ROS.
+# ruff: noqa: PLC0415
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,24 +25,31 @@ SIMULATOR = "/**/simulator"
 
 @dataclass(frozen=True)
 class Reference:
-    """The generated parts of a package: sections of README.md and files in the folder config.
+    """The generated parts of a package.
 
-    sections: Markdown by the NAME in `<!-- NAME: begin -->` and `<!-- NAME: end -->`. files: parameter files by name.
+    Sections of README.md and files in the folder config.
+
+    sections: Markdown by the NAME in `<!-- NAME: begin -->` and `<!-- NAME: end -->`.
+    files: parameter files by name.
     """
 
     sections: Mapping[str, str]
     files: Mapping[str, str]
 
     def contents(self, package: Path) -> dict[Path, str]:
-        """Return the content that each file should have; ValueError if the README lacks a marker."""
+        """Return the content that each file should have.
+
+        Raises:
+            ValueError: If the README lacks a marker.
+        """
         readme = package / "README.md"
         text = readme.read_text("utf-8")
         for name, section in self.sections.items():
             begin = f"<!-- {name}: begin -->"
             end = f"<!-- {name}: end -->"
-            before, found, rest = text.partition(begin)
+            before, marker, rest = text.partition(begin)
             _, closed, after = rest.partition(end)
-            if not found or not closed:
+            if not marker or not closed:
                 raise ValueError(f"{readme}: lacks {begin} ... {end}")
             text = f"{before}{begin}\n\n{section}\n\n{end}{after}"
         return {readme: text} | {
@@ -51,21 +62,24 @@ class Reference:
             path.write_text(text, "utf-8")
 
     def outdated(self, package: Path) -> list[str]:
-        """Return the files that are not current, and parameter files that should not exist."""
+        """Return the files that are not current or should not exist."""
         contents = self.contents(package)
-        kept = {
+        written = {
             path: path.read_text("utf-8")
             for path in (package / "README.md", *package.glob("config/*.yaml"))
         }
         return sorted(
             path.name
-            for path in {*contents, *kept}
-            if contents.get(path) != kept.get(path)
+            for path in {*contents, *written}
+            if contents.get(path) != written.get(path)
         )
 
 
 def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ()) -> str:
-    """Return a Markdown table of parameters; columns: configurations of one class by heading."""
+    """Return a Markdown table of parameters.
+
+    `columns` is configurations of one class by heading.
+    """
     values = [
         {name: value for name, _, value in fields_of(config)}
         for config in columns.values()
@@ -74,10 +88,10 @@ def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ())
         [
             f"`{name}`",
             *(_cell(config[name]) for config in values),
-            about.unit,
-            about.summary(unit=False),
+            parameter.unit,
+            parameter.summary(unit=False),
         ]
-        for name, about, _ in fields_of(next(iter(columns.values())))
+        for name, parameter, _ in fields_of(next(iter(columns.values())))
         if name not in leave_out
     ]
     return markdown_table(["parameter", *columns, "unit", "meaning"], rows)
@@ -92,19 +106,20 @@ def parameter_file(
 ) -> str:
     """Return a file with all parameters of a node, each with its meaning.
 
-    node: which nodes it is for, such as "/**/simulator" (that node in any namespace). first: parameters that are in no
-    configuration. A parameter that is in two of them has the value of the last.
+    node: which nodes it is for, such as "/**/simulator" (that node in any namespace).
+    first: parameters that are in no configuration. A parameter that is in two of them
+    has the value of the last.
     """
-    found = {
-        name: (about, value)
+    parameters = {
+        name: (parameter, value)
         for config in configs
-        for name, about, value in fields_of(config)
+        for name, parameter, value in fields_of(config)
     }
     lines = [f"# {title}", f"{node}:", "  ros__parameters:"]
     lines += [f"    {_entry(name, value)}" for name, value in first.items()]
-    for name, (about, value) in found.items():
+    for name, (parameter, value) in parameters.items():
         if name not in leave_out:
-            lines += [f"    # {about.summary()}", f"    {_entry(name, value)}"]
+            lines += [f"    # {parameter.summary()}", f"    {_entry(name, value)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -112,20 +127,23 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
-        return ", ".join(
-            f"({_cell(one)})" if isinstance(one, tuple) else _cell(one) for one in value
-        )
+        items = []
+        for item in value:
+            cell = _cell(item)
+            items.append(f"({cell})" if isinstance(item, tuple) else cell)
+        return ", ".join(items)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _entry(name: str, value: Any) -> str:
     if isinstance(value, tuple):
-        return f"{name}: {yaml.safe_dump(list(value), default_flow_style=True, width=1000).strip()}"
+        items = yaml.safe_dump(list(value), default_flow_style=True, width=1000)
+        return f"{name}: {items.strip()}"
     return yaml.safe_dump({name: value}, width=1000).strip()
 
 
 def worlds() -> Reference:
-    """Return the tables of the map server and of a robot's chassis, and the parameter file."""
+    """Return the tables of map server and chassis, and the parameter file."""
     from barn_worlds.robots.files import ROBOTS
     from barn_worlds.ros.map_server import MapServerConfig
 
@@ -148,7 +166,10 @@ def worlds() -> Reference:
 
 
 def simulator() -> Reference:
-    """Return the tables, a file of all parameters, and one per preset of those that differ from the default."""
+    """Return the tables and the parameter files.
+
+    One file has all parameters, one per preset those that differ from the default.
+    """
     from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 
     node = SimulatorNodeConfig()
@@ -175,7 +196,7 @@ def simulator() -> Reference:
 
 
 def planners() -> Reference:
-    """Return the tables of the node and of this suite's planners, and a parameter file for each preset.
+    """Return the tables of the node and this suite's planners, and a file per preset.
 
     A file is for a node of any name: each planner has an executable of its own.
     """
@@ -185,9 +206,9 @@ def planners() -> Reference:
 
     entries = {name: planner_entry(name) for name in planner_names()}
     ours = {
-        name: one
-        for name, one in entries.items()
-        if one.config_class.__module__.startswith("barn_planners.")
+        name: entry
+        for name, entry in entries.items()
+        if entry.config_class.__module__.startswith("barn_planners.")
     }
     texts = []
     files = {}
@@ -217,7 +238,10 @@ def planners() -> Reference:
 
 
 def evaluator() -> Reference:
-    """Return the tables and the parameter file; what only a supervisor sets is left out of the file."""
+    """Return the tables and the parameter file.
+
+    What only a supervisor sets is left out of the file.
+    """
     from barn_eval.commands.main import COMMANDS
     from barn_eval.trials.protocol import PROTOCOLS
     from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig
@@ -226,7 +250,7 @@ def evaluator() -> Reference:
     sections = {
         "commands": markdown_table(
             ["command", ""],
-            [[f"`barn {name}`", about] for name, about in COMMANDS.items()],
+            [[f"`barn {name}`", summary] for name, summary in COMMANDS.items()],
         ),
         "protocols": parameter_table(PROTOCOLS),
         "ros settings": parameter_table({"default": RosConfig()}),

@@ -18,7 +18,8 @@ from reference import REFERENCES
 from barn_eval.api.worlds import generate
 
 ROOT = Path(__file__).resolve().parents[2]
-# By name what `barn worlds generate` is told. barn300 is numbered by measured times: barn_worlds/README.md says how.
+# By name what `barn worlds generate` is told. barn300 is numbered by measured times:
+# barn_worlds/README.md says how.
 DATA_SETS: dict[str, dict[str, Any]] = {
     "barn_tb4": {"robot": "turtlebot4", "seed": 4, "keep": 100},
 }
@@ -30,7 +31,7 @@ HARD_WORLDS_TOOL = ROOT / "qa/studies/hard_worlds/generate_hard_worlds.py"
 
 
 def write_data_set(name: str, folder: Path) -> Path:
-    """Write a shipped data set and its manifest into a folder, in place of those that are there."""
+    """Write a shipped data set and its manifest in place of the old ones."""
     target = folder / f"{name}.npz"
     target.unlink(missing_ok=True)
     if name == HARD_WORLDS:
@@ -41,17 +42,20 @@ def write_data_set(name: str, folder: Path) -> Path:
 
 
 def run_notebook(path: Path) -> None:
-    """Run a notebook in an empty folder and keep its results in it, without what depends on the machine."""
+    """Run a notebook in an empty folder and keep its results in it.
+
+    What depends on the machine is left out.
+    """
     import nbformat  # noqa: PLC0415 (optional)
     from nbclient import NotebookClient  # noqa: PLC0415
 
     notebook = nbformat.read(path, as_version=4)
-    about = dict(notebook.metadata)
+    metadata = dict(notebook.metadata)
     with tempfile.TemporaryDirectory() as folder:
         NotebookClient(
             notebook, record_timing=False, resources={"metadata": {"path": folder}}
         ).execute()
-    notebook.metadata = about
+    notebook.metadata = metadata
     nbformat.write(notebook, path)
 
 
@@ -62,13 +66,14 @@ def run_notebook(path: Path) -> None:
 def main(parts: Sequence[str]) -> None:
     """Write PARTS anew, all without any.
 
-    parameters: the parameter tables of all READMEs and the parameter files. worlds: shipped data sets that one command
-    makes. notebooks: the results in the notebooks of examples/, which need `make extras`.
+    parameters: the parameter tables of all READMEs and the parameter files. worlds:
+    shipped data sets that one command makes. notebooks: the results in the notebooks of
+    examples/, which need `make extras`.
     """
-    for package, made in (
+    for package, build_reference in (
         REFERENCES.items() if not parts or "parameters" in parts else ()
     ):
-        made().write(ROOT / package)
+        build_reference().write(ROOT / package)
     for name in (*DATA_SETS, HARD_WORLDS) if not parts or "worlds" in parts else ():
         write_data_set(name, ROOT / "barn_worlds" / "barn_worlds" / "data")
     if parts and "notebooks" not in parts:

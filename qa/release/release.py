@@ -1,8 +1,9 @@
 """What a release says of itself.
 
-python qa/release/release.py check v0.2.0       # the tag is the version that the suite states, and the changelog has it
-python qa/release/release.py notes 0.2.0        # its part of the changelog
-python qa/release/release.py citation ADDRESS   # CITATION.cff with the address of the repository that releases it
+python qa/release/release.py check v0.2.0 # the tag is the version that the suite
+states, and the changelog has it python qa/release/release.py notes 0.2.0 # its part of
+the changelog python qa/release/release.py citation ADDRESS # CITATION.cff with the
+address of the repository that releases it
 """
 
 import re
@@ -54,12 +55,12 @@ def notes_on(version: str) -> str:
     parts = re.split(
         r"(?m)^## \[(.+?)\].*$", (ROOT / "CHANGELOG.md").read_text("utf-8")
     )
-    found = dict(zip(parts[1::2], parts[2::2], strict=True))
-    if not found.get(version, "").strip():
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    if not sections.get(version, "").strip():
         raise click.ClickException(
-            f"CHANGELOG.md has nothing on {version}; it has {', '.join(found)}"
+            f"CHANGELOG.md has nothing on {version}; it has {', '.join(sections)}"
         )
-    return found[version].strip()
+    return sections[version].strip()
 
 
 if __name__ == "__main__":

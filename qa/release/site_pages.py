@@ -1,9 +1,9 @@
-"""Lay the repository's pages, and the files they link to, out for the documentation site.
+"""Lay out the repository's pages and the files they link to for the site.
 
     python qa/release/site_pages.py build/pages
 
-makes a folder of links that has each page under its path in the repository, so that a link between two pages works in
-the site as it does where the repository is browsed.
+makes a folder of links that has each page under its path in the repository, so that a
+link between two pages works in the site as it does where the repository is browsed.
 """
 
 import re
@@ -31,11 +31,11 @@ def pages() -> list[Path]:
 
 def targets(page: Path) -> set[Path]:
     """Return the files within the repository that a page links to or shows."""
-    found = {
+    paths = {
         (page.parent / (link or image)).resolve()
         for link, image in LINK.findall(page.read_text("utf-8"))
     }
-    return {path for path in found if path.is_file() and path.is_relative_to(ROOT)}
+    return {path for path in paths if path.is_file() and path.is_relative_to(ROOT)}
 
 
 def lay_out(folder: Path) -> None:

@@ -1,11 +1,15 @@
-"""Does difficulty carry over from robot to robot? The tables and the figure of docs/carry_over.md.
+"""Study whether difficulty carries over from robot to robot.
 
-    python qa/studies/carry_over.py docs/carry_over.csv --figure docs/figures/carry_over.png
-    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 --csv docs/carry_over.csv
+The tables and the figure of docs/carry_over.md.
 
-The trials are those of several robots in worlds of the same grids, each in cells of its robot's size
-(`barn.worlds.resize`). Courses and reference speeds are in these cells as well, so that times can be compared as
-they are.
+    python qa/studies/carry_over.py docs/carry_over.csv --figure
+    docs/figures/carry_over.png
+    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 --csv
+    docs/carry_over.csv
+
+The trials are those of several robots in worlds of the same grids, each in cells of its
+robot's size (`barn.worlds.resize`). Courses and reference speeds are in these cells as
+well, so that times can be compared as they are.
 """
 
 import csv
@@ -73,7 +77,7 @@ class Trials:
 
     @cached_property
     def worlds(self) -> Integers:
-        """Numbers of the worlds that every planner drove with every robot, ascending."""
+        """Numbers of the worlds that every planner drove with every robot."""
         driven = defaultdict(set)
         for row in self.rows:
             driven[row.robot, row.planner].add(row.world)
@@ -85,7 +89,7 @@ class Trials:
         return np.array(sorted(shared), np.int64)
 
     def of(self, robot: str, planner: str) -> list[Trial]:
-        """Return the trials of a robot under a planner, in the worlds that all share."""
+        """Return the trials of a robot under a planner in the shared worlds."""
         shared = set(self.worlds.tolist())
         return [
             row
@@ -104,47 +108,54 @@ class Trials:
             if len(by_try[key]) == len(self.worlds)
         ]
         return np.array(
-            [[one[world] for world in self.worlds.tolist()] for one in whole]
+            [[times[world] for world in self.worlds.tolist()] for times in whole]
         )
 
     def failed(self, robot: str, planner: str) -> npt.NDArray[np.bool_]:
         """Return in which worlds (worlds,) any try failed."""
-        lost = [one.world for one in self.of(robot, planner) if not one.success]
+        lost = [trial.world for trial in self.of(robot, planner) if not trial.success]
         return np.isin(self.worlds, lost)
 
     def times(self, robot: str, planner: str) -> Floats:
-        """Return the mean time of a robot in each world (worlds,), of all planners if they are taken together."""
+        """Return the mean time of a robot in each world (worlds,).
+
+        It is that of all planners if they are taken together.
+        """
         planners = self.planners if planner == TOGETHER else [planner]
-        found: Floats = np.mean(
-            [self.tries(robot, one).mean(axis=0) for one in planners], axis=0
+        mean_times: Floats = np.mean(
+            [self.tries(robot, name).mean(axis=0) for name in planners], axis=0
         )
-        return found
+        return mean_times
 
 
 def read_folders(folders: Sequence[Path]) -> Trials:
-    """Return the trials of folders of results; ConfigError for worlds whose grids are not those of barn300."""
+    """Return the trials of folders of results.
+
+    Raises:
+        ConfigError: For worlds whose grids are not those of barn300.
+    """
     rows = []
     for folder in folders:
         source = read_source(folder)
         dataset = open_dataset(str(source.configuration["dataset"]))
         standard = open_dataset(GRIDS)
-        for one in source.results:
-            world = dataset.load(one.world)
-            if not np.array_equal(world.grid, standard.load(one.world).grid):
+        for result in source.results:
+            world = dataset.load(result.world)
+            if not np.array_equal(world.grid, standard.load(result.world).grid):
                 raise ConfigError(
-                    f"{folder}: world {one.world} has not the grid of that of {GRIDS}"
+                    f"{folder}: world {result.world} has not the grid of that of {GRIDS}"
                 )
             name = source.chassis.name
             seed = int(source.configuration["seed"])
-            scores = one.scores
+            scores = result.scores
             time_s = round(scores.scored_time_s, 3)
             rows.append(
                 Trial(
                     name,
-                    one.planner,
+                    result.planner,
                     seed,
-                    one.repetition,
-                    one.world,
+                    result.repetition,
+                    result.world,
                     scores.success,
                     time_s,
                 )
@@ -154,11 +165,11 @@ def read_folders(folders: Sequence[Path]) -> Trials:
 
 def read_trials(path: Path) -> Trials:
     """Return the trials of a CSV file that `csv_text` made."""
-    made = []
+    trials = []
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
             numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
-            made.append(
+            trials.append(
                 Trial(
                     row["robot"],
                     row["planner"],
@@ -167,7 +178,7 @@ def read_trials(path: Path) -> Trials:
                     float(row["time_s"]),
                 )
             )
-    return Trials(tuple(made))
+    return Trials(tuple(trials))
 
 
 def csv_text(trials: Trials) -> str:
@@ -187,20 +198,20 @@ def results_table(trials: Trials) -> str:
     rows = []
     for planner in trials.planners:
         for robot in trials.robots:
-            found = trials.of(robot, planner)
-            worlds = np.array([one.world for one in found])
+            robot_trials = trials.of(robot, planner)
+            worlds = np.array([trial.world for trial in robot_trials])
             success, time = (
                 mean_interval(np.array(values, np.float64), worlds)
                 for values in (
-                    [100.0 * one.success for one in found],
-                    [one.time_s for one in found],
+                    [100.0 * trial.success for trial in robot_trials],
+                    [trial.time_s for trial in robot_trials],
                 )
             )
             rows.append(
                 [
                     spelling(planner),
                     f"`{robot}`",
-                    str(len(found)),
+                    str(len(robot_trials)),
                     success.text(0),
                     time.text(1),
                 ]
@@ -211,19 +222,24 @@ def results_table(trials: Trials) -> str:
 
 
 def predictors(worlds: Integers) -> dict[str, Floats]:
-    """Return what may predict times, by name: metrics of barn300's worlds and the shipped model's difficulty."""
+    """Return what may predict times, by name.
+
+    Metrics of barn300's worlds and the shipped model's difficulty.
+    """
     dataset = open_dataset(GRIDS)
     model = load_model()
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
-    found = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
-    return found | {
-        LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])
-    }
+    columns = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
+    predictions = [model.predict(world).difficulty_s_per_m for world in loaded]
+    return columns | {LEARNED: np.array(predictions)}
 
 
 def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
-    """Return Spearman's correlation of predictors and mean times, a row per planner and predictor."""
+    """Return Spearman's correlation of predictors and mean times.
+
+    There is a row per planner and predictor.
+    """
     rows = [
         [*([spelling(planner)] if len(planners) > 1 else []), name]
         + [
@@ -242,7 +258,10 @@ def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
 
 
 def robots_table(trials: Trials) -> str:
-    """Return Spearman's correlation of the times of each two robots, and what repetition alone would leave of it."""
+    """Return Spearman's correlation of the times of each two robots.
+
+    The last columns show what repetition alone would leave of it.
+    """
     pairs = _pairs(trials)
     rows = []
     for planner in [*trials.planners, TOGETHER]:
@@ -254,26 +273,28 @@ def robots_table(trials: Trials) -> str:
             [
                 spelling(planner),
                 *across,
-                *(_repeatability(trials, one, planner) for one in trials.robots),
+                *(_repeatability(trials, robot, planner) for robot in trials.robots),
             ]
         )
     headings = [
         "planner",
         *(f"`{a}`, `{b}`" for a, b in pairs),
-        *(f"`{one}`, itself" for one in trials.robots),
+        *(f"`{robot}`, itself" for robot in trials.robots),
     ]
     return markdown_table(headings, rows)
 
 
 def regression_table(trials: Trials) -> str:
-    """Return the linear regression of the times of other robots on those of the first, in worlds where none failed.
+    """Return the linear regression of other robots' times on those of the first.
+
+    It is over worlds where none failed.
 
     The last column is of all worlds, failures as they count.
     """
-    first, *others = trials.robots
+    first, *other_robots = trials.robots
     rows = []
     for planner in trials.planners:
-        for robot in others:
+        for robot in other_robots:
             x = trials.times(first, planner)
             y = trials.times(robot, planner)
             solved = ~(trials.failed(first, planner) | trials.failed(robot, planner))
@@ -281,14 +302,14 @@ def regression_table(trials: Trials) -> str:
                 _over(part, x[solved], y[solved])
                 for part in (intercept, slope, determination)
             ]
-            found = [*line, _over(determination, x, y)]
+            intervals = [*line, _over(determination, x, y)]
             digits = (1, 2, 2, 2)
             texts = [
-                one.text(places) for one, places in zip(found, digits, strict=True)
+                interval.text(places)
+                for interval, places in zip(intervals, digits, strict=True)
             ]
-            rows.append(
-                [spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts]
-            )
+            count = str(int(solved.sum()))
+            rows.append([spelling(planner), f"`{robot}`", count, *texts])
     headings = [
         "planner",
         "robot",
@@ -302,36 +323,35 @@ def regression_table(trials: Trials) -> str:
 
 
 def slope(x: Floats, y: Floats) -> Floats:
-    """Return the slope of the line of least squares through points, along the last axis."""
+    """Return the slope of the least-squares line along the last axis."""
     x = x - x.mean(axis=-1, keepdims=True)
-    found: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
-        x**2
-    ).sum(axis=-1)
-    return found
+    y = y - y.mean(axis=-1, keepdims=True)
+    line_slope: Floats = (x * y).sum(axis=-1) / (x**2).sum(axis=-1)
+    return line_slope
 
 
 def intercept(x: Floats, y: Floats) -> Floats:
     """Return where that line is at x = 0."""
-    found: Floats = y.mean(axis=-1) - slope(x, y) * x.mean(axis=-1)
-    return found
+    line_intercept: Floats = y.mean(axis=-1) - slope(x, y) * x.mean(axis=-1)
+    return line_intercept
 
 
 def determination(x: Floats, y: Floats) -> Floats:
     """Return the share of the variance of y that the line explains."""
-    found: Floats = slope(x, y) * slope(y, x)
-    return found
+    share: Floats = slope(x, y) * slope(y, x)
+    return share
 
 
 def scatter(trials: Trials) -> Figure:
     """Return the times of other robots over those of the first, a panel per planner."""
-    first, *others = trials.robots
+    first, *other_robots = trials.robots
     figure = new_figure(8.8, 8.4)
     all_s = [row.time_s for row in trials.rows]
     limits = (0.9 * min(all_s), 1.1 * max(all_s))
     for place, planner in enumerate(trials.planners):
         axes = figure.add_subplot(2, -(-len(trials.planners) // 2), place + 1)
         axes.plot(limits, limits, color=FAINT, lw=1.0)
-        for colour, robot in zip(PLANNERS, others, strict=False):
+        for colour, robot in zip(PLANNERS, other_robots, strict=False):
             times = trials.times(first, planner), trials.times(robot, planner)
             axes.scatter(*times, s=26, facecolor="none", edgecolor=colour, label=robot)
         label_axes(axes, f"{first} [s]", "other robot [s]", spelling(planner))
@@ -343,7 +363,7 @@ def scatter(trials: Trials) -> Figure:
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(),
         loc="outside lower center",
-        ncols=len(others),
+        ncols=len(other_robots),
     )
     return figure
 
@@ -361,16 +381,20 @@ def _rank(trials: Trials, x: Floats, y: Floats) -> Interval:
 
 
 def _repeatability(trials: Trials, robot: str, planner: str) -> str:
-    """Return the correlation of mean times with those of as many trials again, a dash where there are not two."""
+    """Return the correlation of mean times with those of as many trials again.
+
+    It is a dash where there are not two.
+    """
     planners = trials.planners if planner == TOGETHER else [planner]
-    tries = [trials.tries(robot, one)[:2] for one in planners]
+    tries = [trials.tries(robot, name)[:2] for name in planners]
     if min(map(len, tries)) < 2:
         return "-"
-    one = _rank(trials, *np.mean(tries, axis=0))
-    if one.low is None or one.high is None:
+    correlation = _rank(trials, *np.mean(tries, axis=0))
+    if correlation.low is None or correlation.high is None:
         return "-"
     doubled = (
-        2.0 * r / (1.0 + r) for r in (one.estimate, one.low, one.high)
+        2.0 * r / (1.0 + r)
+        for r in (correlation.estimate, correlation.low, correlation.high)
     )  # Spearman and Brown
     return Interval(*doubled).text()
 
@@ -378,7 +402,7 @@ def _repeatability(trials: Trials, robot: str, planner: str) -> str:
 def _over(
     statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats
 ) -> Interval:
-    return bootstrap_interval(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
+    return bootstrap_interval(lambda sample: statistic(x[sample], y[sample]), len(x))
 
 
 def tables(trials: Trials) -> dict[str, str]:
@@ -407,8 +431,8 @@ def main(sources: Sequence[Path], target: Path | None, figure: Path | None) -> N
             write_bytes(target, csv_text(trials).encode())
         if figure is not None:
             with style():
-                drawn = scatter(trials)
-            write_figure(drawn, figure)
+                scatter_figure = scatter(trials)
+            write_figure(scatter_figure, figure)
         for title, text in tables(trials).items():
             click.echo(f"{title}, {len(trials.worlds)} worlds:\n\n{text}\n")
     except BarnError as error:

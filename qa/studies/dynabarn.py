@@ -1,7 +1,9 @@
-"""Make the shipped data set dynabarn60 of the motions and worlds of DynaBARN: python qa/studies/dynabarn.py WORLDS.json.
+"""Make the shipped data set dynabarn60 of the motions and worlds of DynaBARN.
 
-WORLDS.json has the profiles by name (period_s, radius_m, height_m, keys of s, m, m) and the worlds with their
-difficulty and the names of their profiles.
+Usage: python qa/studies/dynabarn.py WORLDS.json.
+
+WORLDS.json has the profiles by name (period_s, radius_m, height_m, keys of s, m, m) and
+the worlds with their difficulty and the names of their profiles.
 """
 
 import json
@@ -14,13 +16,7 @@ from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 
-TARGET = (
-    Path(__file__).parents[2]
-    / "barn_worlds"
-    / "barn_worlds"
-    / "data"
-    / "dynabarn60.npz"
-)
+TARGET = Path(__file__).parents[2] / "barn_worlds/barn_worlds/data/dynabarn60.npz"
 LICENCE = "MIT, Copyright (c) 2022 Zifan Xu; see dynabarn60.LICENSE"
 PAPER = (
     "Nair, Jiang, Hou, Xu, Li, Xiao, Stone: DynaBARN: Benchmarking Metric Ground Navigation in Dynamic Environments "

@@ -1,7 +1,10 @@
-"""Draw the figures of the documentation anew: `make figures`, or python qa/studies/figures.py docs.
+"""Draw the figures of the documentation anew.
 
-Figures of results are drawn from docs/results.json and docs/carry_over.csv, the others from worlds. Those that need
-training, trials, or data that is not in the repository are left as they are; the command that draws each is printed.
+`make figures`, or python qa/studies/figures.py docs.
+
+Figures of results are drawn from docs/results.json and docs/carry_over.csv, the others
+from worlds. Those that need training, trials, or data that is not in the repository are
+left as they are; the command that draws each is printed.
 """
 
 import argparse
@@ -45,7 +48,11 @@ ELSEWHERE = {
 
 
 def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
-    """Draw all figures that need no trials into docs/figures and return them; BarnError if one cannot be drawn."""
+    """Draw all figures that need no trials into docs/figures and return them.
+
+    Raises:
+        BarnError: If one cannot be drawn.
+    """
     folder = docs / "figures"
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*")}
     write_figures(read_results(docs)[0], folder)

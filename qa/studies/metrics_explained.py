@@ -1,4 +1,7 @@
-"""Figures that explain the metrics on cells of a world, after Figs. 2 to 4 of the paper."""
+"""Figures that explain the metrics on cells of a world, after Figs.
+
+2 to 4 of the paper.
+"""
 
 import math
 
@@ -25,7 +28,10 @@ _RING_WIDTH = 0.8
 
 
 def visibility_figure(world: World) -> Figure:
-    """Show the eight rays of the path's cells with the highest and the lowest average visibility (Fig. 2)."""
+    """Show the rays of the path's cells with highest and lowest visibility (Fig. 2).
+
+    There are eight rays, and the visibility is the average one.
+    """
     figure = new_figure(640)
     cells = _inner_path(world)
     values = cell_metrics(world.cspace, cells)[:, 1]
@@ -56,9 +62,12 @@ def visibility_figure(world: World) -> Figure:
 
 
 def dispersion_figure(world: World) -> Figure:
-    """Show the sixteen rays of the path's cell with fewest and the free cell with most alternations (Fig. 3).
+    """Show the rays of two cells with few and many alternations (Fig. 3).
 
-    The rays shown are evenly sampled and ordered by angle; the titles also give the count of the published variant.
+    These are the path's cell with fewest and the free cell with most; each has 16 rays.
+
+    The rays shown are evenly sampled and ordered by angle; the titles also give the
+    count of the published variant.
     """
     figure = new_figure(770)
     path = _inner_path(world)
@@ -85,10 +94,13 @@ def dispersion_figure(world: World) -> Figure:
 
 
 def characteristic_dimension_figure(world: World) -> Figure:
-    """Show the axes through two cells at the same distance from an obstacle, one in a tight space (Fig. 4).
+    """Show the axes through two cells at one distance from an obstacle (Fig. 4).
 
-    The tight one is the cell of the path whose average visibility exceeds its characteristic dimension most. The open
-    one has the largest characteristic dimension among the cells just as close to an obstacle.
+    One of them is in a tight space.
+
+    The tight one is the cell of the path whose average visibility exceeds its
+    characteristic dimension most. The open one has the largest characteristic dimension
+    among the cells just as close to an obstacle.
     """
     figure = new_figure(660)
     tight, spacious = _tight_and_open(world)
@@ -111,7 +123,10 @@ def characteristic_dimension_figure(world: World) -> Figure:
 
 
 def _inner_path(world: World) -> Cells:
-    """Return the path's cells (n, 2) that are not near the open ends of the grid; all of them in a short world."""
+    """Return the path's cells (n, 2) that are not near the open ends of the grid.
+
+    All of them in a short world.
+    """
     columns = world.path[:, 1]
     inner: Cells = world.path[
         (columns >= _ZOOM_CELLS) & (columns < world.cols - _ZOOM_CELLS)
@@ -130,13 +145,16 @@ def _tight_and_open(world: World) -> tuple[Cell, Cell]:
     values = cell_metrics(world.cspace, cells)
     tight = (values[:, 1] - values[:, 3]).argmax()
     everywhere = _free_cells_beside(world, cells)
-    others = cell_metrics(world.cspace, everywhere)
-    spacious = np.where(others[:, 0] == values[tight, 0], others[:, 3], -1.0).argmax()
+    metrics = cell_metrics(world.cspace, everywhere)
+    spacious = np.where(metrics[:, 0] == values[tight, 0], metrics[:, 3], -1.0).argmax()
     return _cell(cells[tight]), _cell(everywhere[spacious])
 
 
 def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
-    """Draw the sixteen rays with their sampled points, and a ring around them whose alternations are numbered."""
+    """Draw the sixteen rays with their sampled points and a numbered ring around them.
+
+    The numbers count the alternations.
+    """
     rays = kernels.ORDERED_RAYS
     points = kernels.EVEN_POINTS
     blocked = [
@@ -199,7 +217,7 @@ def _number(axes: Axes, cell: Cell, angle: float, number: int) -> None:
 
 
 def _draw_axes(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
-    """Draw the four axes through a cell, the shortest in front, each with its free length."""
+    """Draw the four axes through a cell, the shortest in front, with lengths."""
     lengths = []
     for down, right, step in kernels.FOUR_AXES:
         ends = [

@@ -1,4 +1,7 @@
-"""Draw the figures of docs/metrics.md and print its tables: python qa/studies/metrics_figures.py docs/figures."""
+"""Draw the figures of docs/metrics.md and print its tables.
+
+Usage: python qa/studies/metrics_figures.py docs/figures.
+"""
 
 import argparse
 import sys
@@ -35,8 +38,8 @@ _EXAMPLE_RANKS = (
     0.95,
 )  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
-# Published values by the name of the field of `barn_worlds.datasets.generate.WorldParameters`; each combination was
-# repeated.
+# Published values by the name of the field of
+# `barn_worlds.datasets.generate.WorldParameters`; each combination was repeated.
 TABLE_I: dict[str, tuple[float, ...]] = {
     "initial_fill": (0.15, 0.20, 0.25, 0.30),
     "smoothing_iterations": (2, 3, 4),
@@ -57,9 +60,12 @@ _VARIANTS = (
 
 
 def draw_documentation_figures(folder: Path, dataset: Dataset) -> tuple[Path, ...]:
-    """Write every figure of docs/metrics.md into a folder and return the files; WorldError if one cannot be written.
+    """Write every figure of docs/metrics.md into a folder and return the files.
 
     dataset: source of the example worlds, numbered by rising difficulty.
+
+    Raises:
+        WorldError: If one cannot be written.
     """
     middle = _at_rank(dataset, _METRICS_RANK)
     figures: dict[str, Callable[[], Figure]] = {
@@ -100,10 +106,10 @@ def automaton_figure(
 
 def example_worlds_figure(worlds: Iterable[World]) -> Figure:
     """Show worlds side by side, with their C-space, path and path length."""
-    chosen = list(worlds)
+    world_list = list(worlds)
     figure = new_figure(400)
     for axes, world in zip(
-        np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True
+        np.atleast_1d(figure.subplots(1, len(world_list))), world_list, strict=True
     ):
         show_cells(axes, world.grid, world.cspace)
         show_path(axes, world.path)
@@ -117,7 +123,7 @@ def example_worlds_figure(worlds: Iterable[World]) -> Figure:
 
 
 def distribution_figure(table: MetricsTable, name: str) -> Figure:
-    """Show the distribution of each metric over worlds, with the mean and that of Table II."""
+    """Show the distribution of each metric with its mean and Table II's."""
     figure = new_figure(400)
     values = table.values
     panels = figure.subplots(1, len(METRICS))
@@ -157,20 +163,27 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
 
 
 def table_i(dataset: Dataset) -> str:
-    """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
-    made_with = [
+    """Return Table I as Markdown.
+
+    The published parameters and those of a data set's worlds.
+    """
+    parameter_sets = [
         dataset.load(index).provenance.parameters for index in dataset.world_numbers
     ]
-    repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
+    keys = [tuple(sorted(parameters.items())) for parameters in parameter_sets]
+    repetitions = Counter(keys)
     rows = []
     for name, published in TABLE_I.items():
-        ours = {parameters.get(name, "not recorded") for parameters in made_with}
-        rows.append([name.replace("_", " "), _listed(published), _listed(ours)])
-    rows.append(["repetitions", str(REPETITIONS), _listed(set(repetitions.values()))])
+        ours = {parameters.get(name, "not recorded") for parameters in parameter_sets}
+        rows.append(
+            [name.replace("_", " "), _join_values(published), _join_values(ours)]
+        )
+    counts = _join_values(set(repetitions.values()))
+    rows.append(["repetitions", str(REPETITIONS), counts])
     return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
-def _listed(values: Iterable[object]) -> str:
+def _join_values(values: Iterable[object]) -> str:
     return ", ".join(
         f"{value:.2f}" if isinstance(value, float) else str(value)
         for value in sorted(values, key=str)
@@ -188,17 +201,13 @@ def table_ii(table: MetricsTable) -> str:
             name: ours.get(f"cell_{name}", ours[name])
             for name in ("minimum", "maximum")
         }
-        rows.append(
-            [
-                metric.title,
-                *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published),
-            ]
-        )
+        pairs = [f"{published[name]:.2f} / {ours[name]:.2f}" for name in published]
+        rows.append([metric.title, *pairs])
     return markdown_table(["Metric", "Min.", "Max.", "Mean", "Std."], rows)
 
 
 def variants_table(dataset: Dataset) -> str:
-    """Return a Markdown table of mean and standard deviation over worlds, per metric and variant."""
+    """Return a Markdown table of mean and standard deviation per metric and variant."""
     rows = []
     for name, variant, formula in _VARIANTS:
         metric = METRICS[METRIC_NAMES.index(name)]
@@ -237,9 +246,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _at_rank(dataset: Dataset, share: float) -> World:
-    """Return the world at a position in a data set's order: 0 is the first, 1 the last."""
+    """Return the world at a position in a data set's order.
+
+    0 is the first, 1 the last.
+    """
     indices = dataset.world_numbers
-    return dataset.load(indices[round(share * (len(indices) - 1))])
+    rank = round(share * (len(indices) - 1))
+    return dataset.load(indices[rank])
 
 
 if __name__ == "__main__":

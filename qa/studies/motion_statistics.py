@@ -1,4 +1,6 @@
-"""What the moving obstacles of worlds do: how many, how fast, and how often they are in the way, by class of motion.
+"""What the moving obstacles of worlds do.
+
+How many, how fast, and how often they are in the way, by class of motion.
 
     python qa/studies/motion_statistics.py dynabarn60
     python qa/studies/motion_statistics.py out/moving.npz
@@ -31,10 +33,11 @@ _PLACE_M = 0.1
 class MotionStatistics:
     """Figures of one world over its first 100 s.
 
-    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the obstacles. slowest_mps,
-    fastest_mps: the extremes of these. period_s: mean of the periods. crossings_per_min: how often the centre of an
-    obstacle goes over the straight line from the start of the path to its end. occupied_share: of that line, the mean
-    over time.
+    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the
+    obstacles. slowest_mps, fastest_mps: the extremes of these. period_s: mean of the
+    periods. crossings_per_min: how often the centre of an obstacle goes over the
+    straight line from the start of the path to its end. occupied_share: of that line,
+    the mean over time.
     """
 
     obstacles: float
@@ -50,7 +53,7 @@ def motion_statistics(world: World) -> MotionStatistics:
     """Return the figures of a world; WorldError where nothing moves."""
     if not world.moving:
         raise WorldError(f"{world.name}: nothing moves in it")
-    speeds = [mean_speed(one) for one in world.moving]
+    speeds = [mean_speed(motion) for motion in world.moving]
     positions, velocities = world.tracks.over(np.arange(0.0, DURATION_S, _STEP_S))
     path = world.path_m()
     length_m = math.dist(path[0], path[-1])
@@ -68,23 +71,23 @@ def motion_statistics(world: World) -> MotionStatistics:
         float(np.mean(speeds)),
         min(speeds),
         max(speeds),
-        float(np.mean([one.motion.period_s for one in world.moving])),
+        float(np.mean([motion.motion.period_s for motion in world.moving])),
         crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m)
         * 60.0
         / DURATION_S,
-        occupied(on_line[::4], beside[::4], reach_m, length_m),
+        occupied_share(on_line[::4], beside[::4], reach_m, length_m),
     )
 
 
 def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
     """Return the means over worlds, but the slowest and the fastest obstacle of all."""
     each = [motion_statistics(world) for world in worlds]
-    means = {
-        item.name: float(np.mean([getattr(one, item.name) for one in each]))
-        for item in fields(MotionStatistics)
-    }
-    means["slowest_mps"] = min(one.slowest_mps for one in each)
-    means["fastest_mps"] = max(one.fastest_mps for one in each)
+    means = {}
+    for item in fields(MotionStatistics):
+        values = [getattr(statistics, item.name) for statistics in each]
+        means[item.name] = float(np.mean(values))
+    means["slowest_mps"] = min(statistics.slowest_mps for statistics in each)
+    means["fastest_mps"] = max(statistics.fastest_mps for statistics in each)
     return MotionStatistics(**means)
 
 
@@ -100,13 +103,18 @@ def mean_speed(obstacle: MovingObstacle) -> float:
 def crossings(
     on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float
 ) -> int:
-    """Count the changes of side within a line, jumps left out; on_line, beside: (t, n) m along it, left of it."""
+    """Count the changes of side within a line, jumps left out.
+
+    on_line, beside: (t, n) m along it, left of it.
+    """
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
     return int((other_side & within & ~jumped).sum())
 
 
-def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) -> float:
+def occupied_share(
+    on_line: Floats, beside: Floats, reach: Floats, length_m: float
+) -> float:
     """Return the share of the line's places that obstacles of a reach (n,) cover."""
     places = np.arange(_PLACE_M / 2.0, length_m, _PLACE_M)
     covered = np.zeros((len(on_line), len(places)), np.bool_)
@@ -119,14 +127,14 @@ def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) ->
 
 def by_class(source: str) -> dict[str, list[World]]:
     """Return the worlds of a data set by their class of motion."""
-    found: dict[str, list[World]] = {}
+    worlds_by_class: dict[str, list[World]] = {}
     dataset = open_dataset(source)
     for world in map(dataset.load, dataset.world_numbers):
-        given = world.provenance.parameters
-        found.setdefault(
-            str(given.get("motion", given).get("difficulty", "all")), []
-        ).append(world)
-    return found
+        parameters = world.provenance.parameters
+        motion = parameters.get("motion", parameters)
+        difficulty = str(motion.get("difficulty", "all"))
+        worlds_by_class.setdefault(difficulty, []).append(world)
+    return worlds_by_class
 
 
 @click.command()
@@ -136,11 +144,8 @@ def main(source: str) -> None:
     table = Table("class", "worlds", *(item.name for item in fields(MotionStatistics)))
     for name, worlds in by_class(source).items():
         figures = mean_statistics(worlds)
-        table.add_row(
-            name,
-            str(len(worlds)),
-            *(f"{value:.3f}" for value in vars(figures).values()),
-        )
+        values = [f"{value:.3f}" for value in vars(figures).values()]
+        table.add_row(name, str(len(worlds)), *values)
     Console(width=160).print(table)
 
 

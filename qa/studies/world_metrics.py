@@ -1,4 +1,6 @@
-"""The picture of one world (obstacles, C-space with path, a map of each metric), and the parts of all such figures.
+"""The picture of one world and the parts of all such figures.
+
+It shows obstacles, C-space with path, and a map of each metric.
 
 python qa/studies/world_metrics.py 105 world.png
 python qa/studies/world_metrics.py 3 world.png --dataset mine.npz --formula published
@@ -54,7 +56,10 @@ def save(figure: Figure, file: Path) -> None:
 
 
 def show_cells(axes: Axes, filled: BoolGrid, cspace: BoolGrid | None = None) -> None:
-    """Draw filled cells and, lighter, those that the C-space adds; the robot drives to the right."""
+    """Draw filled cells and, lighter, those that the C-space adds.
+
+    The robot drives to the right.
+    """
     levels = np.where(filled, 2, 0 if cspace is None else cspace.astype(np.int64))
     axes.imshow(levels, cmap=_CELLS, vmin=0, vmax=2, interpolation="nearest")
     label_cells(axes)
@@ -82,22 +87,29 @@ def show_path(axes: Axes, path: Cells) -> None:
 def draw_world_figure(
     world: World, file: Path, formula: Formula | str = CORRECTED
 ) -> None:
-    """Write the maps of a world as PNG, 1280 pixels wide; WorldError if that fails or the world has no metrics."""
+    """Write the maps of a world as PNG, 1280 pixels wide.
+
+    Raises:
+        WorldError: If that fails or the world has no metrics.
+    """
     save(world_figure(world, formula), file)
 
 
 def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
-    """Return the figure of a world: obstacles, C-space with path, and the four metrics that cells have."""
-    chosen = as_formula(formula)
-    averages = asdict(world_metrics(world, chosen))
+    """Return the figure of a world.
+
+    Obstacles, C-space with path, and the four metrics that cells have.
+    """
+    metric_formula = as_formula(formula)
+    averages = asdict(world_metrics(world, metric_formula))
     figure = new_figure(_height_px(world))
     panels = figure.subplots(2, 3)
     show_cells(panels[0, 0], world.grid)
-    panels[0, 0].set_title(
-        f"Obstacles\n{float(world.grid.mean()):.0%} of the cells filled", fontsize=9
-    )
+    filled = float(world.grid.mean())
+    title = f"Obstacles\n{filled:.0%} of the cells filled"
+    panels[0, 0].set_title(title, fontsize=9)
     _draw_cspace(panels[0, 1], world, averages["tortuosity"])
-    maps = metric_maps(world.cspace, chosen)
+    maps = metric_maps(world.cspace, metric_formula)
     places = (panels[0, 2], *panels[1])
     for axes, metric in zip(places, CELL_METRICS, strict=True):
         draw_map(axes, metric, maps[metric.name])
@@ -108,8 +120,8 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
         )
     figure.suptitle(
         f"{world.name}: {world.rows} x {world.cols} cells of {world.resolution_m:g} m, "
-        f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {chosen.visibility}, "
-        f"dispersion {chosen.dispersion}, {chosen.axes} axes",
+        f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {metric_formula.visibility}, "
+        f"dispersion {metric_formula.dispersion}, {metric_formula.axes} axes",
         fontsize=9,
         parse_math=False,
     )
@@ -117,7 +129,7 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
 
 
 def _height_px(world: World) -> int:
-    """Return the height at which two rows of panels of the world's shape fill the width, within limits."""
+    """Return the height at which two rows of panels fill the width, within limits."""
     panel = _PANEL_WIDTH_PX * world.rows / world.cols
     return round(
         _TITLE_PX
@@ -127,17 +139,20 @@ def _height_px(world: World) -> int:
 
 
 def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
-    """Draw a metric's map (rows, cols) with its colour bar; occupied cells and undefined values are grey."""
+    """Draw a metric's map (rows, cols) with its colour bar.
+
+    Occupied cells and undefined values are grey.
+    """
     colours = matplotlib.colormaps["cividis"].with_extremes(bad=UNKNOWN)
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
-    shown = np.ma.masked_invalid(values)
+    masked = np.ma.masked_invalid(values)
     norm = Normalize(0.0, top)
     ticks = None
     if metric.name == "dispersion":  # always even: every opening has two sides
         norm = BoundaryNorm(np.arange(-1.0, top + 2.0, 2.0), colours.N)
         ticks = np.arange(0.0, top + 1.0, 2.0)
-    picture = axes.imshow(shown, cmap=colours, norm=norm, interpolation="nearest")
+    picture = axes.imshow(masked, cmap=colours, norm=norm, interpolation="nearest")
     axes.set(xticks=[], yticks=[])
     figure = axes.get_figure()
     assert isinstance(figure, Figure)

@@ -1,8 +1,11 @@
-"""Draw, for each planner of some results, the world in which it falls furthest behind the others: docs/boards.md.
+"""Draw for each planner the world in which it falls furthest behind the others.
+
+The figures are those of docs/boards.md.
 
     python qa/studies/worst_worlds.py out/barn300 docs/figures
 
-All trajectories of that world are drawn; how far a planner is behind is the mean efficiency of the others less its own.
+All trajectories of that world are drawn; how far a planner is behind is the mean
+efficiency of the others less its own.
 """
 
 import argparse
@@ -21,17 +24,19 @@ _SHOWN_M = (2.4, 13.4)
 
 
 def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:
-    """Return the number of the world by planner; of worlds that are equally bad for it, the first."""
+    """Return the number of the world by planner.
+
+    Of worlds that are equally bad for it, the first.
+    """
     table = pd.concat([barn.load(folder).table for folder in folders])
     efficiency = table.pivot_table(
         index="world", columns="planner", values="efficiency", aggfunc="mean"
     ).dropna()
-    others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
-        efficiency.shape[1] - 1
-    )
+    total = efficiency.sum(axis=1).to_numpy()[:, None]
+    mean_of_others = (total - efficiency) / (efficiency.shape[1] - 1)
     return {
         str(planner): int(world)
-        for planner, world in (others - efficiency).idxmax().items()
+        for planner, world in (mean_of_others - efficiency).idxmax().items()
     }
 
 
@@ -49,11 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for planner, world in worst_worlds(options.results).items():
             path = options.figures / f"worst_{planner}.png"
-            drawn = barn.results.overlay(options.results, world)
-            drawn.figure.legends[0].remove()  # the page says whose colour is whose
-            drawn.figure.set_size_inches(_SIZE_IN)
-            drawn.figure.axes[0].set_ylim(*_SHOWN_M)
-            drawn.save(path)
+            overlay = barn.results.overlay(options.results, world)
+            overlay.figure.legends[0].remove()  # the page says whose colour is whose
+            overlay.figure.set_size_inches(_SIZE_IN)
+            overlay.figure.axes[0].set_ylim(*_SHOWN_M)
+            overlay.save(path)
             print(f"{path}: world {world}")
     except BarnError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -1,1 +1,1 @@
-"""What Python users and the commands call: runs, results, worlds, robots, the difficulty model."""
+"""What Python users and the commands call."""

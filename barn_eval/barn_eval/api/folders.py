@@ -88,7 +88,7 @@ def leaderboard(
     *,
     worlds: str = "all",
 ) -> pd.DataFrame:
-    """Rank the planners of several folders; each protocol and set of worlds has a board.
+    """Rank the planners of folders; each protocol and set of worlds has a board.
 
     Planners whose difference is not significant share a rank. `Results.verdict` says it
     in words.

@@ -232,7 +232,7 @@ class Results:
             (missing: over a million).
 
         Raises:
-            BarnError: If planners or measure are not known, or there are too few trials.
+            BarnError: If planners or measure are unknown, or there are too few trials.
         """
         rows_by_planner = select_planners(
             self.folder, group_by_planner(self.trials), planners
@@ -272,7 +272,7 @@ class Results:
         )
 
     def ranking(self, measures: Sequence[str] = ()) -> pd.DataFrame:
-        """Return how often draws of worlds bring different planners into the right order.
+        """Return how often draws of worlds bring planners into the right order.
 
         Args:
             measures: Columns of `table`. Default: the ranking measure.
@@ -445,6 +445,7 @@ class Results:
             for spec in config.trials([result.world])
             if spec.trial_id == result.trial_id
         )
+        # Measured computing never repeats itself, so the recorded delays are charged.
         if result.delays:
             spec = replace(spec, recorded_ns=unpack_delays(result.delays))
         request = RunRequest(

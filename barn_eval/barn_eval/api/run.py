@@ -112,7 +112,7 @@ def sweep(
     progress: bool | Reporter = True,
     **options: Unpack[RunOptions],
 ) -> pd.DataFrame:
-    """Drive every combination of values of a planner's parameters; return the best first.
+    """Drive every combination of parameter values of a planner; return the best first.
 
     Each combination has a folder of its own below `out`.
 

@@ -46,7 +46,7 @@ class Trial:
         return pd.DataFrame(columns | {"contact": track.contact})
 
     def to_tum(self, path: str | Path) -> Path:
-        """Write the trajectory in the format of the TUM RGB-D benchmark, as evo reads it.
+        """Write the trajectory in the format of the TUM RGB-D benchmark, for evo.
 
         Args:
             path: File to write: a line per pose of timestamp [s], x y z [m] and the

@@ -111,7 +111,8 @@ def generate(
 
     For instance, worlds of your own, and a planner in them:
 
-        worlds = barn.worlds.generate(per_set=3, parameters={"initial_fill": 0.25}, seed=1)
+        fill = {"initial_fill": 0.25}
+        worlds = barn.worlds.generate(per_set=3, parameters=fill, seed=1)
         barn.run(worlds, planners="gap")
 
     Args:
@@ -153,10 +154,11 @@ def generate(
 def _parameter_sets(
     changes: Mapping[str, object], robot: Robot
 ) -> tuple[WorldParameters, ...]:
-    """Return parameter sets with cells in the size of a robot, unless changes differ."""
+    """Return parameter sets, with cells in the size of a robot by default."""
     sets = TABLE_I
     if changes:
         sets = (replace_dotted(WorldParameters(), changes, "world parameters"),)
+    # The generator thinks in cells: as many to a robot, whatever its size.
     sizes: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & changes.keys():
         sizes["resolution_m"] = cell_size_m(robot)

@@ -1,1 +1,1 @@
-"""The subcommands of `barn`: options in, a plain function called, a table or JSON out."""
+"""The subcommands of `barn`: options in, a plain function, a table or JSON out."""

@@ -1,4 +1,4 @@
-"""`barn check`, `submit` and `verify`: whether results follow from what was recorded."""
+"""`barn check`, `submit` and `verify`: whether results follow from recordings."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -54,8 +54,8 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     """Check the results in FOLDER: nothing is believed, all is computed again.
 
     Scores, times, clearances, contacts and outcomes follow from tracks and bags by the
-    referee's own code; the commands in bags, driven again without their planner, must
-    give the recorded trajectory. Rows, tables, worlds and configuration must belong
+    referee's own code; the commands, driven again without their planner, must give the
+    recorded trajectory. Rows, tables, worlds and configuration must belong
     together. FOLDER is of an experiment, finished or not. Exit code 1 if anything is
     wrong, with a line for each.
     """
@@ -87,8 +87,8 @@ def _rerun(results: Results, trial: str) -> str:
 def print_check(check: FolderCheck) -> None:
     """Print what a check covered; what is wrong goes to standard error."""
     counts = (
-        f"{check.rows} of {check.trials} rows, {check.tracks} tracks, {check.bags} bags,"
-        f" {check.driven} driven again"
+        f"{check.rows} of {check.trials} rows, {check.tracks} tracks,"
+        f" {check.bags} bags, {check.driven} driven again"
     )
     for line in (counts, *check.unchecked):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -110,8 +110,7 @@ def print_check(check: FolderCheck) -> None:
 def submit(folder: Path, out: Path | None, container: str) -> None:
     """Write the results in FOLDER, once they have been checked, as one file that `barn verify` checks anywhere.
 
-    It holds rows, tracks, the commands in the bags (which `barn run --bags all` keeps),
-    parameter files, versions and machine.
+    It holds rows, tracks, commands, parameter files, versions and machine.
     """
     path = out or Path(f"{folder.resolve().name}.barn.zip")
     with notes.status("checking"):

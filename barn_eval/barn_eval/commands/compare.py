@@ -1,4 +1,4 @@
-"""`barn compare`: planners on the same trials; `barn precision`: worlds that it needs."""
+"""`barn compare`: planners on the same trials; `barn precision`: worlds needed."""
 
 from pathlib import Path
 

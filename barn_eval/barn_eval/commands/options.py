@@ -26,7 +26,6 @@ reporter = ConsoleReporter(notes)
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
-SEED = click.IntRange(0, 2**62)
 COUNT = click.IntRange(1)
 
 json_option = click.option(
@@ -58,13 +57,6 @@ def field_option(config: object, name: str, default: str = "") -> Decorator[Any]
     meaning = quantity.description[:1].upper() + quantity.description[1:]
     help_text = f"{meaning} [default: {default or value}]."
     return click.option(f"--{name}", type=kind, help=help_text)
-
-
-def seed_option(default: int = 0) -> Decorator[Any]:
-    """Return the option for a seed."""
-    return click.option(
-        "--seed", default=default, type=SEED, help="All randomness comes from it."
-    )
 
 
 def parameters_option(
@@ -138,8 +130,8 @@ def _parse_course(
         numbers = ()
     if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
-            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal, in m and"
-            " rad"
+            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal,"
+            " in m and rad"
         )
     return numbers
 

@@ -1,4 +1,4 @@
-"""`barn replay`: trials from their bags, as a page, a picture, an animation or a film."""
+"""`barn replay`: trials from their bags, as page, picture, animation or film."""
 
 from pathlib import Path
 

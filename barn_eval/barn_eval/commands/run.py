@@ -139,6 +139,7 @@ def command(
     OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the end; bags
     to OUT/bags.
     """
+    # click gives all options; those that the user left out must not replace the file's.
     options = {
         name: value for name, value in values.items() if value not in (None, (), {})
     }
@@ -196,6 +197,7 @@ def _run_settings(
         setting.write_parameter_files()
         run_request(setting.request, reporter, overwrite=overwrite)
 
+    # Settings are ranked from their folders, with those of earlier sessions.
     folder = settings[0].request.out.parent
     board = make_sweep_board(folder)
     conclusion = conclude_ranking(board.ranking, board.measure)

@@ -126,12 +126,13 @@ def rich_table(content: TextTable) -> FittedTable:
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:
-    """Return columns in a total width if that is possible, the widest narrowed first."""
+    """Return columns in a total width if possible, the widest narrowed first."""
     fitted = [
         _wrap(column, max(_longest_word(column[0]), _width(column[1:])))
         for column in columns
     ]
     min_widths = [_min_width(column) for column in columns]
+    # One space at a time, so that the columns end up about as wide as each other.
     while _total_width([_width(column) for column in fitted]) > width:
         widths = [_width(column) for column in fitted]
         wide_places = [
@@ -162,7 +163,7 @@ def _total_width(widths: Sequence[int]) -> int:
 
 
 def _join_words(text: str) -> str:
-    """Return a text in which limits in brackets and a number with its star stay whole."""
+    """Return a text in which limits in brackets, and a number with its star, stay whole."""
     joined = re.sub(
         r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )
@@ -176,6 +177,7 @@ def _longest_word(text: str) -> int:
 def _wrap(column: Column, width: int) -> Column:
     """Return a column in lines of a width at most; only longer words are broken."""
     wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
+    # Cells may have line breaks of their own, which stay.
     wrapped = []
     for text in column:
         lines = map(wrapper.fill, _join_words(text).split("\n"))

@@ -84,7 +84,8 @@ def command(
         print_json(as_dict(tuning))
         return 0
 
-    title = f"{count_noun(tuning.settings, 'setting')} in {count_noun(tuning.worlds, 'world')}"
+    settings_text = count_noun(tuning.settings, "setting")
+    title = f"{settings_text} in {count_noun(tuning.worlds, 'world')}"
     if tuning.given_up:
         title += f", {tuning.given_up} of them given up early"
     if not tuning.tuned:

@@ -15,7 +15,6 @@ from barn_eval.commands.options import (
     print_notes,
     print_output,
     progress_bar,
-    seed_option,
     worlds_option,
 )
 from barn_eval.commands.tables import table
@@ -36,7 +35,12 @@ def command() -> None:
 
 @command.command()
 @click.argument("target", type=PATH)
-@seed_option(2020)
+@click.option(
+    "--seed",
+    default=2020,
+    type=click.IntRange(0, 2**62),
+    help="All randomness comes from it.",
+)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
 @parameters_option(
     "--set", "parameters", "One parameter set of your own", WorldParameters()

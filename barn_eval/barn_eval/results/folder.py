@@ -7,6 +7,7 @@ OUT/results.jsonl           one line per finished trial, on the disk before it c
                             in the order in which trials ended
 OUT/tracks.jsonl            one line per trial that began: what the robot did; in the
                             order of trials once the run is complete
+OUT/commands.jsonl          one line per trial that can be driven again: its commands
 OUT/results.parquet, .csv   results in the order of trials, without wall-clock figures,
                             once the run is complete
 OUT/timing.parquet, .csv    the wall-clock figures
@@ -29,9 +30,11 @@ from typing import Any
 
 from barn_eval.results.bags import BAGS
 from barn_eval.results.rows import (
+    COMMANDS_FILE,
     ROWS_FILE,
     TABLE_FILES,
     TRACKS_FILE,
+    CommandFile,
     RowFile,
     TrackFile,
     write_tables,
@@ -65,6 +68,7 @@ class ResultsFolder:
         self.path = path
         self._rows = RowFile(path)
         self._tracks = TrackFile(path)
+        self._commands = CommandFile(path)
         self._places = {spec.trial_id: place for place, spec in enumerate(specs)}
         self.completed = self._in_order(results)
         self._completed_ids = {result.trial_id for result in results}
@@ -115,11 +119,10 @@ class ResultsFolder:
             if not completed.results:
                 # Logs of the same run tell of trials that ended with an earlier
                 # session.
-                is_same_run = (
-                    not overwrite
-                    and run_file.path.exists()
-                    and RunFile.read(path).config == run_file.config
-                )
+                is_same_run = not overwrite and run_file.path.exists()
+                if is_same_run:
+                    earlier_config = RunFile.read(path).deciding_config()
+                    is_same_run = earlier_config == run_file.deciding_config()
                 _remove_results(path, logs=not is_same_run)
             elif completed.dropped_count:
                 RowFile(path).replace(completed.results)
@@ -149,10 +152,12 @@ class ResultsFolder:
         return sorted(results, key=lambda result: self._places[result.trial_id])
 
     def append(self, record: TrialRecord) -> None:
-        """Keep a trial's result and, before it, the line of its track."""
+        """Keep a trial's result and, before it, the lines of its commands and track."""
         trial_id = record.result.trial_id
         if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} has a result already")
+        if record.commands is not None:
+            self._commands.append(record.commands)
         if record.track is not None:
             self._tracks.append(record.track)
         self._rows.append(record.result)
@@ -373,7 +378,8 @@ def select_scored(run_file: RunFile, path: Path, rows: Rows) -> list[TrialResult
 def _remove_results(path: Path, *, logs: bool) -> None:
     """Remove what a run has written, with or without its logs, and nothing else."""
     manifest = f"{Path(WORLDS).stem}.manifest.json"
-    for name in (RUN_FILE, ROWS_FILE, TRACKS_FILE, *TABLE_FILES, WORLDS, manifest):
+    lines = (ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
+    for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, manifest):
         (path / name).unlink(missing_ok=True)
 
     for name in (BAGS, LOSSES, TRACEBACKS):

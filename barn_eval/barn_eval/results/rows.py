@@ -1,4 +1,4 @@
-"""Rows and tracks of trials, which survive a kill at any moment, and tables of rows."""
+"""Rows, tracks and commands, which survive a kill at any moment; tables of rows."""
 
 import io
 import os
@@ -14,13 +14,14 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from barn_eval.results.run_file import RUN_FILE, RunFile
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Scores
 from barn_eval.trials.result import (
     Rows,
     TrialResult,
     WallClock,
-    from_json_line,
+    row_from_plain,
     to_json_line,
 )
 from barn_eval.trials.trajectory import Measures
@@ -31,6 +32,7 @@ from barn_worlds.base.text_files import parse_json, read_lines
 
 ROWS_FILE = "results.jsonl"
 TRACKS_FILE = "tracks.jsonl"
+COMMANDS_FILE = "commands.jsonl"
 
 # Tables, each as Parquet and CSV.
 RESULTS = "results"
@@ -69,11 +71,52 @@ class RowFile:
         """
         rows: dict[str, TrialResult] = {}
         for where, line in read_lines(self.path):
-            row = from_json_line(unseal_line(line, where), where)
+            row = parse_row(unseal_line(line, where), where, self.path.parent)
             if row.trial_id in rows:
                 raise ConfigError(f"{where}: trial {row.trial_id} is there already")
             rows[row.trial_id] = row
         return list(rows.values())
+
+
+def parse_row(line: str, where: str, folder: Path) -> TrialResult:
+    """Return the result of a line, which an earlier version may have written.
+
+    Args:
+        line: The line without its checksum.
+        where: File and line, with which messages begin.
+        folder: The run's folder, whose run.json says what an old row lacks.
+
+    Raises:
+        ConfigError: The line is no result that this version reads.
+    """
+    content = parse_json(line, where)
+    scores = content.get("scores") if isinstance(content, dict) else None
+    if isinstance(scores, dict) and "failure_time_s" not in scores:
+        # The first rows of schema 2 did not have it.
+        protocol = RunFile.read(folder).run_config().protocol
+        longest_s = max(protocol.failure_time_s, protocol.timeout_time_s)
+        scores["failure_time_s"] = longest_s
+    try:
+        return row_from_plain(content, where)
+    except ConfigError as error:
+        note = ""
+        if (folder / RUN_FILE).is_file():
+            note = RunFile.read(folder).origin_note()
+        raise ConfigError(f"{error}{note}") from None
+
+
+class CommandFile:
+    """The commands of one folder, in the order of trials' ends; it has one writer.
+
+    Only what drives trials again reads them.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / COMMANDS_FILE
+
+    def append(self, line: str) -> None:
+        """Add the line of a trial's commands; errors as `RowFile.append`."""
+        _append_line(self.path, line)
 
 
 class TrackFile:
@@ -86,11 +129,7 @@ class TrackFile:
         self.path = folder / TRACKS_FILE
 
     def append(self, line: str) -> None:
-        """Add the line of a track and see it onto the disk.
-
-        Raises:
-            StoreError: That failed; the lines are as they were.
-        """
+        """Add the line of a track; errors as `RowFile.append`."""
         _append_line(self.path, line)
 
     def read(self) -> dict[str, str]:

@@ -7,8 +7,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from barn_eval.results.provenance import provenance
+from barn_eval.results.provenance import commit, provenance
 from barn_eval.trials import identity
+from barn_eval.trials.result import SCHEMA_VERSION, require_schema
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
@@ -18,7 +19,6 @@ from barn_worlds.robots.files import name_unless_standard
 
 RUN_FILE = "run.json"
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects
-SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,38 +31,39 @@ class RunFile:
     # Checksums of the worlds by their numbers, which are texts in JSON.
     worlds: Mapping[str, str] = field(default_factory=dict)
     robot: str = ""  # SHA-256 of its URDF
+    # `identity.CODE_VERSIONS` of the suite that wrote it.
+    code_versions: Mapping[str, Any] = field(default_factory=dict)
     sessions: tuple[Mapping[str, Any], ...] = ()  # oldest first
+    schema_version: int = SCHEMA_VERSION
 
     @classmethod
     def read(cls, folder: Path) -> "RunFile":
         """Return what a folder's run.json says; ConfigError if it describes no run."""
         path = folder / RUN_FILE
         content = read_json(path)
-        if not isinstance(content, dict):
-            content = {}
-
-        version = content.get("schema_version")
+        sessions = _read_sessions(content)
+        try:
+            require_schema(content, f"{path}: describes no run")
+        except ConfigError as error:
+            raise ConfigError(f"{error}{_name_commits(sessions)}") from None
         config = content.get("experiment")
-        if version != SCHEMA_VERSION or not isinstance(config, dict):
-            raise ConfigError(
-                f"{path}: describes no run: schema_version must be {SCHEMA_VERSION},"
-                f" got {format_value(version)}"
-            )
+        if not isinstance(config, dict):
+            raise ConfigError(f"{path}: describes no run: has no experiment")
 
         # The folder may have been moved since it was written.
         if config.get("dataset") == WORLDS and (folder / WORLDS).is_file():
             config["dataset"] = str((folder / WORLDS).absolute())
 
         worlds = content.get("worlds")
-        sessions = content.get("sessions")
-        if not isinstance(sessions, list):
-            sessions = []
+        code_versions = content.get("code_versions")
         return cls(
             path,
             config,
             worlds if isinstance(worlds, dict) else {},
             str(content.get("robot", "")),
-            tuple(session for session in sessions if isinstance(session, dict)),
+            code_versions if isinstance(code_versions, dict) else {},
+            sessions,
+            content["schema_version"],
         )
 
     @classmethod
@@ -79,16 +80,22 @@ class RunFile:
         plain_config = json.loads(json.dumps(as_dict(config)))
         worlds = {str(number): checksum for number, checksum in checksums.items()}
         robot = identity.robot_sha256(config.simulator.chassis)
-        return cls(folder / RUN_FILE, plain_config, worlds, robot)
+        path = folder / RUN_FILE
+        return cls(path, plain_config, worlds, robot, identity.CODE_VERSIONS)
 
     def run_config(self) -> RunConfig:
         """Return the configuration; ConfigError if this version does not read it."""
-        return from_dict(RunConfig, dict(self.config), str(self.path))
+        try:
+            return from_dict(RunConfig, dict(self.config), str(self.path))
+        except ConfigError as error:
+            raise ConfigError(f"{error}{self.origin_note()}") from None
 
     def task(self) -> dict[str, Any]:
         """Return what decides the task; ConfigError as `run_config`."""
         config = self.run_config()
-        return identity.task_content(config.protocol, config.simulator, self.robot)
+        protocol = as_dict(config.protocol)
+        simulator = as_dict(config.simulator)
+        return identity.plain_task(protocol, simulator, self.robot, self.code_versions)
 
     def robot_name(self) -> str:
         """Return the robot's name, empty for the standard one."""
@@ -96,18 +103,35 @@ class RunFile:
 
     def task_fingerprint(self) -> str:
         """Return the fingerprint of the task as it was written, which its rows have."""
-        protocol = self.config.get("protocol")
-        simulator = self.config.get("simulator")
-        return identity.fingerprint(
-            identity.plain_task(protocol, simulator, self.robot)
+        content = identity.plain_task(
+            self.config.get("protocol"),
+            self.config.get("simulator"),
+            self.robot,
+            self.code_versions,
         )
+        return identity.fingerprint(content)
+
+    def origin_note(self) -> str:
+        """Return which commits wrote the folder and which this is, for a message.
+
+        Empty if this commit alone wrote it.
+        """
+        return _name_commits(self.sessions)
+
+    def deciding_config(self) -> dict[str, Any]:
+        """Return the parts of the configuration that decide results."""
+        config = dict(self.config)
+        if config.get("mode") == "direct":
+            config.pop("ros", None)
+        return config
 
     def require_same_run(self, other: "RunFile") -> None:
         """Raise ConfigError naming the first key by which another run differs."""
         parts = (
-            ("configuration", self.config, other.config),
+            ("configuration", self.deciding_config(), other.deciding_config()),
             ("checksum of world", self.worlds, other.worlds),
             ("robot", {"robot": self.robot}, {"robot": other.robot}),
+            ("version", self.code_versions, other.code_versions),
         )
         for what, content, other_content in parts:
             difference = identity.first_difference(content, other_content)
@@ -121,7 +145,7 @@ class RunFile:
             raise ConfigError(
                 f"{self.path.parent}: holds results of another {what}: {key} is"
                 f" {texts[0]} there, {texts[1]} here; use another folder, or"
-                " --overwrite"
+                f" --overwrite{self.origin_note()}"
             )
 
     def with_session(self, execution: ExecutionConfig, isolation: str) -> "RunFile":
@@ -149,6 +173,29 @@ class RunFile:
             "experiment": config,
             "worlds": self.worlds,
             "robot": self.robot,
+            "code_versions": dict(self.code_versions),
             "sessions": self.sessions,
         }
         write_durably(self.path, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def _read_sessions(content: Any) -> tuple[Mapping[str, Any], ...]:
+    sessions = content.get("sessions") if isinstance(content, dict) else None
+    if not isinstance(sessions, list):
+        return ()
+    return tuple(session for session in sessions if isinstance(session, dict))
+
+
+def _name_commits(sessions: tuple[Mapping[str, Any], ...]) -> str:
+    current = commit()
+    commits = dict.fromkeys(str(session.get("commit", "")) for session in sessions)
+    if not commits or list(commits) == [current]:
+        return ""
+    names = " and ".join(map(_shorten, commits))
+    return f" (written at {names}, this is {_shorten(current)})"
+
+
+def _shorten(revision: str) -> str:
+    """Return the beginning of a commit that identifies it, and whether files differ."""
+    sha, plus, changes = revision.partition("+")
+    return f"{sha[:8]}{plus}{changes}" if sha else "an unknown commit"

@@ -1,4 +1,4 @@
-"""What a finished trial leaves: its bag in the run's folder, its row and its track."""
+"""What a finished trial leaves: its bag, its row, its track and its commands."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barn_eval.results.bags import BAGS
+from barn_eval.results.commands import commands_line
 from barn_eval.results.provenance import versions
 from barn_eval.results.tracks import track_line
 from barn_eval.trials.result import TrialResult
@@ -27,6 +28,7 @@ class TrialRecord:
 
     result: TrialResult
     track: str | None  # line of the track, None where nothing was driven
+    commands: str | None = None  # line of the commands, None where they are not kept
     traceback: str = ""  # of the exception that the planner raised
 
 
@@ -60,7 +62,12 @@ class BagStore:
         result = finished.result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
-        return TrialRecord(result, track_line(finished), finished.traceback)
+        return TrialRecord(
+            result,
+            track_line(finished),
+            commands_line(finished),
+            finished.traceback,
+        )
 
     def _bag(self, trial_id: str) -> Path:
         return self.folder / BAGS / trial_id

@@ -111,7 +111,12 @@ def _run_assignment(
 
     def send_record(record: TrialRecord) -> None:
         row = to_json_line(record.result)
-        loop.report("result", row=row, track=record.track or "")
+        loop.report(
+            "result",
+            row=row,
+            track=record.track or "",
+            commands=record.commands or "",
+        )
 
     if assignment.look_first:
         domain = os.environ.get("ROS_DOMAIN_ID", "")

@@ -101,8 +101,8 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
         if earlier.get(key, value) != value:
             raise ConfigError(
                 f"{folder.parent}: holds results of another configuration: planner"
-                f" {planner!r}: parameter {key} was {format_value(earlier[key])} there, is"
-                f" {format_value(value)} now; use another folder"
+                f" {planner!r}: parameter {key} was {format_value(earlier[key])} there,"
+                f" is {format_value(value)} now; use another folder"
             )
     digest = hashlib.sha256(text.encode()).hexdigest()
     write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())

@@ -158,8 +158,8 @@ class _DirectTrial:
                 if self._bag is not None:
                     self._bag.reading(sensors, asked=is_free)
                 is_over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
-                # A planner answers scans, here as over ROS. In between, its last command
-                # stays in force.
+                # A planner answers scans, here as over ROS. In between, its last
+                # command stays in force.
                 has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
                 command: Velocity2D | None = None
                 delay_ns = 0

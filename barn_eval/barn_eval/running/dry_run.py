@@ -89,6 +89,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
         workers=workers,
         trials=len(trials),
         there=len(completed),
+        # Fewer trials than workers take as long as one trial.
         wall_s=remaining
         * _mean_trial_s(request, completed)
         / min(workers, max(remaining, 1)),

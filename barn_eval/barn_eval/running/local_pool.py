@@ -109,6 +109,7 @@ class LocalPool(WorkerPool):
         now_s = time.monotonic()
         gap_s = now_s - self._last_look_s
         self._last_look_s = now_s
+        # Time in which a worker, or this process, stood still is not the planner's.
         for worker in busy.values():
             if gap_s > _MAX_GAP_S or worker.is_stopped():
                 worker.excuse(gap_s)
@@ -126,6 +127,7 @@ class LocalPool(WorkerPool):
 
     def close(self) -> None:
         """Ask all workers to end, and kill those that do not within `GRACE_S`."""
+        # All are asked before any is waited for, so that they end at the same time.
         workers = [worker for worker in self._workers if worker is not None]
         self._workers = [None] * len(self._workers)
         for worker in workers:

@@ -92,7 +92,7 @@ class RunKeywords(TypedDict, total=False):
 
 
 class RunOptions(RunKeywords, total=False):
-    """All options of a run: `RunKeywords` and the positional arguments of `barn.run`."""
+    """All options of a run: `RunKeywords` and positional arguments of `barn.run`."""
 
     worlds: Worlds | None
     """World numbers, such as 3, [0, 60] or "0:300:60", or `World` objects."""

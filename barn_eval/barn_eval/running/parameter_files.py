@@ -70,6 +70,7 @@ def change_command(
             words += ["-p", f"{key}:={format_setting_value(value)}"]
         return shlex.join(words), {}
 
+    # A parameter changes in the file that ROS takes it from.
     changed: dict[Path, ParameterFile] = {}
     for key, value in values.items():
         file, parameter = _find_parameter(files, key)
@@ -123,7 +124,7 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
 def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
-    """Return the only parameter "NAME" or "NODE.NAME", and the last file that has it."""
+    """Return the only parameter "NAME" or "NODE.NAME", and its last file."""
     names: set[str] = set()
     # ROS lets a later file override an earlier one.
     for file in reversed(files):

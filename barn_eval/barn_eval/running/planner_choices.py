@@ -48,14 +48,15 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
             f" got {format_value(commands)}"
         )
     for text in texts:
+        # A command without a name belongs to the only planner, if there is one.
         if _NAMED_COMMAND.fullmatch(text) or not planners:
             name, command = parse_planner_command(text)
         else:
             name, command = planners[0].name, text
         if command == text and (len(planners) > 1 or len(texts) > 1):
             raise ConfigError(
-                f"planner command {format_value(text)}: give it as NAME=COMMAND where there"
-                " are several planners"
+                f"planner command {format_value(text)}: give it as NAME=COMMAND where"
+                " there are several planners"
             )
         _set_command(planners, name, command)
 
@@ -180,8 +181,8 @@ def apply_parameters(
         name, values = _find_planner(key, value, list(values_by_planner))
         if name not in values_by_planner:
             raise ConfigError(
-                f"{where}parameters of planner {format_value(name)}, which is not among them"
-                f"{suggest(name, values_by_planner)}"
+                f"{where}parameters of planner {format_value(name)}, which is not among"
+                f" them{suggest(name, values_by_planner)}"
             )
         values_by_planner[name] |= values
     return tuple(
@@ -198,6 +199,7 @@ def _find_planner(
     A key may be read in two ways: `dwa.max_speed_mps` of the only planner DWA is its
     parameter of that name, if there is one, and else its `max_speed_mps`.
     """
+    # A group of parameters, such as {"dwa": {...}}, may also be a mapping.
     if isinstance(value, Mapping) and (key in names or len(names) > 1):
         return key, value
 

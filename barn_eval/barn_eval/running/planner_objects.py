@@ -63,7 +63,7 @@ class FunctionPlanner(Planner):
         self._takes_task = _accepts(function, 2)
         self._task: Task | None = None
 
-    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (a function has no randomness of its own)
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (no randomness)
         """Begin a trial.
 
         Args:
@@ -155,6 +155,7 @@ def fingerprint(planner: object) -> str:
     """
     code: Any = planner
     state: Any = None
+    # Functions made by one source differ in what they close over.
     if inspect.isfunction(planner):
         cells = [cell.cell_contents for cell in planner.__closure__ or ()]
         state = (cells, planner.__defaults__, planner.__kwdefaults__)

@@ -86,7 +86,7 @@ class DirectWork(Work):
     # Planners that are Python objects, by name.
     planners: Mapping[str, PlannerObject] = field(default_factory=dict)
 
-    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result per job)
+    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result)
         """Run the only trial of a job."""
         # Only workers need the simulator and the planners.
         from barn_eval.running.direct import run_direct_trial, warm_up  # noqa: PLC0415
@@ -178,6 +178,7 @@ def run_job(
         job: What `Work.run` takes.
         send: Receives partial results and notices.
     """
+    # A job of several trials reports the start of each.
     started_at = _now()
 
     def emit(result: object) -> None:
@@ -190,6 +191,7 @@ def run_job(
 
     try:
         return JobResult(key, worker, work.run(job, emit), started_at)
+    # What the user has to change would fail every other attempt as well.
     except BarnError as error:
         return JobRefusal(key, worker, str(error))
     except Exception as error:

@@ -1,7 +1,7 @@
 """Workers of a Ray cluster, or of Ray on this machine.
 
-Ray is an optional extra, `barn_eval[ray]`. Each node of a cluster needs the same version
-of the suite and, with bags, the folder that they go to.
+Ray is an optional extra, `barn_eval[ray]`. Each node of a cluster needs the same
+version of the suite and, with bags, the folder that they go to.
 """
 
 import importlib
@@ -81,6 +81,7 @@ class RayPool(WorkerPool):
         ready, _ = self._call(
             self._ray.wait, references, num_returns=1, timeout=timeout_s
         )
+        # The first call waits for one result; this one takes all that are ready.
         if ready:
             ready, _ = self._call(
                 self._ray.wait, references, num_returns=len(references), timeout=0
@@ -102,6 +103,7 @@ class RayPool(WorkerPool):
         self._ray.shutdown()
 
     def _connect(self, address: str) -> None:
+        # Ray would send usage statistics to its makers.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         options: dict[str, Any] = {"address": address or "local"}
         if address:

@@ -178,6 +178,7 @@ class RunProgress:
 
     def text(self) -> str:
         """Return rate, real-time factor, remaining time and outcomes."""
+        # Rates are those of this session: earlier ones may have had other workers.
         elapsed_s = max(time.monotonic() - self._start_s, 0.001)
         session_count = self.count - self._earlier_count
         parts = ["starting; new kernels are compiled first"]

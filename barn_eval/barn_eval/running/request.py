@@ -169,7 +169,8 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
         protocol = load_protocol(protocol)
     if not isinstance(protocol, Protocol):
         raise ConfigError(
-            f"{where}protocol must be a name or a YAML file, got {format_value(protocol)}"
+            f"{where}protocol must be a name or a YAML file,"
+            f" got {format_value(protocol)}"
         )
     check_protocol_name(protocol, f"{where}protocol ")
 
@@ -262,6 +263,7 @@ def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
 def _read_mapping(value: Any, key: str) -> dict[str, Any]:
     if not isinstance(value or {}, Mapping):
         raise ConfigError(
-            f"{key} must be a mapping of parameters to values, got {format_value(value)}"
+            f"{key} must be a mapping of parameters to values,"
+            f" got {format_value(value)}"
         )
     return dict(value or {})

@@ -50,6 +50,7 @@ def open_run(
     Raises:
         BarnError: If the folder belongs to another run or the request is invalid.
     """
+    # Reads the worlds and checks planners, before the folder is touched.
     trials = request.trials()
     store = BagStore(request.out.absolute(), request.config.bags)
     if make_work is None:
@@ -133,6 +134,7 @@ class Run:
                 for event in events:
                     progress.take(event)
 
+        # Tables need all trials; until then the rows are in results.jsonl alone.
         is_partial = bool(self._folder.remaining)
         results = self._folder.results() if is_partial else self._folder.complete()
         warning = describe_unscored(results)

@@ -114,6 +114,7 @@ class _Loop:
             if job.trials:
                 yield from self._retry(job, report)
         else:
+            # Mode ros ends a job without a result: all were partial.
             if report.result is not None:
                 self.losses_in_a_row = 0
                 yield from self._keep_traceback(report.result)
@@ -126,6 +127,7 @@ class _Loop:
 
         After the last attempt, that trial is given up.
         """
+        # Trials of the job that have a result are no longer in it.
         spec = job.trials[0]
         self.losses_in_a_row += 1
         self.losses[spec.trial_id] += 1
@@ -134,6 +136,8 @@ class _Loop:
         self.folder.write_note(LOSSES, spec.trial_id, text.rstrip())
         yield TrialLoss(spec.trial_id, attempt, loss.reason)
 
+        # Many losses in a row mean that something is wrong with the machine or the run,
+        # not with single trials.
         if self.losses_in_a_row >= self.execution.losses:
             raise RunError(
                 f"{self.losses_in_a_row} attempts in a row were lost, the last one:"
@@ -142,6 +146,7 @@ class _Loop:
         if attempt >= self.execution.attempts:
             job = job.without(spec.trial_id)
             yield self._give_up(spec, loss, attempt)
+        # In front, so that retries do not pile up at the end of the run.
         if job.trials:
             self.waiting.appendleft(job)
 
@@ -171,7 +176,8 @@ class _Loop:
                 attempts=max(wall_clock.attempts, self.losses[trial_id] + 1),
             ),
         )
-        self.folder.append(TrialRecord(result, record.track))
+        # The row is on the disk before the trial counts as done.
+        self.folder.append(replace(record, result=result))
         self.running[report.key] = self.running[report.key].without(trial_id)
         return result
 

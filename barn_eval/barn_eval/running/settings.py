@@ -110,9 +110,11 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
             f"{key}={format_setting_value(value)}"
             for key, value in short_values.items()
         )
+        # Values may have characters that folder names cannot have.
         folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
         setting = make_setting(base, values, folder)
         settings.append(replace(setting, name=name, values=short_values))
+    # Two settings in one folder would overwrite each other.
     if len({setting.request.out for setting in settings}) < len(settings):
         raise ConfigError("a sweep names one value twice")
     return settings
@@ -152,7 +154,8 @@ def parse_sweep(texts: Sequence[str]) -> Sweep:
         values = parse_yaml(f"[{list_text}]", f"--sweep {format_value(text)}")
         if not key or not values or not isinstance(values, list) or key in sweep:
             raise ConfigError(
-                f"--sweep {format_value(text)}: must be KEY=V1,V2,..., each key given once"
+                f"--sweep {format_value(text)}: must be KEY=V1,V2,..., each key given"
+                " once"
             )
         sweep[key] = values
     return sweep
@@ -198,7 +201,8 @@ def _delays_s(values: Sequence[Any]) -> list[float]:
     is_number = not any(isinstance(value, (str, bool)) for value in values)
     if not is_number or len(set(values)) < len(values):
         raise ConfigError(
-            f"latency: must be delays in s, each named once, got {format_value(list(values))}"
+            "latency: must be delays in s, each named once,"
+            f" got {format_value(list(values))}"
         )
     return [float(value) for value in values]
 
@@ -207,13 +211,14 @@ def _require_values(sweep: Sweep) -> None:
     for key, values in sweep.items():
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
             raise ConfigError(
-                f"sweep of {format_value(key)}: must be a list of values, got {format_value(values)}"
+                f"sweep of {format_value(key)}: must be a list of values,"
+                f" got {format_value(values)}"
             )
         for value in values:
             if not isinstance(value, (str, bool, int, float)):
                 raise ConfigError(
-                    f"sweep of {format_value(key)}: a value must be a number, a text, true or"
-                    f" false, got {value!r}"
+                    f"sweep of {format_value(key)}: a value must be a number, a text,"
+                    f" true or false, got {value!r}"
                 )
     count = math.prod(len(values) for values in sweep.values())
     if count > MAX_SETTINGS:

@@ -76,7 +76,7 @@ def _exit(_signal: int, _frame: FrameType | None) -> None:
 
 
 def _end_with_parent(descriptor: int) -> None:
-    """End this worker, even within a job, when the parent's end of the socket closes."""
+    """End this worker, even within a job, when the parent closes the socket."""
     poll = select.poll()
     poll.register(descriptor, 0)
     poll.poll()

@@ -12,6 +12,10 @@ from barn_sim.config import PHYSICS_VERSION, SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.robots.robot import Chassis
 
+# Versions of code that decides results beside any configuration, by the key that each
+# has in a task. A version rises whenever its code comes to give other results.
+CODE_VERSIONS: Mapping[str, int] = {"physics": PHYSICS_VERSION}
+
 # Stands for a value that plain data do not have.
 NOT_SET = "not set"
 
@@ -33,26 +37,23 @@ def task_content(
         robot: SHA-256 of the robot's description, by default the simulator's.
     """
     robot = robot or robot_sha256(simulator.chassis)
-    return plain_task(as_dict(protocol), as_dict(simulator), robot)
+    plain_simulator = as_dict(simulator)
+    return plain_task(as_dict(protocol), plain_simulator, robot, CODE_VERSIONS)
 
 
-def plain_task(protocol: Any, simulator: Any, robot: str) -> dict[str, Any]:
+def plain_task(
+    protocol: Any, simulator: Any, robot: str, code_versions: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return what decides a task from plain data, such as run.json has.
-
-    Whatever else comes to decide a task is added here, so that every fingerprint of a
-    task has it.
 
     Args:
         protocol: Rules of the trials, as `as_dict` gives them.
         simulator: Configuration of the simulator, likewise.
         robot: SHA-256 of the robot's description.
+        code_versions: `CODE_VERSIONS` of the suite that drove the trials.
     """
-    return {
-        "protocol": protocol,
-        "simulator": simulator,
-        "robot": robot,
-        "physics": PHYSICS_VERSION,
-    }
+    content = {"protocol": protocol, "simulator": simulator, "robot": robot}
+    return content | dict(code_versions)
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:

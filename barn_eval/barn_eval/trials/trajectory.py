@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.base.arrays import Bools, Floats
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Odometry,
@@ -35,6 +35,7 @@ class Trajectory:
     contact: Bools  # (n,)
     # (n,) from the planner's last plan, NaN without one; None if plans were not taken.
     off_plan_m: Floats | None = None
+    command_counts: Integers | None = None  # (n,) commands that answer each reading
 
 
 class TrajectoryLog:
@@ -45,6 +46,7 @@ class TrajectoryLog:
         # x, y, yaw, speed, yaw rate, contact, x and y in the frame of plans.
         self._rows: list[tuple[float, ...]] = []
         self._commands: list[tuple[float, float]] = []
+        self._command_counts: list[int] = []
         self._plans: list[tuple[int, Floats]] = []
 
     def reading(
@@ -73,11 +75,13 @@ class TrajectoryLog:
         self._stamps.append(truth.stamp_ns)
         self._rows.append(row)
         self._commands.append((np.nan, np.nan))
+        self._command_counts.append(0)
 
     def command(self, command: Velocity2D) -> None:
         """Add the command that answers the last reading."""
         if self._commands:
             self._commands[-1] = (command.linear, command.angular)
+            self._command_counts[-1] += 1
 
     def plan(self, points: Floats, stamp_ns: int) -> None:
         """Add a plan, as often as plans are published; anything else is left out.
@@ -114,6 +118,7 @@ class TrajectoryLog:
             commands,
             rows[:, 5].astype(np.bool_),
             off_plan_m,
+            np.array(self._command_counts, np.int64),
         )
 
 

@@ -1,9 +1,9 @@
 """Whether what is in a results folder belongs together and follows from records."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from secrets import randbits
 from typing import TypeVar
@@ -15,10 +15,12 @@ import pyarrow.parquet
 from barn_eval.results.bags import BAGS
 from barn_eval.results.folder import require_row_of_trial
 from barn_eval.results.rows import (
+    COMMANDS_FILE,
     RESULTS,
     ROWS_FILE,
     TRACKS_FILE,
     csv_bytes,
+    parse_row,
     results_table,
     unseal_line,
 )
@@ -34,14 +36,14 @@ from barn_eval.running.pool import (
 )
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.protocol import check_protocol_name
-from barn_eval.trials.result import TrialResult, from_json_line
+from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.verification.rerun import (
-    COMMANDS_NAME,
     CheckWork,
     TrialCheck,
     TrialEvidence,
+    is_current,
 )
 from barn_worlds.base.errors import BarnError, ConfigError, format_error
 from barn_worlds.base.files import read_at_most
@@ -50,6 +52,9 @@ from barn_worlds.base.text_files import parse_json, read_lines
 T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28
 _LIMIT_S = 300.0  # longest time that the check of a trial may take
+
+# Describes a submission; an unpacked one has commands in place of bags.
+SUBMISSION_FILE = "submission.json"
 
 
 @dataclass
@@ -94,6 +99,7 @@ def describe_difference(row: TrialResult, again: TrialResult) -> str:
     Returns:
         The difference in words, empty if there is none.
     """
+    again = replace(again, schema_version=row.schema_version)
     difference = first_difference(row.repeatable(), again.repeatable())
     if difference is None:
         return ""
@@ -124,12 +130,11 @@ class _Checker:
         found.rows = len(rows)
         found.tracks = len(tracks)
 
-        # A submission has commands in place of bags.
-        commands_path = self._folder / COMMANDS_NAME
-        is_submission = commands_path.exists()
+        is_submission = (self._folder / SUBMISSION_FILE).exists()
+        commands_path = self._folder / COMMANDS_FILE
         commands = {
             trial_id: line
-            for _, trial_id, line in self._read(commands_path, _parse_commands_line)
+            for _, trial_id, line in self._read(commands_path, _name_trial)
         }
         drawn = rows.keys() if sample is None else _draw(sorted(rows), sample)
         trials = []
@@ -149,7 +154,7 @@ class _Checker:
                 trial_id in drawn,
             )
             trials.append(evidence)
-        self._check_trials(trials)
+        self._check_trials(trials, rows)
 
         if len(rows) == len(self._specs):
             for trial_id in tracks.keys() - rows.keys():
@@ -159,7 +164,15 @@ class _Checker:
             has_tables = (self._folder / f"{RESULTS}.parquet").exists()
             if has_tables or not is_submission:
                 ordered_rows = [rows[trial_id] for trial_id in self._specs]
-                found.problems += _compare_tables(self._folder, ordered_rows)
+                table_problems = list(_compare_tables(self._folder, ordered_rows))
+                if all(map(is_current, ordered_rows)):
+                    found.problems += table_problems
+                elif table_problems:
+                    self._report(
+                        f"{self._folder}: its tables are not those that this version"
+                        " makes of its rows",
+                        is_old=True,
+                    )
         return found
 
     def _read_specs(self) -> list[TrialSpec]:
@@ -178,15 +191,18 @@ class _Checker:
         }
         for number, checksum in checksums.items():
             if self._run_file.worlds.get(str(number), checksum) != checksum:
-                self._found.problems.append(
+                self._report(
                     f"{self._run_file.path}: world {number} of {self._config.dataset}"
-                    " is not the one it names"
+                    " is not the one it names",
+                    is_old=self._run_file.schema_version < SCHEMA_VERSION,
                 )
 
     def _read_rows(self) -> dict[str, TrialResult]:
         rows: dict[str, TrialResult] = {}
         task = self._run_file.task_fingerprint()
-        for where, trial_id, row in self._read(self._folder / ROWS_FILE, _parse_row):
+        for where, trial_id, row in self._read(
+            self._folder / ROWS_FILE, self._parse_row
+        ):
             if trial_id in rows:
                 self._found.problems.append(
                     f"{where}: trial {trial_id} is there already"
@@ -194,10 +210,14 @@ class _Checker:
             try:
                 require_row_of_trial(row, self._specs[trial_id], task, self._folder)
             except BarnError as error:
-                self._found.problems.append(str(error))
+                self._report(str(error), is_old=not is_current(row))
             else:
                 rows[trial_id] = row
         return rows
+
+    def _parse_row(self, line: str, where: str) -> tuple[str, TrialResult]:
+        row = parse_row(line, where, self._folder)
+        return row.trial_id, row
 
     def _read(
         self, path: Path, parse: Callable[[str, str], tuple[str, T]]
@@ -227,14 +247,35 @@ class _Checker:
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
 
-    def _check_trials(self, trials: Sequence[TrialEvidence]) -> None:
+    def _report(self, problem: str, *, is_old: bool) -> None:
+        """Report a problem; of an old folder, as what could not be checked.
+
+        Versions may differ in what they compute, so an old row that differs is no
+        forgery.
+        """
+        if is_old:
+            self._found.unchecked.append(f"{problem}{self._run_file.origin_note()}")
+        else:
+            self._found.problems.append(problem)
+
+    def _is_old(self, row: TrialResult) -> bool:
+        """Tell whether another version drove a trial, which may have other results."""
+        return not is_current(row) or row.task != self._specs[row.trial_id].task
+
+    def _check_trials(
+        self, trials: Sequence[TrialEvidence], rows: Mapping[str, TrialResult]
+    ) -> None:
         found = self._found
         unchecked: Counter[str] = Counter()
+        old_count = 0
         for check in _check_all(trials):
             found.bags += check.has_bag
             found.driven += check.was_driven
-            where = f"{self._folder}: {check.trial_id}"
-            found.problems += [f"{where}: {problem}" for problem in check.problems]
+            if check.problems and self._is_old(rows[check.trial_id]):
+                old_count += 1
+            else:
+                where = f"{self._folder}: {check.trial_id}"
+                found.problems += [f"{where}: {problem}" for problem in check.problems]
             where = f"{self._folder / BAGS / check.trial_id}"
             found.problems += [f"{where}: {problem}" for problem in check.bag_problems]
             if check.unchecked:
@@ -242,6 +283,12 @@ class _Checker:
         found.unchecked += [
             f"{count} trials: {reason}" for reason, count in unchecked.items()
         ]
+        if old_count:
+            self._report(
+                f"{old_count} trials: differ from what this version computes, which may"
+                " be the version's doing",
+                is_old=True,
+            )
 
 
 def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
@@ -281,12 +328,8 @@ def _draw(trial_ids: list[str], count: int) -> set[str]:
     return {trial_ids[k] for k in order[:count]}
 
 
-def _parse_row(line: str, where: str) -> tuple[str, TrialResult]:
-    row = from_json_line(line, where)
-    return row.trial_id, row
-
-
-def _parse_commands_line(line: str, where: str) -> tuple[str, str]:
+def _name_trial(line: str, where: str) -> tuple[str, str]:
+    """Return the trial of a line, and the line."""
     content = parse_json(line, where)
     trial_id = content.get("trial_id") if isinstance(content, dict) else ""
     return str(trial_id), line

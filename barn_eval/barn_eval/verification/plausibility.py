@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,7 +45,8 @@ def recompute_row(
     """Return the row of a trial from its verdict and trajectory.
 
     Args:
-        row: The row as it was written, for what only the planner can say.
+        row: The row as it was written, for its schema and for what only the planner
+            can say.
         spec: The trial.
         verdict: How it ended.
         trajectory: What the robot did.
@@ -58,8 +60,10 @@ def recompute_row(
         planner_verdict=row.planner_verdict,
         remarks=row.remarks,
         delays=row.delays,
+        schema_version=row.schema_version,
     )
-    return finished.result
+    # Another version may call the same task otherwise; run.json decides which it was.
+    return replace(finished.result, task=row.task)
 
 
 def compare_rows(

@@ -12,11 +12,17 @@ import numpy as np
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import metadata
-from barn_eval.results.tracks import Track, make_track, unpack_arrays
+from barn_eval.results.commands import PlannerCycles, are_kept, parse_commands_line
+from barn_eval.results.tracks import Track, make_track
 from barn_eval.running.pool import Emit, Work
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import REAL_TIME, TrialResult, unpack_delays
+from barn_eval.trials.result import (
+    REAL_TIME,
+    SCHEMA_VERSION,
+    TrialResult,
+    unpack_delays,
+)
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog
 from barn_eval.trials.trial import RunningTrial
@@ -31,21 +37,16 @@ from barn_eval.verification.plausibility import (
 from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.compute import NO_COMPUTE, CycleTimer
+from barn_worlds.base.compute import NO_COMPUTE
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Odometry,
     Pose2D,
     Velocity2D,
-    nanoseconds,
 )
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
-
-COMMANDS_NAME = "commands.jsonl"  # of a submission: what planners commanded
-_MAX_COMMAND_BYTES = 16_000_000  # of a trial: a million commands
 
 
 class Readings(NamedTuple):
@@ -146,7 +147,7 @@ def _pose_table(poses: list[tuple[float, float, float]]) -> Floats:
 
 @cache
 def _scenes() -> ScenePool:
-    """Return the client of all trials of this process, one after the other."""
+    """Return the physics clients of all trials of this process."""
     return ScenePool()
 
 
@@ -161,25 +162,20 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
         commands: Command (n, 2) of each instant in m/s and rad/s, NaN for none.
     """
     config = spec.simulator
-    timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
-    scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
+    cycles = PlannerCycles(spec)
     log = TrajectoryLog()
     odometry = []
     start = spec.course.start
-    client = _scenes()
+    scenes = _scenes()
     with closing(
-        Simulator(spec.world, config, start, spec.simulator_seed, client)
+        Simulator(spec.world, config, start, spec.simulator_seed, scenes)
     ) as simulator:
         for linear, angular in commands.tolist():
             stamp_ns = simulator.stamp_ns
             odometry.append(_pose_row(simulator.read_odometry().pose))
             truth = simulator.read_truth()
             log.reading(truth, simulator.read_collision())
-
-            # A cycle begins with each scan that finds the planner free.
-            delay_ns = 0
-            if stamp_ns % scan_ns == 0 and timer.is_free(stamp_ns):
-                delay_ns = timer.start_cycle(stamp_ns)
+            delay_ns = cycles.start(stamp_ns) or 0
             if not math.isnan(linear):
                 command = Velocity2D(linear, angular)
                 log.command(command)
@@ -255,23 +251,16 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         if bag.problem or (count == 0 and row.measures.driven_m > 0.0):
             problem = bag.problem or "the bag is empty"
             return TrialCheck(row.trial_id, tuple(problems), (problem,), has_bag=True)
-        bag_row = metadata(bag, "barn.result", "result")
-        difference = first_difference(row.repeatable(), bag_row) if bag_row else None
-        if difference is not None:
-            key, value, bag_value = difference
-            problems.append(f"{key} is {value!r} in the row, {bag_value!r} in the bag")
+        problems += _compare_with_bag(row, bag)
+    if not evidence.commands and is_current(row) and are_kept(row, spec):
+        problems.append("its commands are missing")
 
-    unchecked = _why_not_driven(row, recorded, evidence.commands)
-    is_driven = evidence.drive and not unchecked
-    if not unchecked and not row.planner_config:
-        unchecked = "parameters and speed cap are not known of their planner"
+    unchecked = ""
+    simulated = None
     try:
-        simulated = None
-        if is_driven:
-            if recorded is None:
-                commands = _parse_commands(evidence)
-            else:
-                commands = recorded.trajectory.command
+        commands = _find_commands(evidence, recorded)
+        unchecked = _why_not_driven(row, recorded, commands)
+        if commands is not None and evidence.drive and not unchecked:
             simulated = drive_again(spec, commands)
         if recorded is not None and simulated is not None:
             problems += _compare_readings(recorded, simulated)
@@ -280,13 +269,24 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
             problems += _judge(row, spec, readings, evidence.track)
     except BarnError as error:
         problems.append(str(error))
+    if not unchecked and not row.planner_config:
+        unchecked = "parameters and speed cap are not known of their planner"
     return TrialCheck(
         row.trial_id,
         tuple(dict.fromkeys(problems)),
         unchecked=unchecked,
         has_bag=evidence.bag is not None,
-        was_driven=is_driven,
+        was_driven=simulated is not None,
     )
+
+
+def _compare_with_bag(row: TrialResult, bag: BagFile) -> Iterator[str]:
+    """Yield the first difference between a row and the one in its bag."""
+    bag_row = metadata(bag, "barn.result", "result")
+    difference = first_difference(row.repeatable(), bag_row) if bag_row else None
+    if difference is not None:
+        key, value, bag_value = difference
+        yield f"{key} is {value!r} in the row, {bag_value!r} in the bag"
 
 
 def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
@@ -312,31 +312,51 @@ def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
     return spec
 
 
-def _why_not_driven(row: TrialResult, recorded: Readings | None, commands: str) -> str:
+def is_current(row: TrialResult) -> bool:
+    """Tell whether a row has all that rows of this version have."""
+    return row.schema_version == SCHEMA_VERSION
+
+
+def _find_commands(evidence: TrialEvidence, recorded: Readings | None) -> Floats | None:
+    """Return the commands of a trial, None if they are not known exactly."""
+    if evidence.commands:
+        _, commands = parse_commands_line(evidence.commands, "its commands")
+        return commands
+
+    # Folders of earlier versions have commands in bags only.
+    if recorded is None:
+        return None
+    if evidence.row.mode == "ros" and not recorded.is_exact:
+        return None
+    return recorded.trajectory.command
+
+
+def _why_not_driven(
+    row: TrialResult, recorded: Readings | None, commands: Floats | None
+) -> str:
     """Return why a trial's commands cannot be driven again, empty if they can."""
     if not row.is_scored:
         return "not driven again, as they are not scored"
-    if recorded is None and not commands:
-        return (
-            "not driven again, as their commands are not kept (--bags all keeps them);"
-            " only tracks tell of them"
-        )
-    is_inexact = row.mode == "ros" and recorded is not None and not recorded.is_exact
-    if row.compute == REAL_TIME or is_inexact:
+    is_inexact = row.mode == "ros" and (recorded is not None or is_current(row))
+    if row.compute == REAL_TIME or (commands is None and is_inexact):
         return (
             "not driven again, as commands outside lockstep, late, or several to a scan"
             " took effect at times unknown"
         )
+    if commands is None:
+        return (
+            "not driven again, as their commands are not there; only tracks tell of"
+            " them"
+        )
     return ""
 
 
-def _parse_commands(evidence: TrialEvidence) -> Floats:
-    content = parse_json(evidence.commands, evidence.row.trial_id)
-    return unpack_arrays(content, _MAX_COMMAND_BYTES)["commands"].reshape(-1, 2)
-
-
 def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
-    """Yield how recorded readings are not what the recorded commands give."""
+    """Yield how recorded readings are not what the commands give."""
+    command = recorded.trajectory.command
+    if not np.array_equal(command, simulated.trajectory.command, equal_nan=True):
+        yield "its commands are not those of its bag"
+        return
     difference = np.abs(_reading_table(recorded) - _reading_table(simulated))
     yaws = difference[:, [3, 6]]
     difference[:, [3, 6]] = np.minimum(yaws, np.abs(2.0 * np.pi - yaws))

@@ -11,23 +11,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from barn_eval.results.bags import BAGS
-from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.provenance import SUITE, versions
 from barn_eval.results.rows import (
+    COMMANDS_FILE,
     ROWS_FILE,
     TRACKS_FILE,
     RowFile,
-    seal_line,
     write_tables,
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.results.store import LOGS
-from barn_eval.results.tracks import pack_arrays
 from barn_eval.running.command_files import find_parameter_files
 from barn_eval.trials.run_config import RunConfig
-from barn_eval.verification.check import FolderCheck, check_folder
-from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
+from barn_eval.verification.check import SUBMISSION_FILE, FolderCheck, check_folder
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import (
     ZIP_ERRORS,
@@ -40,8 +36,7 @@ from barn_worlds.base.text_files import parse_json
 from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
-CONTENTS_FILE = "submission.json"
-_REQUIRED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_NAME)
+_REQUIRED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
 _ALLOWED = (*_REQUIRED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
 
 # Files that planners' commands name.
@@ -92,9 +87,11 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     for name in _ALLOWED:
         if (folder / name).is_file():
             files[name] = read_bytes(folder / name, _MAX_BYTES)
-    if COMMANDS_NAME not in files:
-        lines = (f"{seal_line(line)}\n" for line in _command_lines(folder))
-        files[COMMANDS_NAME] = "".join(lines).encode()
+    if COMMANDS_FILE not in files:
+        raise ConfigError(
+            f"{folder}: is not to be submitted: has no {COMMANDS_FILE}"
+            f"{run_file.origin_note()}"
+        )
     for file in _parameter_files(folder, run_file.run_config()):
         files[f"parameters/{file.name}"] = file.read_bytes()
 
@@ -104,7 +101,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         "files": {name: _sha256(content) for name, content in files.items()},
     }
     contents_text = json.dumps(contents, indent=1).encode()
-    write_durably(Path(path), pack_zip({CONTENTS_FILE: contents_text, **files}))
+    write_durably(Path(path), pack_zip({SUBMISSION_FILE: contents_text, **files}))
     return check
 
 
@@ -124,18 +121,6 @@ def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
         yield from find_parameter_files(folder / LOGS, planner.name)
         for name, sha256 in planner.files.items():
             yield from (folder / LOGS).rglob(f"{sha256[:12]}_{Path(name).name}")
-
-
-def _command_lines(folder: Path) -> Iterator[str]:
-    for row in RowFile(folder).read():
-        bag = folder / BAGS / row.trial_id
-        if not bag.is_dir():
-            continue
-        readings, _ = read_bag(BagFile(bag))
-        if readings.is_exact or row.mode == "direct":
-            commands = pack_arrays({"commands": readings.trajectory.command.ravel()})
-            content = {"trial_id": row.trial_id} | commands
-            yield json.dumps(content, separators=(",", ":"))
 
 
 def _sha256(content: bytes) -> str:
@@ -222,8 +207,8 @@ def _unpack(path: Path, folder: Path) -> str:
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             _require_members(path, archive.infolist())
-            where = f"{path}: {CONTENTS_FILE}"
-            contents = parse_json(_read_member(archive, CONTENTS_FILE), where)
+            where = f"{path}: {SUBMISSION_FILE}"
+            contents = parse_json(_read_member(archive, SUBMISSION_FILE), where)
             if not isinstance(contents, dict):
                 contents = {}
             files = contents.get("files")
@@ -232,17 +217,19 @@ def _unpack(path: Path, folder: Path) -> str:
                 raise ConfigError(
                     f"{where}: schema_version must be {SCHEMA_VERSION}, with files"
                 )
-            if files.keys() != set(archive.namelist()) - {CONTENTS_FILE}:
+            if files.keys() != set(archive.namelist()) - {SUBMISSION_FILE}:
                 raise ConfigError(f"{where} does not name the files that there are")
             for name, sha256 in files.items():
                 content = _read_member(archive, name)
                 if _sha256(content) != sha256:
                     raise ConfigError(
-                        f"{path}: {name} has not the SHA-256 that {CONTENTS_FILE}"
+                        f"{path}: {name} has not the SHA-256 that {SUBMISSION_FILE}"
                         " states"
                     )
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
+            contents_text = json.dumps(contents, indent=1)
+            (folder / SUBMISSION_FILE).write_text(contents_text, "utf-8")
     except ZIP_ERRORS as error:
         raise ConfigError(
             f"{path}: not a submission, or a damaged one: {error}"
@@ -261,11 +248,11 @@ def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
     """
     names = [member.filename for member in members[: _MAX_MEMBERS + 1]]
     for name in names:
-        if name not in (CONTENTS_FILE, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
+        if name not in (SUBMISSION_FILE, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
             raise ConfigError(
                 f"{path}: holds {format_value(name)}, which is no part of a submission"
             )
-    missing = {CONTENTS_FILE, *_REQUIRED}.difference(names)
+    missing = {SUBMISSION_FILE, *_REQUIRED}.difference(names)
     if missing:
         raise ConfigError(f"{path}: not a submission: has no {min(missing)}")
     if len(names) > _MAX_MEMBERS or len(set(names)) < len(names):

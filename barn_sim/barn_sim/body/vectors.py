@@ -1,7 +1,5 @@
 """Vectors, quaternions (x, y, z, w) and matrices as tuples, for compiled code."""
 
-import math
-
 from numba import njit
 
 from barn_worlds.base.arrays import Floats
@@ -84,18 +82,3 @@ def transpose(matrix: Matrix) -> Matrix:
     """Return the transpose of a matrix."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
     return (xx, yx, zx), (xy, yy, zy), (xz, yz, zz)
-
-
-@njit(cache=True)
-def attitude_of(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the quaternion of rotations about x, y and z, in this order.
-
-    Args:
-        roll: Angle about x, rad.
-        pitch: Angle about y, rad.
-        yaw: Angle about z, rad.
-    """
-    about_x = (math.sin(0.5 * roll), 0.0, 0.0, math.cos(0.5 * roll))
-    about_y = (0.0, math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch))
-    about_z = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
-    return multiply(about_z, multiply(about_y, about_x))

@@ -313,25 +313,8 @@ def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) 
         change_y = y - wheel.impulse_y[k]
         wheel.impulse_x[k] = x
         wheel.impulse_y[k] = y
-        motion = apply_impulse(
-            motion,
-            (
-                levers[0, k],
-                levers[1, k],
-                levers[2, k],
-                levers[3, k],
-                levers[4, k],
-                levers[5, k],
-            ),
-            inverse_mass,
-            change_x,
-            change_y,
-        )
-        rows[0, k] = motion[0]
-        rows[1, k] = motion[1]
-        rows[2, k] = motion[2]
-        rows[3, k] = motion[3]
-        rows[4, k] = motion[4]
+        motion = apply_impulse(motion, levers[:, k], inverse_mass, change_x, change_y)
+        fill(rows[:, k], motion)
 
         # Selects, which become vector instructions, unlike `max`.
         size_x = abs(change_x)

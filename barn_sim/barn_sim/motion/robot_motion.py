@@ -19,10 +19,12 @@ import numpy as np
 
 from barn_sim.body.drive import DriveController
 from barn_sim.body.model import RobotModel, model_of
+from barn_sim.body.rigid_body import place_base
 from barn_sim.body.state import ROBOT, Fleet, Records
 from barn_sim.body.tires import Tires, tires_of
-from barn_sim.body.vectors import attitude_of, rotation
+from barn_sim.body.vectors import rotation
 from barn_sim.config import PhysicsConfig, SimulatorConfig
+from barn_sim.contact.bullet import bullet
 from barn_sim.contact.movers import Movers
 from barn_sim.contact.obstacles import Obstacles, contact_gap_m
 from barn_sim.contact.scene import ContactScene, ScenePool
@@ -32,7 +34,6 @@ from barn_sim.motion.ticks import (
     base_motion,
     body_state,
     follow_body,
-    place_robot,
     push_body,
 )
 from barn_sim.sensors.odometry import FusedOdometry
@@ -291,11 +292,11 @@ def _robot_at_rest(
 ) -> Records:
     """Return the record (1,) of a robot that stands on its tires."""
     height, roll, pitch = tires.rest
-    attitude = attitude_of(roll, pitch, start.yaw)
+    attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
     offset = np.array(rotation(attitude)) @ model.center_of_mass
     robots = np.zeros(1, ROBOT)
     robots["position"] = [start.x + offset[0], start.y + offset[1], height]
     robots["attitude"] = attitude
     robots["wheels"]["hub"][0, : len(tires.hubs)] = tires.hubs
-    place_robot(robots, settings, 0)
+    place_base(robots[0], settings[0])
     return robots

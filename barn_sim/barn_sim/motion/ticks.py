@@ -182,19 +182,6 @@ def body_state(
 
 
 @njit(cache=True)
-def place_robot(robots: Records, settings: Records, index: int) -> None:
-    """Fill in the pose of base_link of a robot whose body has been placed.
-
-    Args:
-        robots: Records (n,) of robots.
-        settings: The fleet's settings (1,).
-        index: Row of the robot.
-    """
-    robot: Record = robots[index]
-    place_base(robot, settings[0])
-
-
-@njit(cache=True)
 def solve_tires(robot: Record, fixed: Record) -> Motion:
     """Solve the friction of a tick whose rim speeds are set.
 

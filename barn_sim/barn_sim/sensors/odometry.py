@@ -67,7 +67,9 @@ class FusedOdometry:
         """Apply the noise of the update with this number, counted from 0."""
         self.supply_noise(number, number)
         fleet = self._fleet
-        update_noise(fleet.robots, fleet.settings, self._index, fleet.noise, number)
+        robot = fleet.robots[self._index]
+        row = fleet.noise[self._index, number - robot["noise_from"]]
+        renew_noise(robot, fleet.settings[0], row)
 
     def supply_noise(self, first: int, last: int) -> None:
         """Draw the noise of updates in advance; each is drawn once, in their order.
@@ -119,23 +121,6 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
     drift = robot.gyro_bias * 1e-9 * robot.stamp_ns
     robot.yaw_error = settings.yaw_noise_rad * row[0] + drift
     robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1] + robot.gyro_bias
-
-
-@njit(cache=True)
-def update_noise(
-    robots: Records, settings: Records, index: int, noise: Floats, number: int
-) -> None:
-    """Replace the errors of a robot's odometry by those of an update.
-
-    Args:
-        robots: Records (n,) of robots.
-        settings: Their common record (1,) of settings.
-        index: Row of the robot.
-        noise: Noise of all robots' next updates (n, k, 2).
-        number: Number of the update, for which there must be noise.
-    """
-    robot: Record = robots[index]
-    renew_noise(robot, settings[0], noise[index, number - robot.noise_from])
 
 
 @njit(cache=True)

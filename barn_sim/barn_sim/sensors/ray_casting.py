@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.state import Record, Records
+from barn_sim.body.vectors import Vector
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Floats, Integers, Singles
 from barn_worlds.geometry.kernels import entry_time
@@ -24,7 +25,6 @@ Fan = tuple[float, float, float]
 Limits = tuple[float, float, float, float]
 # Position of the sensor (m), cosine and sine of its yaw.
 Frame = tuple[float, float, float, float]
-Vector = tuple[float, float, float]
 
 ROUGH_RAD = 5e-4
 """Largest error of `rough_angle`."""

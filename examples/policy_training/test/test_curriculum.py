@@ -11,32 +11,32 @@ import barn_eval.gym  # noqa: E402
 
 @pytest.fixture
 def make():
-    made = []
+    environments = []
 
     def build(worlds="0-10", **config):
         env = gymnasium.make(
             barn_eval.gym.ENVIRONMENT_ID, worlds=worlds, **{"observation.beams": 12}
         )
-        made.append(Curriculum(env, CurriculumConfig(**config)))
-        return made[-1]
+        environments.append(Curriculum(env, CurriculumConfig(**config)))
+        return environments[-1]
 
     yield build
-    for env in made:
+    for env in environments:
         env.close()
 
 
-def drawn(env, seeds=range(40)):
+def draw_worlds(env, seeds=range(40)):
     return {env.reset(seed=seed)[1]["world"] for seed in seeds}
 
 
-def test_worlds_are_drawn_up_to_the_level_and_repeat_from_the_seed(make):
+def test_worlds_come_up_to_the_level_and_repeat_from_the_seed(make):
     env = make(first_level=0.3)
-    assert drawn(env) == {0, 1, 2, 3}
+    assert draw_worlds(env) == {0, 1, 2, 3}
     env.reset(seed=9)
     worlds = [env.reset()[1]["world"] for _ in range(20)]
     env.reset(seed=9)
     assert worlds == [env.reset()[1]["world"] for _ in range(20)]
-    assert drawn(make("7", first_level=0.0)) == {7}
+    assert draw_worlds(make("7", first_level=0.0)) == {7}
 
 
 def test_the_level_rises_with_success_only(make):
@@ -45,7 +45,7 @@ def test_the_level_rises_with_success_only(make):
     assert not env.record(False) and env.level == 0.2
     assert not env.record(True)  # of the last four, two
     assert env.record(True) and env.level == 0.7
-    assert drawn(env) == set(range(8))
+    assert draw_worlds(env) == set(range(8))
     assert not any(env.record(True) for _ in range(3))  # counted anew
     assert env.record(True) and env.level == 1.0
     assert not any(env.record(True) for _ in range(8)) and env.level == 1.0

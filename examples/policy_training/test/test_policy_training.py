@@ -1,4 +1,7 @@
-"""From a model of Stable-Baselines3 to a policy file that answers as the model does; and the training script."""
+"""Export a model of Stable-Baselines3 to a policy file that answers as the model does.
+
+The training script is tested, too.
+"""
 
 import csv
 import subprocess
@@ -43,15 +46,17 @@ def test_the_batch_gives_what_the_environments_give():
         observation=PolicyObservation(beams=40),
     )
     batch = StableBatch(5, config)
-    others = DummyVecEnv([lambda: JackalEnv(config)] * 5)
-    for envs in (batch, others):
+    environments = DummyVecEnv([lambda: JackalEnv(config)] * 5)
+    for envs in (batch, environments):
         envs.seed(3)
-    np.testing.assert_array_equal(batch.reset(), others.reset())
+    np.testing.assert_array_equal(batch.reset(), environments.reset())
     ended = 0
     for action in np.full((120, 5, 2), [1.0, 0.0]):
-        seen, rewards, dones, infos = batch.step(action)
-        seen_too, rewards_too, dones_too, infos_too = others.step(action)
-        np.testing.assert_array_equal(seen, seen_too)
+        observations, rewards, dones, infos = batch.step(action)
+        expected_observations, rewards_too, dones_too, infos_too = environments.step(
+            action
+        )
+        np.testing.assert_array_equal(observations, expected_observations)
         np.testing.assert_array_equal(rewards, rewards_too)
         np.testing.assert_array_equal(dones, dones_too)
         for k in np.flatnonzero(dones):
@@ -64,7 +69,7 @@ def test_the_batch_gives_what_the_environments_give():
     assert ended > 2 and batch.env_is_wrapped(gymnasium.Wrapper) == [False] * 5
     assert batch.get_attr("render_mode", [0]) == [None]
     batch.close()
-    others.close()
+    environments.close()
 
 
 def test_a_batch_takes_harder_worlds_with_success():
@@ -82,7 +87,7 @@ def test_a_batch_takes_harder_worlds_with_success():
     ended = np.zeros(3, int)
     for _ in range(120):
         ended += batch.step(np.full((3, 2), [1.0, 0.0]))[2]
-    assert [one.level for one in batch.curricula] == pytest.approx(
+    assert [curriculum.level for curriculum in batch.curricula] == pytest.approx(
         0.05 * ended
     ) and ended.any()
     batch.close()
@@ -109,14 +114,14 @@ def test_the_file_answers_as_the_model(vectorised, tmp_path, name, settings):
     assert policy.about == {"algorithm": name, "steps": 0, "by": "a test"}
     low, high = CONFIG.observation.bounds()
     network = PolicyNetwork(policy)
-    for seen in (
+    for observation in (
         np.random.default_rng(2)
         .uniform(low, high, (50, CONFIG.observation.size))
         .astype(np.float32)
     ):
-        expected, _ = model.predict(seen, deterministic=True)
+        expected, _ = model.predict(observation, deterministic=True)
         np.testing.assert_allclose(
-            np.clip(network.act(seen), -1.0, 1.0), expected, atol=1e-5
+            np.clip(network.act(observation), -1.0, 1.0), expected, atol=1e-5
         )
 
 

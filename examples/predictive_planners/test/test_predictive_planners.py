@@ -1,4 +1,4 @@
-"""Circles and tracks against what moves in truth, and the planners that predict by them."""
+"""Circles and tracks against what really moves, and the planners that use them."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,10 @@ BEAMS = 721
 
 
 def scan_of(pose, discs, stamp_ns=0):
-    """Return the exact scan, all round, of discs (x, y, radius) by a lidar 0.055 m ahead of the robot's centre."""
+    """Return the exact scan, all round, of discs (x, y, radius).
+
+    The lidar is 0.055 m ahead of the robot's center.
+    """
     angles = np.linspace(-math.pi, math.pi, BEAMS)
     sensor = pose @ Pose2D(0.055, 0.0, 0.0)
     ranges = np.full(BEAMS, np.inf)
@@ -47,7 +50,7 @@ def scan_of(pose, discs, stamp_ns=0):
     )
 
 
-def seen(
+def observe(
     step: int, pose: Pose2D, discs: list[tuple[float, float, float]]
 ) -> Observation:
     stamp_ns = step * PERIOD_NS
@@ -62,8 +65,10 @@ def tracks(
     """Return what is tracked after some scans of discs (x, y, radius) at times."""
     tracker = Tracker(TrackerConfig(**changes), Pose2D(0.055, 0.0, 0.0))
     for step in range(steps):
-        found = tracker.update(seen(step, pose_at(step * 0.05), discs_at(step * 0.05)))
-    return found
+        discs = tracker.update(
+            observe(step, pose_at(step * 0.05), discs_at(step * 0.05))
+        )
+    return discs
 
 
 @settings(max_examples=50, deadline=None)
@@ -73,16 +78,16 @@ def test_a_circle_is_found_from_an_arc_of_it(seed):
     centre = rng.uniform(-5.0, 5.0, 2)
     radius = rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
-    points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    found, found_radius, roundness = fit_circle(points)
-    assert found == pytest.approx(centre, abs=1e-6)
-    assert (found_radius, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points = centre + radius * directions
+    center, radius_m, roundness = fit_circle(points)
+    assert center == pytest.approx(centre, abs=1e-6)
+    assert (radius_m, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
 
 
 def test_a_line_is_no_circle():
-    assert math.isinf(
-        fit_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
-    )
+    line = np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1)
+    assert math.isinf(fit_circle(line)[1])
 
 
 @pytest.mark.parametrize("velocity", [(1.0, 0.0), (-0.8, -1.0), (0.0, 2.0)])
@@ -90,9 +95,10 @@ def test_a_disc_is_tracked_from_a_robot_that_drives_and_turns(velocity):
     def disc(time_s):
         return [(3.0 + velocity[0] * time_s, -1.0 + velocity[1] * time_s, 0.5)]
 
-    found = tracks(disc, lambda time_s: Pose2D(0.5 * time_s, 0.0, 0.6 * time_s))
+    discs = tracks(disc, lambda time_s: Pose2D(0.5 * time_s, 0.0, 0.6 * time_s))
     ((x, y, radius),) = disc(29 * 0.05)
-    assert found == pytest.approx(np.array([[x, y, *velocity, radius]]), abs=0.03)
+    expected = np.array([[x, y, *velocity, radius]])
+    assert discs == pytest.approx(expected, abs=0.03)
 
 
 def test_what_stands_is_not_tracked_however_the_robot_moves():
@@ -104,14 +110,15 @@ def test_what_stands_is_not_tracked_however_the_robot_moves():
 
 
 def test_two_that_cross_keep_their_velocities():
-    found = tracks(
+    discs = tracks(
         lambda t: [(3.0, -1.0 + 1.0 * t, 0.3), (1.5, 1.2 - 1.0 * t, 0.3)], steps=20
     )
-    by_x = found[np.argsort(found[:, 0])]
-    assert by_x[:, 2:4] == pytest.approx(np.array([[0.0, -1.0], [0.0, 1.0]]), abs=0.1)
+    by_x = discs[np.argsort(discs[:, 0])]
+    velocities = np.array([[0.0, -1.0], [0.0, 1.0]])
+    assert by_x[:, 2:4] == pytest.approx(velocities, abs=0.1)
 
 
-def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
+def test_a_track_ends_unobserved_and_a_reset_forgets_all():
     def gone(time_s):
         return [] if time_s > 1.0 else [(3.0, time_s, 0.5)]
 
@@ -119,9 +126,9 @@ def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
     assert len(tracks(gone, steps=40)) == 0
     tracker = Tracker(TrackerConfig(), Pose2D(0.055, 0.0, 0.0))
     for step in range(20):
-        tracker.update(seen(step, Pose2D(0.0, 0.0, 0.0), [(3.0, 0.05 * step, 0.5)]))
+        tracker.update(observe(step, Pose2D(0.0, 0.0, 0.0), [(3.0, 0.05 * step, 0.5)]))
     again = tracker.update(
-        seen(19, Pose2D(0.0, 0.0, 0.0), [])
+        observe(19, Pose2D(0.0, 0.0, 0.0), [])
     )  # the same instant again changes nothing
     assert len(again) == len(tracker.moving_discs()) == 1
     tracker.reset()
@@ -142,31 +149,39 @@ def test_meeting_distances_equal_small_steps(seed):
     directions = np.linspace(-2.0, 2.0, 9)
     speed = 0.5
     radius = 0.28
-    found = meeting_distances(discs, directions, radius, speed)
+    distances = meeting_distances(discs, directions, radius, speed)
     if (np.hypot(*discs[:, :2].T) <= discs[:, 4] + radius).any():
         return  # touched already: only those count that come nearer
     way = np.arange(0.0, 4.0, 0.001)
-    for direction, distance in zip(directions, found, strict=True):
+    for direction, distance in zip(directions, distances, strict=True):
         robot = way[:, None] * [math.cos(direction), math.sin(direction)]
-        others = discs[None, :, :2] + (way / speed)[:, None, None] * discs[None, :, 2:4]
-        gap = (
-            np.hypot(*np.moveaxis(others - robot[:, None], 2, 0)) - discs[:, 4] - radius
-        ).min(axis=1)
+        positions = (
+            discs[None, :, :2] + (way / speed)[:, None, None] * discs[None, :, 2:4]
+        )
+        offsets = np.moveaxis(positions - robot[:, None], 2, 0)
+        gap = (np.hypot(*offsets) - discs[:, 4] - radius).min(axis=1)
         expected = way[gap <= 0.0][0] if (gap <= 0.0).any() else math.inf
         assert distance <= expected + 1e-9
         if distance < 4.0:
-            assert gap[min(round(distance / 0.001), len(gap) - 1)] <= 0.006
+            step = min(round(distance / 0.001), len(gap) - 1)
+            assert gap[step] <= 0.006
 
 
 def test_discs_of_one_frame_in_another():
     disc = np.array([[2.0, 0.0, 0.0, 1.0, 0.3]])
-    there = transform_discs(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
-    assert there == pytest.approx(np.array([[0.0, -1.0, 1.0, 0.0, 0.3]]))
-    assert transform_discs(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
+    transformed = transform_discs(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
+    expected = np.array([[0.0, -1.0, 1.0, 0.0, 0.3]])
+    assert transformed == pytest.approx(expected)
+    assert transform_discs(transformed, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(
+        disc
+    )
 
 
 def crossing(name: str, **overrides) -> tuple[float, float]:
-    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses; return smallest gap and final x."""
+    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses.
+
+    Return smallest gap and final x.
+    """
     planner = make_planner(name, "challenge", overrides)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
     pose = Pose2D(0.0, 0.0, 0.0)
@@ -196,7 +211,7 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
     return nearest, pose.x
 
 
-def test_a_planner_that_predicts_keeps_farther_from_a_disc_that_crosses_its_way():
+def test_predicting_keeps_farther_from_a_disc_that_crosses():
     plain = crossing("gap")
     predictive = crossing("gap_predictive")
     assert predictive[0] > plain[0] and predictive[0] > 0.28
@@ -214,7 +229,7 @@ def test_trajectories_of_mppi_keep_clear_of_where_a_disc_will_be():
 def test_a_scan_without_ranges_stops_the_robot_with_a_reason(name):
     planner = make_planner(name)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
-    observation = seen(0, Pose2D(0.0, 0.0, 0.0), [])
+    observation = observe(0, Pose2D(0.0, 0.0, 0.0), [])
     for ranges, reason in (
         (np.empty(0, np.float32), "empty"),
         (np.full(BEAMS, np.nan, np.float32), "no valid range"),
@@ -226,18 +241,18 @@ def test_a_scan_without_ranges_stops_the_robot_with_a_reason(name):
         assert reason in decision.reason
 
 
-@pytest.mark.parametrize(("name", "own"), [("gap", []), ("mppi", ["moving_margin_m"])])
-def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_margin(
-    name, own
-):
+@pytest.mark.parametrize(
+    ("name", "own_config"), [("gap", []), ("mppi", ["moving_margin_m"])]
+)
+def test_another_robot_changes_the_plain_planner_and_the_margin(name, own_config):
     husky = load_robot("husky")
     changes, plain = (
-        fit_parameters(one, "default", {}, husky)
-        for one in (f"{name}_predictive", name)
+        fit_parameters(planner, "default", {}, husky)
+        for planner in (f"{name}_predictive", name)
     )
-    assert changes.keys() == {*plain, *own}
+    assert changes.keys() == {*plain, *own_config}
     assert {key: changes[key] for key in plain} == plain
-    assert all(changes[key] > 0.1 for key in own)
+    assert all(changes[key] > 0.1 for key in own_config)
 
 
 def test_costs_of_meeting_discs_equal_a_plain_reference():
@@ -254,13 +269,11 @@ def test_costs_of_meeting_discs_equal_a_plain_reference():
     costs = np.ones(30)
     add_moving_costs(costs, poses, 0.05, discs, 0.2, 10.0)
     times = 0.05 * np.arange(1, 21)[:, None, None]
-    away = np.hypot(
-        discs[:, 0] + times * discs[:, 2] - xs[..., None],
-        discs[:, 1] + times * discs[:, 3] - ys[..., None],
-    )
+    dx = discs[:, 0] + times * discs[:, 2] - xs[..., None]
+    dy = discs[:, 1] + times * discs[:, 3] - ys[..., None]
+    away = np.hypot(dx, dy)
     met = (away < discs[:, 4] + 0.2).any(axis=2)
     assert met.any() and not met[0].all()
-    expected = np.where(
-        met.any(axis=0), 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20), 0.0
-    )
+    cost = 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20)
+    expected = np.where(met.any(axis=0), cost, 0.0)
     np.testing.assert_allclose(costs, 1.0 + expected, rtol=1e-12)

@@ -11,9 +11,9 @@ NOTHING = np.full(720, np.inf)
 def wall(distance_m):
     """Return what is seen of a wall across, 2 m wide."""
     ranges = distance_m / np.cos(BEARINGS)
-    return np.where(
-        (abs(BEARINGS) < 1.5) & (abs(ranges * np.sin(BEARINGS)) < 1.0), ranges, np.inf
-    )
+    lateral_m = abs(ranges * np.sin(BEARINGS))
+    is_wall = (abs(BEARINGS) < 1.5) & (lateral_m < 1.0)
+    return np.where(is_wall, ranges, np.inf)
 
 
 def test_it_drives_straight_at_a_goal_ahead():
@@ -45,4 +45,5 @@ def test_readings_that_are_no_numbers_are_left_out():
 
 def test_free_is_bounded_by_sight():
     assert free_length(np.zeros((0, 2)), 0.3) == SIGHT_M
-    assert free_length(np.array([[2.0, 0.1], [1.0, 0.7]]), 0.0) == 2.0
+    points = np.array([[2.0, 0.1], [1.0, 0.7]])
+    assert free_length(points, 0.0) == 2.0

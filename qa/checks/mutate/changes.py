@@ -1,8 +1,9 @@
 """Small changes to a Python source, each of which a unit test should notice.
 
-Changed are comparisons, arithmetic, boolean connectives, conditions, constants, return values, neighbouring arguments
-and names that are easily confused; statements are removed. Left alone are docstrings, annotations, type aliases,
-decorators, imports, f-strings and what an error says: they decide no result.
+Changed are comparisons, arithmetic, boolean connectives, conditions, constants, return
+values, neighbouring arguments and names that are easily confused; statements are
+removed. Left alone are docstrings, annotations, type aliases, decorators, imports,
+f-strings and what an error says: they decide no result.
 """
 
 import ast
@@ -70,7 +71,7 @@ Change = tuple[
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the function or class and the line it is in, what stands there before and after, the text after."""
+    """One change to a source: its place, what it replaces and the text after it."""
 
     where: str
     line: int
@@ -80,11 +81,14 @@ class Mutant:
 
 
 def mutants_of(source: str) -> list[Mutant]:
-    """Return every change to a module's source, in the order of its lines, none twice."""
+    """Return every change to a module's source in the order of its lines.
+
+    No change is there twice.
+    """
     whole = source.encode()
     lines = whole.splitlines(keepends=True)
     starts = [sum(map(len, lines[:row])) for row in range(len(lines) + 1)]
-    found: dict[str, Mutant] = {}
+    mutants: dict[str, Mutant] = {}
     for node, where in _nodes(ast.parse(source), ""):
         for place, change in (*changes(node), *_removal(node)):
             top = place.lineno - 1
@@ -98,17 +102,19 @@ def mutants_of(source: str) -> list[Mutant]:
                 : len(was) + len(change.encode()) - (end - begin)
             ]
             text = (before + after).decode()
-            found[text] = Mutant(where, top + 1, _one_line(was), _one_line(now), text)
-    found.pop(source, None)
-    return sorted(found.values(), key=lambda one: one.line)
+            mutants[text] = Mutant(
+                where, top + 1, _join_lines(was), _join_lines(now), text
+            )
+    mutants.pop(source, None)
+    return sorted(mutants.values(), key=lambda mutant: mutant.line)
 
 
-def _one_line(text: bytes) -> str:
+def _join_lines(text: bytes) -> str:
     return " ".join(text.decode().split())
 
 
 def _nodes(node: ast.AST, where: str) -> Iterator[tuple[ast.AST, str]]:
-    """Yield the nodes that may change, and the dotted name of the function or class that each stands in."""
+    """Yield each node that may change and the dotted name of its function or class."""
     match node:
         case (
             ast.Import()
@@ -131,7 +137,7 @@ def _nodes(node: ast.AST, where: str) -> Iterator[tuple[ast.AST, str]]:
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the parts of a node without decorators, annotations and what an error says."""
+    """Yield the parts of a node without decorators, annotations and texts of errors."""
     if isinstance(node, ast.FunctionDef):
         yield from (
             default
@@ -154,12 +160,13 @@ def changes(_node: ast.AST) -> list[Change]:
 
 @changes.register
 def _(node: ast.Compare) -> list[Change]:
-    found = _keys([node.left, *node.comparators])
+    compare_changes = _keys([node.left, *node.comparators])
     for index, operator in enumerate(node.ops):
         for other in COMPARISONS[type(operator)]:
             ops = [*node.ops[:index], other(), *node.ops[index + 1 :]]
-            found.append((node, _text(ast.Compare(node.left, ops, node.comparators))))
-    return found
+            comparison = ast.Compare(node.left, ops, node.comparators)
+            compare_changes.append((node, _text(comparison)))
+    return compare_changes
 
 
 @changes.register
@@ -171,33 +178,21 @@ def _(node: ast.BinOp) -> list[Change]:
             if _text(sides[0]) == _text(sides[1])
             else [(node, _text(ast.BinOp(sides[0], node.op, sides[1])))]
         )
-    return [(node, _text(ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)))]
+    operator = OPERATORS[type(node.op)]()
+    return [(node, _text(ast.BinOp(node.left, operator, node.right)))]
 
 
 @changes.register
 def _(node: ast.AugAssign) -> list[Change]:
-    return [
-        (
-            node,
-            ast.unparse(
-                ast.AugAssign(node.target, OPERATORS[type(node.op)](), node.value)
-            ),
-        )
-    ]
+    operator = OPERATORS[type(node.op)]()
+    change = ast.AugAssign(node.target, operator, node.value)
+    return [(node, ast.unparse(change))]
 
 
 @changes.register
 def _(node: ast.BoolOp) -> list[Change]:
-    return [
-        (
-            node,
-            _text(
-                ast.BoolOp(
-                    ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values
-                )
-            ),
-        )
-    ]
+    operator = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+    return [(node, _text(ast.BoolOp(operator, node.values)))]
 
 
 @changes.register
@@ -242,11 +237,13 @@ def _(node: ast.Attribute) -> list[Change]:
 def _(node: ast.Call) -> list[Change]:
     if getattr(node.func, "attr", getattr(node.func, "id", "")) in SYMMETRIC:
         return []
-    return [
-        (ast.Tuple([one, other], **_span(one, other)), f"{_text(other)}, {_text(one)}")
-        for one, other in pairwise(node.args)
-        if _text(one) != _text(other) and not (_is_text(one) and _is_text(other))
-    ]
+    swaps: list[Change] = []
+    for first, second in pairwise(node.args):
+        are_texts = _is_text(first) and _is_text(second)
+        if _text(first) != _text(second) and not are_texts:
+            both = ast.Tuple([first, second], **_span(first, second))
+            swaps.append((both, f"{_text(second)}, {_text(first)}"))
+    return swaps
 
 
 @changes.register(ast.If)
@@ -289,12 +286,15 @@ def _(node: ast.Tuple | ast.List | ast.Set) -> list[Change]:
 
 
 def _keys(parts: list[ast.expr] | list[ast.expr | None]) -> list[Change]:
-    """Return changes to texts that are keys or choices, rather than words for a reader."""
+    """Return changes to texts that are keys or choices, not words for a reader."""
     return [(part, repr(str(part.value) + "_")) for part in parts if _is_text(part)]
 
 
 def _opposite(condition: ast.expr) -> list[Change]:
-    """Return the opposite of a condition, unless a change to the condition itself makes it."""
+    """Return the opposite of a condition.
+
+    It is left out where a change to the condition itself gives it.
+    """
     return (
         []
         if isinstance(condition, (ast.Compare, ast.UnaryOp))

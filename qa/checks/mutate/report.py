@@ -1,4 +1,7 @@
-"""What became of mutants: totals, survivors with the reason each, and docs/mutation.md."""
+"""What became of mutants.
+
+Totals, survivors with the reason each, and docs/mutation.md.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -29,7 +32,7 @@ class Tried:
         return self.module, self.mutant.where, self.mutant.was, self.mutant.now
 
 
-def known_reasons() -> dict[Change, str]:
+def load_reasons() -> dict[Change, str]:
     """Return why the mutants listed in survivors.yaml survive."""
     listed = yaml.safe_load(REASONS.read_text("utf-8"))
     return {
@@ -42,8 +45,8 @@ def known_reasons() -> dict[Change, str]:
 
 
 def totals(tried: Sequence[Tried]) -> tuple[int, int, int, float]:
-    """Return the numbers of mutants, of those killed and of those that survived, and the percentage killed."""
-    killed = sum(one.killed for one in tried)
+    """Return how many mutants there are, were killed and survived, and the % killed."""
+    killed = sum(outcome.killed for outcome in tried)
     return (
         len(tried),
         killed,
@@ -59,54 +62,56 @@ def summary(tried: Sequence[Tried]) -> str:
 
 def records(tried: Iterable[Tried]) -> list[dict[str, Any]]:
     """Return the survivors as plain data."""
-    reasons = known_reasons()
+    reasons = load_reasons()
     return [
-        {"line": one.mutant.line, "reason": reasons.get(one.change)}
-        | dict(zip(("module", "where", "was", "now"), one.change, strict=True))
-        for one in tried
-        if not one.killed
+        {"line": outcome.mutant.line, "reason": reasons.get(outcome.change)}
+        | dict(zip(("module", "where", "was", "now"), outcome.change, strict=True))
+        for outcome in tried
+        if not outcome.killed
     ]
 
 
 def survivors(tried: Iterable[Tried]) -> str:
     """Return the survivors with place, reason and difference."""
-    reasons = known_reasons()
-    return "".join(
-        f"{one.module}:{one.mutant.line} {one.mutant.where}: {reasons.get(one.change, NO_REASON)}\n"
-        f"- {one.mutant.was}\n+ {one.mutant.now}\n\n"
-        for one in tried
-        if not one.killed
-    )
+    reasons = load_reasons()
+    text = ""
+    for outcome in tried:
+        if not outcome.killed:
+            mutant = outcome.mutant
+            reason = reasons.get(outcome.change, NO_REASON)
+            text += f"{outcome.module}:{mutant.line} {mutant.where}: {reason}\n"
+            text += f"- {mutant.was}\n+ {mutant.now}\n\n"
+    return text
 
 
 def write_page(path: Path, tried: Sequence[Tried]) -> None:
     """Write the results into the page, below what it says by itself."""
     head, _, _ = path.read_text("utf-8").partition(BEGIN)
-    modules = {
-        one.module: [other for other in tried if other.module == one.module]
-        for one in tried
-    }
-    rows = [(f"`{module}`", *totals(found)) for module, found in modules.items()] + [
-        ("all", *totals(tried))
-    ]
+    modules: dict[str, list[Tried]] = {}
+    for outcome in tried:
+        modules.setdefault(outcome.module, []).append(outcome)
+    rows = [(f"`{module}`", *totals(outcomes)) for module, outcomes in modules.items()]
+    rows.append(("all", *totals(tried)))
     table = [
         "| module | mutants | killed | survived | killed, % |",
         "| --- | ---: | ---: | ---: | ---: |",
     ]
     table += ["| {} | {} | {} | {} | {:.1f} |".format(*row) for row in rows]
-    reasons = known_reasons()
+    reasons = load_reasons()
     left: dict[tuple[str, str, str], list[str]] = {}
-    for one in tried:
-        if not one.killed:
-            place = one.module, one.mutant.where, reasons.get(one.change, NO_REASON)
+    for outcome in tried:
+        if not outcome.killed:
+            place = (
+                outcome.module,
+                outcome.mutant.where,
+                reasons.get(outcome.change, NO_REASON),
+            )
             left.setdefault(place, []).append(
-                f"- {one.mutant.was}\n+ {one.mutant.now}\n"
+                f"- {outcome.mutant.was}\n+ {outcome.mutant.now}\n"
             )
     texts = [
         f"`{module}`, `{where}`: {reason}\n\n```diff\n" + "".join(lines) + "```"
         for (module, where, reason), lines in left.items()
     ]
-    path.write_text(
-        "\n\n".join([head + BEGIN, "\n".join(table), "## Survivors", *texts]) + "\n",
-        "utf-8",
-    )
+    parts = [head + BEGIN, "\n".join(table), "## Survivors", *texts]
+    path.write_text("\n\n".join(parts) + "\n", "utf-8")

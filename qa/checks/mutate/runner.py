@@ -1,4 +1,7 @@
-"""Run the unit tests of a module with its changed text in place of its file, in forked processes."""
+"""Run the unit tests of a module with changed text in place of its file.
+
+Each run is a forked process.
+"""
 
 import gc
 import importlib
@@ -17,7 +20,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 
-# Slow to import, and without a module that is changed: imported once, before the first fork.
+# Slow to import, and without a module that is changed: imported once, before the first
+# fork.
 SHARED = (
     "click.testing",
     "hypothesis.strategies",
@@ -72,14 +76,17 @@ def prepare() -> None:
 
 
 def seconds_needed(module: str, tests: Sequence[Path]) -> int | None:
-    """Return the processor time that the tests of a module take as it is, rounded up; None if they fail."""
+    """Return the processor time that the tests of a module take as it is, rounded up.
+
+    None if they fail.
+    """
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if not all(
-        survivals(module, [source_of(module).read_text("utf-8")], tests, 1, 600)
-    ):
+    source = source_of(module).read_text("utf-8")
+    if not all(survivals(module, [source], tests, 1, 600)):
         return None
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return 1 + int(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
+    used_s = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return 1 + int(used_s)
 
 
 def survivals(
@@ -87,8 +94,9 @@ def survivals(
 ) -> Iterator[bool]:
     """Yield for each text of a module, in order, whether all tests pass with it.
 
-    limit_s: processor time after which a run is ended and has not passed. Unlike a limit on the time of day it is the
-    same on a busy machine; nothing that is tested here waits.
+    limit_s: processor time after which a run is ended and has not passed. Unlike a
+    limit on the time of day it is the same on a busy machine; nothing that is tested
+    here waits.
     """
     running: dict[int, Any] = {}
     done: dict[int, bool] = {}
@@ -132,15 +140,5 @@ def _run_tests(
     )
     settings.load_profile("mutate")
     sys.meta_path.insert(0, Changed(module, code))
-    sys.exit(
-        pytest.main(
-            [
-                "-x",
-                "-q",
-                "--assert=plain",
-                "--tb=no",
-                f"--rootdir={ROOT}",
-                *map(str, tests),
-            ]
-        )
-    )
+    options = ["-x", "-q", "--assert=plain", "--tb=no", f"--rootdir={ROOT}"]
+    sys.exit(pytest.main([*options, *map(str, tests)]))

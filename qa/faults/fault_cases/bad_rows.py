@@ -7,24 +7,27 @@ from functools import partial
 from typing import Any
 
 from barn_eval.results.rows import seal_line, unseal_line
-from fault_cases.campaigns import undisturbed
+from fault_cases.campaigns import run_undisturbed
 from fault_cases.inputs import FAMILY, LONGEST
 from fault_cases.kit import Lab, add, hold
 
 
 def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
-    """Change the first row of a campaign, with the right checksum; every reader must refuse it."""
-    shutil.copytree(undisturbed(), lab.out)
+    """Change the first row of a campaign, with the right checksum.
+
+    Every reader must refuse it.
+    """
+    shutil.copytree(run_undisturbed(), lab.out)
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()
-    path.write_text(
-        "\n".join([seal_line(change(json.loads(unseal_line(first, "")))), *rest]) + "\n"
-    )
-    said = ""
+    row = json.loads(unseal_line(first, ""))
+    lines = [seal_line(change(row)), *rest]
+    path.write_text("\n".join(lines) + "\n")
+    refusal = ""
     for words in (("report", lab.out), ("compare", lab.out, lab.out)):
-        said = lab.refused(*words)
-        hold("results.jsonl, line 1" in said and len(said) < LONGEST, said)
-    return said.replace(str(lab.folder), "")[:200]
+        refusal = lab.expect_refusal(*words)
+        hold("results.jsonl, line 1" in refusal and len(refusal) < LONGEST, refusal)
+    return refusal.replace(str(lab.folder), "")[:200]
 
 
 for _name, _done, _change in (

@@ -1,4 +1,7 @@
-"""Campaigns in mode direct that are killed, suspended and disturbed, and what their tables are after that."""
+"""Campaigns in mode direct that are killed, suspended and disturbed.
+
+Their tables must be the undisturbed ones after that.
+"""
 
 import os
 import signal
@@ -29,18 +32,18 @@ seed: 5
 _HELD = threading.Lock()
 
 
-def campaign(lab: Lab, *more: object) -> list[object]:
+def campaign(lab: Lab, *options: object) -> list[object]:
     """Return the words of a campaign of 12 trials by two workers."""
     (lab.folder / "short.yaml").write_text(_PROTOCOL)
     file = lab.folder / "campaign.yaml"
     file.write_text(_CAMPAIGN.format(folder=lab.folder))
-    workers = () if "--workers" in more else ("--workers", 2)
+    workers = () if "--workers" in options else ("--workers", 2)
     return [
         "campaign",
         file,
-        *(() if "--out" in more else ("--out", lab.out)),
+        *(() if "--out" in options else ("--out", lab.out)),
         *workers,
-        *more,
+        *options,
     ]
 
 
@@ -50,43 +53,48 @@ def tables(out: Path) -> dict[str, bytes]:
 
 
 @cache
-def _undisturbed() -> Path:
+def _drive_undisturbed() -> Path:
     lab = Lab(scratch(), LIMIT_S)
     lab.barn(*campaign(lab, "--workers", 1))
     return lab.out
 
 
-def undisturbed() -> Path:
+def run_undisturbed() -> Path:
     """Return the folder of the same campaign of one worker, without any disturbance."""
     with _HELD:
-        return _undisturbed()
+        return _drive_undisturbed()
 
 
-def resumed(lab: Lab, *more: object) -> str:
-    """Run the campaign to its end; Wrong if its tables are not the undisturbed ones to the byte."""
-    there = len(lab.rows())
-    lab.barn(*campaign(lab, *more))
-    return same(lab, there)
+def resume(lab: Lab, *options: object) -> str:
+    """Run the campaign to its end.
+
+    Raises:
+        Wrong: If its tables are not the undisturbed ones to the byte.
+    """
+    row_count = len(lab.rows())
+    lab.barn(*campaign(lab, *options))
+    return same(lab, row_count)
 
 
-def same(lab: Lab, there: int) -> str:
+def same(lab: Lab, row_count: int) -> str:
     """Wrong if the tables are not the undisturbed ones to the byte."""
     hold(
-        tables(lab.out) == tables(undisturbed()),
+        tables(lab.out) == tables(run_undisturbed()),
         "the tables differ from the undisturbed ones",
     )
-    hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
+    row_count = len(lab.rows())
+    hold(row_count == TRIALS, f"{row_count} rows")
     return (
-        f"{there} rows kept; tables equal to the byte"
-        if there
+        f"{row_count} rows kept; tables equal to the byte"
+        if row_count
         else "tables equal to the byte"
     )
 
 
-def _interrupted(lab: Lab, number: int) -> str:
-    undisturbed()
+def _interrupt(lab: Lab, number: int) -> str:
+    run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     kill([run.pid], number) if number in (
         signal.SIGTERM,
         signal.SIGKILL,
@@ -97,7 +105,7 @@ def _interrupted(lab: Lab, number: int) -> str:
         ended = lab.finish(run, 130)
         hold("the same command resumes" in ended.text, ended.text)
     lab.until(lambda: not lab.processes(), "the end of the workers")
-    return resumed(lab)
+    return resume(lab)
 
 
 for _number in (
@@ -107,7 +115,7 @@ for _number in (
     signal.SIGHUP,
     signal.SIGQUIT,
 ):
-    _said = (
+    signal_note = (
         ""
         if _number == signal.SIGKILL
         else "It ends with code 130 and says how to resume. "
@@ -116,17 +124,17 @@ for _number in (
         FAMILY,
         _number.name.lower(),
         f"The campaign gets {_number.name} after two trials, and is then run again.",
-        f"{_said}No worker is left; the tables are the undisturbed ones to the byte.",
-        partial(_interrupted, number=_number),
+        f"{signal_note}No worker is left; the tables are the undisturbed ones to the byte.",
+        partial(_interrupt, number=_number),
     )
 
 
-def _disturbed(
-    lab: Lab, disturb: Callable[[Lab], object], *more: object, words: str = ""
+def _disturb(
+    lab: Lab, disturb: Callable[[Lab], object], *options: object, words: str = ""
 ) -> str:
-    undisturbed()
-    run = lab.start(*campaign(lab, *more))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    run_undisturbed()
+    run = lab.start(*campaign(lab, *options))
+    lab.wait_for_two_rows(lab.out)
     disturb(lab)
     ended = lab.finish(run)
     hold(words in ended.text, ended.text[-500:])
@@ -140,9 +148,12 @@ def _suspend(lab: Lab, text: str = "", for_s: float = 8.0) -> None:
     kill(pids, signal.SIGCONT)
 
 
-def _loaded(lab: Lab) -> str:
-    """Let a campaign compete with 30 busy processes of its own priority, which is a low one, for a minute at most."""
-    undisturbed()
+def _load_machine(lab: Lab) -> str:
+    """Let a campaign compete with 30 busy processes for a minute at most.
+
+    They have the campaign's own priority, which is a low one.
+    """
+    run_undisturbed()
     low = ["nice", "-n", "10"]
     busy = [
         subprocess.Popen(
@@ -158,34 +169,42 @@ def _loaded(lab: Lab) -> str:
 
 
 _MUST = "The tables are the undisturbed ones to the byte."
+
+
+def _kill_worker(lab: Lab) -> None:
+    kill(lab.processes("s.worker")[:1])
+
+
+def _kill_workers(lab: Lab) -> None:
+    kill(lab.processes("s.worker"))
+
+
+def _stop_worker(lab: Lab) -> None:
+    kill(lab.processes("s.worker")[:1], signal.SIGSTOP)
+
+
 add(
     FAMILY,
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturbed(
-        lab,
-        lambda lab: kill(lab.processes("s.worker")[:1]),
-        words="was killed by SIGKILL",
-    ),
+    lambda lab: _disturb(lab, _kill_worker, words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturbed(
-        lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"
-    ),
+    lambda lab: _disturb(lab, _kill_workers, words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
     "worker-stopped",
     "A worker gets SIGSTOP, for ever; trials may take 25 s.",
     f"It is given up after its time, and its trial is tried again. {_MUST}",
-    lambda lab: _disturbed(
+    lambda lab: _disturb(
         lab,
-        lambda lab: kill(lab.processes("s.worker")[:1], 19),
+        _stop_worker,
         "--execution",
         "trial_limit_s=25",
         words="no result within 25 s",
@@ -196,33 +215,33 @@ add(
     "machine-suspended",
     "All processes of the campaign are suspended for 8 s.",
     f"It goes on. {_MUST}",
-    lambda lab: _disturbed(lab, _suspend),
+    lambda lab: _disturb(lab, _suspend),
 )
 add(
     FAMILY,
     "workers-suspended",
     "Both workers are suspended for 40 s, longer than a planner may take for a cycle.",
     f"No planner is blamed. {_MUST}",
-    lambda lab: _disturbed(lab, partial(_suspend, text="s.worker", for_s=40.0)),
+    lambda lab: _disturb(lab, partial(_suspend, text="s.worker", for_s=40.0)),
 )
 add(
     FAMILY,
     "group-suspended",
     "All processes of the campaign are suspended for 40 s, longer than a planner may take for a cycle.",
     f"No planner is blamed. {_MUST}",
-    lambda lab: _disturbed(lab, partial(_suspend, for_s=40.0)),
+    lambda lab: _disturb(lab, partial(_suspend, for_s=40.0)),
 )
 add(
     FAMILY,
     "machine-loaded",
     "30 busy processes of the campaign's own priority run beside it, for a minute at most.",
     f"No planner is blamed. {_MUST}",
-    _loaded,
+    _load_machine,
 )
 
 
 def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
-    """Return a file with by how much the clock is off, and the environment in which it is."""
+    """Return a file with the clock's error and the environment that applies it."""
     library = lab.folder / "clock.so"
     note = lab.folder / "shift"
     words = [
@@ -247,17 +266,16 @@ def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
 def _jump(lab: Lab, days: int) -> str:
     """Let the clock of all processes of a campaign jump, and it alone."""
     note, false = shifted_clock(lab, 0)
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*campaign(lab), environment=false)
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     note.write_text(str(days * 86_400))
     lab.finish(run)
     dates = {row["wall_clock"]["started_at"][:10] for row in lab.rows()}
     hold(len(dates) >= 2, f"the clock did not jump: {dates}")
-    hold(
-        all(row["wall_clock"]["duration_s"] < 100.0 for row in lab.rows()),
-        "durations are of the clock",
-    )
+    durations_s = [row["wall_clock"]["duration_s"] for row in lab.rows()]
+    are_short = all(duration_s < 100.0 for duration_s in durations_s)
+    hold(are_short, "durations are of the clock")
     return f"{same(lab, 0)}; from {min(dates)} to {max(dates)}"
 
 
@@ -275,16 +293,25 @@ for _name, _days in (("forward", 40), ("backward", -40)):
 def two_writers(lab: Lab) -> str:
     """The same campaign is started three times at once in one folder.
 
-    One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
+    One runs, the others are refused in one line each; the tables are the undisturbed
+    ones to the byte.
     """
-    undisturbed()
-    ended = [
-        lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]
-    ]
-    hold(sorted(one.code for one in ended) == [0, 1, 1], [one.code for one in ended])
-    said = [one.error for one in ended if one.code]
-    hold(all("another process is working in this folder" in one for one in said), said)
-    return f"{same(lab, 0)}; {said[0]}"
+    run_undisturbed()
+    runs = [lab.start(*campaign(lab)) for _ in range(3)]
+    ended = [lab.finish(run, None) for run in runs]
+    hold(
+        sorted(session.code for session in ended) == [0, 1, 1],
+        [session.code for session in ended],
+    )
+    refusals = [session.error for session in ended if session.code]
+    hold(
+        all(
+            "another process is working in this folder" in session
+            for session in refusals
+        ),
+        refusals,
+    )
+    return f"{same(lab, 0)}; {refusals[0]}"
 
 
 @case(FAMILY)
@@ -293,25 +320,25 @@ def worker_of_another_number(lab: Lab) -> str:
 
     The tables are the undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     kill([run.pid])
     lab.finish(run, -9)
     lab.until(lambda: not lab.processes(), "the end of the workers")
-    return resumed(lab, "--workers", 5)
+    return resume(lab, "--workers", 5)
 
 
 @case(FAMILY)
 def output_closed(lab: Lab) -> str:
     """Whoever reads what the campaign prints goes away after the first line.
 
-    The campaign completes its rows or ends without a traceback; after running it again the tables are the undisturbed
-    ones.
+    The campaign completes its rows or ends without a traceback; after running it again
+    the tables are the undisturbed ones.
     """
-    undisturbed()
+    run_undisturbed()
     (lab.folder / "run.sh").write_text('"$@" 2>&1 | head -1\n')
     words = ["sh", str(lab.folder / "run.sh")]
     lab.finish(lab.start(*campaign(lab), prefix=words), None)
     lab.until(lambda: not lab.processes(), "the end of the campaign")
-    return resumed(lab)
+    return resume(lab)

@@ -1,7 +1,10 @@
-"""A planner in a process of its own that tries to win by other means than driving: plain rclpy, no suite.
+"""A planner in a process of its own that tries to win by other means than driving.
 
-Usage: cheat_planner.py KIND FOLDER OUT: it drives ahead and does its deed at a scan. FOLDER may be written to, what it
-has found goes to FOLDER/found; OUT is the folder of results.
+Plain rclpy, no suite.
+
+Usage: cheat_planner.py KIND FOLDER OUT: it drives ahead and does its deed at a scan.
+FOLDER may be written to, what it has found goes to FOLDER/found; OUT is the folder of
+results.
 """
 
 import json
@@ -35,15 +38,18 @@ OUT = Path(sys.argv[3])
 KEPT: list[object] = []
 
 
-def found(text: object) -> None:
+def report(text: object) -> None:
     """Leave what was found."""
     with (FOLDER / "found").open("a") as file:
         file.write(f"{text}\n")
 
 
-def others() -> list[str]:
-    """Return the processes of anybody that has to do with trials, but for this one and its parents."""
-    seen = []
+def list_other_processes() -> list[str]:
+    """Return the processes that have to do with trials.
+
+    This process and its parents are left out.
+    """
+    pids = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
             words = (
@@ -52,39 +58,43 @@ def others() -> list[str]:
                 else ""
             )
             if (
-                any(one in words for one in ("barn_sim", "barn_eval", "launcher.py"))
+                any(name in words for name in ("barn_sim", "barn_eval", "launcher.py"))
                 and __file__ not in words
             ):
-                seen.append(entry.name)
-    return seen
+                pids.append(entry.name)
+    return pids
 
 
 def look_into_memory(_: Node) -> None:
     """Open the memory of other processes, as a debugger does."""
-    found(f"{len(others())} of the suite's processes")
-    for pid in others():
+    pids = list_other_processes()
+    report(f"{len(pids)} of the suite's processes")
+    for pid in pids:
         with Path(f"/proc/{pid}/mem").open("r+b"):
-            found("opened the memory of one of them")
+            report("opened the memory of one of them")
 
 
 def look_for_the_line(_: Node) -> None:
-    """Say to each socket of this process, and to each that has a name, that the simulator is to be reset."""
+    """Ask for a reset of the simulator through each socket that can be reached.
+
+    These are the sockets of this process and all that have a name.
+    """
     message = json.dumps({"id": 1, "ask": "reset", "what": "reset"}).encode() + b"\n"
-    unix = [one.split() for one in Path("/proc/net/unix").read_text().splitlines()[1:]]
-    told = 0
+    lines = Path("/proc/net/unix").read_text().splitlines()
+    unix = [line.split() for line in lines[1:]]
+    accepted = 0
     for entry in list(Path("/proc/self/fd").iterdir()):
-        with suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as one:
-            told += one.family == socket.AF_UNIX and bool(
-                one.send(message, socket.MSG_DONTWAIT)
-            )
+        with suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as line:
+            if line.family == socket.AF_UNIX:
+                accepted += bool(line.send(message, socket.MSG_DONTWAIT))
     for name in {
         fields[7] for fields in unix if len(fields) > 7 and "barn" in fields[7]
     }:
         for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET):
-            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as one:
-                one.connect(name.replace("@", "\0", 1))
-                told += bool(one.send(message, socket.MSG_DONTWAIT))
-    found(f"{told} sockets took it")
+            with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as line:
+                line.connect(name.replace("@", "\0", 1))
+                accepted += bool(line.send(message, socket.MSG_DONTWAIT))
+    report(f"{accepted} sockets took it")
 
 
 def write_results(_: Node) -> None:
@@ -95,7 +105,7 @@ def write_results(_: Node) -> None:
         ["mv", f"{OUT}", f"{OUT}-"],
     ):
         done = subprocess.run(words, capture_output=True, text=True, check=False)
-        found(done.stderr.rpartition(": ")[2].strip() or "done")
+        report(done.stderr.rpartition(": ")[2].strip() or "done")
 
 
 def edit_results(_: Node) -> None:
@@ -110,21 +120,23 @@ def edit_results(_: Node) -> None:
             "traversal_time_s": row["scores"]["duration_s"],
         }
         line = json.dumps(row, separators=(",", ":"))
-        rows.write_text(f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}\n')
-        found("edited")
+        checksum = zlib.crc32(line.encode())
+        rows.write_text(f'{line[:-1]},"crc32":"{checksum:08x}"}}\n')
+        report("edited")
 
 
 def read_the_seed(_: Node) -> None:
     """Read what this trial is from the evaluator's file."""
     for path in OUT.rglob("assignment.json"):
-        found(f"seed {json.loads(path.read_text())['experiment']['seed']}")
+        assignment = json.loads(path.read_text())
+        report(f"seed {assignment['run']['seed']}")
 
 
 def look_at_the_suite(_: Node) -> None:
-    """See whether the suite's packages, and the machine code of its kernels, may be written to."""
+    """Report whether the suite's packages and compiled kernels may be written to."""
     package = find_spec("barn_eval")
     may = package is not None and os.access(str(package.origin), os.W_OK)
-    found(f"may {'' if may else 'not '}write to them")
+    report(f"may {'' if may else 'not '}write to them")
 
 
 def fill_shared_memory(_: Node) -> None:
@@ -133,7 +145,7 @@ def fill_shared_memory(_: Node) -> None:
     with suppress(OSError), path.open("wb", buffering=0) as file:
         while True:
             file.write(bytes(1 << 16))
-    found(f"{path.stat().st_size} bytes")
+    report(f"{path.stat().st_size} bytes")
 
 
 def start(count: int, code: str) -> None:
@@ -142,14 +154,13 @@ def start(count: int, code: str) -> None:
         subprocess.Popen([sys.executable, "-S", "-c", code], start_new_session=True)
         for _ in range(count)
     )
-    found(f"{count} processes")
+    report(f"{count} processes")
 
 
 def remember(_: Node) -> None:
     """Look for what an earlier trial has left, and leave something."""
-    found(
-        "nothing is left" if not (FOLDER / "memory").exists() else "something is left"
-    )
+    is_left = (FOLDER / "memory").exists()
+    report("something is left" if is_left else "nothing is left")
     (FOLDER / "memory").touch()
 
 
@@ -241,16 +252,16 @@ class CheatPlanner(Node):
         if KIND == "huge-answer":
             self.create_service(Trigger, "~/ready", self.refuse)
         if KIND == "huge-parameters":
-            self.create_service(ListParameters, "~/list_parameters", self.listed)
-            self.create_service(GetParameters, "~/get_parameters", self.told)
+            self.create_service(ListParameters, "~/list_parameters", self.answer_list)
+            self.create_service(GetParameters, "~/get_parameters", self.answer_get)
         if KIND == "deaf-parameters":
             KEPT.extend(
                 rclpy.create_node(f"deaf_{k}", enable_rosout=False) for k in range(20)
             )
             KEPT.extend(
-                one.create_publisher(String, "words", 1)
-                for one in tuple(KEPT)
-                if isinstance(one, Node)
+                node.create_publisher(String, "words", 1)
+                for node in tuple(KEPT)
+                if isinstance(node, Node)
             )
 
     def refuse(
@@ -260,14 +271,14 @@ class CheatPlanner(Node):
         response.message = "x" * LARGE
         return response
 
-    def listed(
+    def answer_list(
         self, _: ListParameters.Request, response: ListParameters.Response
     ) -> ListParameters.Response:
         """Name 20,000 parameters of 1,000 characters."""
         response.result.names = [f"{k:05d}" + "x" * 1000 for k in range(20_000)]
         return response
 
-    def told(
+    def answer_get(
         self, request: GetParameters.Request, response: GetParameters.Response
     ) -> GetParameters.Response:
         """Tell 40 kB of each."""

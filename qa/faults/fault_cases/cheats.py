@@ -13,34 +13,37 @@ SCRIPT = Path(__file__).with_name("cheat_planner.py")
 _DOMAIN = "76"
 
 
-def cheating(lab: Lab, kind: str, *more: object, prefix: str = "") -> list[object]:
+def cheating(lab: Lab, kind: str, *options: object, prefix: str = "") -> list[object]:
     """Return the words of a run of a planner that cheats."""
     return ros(
-        lab, *by_command(SCRIPT, kind, lab.folder, lab.out, prefix=prefix), *more
+        lab, *by_command(SCRIPT, kind, lab.folder, lab.out, prefix=prefix), *options
     )
 
 
-def _found(lab: Lab) -> str:
+def _read_report(lab: Lab) -> str:
     path = lab.folder / "found"
     return "; ".join(path.read_text().splitlines()) if path.exists() else ""
 
 
-def _tried(
+def _run_cheat(
     lab: Lab,
     kind: str,
     outcome: str,
     words: str,
-    found: str = "",
-    more: tuple[object, ...] = (),
+    report: str = "",
+    options: tuple[object, ...] = (),
 ) -> str:
-    """Run a trial of a planner that cheats, which must end so, and its planner have found that."""
-    lab.barn(*cheating(lab, kind, *more), code=None)
+    """Run a trial of a planner that cheats and check its end and its report."""
+    lab.barn(*cheating(lab, kind, *options), code=None)
     row = lab.row()
-    said = "; ".join(filter(None, (ending(row), row["remarks"], _found(lab))))
-    hold(row["outcome"] == outcome and words in said, said)
-    hold(found in _found(lab), said)
-    hold(row["wall_clock"]["attempts"] == 1 and not row["scores"]["success"], said)
-    return said
+    description = "; ".join(
+        filter(None, (ending(row), row["remarks"], _read_report(lab)))
+    )
+    hold(row["outcome"] == outcome and words in description, description)
+    hold(report in _read_report(lab), description)
+    attempts = row["wall_clock"]["attempts"]
+    hold(attempts == 1 and not row["scores"]["success"], description)
+    return description
 
 
 _CAUGHT = "The trial ends as interference, without a score, and names who did what."
@@ -151,7 +154,7 @@ for _name, _done, _must, _outcome, _words, _find in (
         "6 processes",
     ),
 ):
-    _act = partial(_tried, kind=_name, outcome=_outcome, words=_words, found=_find)
+    _act = partial(_run_cheat, kind=_name, outcome=_outcome, words=_words, report=_find)
     add(FAMILY, _name, _done, _must, _act)
 _GATE = ("--ros", "patience.gate_s=10")
 _DETAIL = 4000
@@ -161,14 +164,13 @@ _DETAIL = 4000
 def huge_answer(lab: Lab) -> str:
     """The planner's ~/ready answers, with 4 MB of text, that it is not ready.
 
-    The trial ends as planner_not_ready, with the beginning of the text; folder and row can be read.
+    The trial ends as planner_not_ready, with the beginning of the text; folder and row
+    can be read.
     """
     lab.barn(*cheating(lab, "huge-answer", *_GATE), code=None)
     row = lab.row()
-    hold(
-        row["outcome"] == "planner_not_ready" and len(row["detail"]) < _DETAIL,
-        ending(row)[:_DETAIL],
-    )
+    is_short = len(row["detail"]) < _DETAIL
+    hold(row["outcome"] == "planner_not_ready" and is_short, ending(row)[:_DETAIL])
     lab.barn("check", lab.out)
     return f"{ending(row)[:60]}, {len(row['detail'])} characters"
 
@@ -200,7 +202,8 @@ for _name, _done, _most in (
 
 @case(FAMILY)
 def thinks(lab: Lab) -> str:
-    """The planner computes for 0.3 s for each command, in lockstep, and declares nothing.
+    """The planner computes for 0.3 s for each command, in lockstep, and declares
+    nothing.
 
     The row tells the time, which reports and comparisons show beside the score.
     """
@@ -213,19 +216,21 @@ def thinks(lab: Lab) -> str:
 
 @case(FAMILY)
 def remembers(lab: Lab) -> str:
-    """The planner leaves a file in the first trial, to know in the second, of a process of its own, where it was.
+    """The planner leaves a file in the first trial, to know in the second, of a process
+    of its own, where it was.
 
     It can: [Fairness](fairness.md#left-to-the-organiser) says what helps.
     """
     each = ("--repetitions", 2, "--ros", "restart_planner=each_trial")
     lab.barn(*cheating(lab, "remembers", *each))
-    hold(_found(lab) == "nothing is left; something is left", _found(lab))
-    return f"{len(lab.rows())} trials; {_found(lab)}"
+    hold(_read_report(lab) == "nothing is left; something is left", _read_report(lab))
+    return f"{len(lab.rows())} trials; {_read_report(lab)}"
 
 
 @case(FAMILY)
 def edits_results_where_it_can(lab: Lab) -> str:
-    """In a run with --ros isolate=false, the planner makes a success of the row of an earlier trial, checksum and all.
+    """In a run with --ros isolate=false, the planner makes a success of the row of an
+    earlier trial, checksum and all.
 
     `barn check` finds the row.
     """
@@ -240,7 +245,7 @@ def edits_results_where_it_can(lab: Lab) -> str:
         1,
     )
     lab.barn(*cheating(lab, "edits", *each))
-    hold(_found(lab) == "edited", _found(lab))
+    hold(_read_report(lab) == "edited", _read_report(lab))
     ended = lab.barn("check", lab.out, code=1)
     hold("_r00: " in ended.text, ended.text)
     return ended.text.replace(str(lab.folder), "")[:160]
@@ -248,21 +253,22 @@ def edits_results_where_it_can(lab: Lab) -> str:
 
 @case(FAMILY)
 def fills_shared_memory(lab: Lab) -> str:
-    """The planner fills the folder for shared memory, which has 4 MB in a mount namespace of the run's own.
+    """The planner fills the folder for shared memory, which has 4 MB in a mount
+    namespace of the run's own.
 
     Nothing comes of it: the trial runs to its timeout.
     """
     lab.barn(*cheating(lab, "shared-memory"), prefix=shared_memory("4m"))
-    hold("bytes" in _found(lab), _found(lab))
-    return f"{ending(lab.row())}; {_found(lab)}"
+    hold("bytes" in _read_report(lab), _read_report(lab))
+    return f"{ending(lab.row())}; {_read_report(lab)}"
 
 
 @case(FAMILY)
 def enters_another_domain(lab: Lab) -> str:
     """A planner publishes /odom on the domain of a run of another planner.
 
-    The other run's trial ends as interference and names the guest: [Fairness](fairness.md#left-to-the-organiser)
-    says what helps.
+    The other run's trial ends as interference and names the guest:
+    [Fairness](fairness.md#left-to-the-organiser) says what helps.
     """
     second = ros(
         lab,
@@ -270,7 +276,7 @@ def enters_another_domain(lab: Lab) -> str:
         command_s=200,
     )
     second[second.index("--out") + 1] = lab.folder / "second"
-    own = lab.start(*second)
+    second_run = lab.start(*second)
     lab.until((lab.folder / "ready").exists, "the guest")
     slow = ("--workers", 1, "--ros", "lockstep=false", "--ros", "real_time_factor=0.1")
     victim = ros(
@@ -285,8 +291,8 @@ def enters_another_domain(lab: Lab) -> str:
     (lab.folder / "go").touch()
     lab.finish(run, None)
     (lab.folder / "over").touch()
-    lab.finish(own, None)
-    own_rows = lab.rows(lab.folder / "second")
-    said = ending(lab.row())
-    hold("/guest publishes /odom" in said, said)
-    return f"{said}; of its own: {ending(own_rows[0])}"
+    lab.finish(second_run, None)
+    second_rows = lab.rows(lab.folder / "second")
+    description = ending(lab.row())
+    hold("/guest publishes /odom" in description, description)
+    return f"{description}; of its own: {ending(second_rows[0])}"

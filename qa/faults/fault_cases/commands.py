@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Sequence
 from functools import partial
 
-from fault_cases.campaigns import undisturbed
+from fault_cases.campaigns import run_undisturbed
 from fault_cases.direct import SHORT
 from fault_cases.kit import Lab, add, case, hold
 
@@ -12,15 +12,15 @@ FAMILY = "commands"
 TAG = "<script>alert(1)</script>"
 
 
-def _refused(lab: Lab, words: Sequence[object], told: str) -> str:
-    said = lab.refused(*words)
-    hold(told in said, said)
+def _expect_refusal(lab: Lab, words: Sequence[object], mistake: str) -> str:
+    refusal = lab.expect_refusal(*words)
+    hold(mistake in refusal, refusal)
     hold(not lab.out.exists(), "a folder was made")
-    return said.replace(str(lab.folder), "")[:200]
+    return refusal.replace(str(lab.folder), "")[:200]
 
 
 _OUT = ("--out", "out")
-for _name, _done, _words, _told in (
+for _name, _done, _words, _mistake in (
     (
         "command",
         "The command is written `comapre`.",
@@ -96,23 +96,24 @@ for _name, _done, _words, _told in (
         f"typo-{_name}",
         _done,
         "Refused in one line that names the mistake and what is near or allowed.",
-        partial(_refused, words=_words, told=_told),
+        partial(_expect_refusal, words=_words, mistake=_mistake),
     )
 
 
 @case(FAMILY)
 def markup_as_names(lab: Lab) -> str:
-    """Folders of results are called `<script>alert(1)</script>` and `"><img src=x>`, and so is the page's title.
+    """Folders of results are called `<script>alert(1)</script>` and `"><img src=x>`,
+    and so is the page's title.
 
     Report and leaderboard show them as text: neither page has such an element.
     """
     names = (TAG.replace("/", "_"), '"><img src=x>')
     for name in names:
-        shutil.copytree(undisturbed(), lab.folder / name)
-    return _shown(lab, *names)
+        shutil.copytree(run_undisturbed(), lab.folder / name)
+    return _show_folders(lab, *names)
 
 
-def _shown(lab: Lab, *folders: object) -> str:
+def _show_folders(lab: Lab, *folders: object) -> str:
     lab.barn(
         "report",
         *folders,
@@ -141,7 +142,7 @@ def markup_as_the_planners_name(lab: Lab) -> str:
     """
     text = f'schema_version: 1\nout: out\nmode: ros\nplanners: [{{name: "{TAG}", command: "true"}}]\n'
     (lab.folder / "c.yaml").write_text(text)
-    return _refused(lab, ("campaign", "c.yaml"), "<script>")
+    return _expect_refusal(lab, ("campaign", "c.yaml"), "<script>")
 
 
 @case(FAMILY)
@@ -162,7 +163,7 @@ def markup_as_the_protocols_name(lab: Lab) -> str:
         "none",
     )
     lab.barn("run", *words, "--out", lab.out)
-    return _shown(lab, lab.out)
+    return _show_folders(lab, lab.out)
 
 
 @case(FAMILY)

@@ -12,7 +12,7 @@ SHORT = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 4.0\nfirst_mo
 
 
 def with_rogue(lab: Lab) -> dict[str, str]:
-    """Install the planners `rogue` and `broken` beside the case, and return the environment that has them."""
+    """Install the planners `rogue` and `broken` and return their environment."""
     installed = lab.folder / "installed" / "rogue-1.0.dist-info"
     installed.mkdir(parents=True)
     (installed / "METADATA").write_text(
@@ -30,12 +30,12 @@ def with_rogue(lab: Lab) -> dict[str, str]:
     return {"PYTHONPATH": ":".join(filter(None, path))}
 
 
-def driven(
+def drive(
     lab: Lab,
     kind: str,
     outcome: str,
     detail: str = "",
-    more: Sequence[object] = (),
+    extra: Sequence[object] = (),
     memory: int = 0,
 ) -> str:
     """Run a trial of a rogue, and say how it ended; Wrong if otherwise than it must."""
@@ -62,7 +62,7 @@ def driven(
         "none",
         "--out",
         lab.out,
-        *more,
+        *extra,
         environment=environment,
         before=limit,
     )
@@ -82,7 +82,7 @@ _QUICK = ("--execution", "attempts=1", "--execution", "trial_limit_s=8")
 _DIED = "The trial ends as planner_died with the reason in one line; exit code 3."
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."
-for _kind, _done, _must, _more, _outcome, _detail in (
+for _kind, _done, _must, _options, _outcome, _detail in (
     (
         "raises",
         "The planner raises an exception of two lines.",
@@ -218,7 +218,7 @@ for _kind, _done, _must, _more, _outcome, _detail in (
         _kind,
         _done,
         _must,
-        partial(driven, kind=_kind, outcome=_outcome, detail=_detail, more=_more),
+        partial(drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options),
     )
 
 
@@ -228,23 +228,26 @@ def eats_memory(lab: Lab) -> str:
 
     The trial ends as planner_died with MemoryError; exit code 3.
     """
-    return driven(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
+    return drive(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
 
 
 @case(FAMILY)
 def commands_huge_speeds(lab: Lab) -> str:
     """The planner commands 1e300 m/s, once.
 
-    It is a command, and the robot's limits hold: the trial goes on, and the robot is nowhere faster than 2 m/s.
+    It is a command, and the robot's limits hold: the trial goes on, and the robot is
+    nowhere faster than 2 m/s.
     """
-    said = driven(lab, "huge", "timeout")
-    hold(lab.row()["measures"]["driven_m"] < 8.0, lab.row()["measures"])
-    return f"{said}, {lab.row()['measures']['driven_m']:.1f} m driven"
+    description = drive(lab, "huge", "timeout")
+    measures = lab.row()["measures"]
+    hold(measures["driven_m"] < 8.0, measures)
+    return f"{description}, {measures['driven_m']:.1f} m driven"
 
 
 @case(FAMILY)
 def changes_the_working_directory(lab: Lab) -> str:
-    """The planner changes the working directory of its process to /, in the first of two trials with bags.
+    """The planner changes the working directory of its process to /, in the first of
+    two trials with bags.
 
     Rows, bags and tables are in the folder asked for.
     """
@@ -267,7 +270,8 @@ def changes_the_working_directory(lab: Lab) -> str:
 
 @case(FAMILY)
 def changes_the_global_random_state(lab: Lab) -> str:
-    """A planner seeds and sets the global random states; another planner drives in the same worker after it.
+    """A planner seeds and sets the global random states; another planner drives in the
+    same worker after it.
 
     The other planner's rows are those of a run without it, to the byte.
     """
@@ -294,10 +298,8 @@ def changes_the_global_random_state(lab: Lab) -> str:
         environment=environment,
     )
     both = [row for row in lab.rows() if row["planner"] == "gap"]
-    hold(
-        repeatable(both) == repeatable(lab.rows(lab.folder / "alone")),
-        "the rows differ",
-    )
+    alone = lab.rows(lab.folder / "alone")
+    hold(repeatable(both) == repeatable(alone), "the rows differ")
     return "2 rows equal"
 
 
@@ -305,9 +307,10 @@ def changes_the_global_random_state(lab: Lab) -> str:
 def cannot_be_imported(lab: Lab) -> str:
     """The planner's module imports a package that is not there.
 
-    Refused in one line that names planner, module and package, before any folder is made.
+    Refused in one line that names planner, module and package, before any folder is
+    made.
     """
-    said = lab.refused(
+    refusal = lab.expect_refusal(
         "run",
         "--planner",
         "broken",
@@ -318,9 +321,9 @@ def cannot_be_imported(lab: Lab) -> str:
         environment=with_rogue(lab),
     )
     hold(
-        "'broken'" in said
-        and "a_package_that_is_not_there" in said
+        "'broken'" in refusal
+        and "a_package_that_is_not_there" in refusal
         and not lab.out.exists(),
-        said,
+        refusal,
     )
-    return said
+    return refusal

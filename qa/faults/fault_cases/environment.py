@@ -10,12 +10,12 @@ from typing import Any
 from fault_cases.campaigns import shifted_clock
 from fault_cases.direct import SHORT
 from fault_cases.kit import Lab, Skipped, case, ending, hold
-from fault_cases.processes import same, undisturbed, words
+from fault_cases.processes import run_undisturbed, same, words
 
 FAMILY = "machine"
 
 
-def _driven(lab: Lab, out: Path | None = None, **how: Any) -> str:
+def _drive(lab: Lab, out: Path | None = None, **how: Any) -> str:
     (lab.folder / "short.yaml").write_text(SHORT)
     options = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
     lab.barn("run", *options, "--bags", "all", "--out", out or lab.out, **how)
@@ -26,12 +26,13 @@ def _driven(lab: Lab, out: Path | None = None, **how: Any) -> str:
 
 @case(FAMILY)
 def no_home(lab: Lab) -> str:
-    """HOME is a folder that is not there, and so are the folders for caches and settings.
+    """HOME is a folder that is not there, and so are the folders for caches and
+    settings.
 
     The run works, with bag and picture.
     """
     gone = str(lab.folder / "gone")
-    return _driven(
+    return _drive(
         lab,
         environment={
             "HOME": gone,
@@ -49,7 +50,7 @@ def home_that_is_a_file(lab: Lab) -> str:
     """
     (lab.folder / "file").touch()
     file = str(lab.folder / "file")
-    return _driven(
+    return _drive(
         lab,
         environment={
             "HOME": file,
@@ -66,9 +67,8 @@ def caches_that_cannot_be_written(lab: Lab) -> str:
     The run works, or is refused in one line.
     """
     (lab.folder / "file").touch()
-    return _driven(
-        lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")}
-    )
+    cache = lab.folder / "file" / "cache"
+    return _drive(lab, environment={"NUMBA_CACHE_DIR": str(cache)})
 
 
 @case(FAMILY)
@@ -77,7 +77,7 @@ def temporary_folder_that_is_not_there(lab: Lab) -> str:
 
     The run works.
     """
-    return _driven(lab, environment={"TMPDIR": str(lab.folder / "gone")})
+    return _drive(lab, environment={"TMPDIR": str(lab.folder / "gone")})
 
 
 @case(FAMILY)
@@ -88,9 +88,9 @@ def language_without_letters(lab: Lab) -> str:
     """
     out = lab.folder / "αποτελέσματα"
     plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    said = _driven(lab, out, environment=plain)
+    description = _drive(lab, out, environment=plain)
     lab.barn("check", out, environment=plain)
-    return said
+    return description
 
 
 @case(FAMILY)
@@ -99,7 +99,7 @@ def few_handles(lab: Lab) -> str:
 
     The run over ROS has the undisturbed row.
     """
-    undisturbed()
+    run_undisturbed()
     lab.barn(
         *words(lab),
         before=partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64)),
@@ -132,7 +132,11 @@ def too_few_handles(lab: Lab) -> str:
 
 
 def shared_memory(size: str) -> list[str]:
-    """Return what a command begins with whose folder for shared memory is of a size; Skipped where that cannot be."""
+    """Return what a command begins with whose folder for shared memory is of a size.
+
+    Raises:
+        Skipped: Where that cannot be.
+    """
     unshared = ["unshare", "--mount", "sh", "-c"]
     hide = f"mount -t tmpfs -o size={size} barn-faults /dev/shm"
     if (
@@ -149,9 +153,10 @@ def shared_memory(size: str) -> list[str]:
 def hardly_any_shared_memory(lab: Lab) -> str:
     """The folder for shared memory has 16 kB, in a mount namespace of the run's own.
 
-    The run over ROS has the undisturbed row: it needs none but the page that the tracing of ROS (LTTng) takes.
+    The run over ROS has the undisturbed row: it needs none but the page that the
+    tracing of ROS (LTTng) takes.
     """
-    undisturbed()
+    run_undisturbed()
     lab.barn(*words(lab), prefix=shared_memory("16k"))
     return same(lab)
 
@@ -163,4 +168,4 @@ def a_clock_of_another_century(lab: Lab) -> str:
     The run works.
     """
     _, false = shifted_clock(lab, -55 * 365 * 86_400)
-    return _driven(lab, environment=false)
+    return _drive(lab, environment=false)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from fault_cases.campaigns import campaign, resumed, undisturbed
+from fault_cases.campaigns import campaign, resume, run_undisturbed
 from fault_cases.kit import Lab, Skipped, case, hold
 from fault_cases.system import kill
 
@@ -37,20 +37,21 @@ def disk(lab: Lab, size: str) -> Iterator[Path]:
 def disk_full(lab: Lab) -> str:
     """The disk is full after some rows; the campaign is run again after there is room.
 
-    It stops with one line that names the file and the reason; the tables are the undisturbed ones to the byte.
+    It stops with one line that names the file and the reason; the tables are the
+    undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     with disk(lab, "160k") as out:
         words = campaign(lab, "--out", out / "inner")
         (out / "filler").write_bytes(bytes(132 * 1024))
-        said = lab.refused(*words)
-        hold(os.strerror(errno.ENOSPC) in said and "inner" in said, said)
+        refusal = lab.expect_refusal(*words)
+        hold(os.strerror(errno.ENOSPC) in refusal and "inner" in refusal, refusal)
         (out / "filler").unlink()
-        kept = len(lab.rows(out / "inner"))
-        hold(1 <= kept < 12, f"{kept} rows")
+        row_count = len(lab.rows(out / "inner"))
+        hold(1 <= row_count < 12, f"{row_count} rows")
         lab.barn(*words)
-        hold(_tables(out / "inner") == _tables(undisturbed()), "the tables differ")
-    return f"{kept} rows kept; {said[:160]}"
+        hold(_tables(out / "inner") == _tables(run_undisturbed()), "the tables differ")
+    return f"{row_count} rows kept; {refusal[:160]}"
 
 
 def _tables(out: Path) -> list[bytes]:
@@ -62,51 +63,56 @@ def _tables(out: Path) -> list[bytes]:
 
 @case(FAMILY)
 def disk_read_only(lab: Lab) -> str:
-    """A campaign is killed after two trials, and the file system is read-only when it is run again.
+    """A campaign is killed after two trials, and the file system is read-only when it
+    is run again.
 
-    Refused in one line with the reason; once it is writable, the tables are the undisturbed ones to the byte.
+    Refused in one line with the reason; once it is writable, the tables are the
+    undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     with disk(lab, "4m") as out:
         words = campaign(lab, "--out", out / "inner")
         run = lab.start(*words)
-        lab.until(lambda: len(lab.rows(out / "inner")) >= 2, "two rows")
+        lab.wait_for_two_rows(out / "inner")
         kill([run.pid])
         lab.until(lambda: not lab.processes(), "the end of the campaign")
         subprocess.run(["mount", "-o", "remount,ro", str(out)], check=True)
-        said = lab.refused(*words)
-        hold(os.strerror(errno.EROFS) in said, said)
+        refusal = lab.expect_refusal(*words)
+        hold(os.strerror(errno.EROFS) in refusal, refusal)
         subprocess.run(["mount", "-o", "remount,rw", str(out)], check=True)
-        kept = len(lab.rows(out / "inner"))
+        row_count = len(lab.rows(out / "inner"))
         lab.barn(*words)
-        hold(_tables(out / "inner") == _tables(undisturbed()), "the tables differ")
-    return f"{kept} rows kept; {said[:160]}"
+        hold(_tables(out / "inner") == _tables(run_undisturbed()), "the tables differ")
+    return f"{row_count} rows kept; {refusal[:160]}"
 
 
 @case(FAMILY)
 def file_size_limited(lab: Lab) -> str:
     """Files may have 9 kB (ulimit -f); the campaign is run again without the limit.
 
-    It stops with one line that names the file and the reason; the tables are the undisturbed ones to the byte.
+    It stops with one line that names the file and the reason; the tables are the
+    undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (9_000, 9_000))
-    said = lab.refused(*campaign(lab), before=limit)
-    hold(os.strerror(errno.EFBIG) in said, said)
-    return f"{resumed(lab)}; {said[:160]}"
+    refusal = lab.expect_refusal(*campaign(lab), before=limit)
+    hold(os.strerror(errno.EFBIG) in refusal, refusal)
+    return f"{resume(lab)}; {refusal[:160]}"
 
 
 @case(FAMILY)
 def folder_removed(lab: Lab) -> str:
-    """The folder of results is removed after two trials; the campaign is then run again.
+    """The folder of results is removed after two trials; the campaign is then run
+    again.
 
-    It stops with one line that names the folder; run again, the tables are the undisturbed ones to the byte.
+    It stops with one line that names the folder; run again, the tables are the
+    undisturbed ones to the byte.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*campaign(lab))
-    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    lab.wait_for_two_rows(lab.out)
     lab.out.rename(lab.folder / "gone")
     shutil.rmtree(lab.folder / "gone")
-    said = lab.finish(run, 1).error
-    hold(str(lab.out) in said, said)
-    return f"{resumed(lab)}; {said[:160]}"
+    error = lab.finish(run, 1).error
+    hold(str(lab.out) in error, error)
+    return f"{resume(lab)}; {error[:160]}"

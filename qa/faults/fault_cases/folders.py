@@ -8,19 +8,19 @@ from functools import partial
 from pathlib import Path
 
 from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables
-from fault_cases.campaigns import campaign, resumed, undisturbed
+from fault_cases.campaigns import campaign, resume, run_undisturbed
 from fault_cases.files import FAMILY
 from fault_cases.kit import Lab, add, case, hold
 
 
-def _finished(lab: Lab) -> Path:
-    shutil.copytree(undisturbed(), lab.out)
+def _copy_finished(lab: Lab) -> Path:
+    shutil.copytree(run_undisturbed(), lab.out)
     return lab.out
 
 
-def _unfinished(lab: Lab) -> Path:
+def _copy_unfinished(lab: Lab) -> Path:
     """Leave a campaign of seven rows."""
-    out = _finished(lab)
+    out = _copy_finished(lab)
     for name in ("results.jsonl", "tracks.jsonl"):
         lines = (out / name).read_bytes().splitlines(keepends=True)
         (out / name).write_bytes(b"".join(lines[:7]))
@@ -28,31 +28,31 @@ def _unfinished(lab: Lab) -> Path:
         path.unlink()
         path.with_suffix(".csv").unlink()
     # tracks are in the order of the plan once a campaign is complete
-    rows = [
-        json.loads(line)["trial_id"]
-        for line in (undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]
-    ]
-    texts = {
-        json.loads(line)["trial_id"]: line
-        for line in (undisturbed() / "results.jsonl").read_text().splitlines()
-    }
-    (out / "results.jsonl").write_text("".join(f"{texts[name]}\n" for name in rows))
+    tracks = (run_undisturbed() / "tracks.jsonl").read_text().splitlines()
+    rows = [json.loads(line)["trial_id"] for line in tracks[:7]]
+    results = (run_undisturbed() / "results.jsonl").read_text().splitlines()
+    texts = {json.loads(line)["trial_id"]: line for line in results}
+    row_lines = [f"{texts[name]}\n" for name in rows]
+    (out / "results.jsonl").write_text("".join(row_lines))
     return out
 
 
 def _torn(lab: Lab, name: str) -> str:
-    out = _unfinished(lab)
-    if name == "tracks.jsonl":  # a row comes after its track
-        rows = (out / "results.jsonl").read_bytes().splitlines(keepends=True)
-        (out / "results.jsonl").write_bytes(b"".join(rows[:-1]))
+    out = _copy_unfinished(lab)
     path = out / name
+    if name != "results.jsonl":  # a row comes after its track and its commands
+        last = json.loads(path.read_text().splitlines()[-1])["trial_id"]
+        rows = (out / "results.jsonl").read_text().splitlines(keepends=True)
+        kept = [row for row in rows if json.loads(row)["trial_id"] != last]
+        (out / "results.jsonl").write_text("".join(kept))
     path.write_bytes(path.read_bytes()[:-40])
-    return resumed(lab)
+    return resume(lab)
 
 
 for _name, _file in (
     ("row-cut-off", "results.jsonl"),
     ("track-cut-off", "tracks.jsonl"),
+    ("commands-cut-off", "commands.jsonl"),
 ):
     add(
         FAMILY,
@@ -63,27 +63,30 @@ for _name, _file in (
     )
 
 
-def _refused(
+def _expect_refusal(
     lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True
 ) -> str:
-    """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
-    out = _unfinished(lab) if unfinished else _finished(lab)
+    """Alter a folder.
+
+    Both resuming and checking must refuse it and leave it as it is.
+    """
+    out = _copy_unfinished(lab) if unfinished else _copy_finished(lab)
     alter(out)
     before = {
         path.name: path.read_bytes()
         for path in out.iterdir()
         if path.is_file() and path.name != ".lock"
     }
-    said = lab.refused(*campaign(lab))
+    refusal = lab.expect_refusal(*campaign(lab))
     checked = lab.barn("check", out, code=1).err
-    hold(words in said or words in checked, f"{said} | {checked}")
+    hold(words in refusal or words in checked, f"{refusal} | {checked}")
     after = {
         path.name: path.read_bytes()
         for path in out.iterdir()
         if path.is_file() and path.name != ".lock"
     }
     hold(before == after, "files were changed")
-    return said.replace(str(lab.folder), "")
+    return refusal.replace(str(lab.folder), "")
 
 
 def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
@@ -98,7 +101,8 @@ def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
 def _insert(name: str, line: bytes) -> Callable[[Path], object]:
     def insert(out: Path) -> None:
         lines = (out / name).read_bytes().splitlines(keepends=True)
-        (out / name).write_bytes(b"".join([*lines[:3], line + b"\n", *lines[3:]]))
+        lines.insert(3, line + b"\n")
+        (out / name).write_bytes(b"".join(lines))
 
     return insert
 
@@ -148,17 +152,23 @@ for _name, _done, _alter, _words in (
         "run.json",
     ),
 ):
-    add(FAMILY, _name, _done, _MUST, partial(_refused, alter=_alter, words=_words))
+    add(
+        FAMILY,
+        _name,
+        _done,
+        _MUST,
+        partial(_expect_refusal, alter=_alter, words=_words),
+    )
 
 
-def _checked(lab: Lab, alter: Callable[[Path], object], words: str) -> str:
+def _expect_failed_check(lab: Lab, alter: Callable[[Path], object], words: str) -> str:
     """Alter a finished run with a bag; `barn check` must name what is wrong."""
     _with_bag(lab)
     lab.barn("check", lab.out)
     alter(lab.out)
-    said = lab.barn("check", lab.out, code=1).err
-    hold(words in said, said)
-    return said.splitlines()[0].replace(str(lab.folder), "")[:200]
+    complaint = lab.barn("check", lab.out, code=1).err
+    hold(words in complaint, complaint)
+    return complaint.splitlines()[0].replace(str(lab.folder), "")[:200]
 
 
 def _with_bag(lab: Lab, bags: str = "all") -> None:
@@ -215,6 +225,12 @@ for _name, _done, _alter, _words in (
         "has no track",
     ),
     (
+        "missing-commands",
+        "commands.jsonl is removed.",
+        lambda out: (out / "commands.jsonl").unlink(),
+        "its commands are missing",
+    ),
+    (
         "missing-table",
         "results.parquet is removed.",
         lambda out: (out / "results.parquet").unlink(),
@@ -227,17 +243,23 @@ for _name, _done, _alter, _words in (
         "parquet",
     ),
 ):
-    add(FAMILY, _name, _done, _MUST, partial(_checked, alter=_alter, words=_words))
+    add(
+        FAMILY,
+        _name,
+        _done,
+        _MUST,
+        partial(_expect_failed_check, alter=_alter, words=_words),
+    )
 
 
-def _differs(lab: Lab, more: Sequence[object], words: str) -> str:
-    _unfinished(lab)
-    said = lab.refused(*campaign(lab, *more))
-    hold(words in said, said)
-    return said.replace(str(lab.folder), "")
+def _differs(lab: Lab, options: Sequence[object], words: str) -> str:
+    _copy_unfinished(lab)
+    refusal = lab.expect_refusal(*campaign(lab, *options))
+    hold(words in refusal, refusal)
+    return refusal.replace(str(lab.folder), "")
 
 
-for _name, _done, _more, _words in (
+for _name, _done, _options, _words in (
     (
         "other-seed",
         "A campaign is resumed with another seed.",
@@ -262,7 +284,7 @@ for _name, _done, _more, _words in (
         _name,
         _done,
         "Refused in one line that names what differs.",
-        partial(_differs, more=_more, words=_words),
+        partial(_differs, options=_options, words=_words),
     )
 
 
@@ -274,14 +296,15 @@ def folder_of_something_else(lab: Lab) -> str:
     """
     lab.out.mkdir()
     (lab.out / "thesis.tex").write_text("chapter")
-    said = lab.refused(*campaign(lab))
+    refusal = lab.expect_refusal(*campaign(lab))
     hold([path.name for path in lab.out.iterdir()] == ["thesis.tex"], "files were made")
-    return said.replace(str(lab.folder), "")
+    return refusal.replace(str(lab.folder), "")
 
 
 @case(FAMILY)
 def rerun_of_a_row(lab: Lab) -> str:
-    """A row's score is edited and given the right checksum, as somebody does who wants to win.
+    """A row's score is edited and given the right checksum, as somebody does who wants
+    to win.
 
     `barn check` with `--rerun` runs the trial again and names what differs.
     """
@@ -289,8 +312,9 @@ def rerun_of_a_row(lab: Lab) -> str:
     path = lab.out / "results.jsonl"
     row = json.loads(unseal_line(path.read_text().rstrip("\n"), ""))
     row["scores"]["challenge"] += 0.1
-    path.write_text(seal_line(json.dumps(row, separators=(",", ":"))) + "\n")
+    line = json.dumps(row, separators=(",", ":"))
+    path.write_text(seal_line(line) + "\n")
     write_tables(lab.out, RowFile(lab.out).read())
-    said = lab.barn("check", lab.out, "--rerun", 1, code=1).err
-    hold("scores.challenge" in said, said)
-    return said.replace(str(lab.folder), "").strip()
+    complaint = lab.barn("check", lab.out, "--rerun", 1, code=1).err
+    hold("scores.challenge" in complaint, complaint)
+    return complaint.replace(str(lab.folder), "").strip()

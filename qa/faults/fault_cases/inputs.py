@@ -19,15 +19,18 @@ LONGEST = 700  # characters of a refusal
 Make = Callable[[Path], object]
 
 
-def refused(
+def expect_refusal(
     lab: Lab, name: str, make: Make, words: Sequence[object], named: str = ""
 ) -> str:
-    """Make a file and give it to a command, which must refuse it by name, with 3 GB at most."""
+    """Make a file and give it to a command, which must refuse it by name.
+
+    The command may take 3 GB of memory at most.
+    """
     make(lab.folder / name)
-    said = lab.refused(*words, prefix=("prlimit", "--as=3000000000"))
-    hold((named or name) in said, f"{named or name} is not named: {said}")
-    hold(len(said) < LONGEST, f"{len(said)} characters")
-    return said.replace(str(lab.folder), "")[:200]
+    refusal = lab.expect_refusal(*words, prefix=("prlimit", "--as=3000000000"))
+    hold((named or name) in refusal, f"{named or name} is not named: {refusal}")
+    hold(len(refusal) < LONGEST, f"{len(refusal)} characters")
+    return refusal.replace(str(lab.folder), "")[:200]
 
 
 def text_of(content: str) -> Make:
@@ -41,7 +44,7 @@ def bytes_of(content: bytes) -> Make:
 
 
 def _data_set(grid: bytes) -> Make:
-    """Return what makes a data set of the suite whose grids are these bytes of an array."""
+    """Return a function that makes a data set with these bytes as its grids."""
 
     def make(path: Path) -> None:
         with (
@@ -66,7 +69,7 @@ def _bomb(path: Path) -> None:
     _data_set(_npy("(700000000,)", "|u1") + bytes(700_000_000))(path)
 
 
-def _pickled() -> bytes:
+def _pickle_payload() -> bytes:
     file = io.BytesIO()
     np.save(file, np.array([{"a": 1}], object), allow_pickle=True)
     return file.getvalue()
@@ -82,9 +85,11 @@ def _pgm_map(image: bytes) -> Make:
     return make
 
 
-_LAUGHS = "".join(
-    f'<!ENTITY a{k} "{f"&a{k - 1};" * 10 if k else "lol"}">' for k in range(10)
-)  # 10^9 times lol
+# 10^9 times lol
+_LAUGHS = '<!ENTITY a0 "lol">'
+for _level in range(1, 10):
+    _inner = f"&a{_level - 1};" * 10
+    _LAUGHS += f'<!ENTITY a{_level} "{_inner}">'
 _LIST = ("worlds", "list")
 _NAMED = {
     "pgm-huge": "map.pgm",
@@ -97,7 +102,7 @@ for _name, _done, _file, _make, _words in (
         "npz-pickled",
         "A data set with a pickled array.",
         "w.npz",
-        _data_set(_pickled()),
+        _data_set(_pickle_payload()),
         (*_LIST, "w.npz"),
     ),
     (
@@ -238,7 +243,11 @@ for _name, _done, _file, _make, _words in (
         _done,
         "Refused in one line that names the file, within 3 GB.",
         partial(
-            refused, name=_file, make=_make, words=_words, named=_NAMED.get(_name, "")
+            expect_refusal,
+            name=_file,
+            make=_make,
+            words=_words,
+            named=_NAMED.get(_name, ""),
         ),
     )
 
@@ -254,4 +263,4 @@ def gzipped_world(lab: Lab) -> str:
         + b"<model/>" * 12_000_000
         + b"</world></sdf>"
     )
-    return refused(lab, "w.world.gz", bytes_of(content), (*_LIST, "w.world.gz"))
+    return expect_refusal(lab, "w.world.gz", bytes_of(content), (*_LIST, "w.world.gz"))

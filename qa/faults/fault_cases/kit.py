@@ -1,4 +1,7 @@
-"""What fault cases are made of: the cases by name, and the place in which each is tried with the real commands."""
+"""What fault cases are made of.
+
+The cases by name, and the place in which each is tried with the real commands.
+"""
 
 import inspect
 import json
@@ -14,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from processes import MARK, marked
+from processes import MARK, list_marked
 
 from barn_eval.commands.run import NOT_SCORED
 from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
@@ -39,7 +42,10 @@ class Skipped(Exception):
 
 @dataclass(frozen=True)
 class Case:
-    """A fault: what is done, what must happen, and the function that does it and returns what was measured."""
+    """A fault: what is done, what must happen, and the function that does it.
+
+    The function returns what was measured.
+    """
 
     family: str
     name: str
@@ -66,24 +72,27 @@ def add(
     limit_s: float = LIMIT_S,
 ) -> None:
     """Add a case under an unused name."""
-    made = Case(family, name, done, must, act, limit_s)
-    if made.key in CASES:
-        raise ValueError(f"two cases are named {made.key}")
-    CASES[made.key] = made
+    case = Case(family, name, done, must, act, limit_s)
+    if case.key in CASES:
+        raise ValueError(f"two cases are named {case.key}")
+    CASES[case.key] = case
 
 
 def case(
     family: str, limit_s: float = LIMIT_S
 ) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
-    """Return a decorator that adds a function as a case; its doc is what is done and, below, what must happen."""
+    """Return a decorator that adds a function as a case.
 
-    def added(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
+    Its doc is what is done and, below, what must happen.
+    """
+
+    def add_function(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
         done, _, must = (inspect.getdoc(act) or "").partition("\n\n")
         name = act.__name__.replace("_", "-")
         add(family, name, " ".join(done.split()), " ".join(must.split()), act, limit_s)
         return act
 
-    return added
+    return add_function
 
 
 def hold(condition: object, otherwise: object) -> None:
@@ -109,13 +118,18 @@ class Ended:
     def error(self) -> str:
         """The error, on a line of its own; Wrong if there is not one such line."""
         lines = [line for line in self.err.splitlines() if line.startswith("error: ")]
-        hold(len(lines) == 1, f"{len(lines)} lines of errors: {self.err[-600:]}")
-        hold(len(lines[0]) < _MESSAGE, f"an error of {len(lines[0])} characters")
+        line_count = len(lines)
+        hold(line_count == 1, f"{line_count} lines of errors: {self.err[-600:]}")
+        length = len(lines[0])
+        hold(length < _MESSAGE, f"an error of {length} characters")
         return lines[0].removeprefix("error: ")
 
 
 class Lab:
-    """A folder of its own, and the processes that a case starts there, which it finds again by a mark."""
+    """The folder of a case and the processes that it starts there.
+
+    The processes are recognized by a mark in their environment.
+    """
 
     def __init__(self, folder: Path, limit_s: float) -> None:
         self.folder = folder
@@ -173,7 +187,11 @@ class Lab:
         return process
 
     def finish(self, process: "subprocess.Popen[bytes]", code: int | None = 0) -> Ended:
-        """Wait for a command; Wrong if it hangs, ends with another code, or shows a traceback."""
+        """Wait for a command.
+
+        Raises:
+            Wrong: If it hangs, ends with another code, or shows a traceback.
+        """
         try:
             process.wait(self.left_s)
         except subprocess.TimeoutExpired:
@@ -184,10 +202,9 @@ class Lab:
             for end in (".out", ".err")
         )
         ended = Ended(process.returncode, out, err)
-        hold(
-            not re.search(r"^Traceback", out + err, re.MULTILINE),
-            f"a traceback: {(out + err)[-1500:]}",
-        )
+        both = out + err
+        traceback = re.search(r"^Traceback", both, re.MULTILINE)
+        hold(not traceback, f"a traceback: {both[-1500:]}")
         failed = (
             code == 0
             and ended.code
@@ -204,7 +221,7 @@ class Lab:
         """Run `barn` to its end."""
         return self.finish(self.start(*arguments, **how), code)
 
-    def refused(self, *arguments: object, **how: Any) -> str:
+    def expect_refusal(self, *arguments: object, **how: Any) -> str:
         """Run `barn`, which must refuse in one line, and return that."""
         return self.barn(*arguments, code=1, **how).error
 
@@ -227,9 +244,17 @@ class Lab:
         hold(len(rows) == 1, f"{len(rows)} rows, not one")
         return rows[0]
 
+    def wait_for_two_rows(self, folder: Path) -> None:
+        """Wait until a folder of results has two rows."""
+        self.until(lambda: len(self.rows(folder)) >= 2, "two rows")
+
     def processes(self, text: str = "") -> list[int]:
-        """Return the processes that carry the mark and have the text in their command line."""
-        return [one.pid for one in marked(self.mark) if text in command_line(one.pid)]
+        """Return the processes with the mark whose command line contains a text."""
+        return [
+            process.pid
+            for process in list_marked(self.mark)
+            if text in command_line(process.pid)
+        ]
 
     def nodes(self, text: str) -> list[int]:
         """Return the processes of a node, not their launchers."""
@@ -277,5 +302,5 @@ def repeatable(rows: Sequence[Row]) -> list[Row]:
 
 
 def scratch() -> Path:
-    """Return a new folder under the temporary one, which is left to the tool to remove."""
+    """Return a new folder under the temporary one; the tool removes it."""
     return Path(tempfile.mkdtemp(prefix="barn-faults-"))

@@ -4,23 +4,24 @@ import signal
 import time
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 
 from fault_cases.kit import Lab, add, ending, hold
-from fault_cases.planners import FOREIGN, SCRIPT, by_command, driven, judged, ros
+from fault_cases.planners import FOREIGN, SCRIPT, by_command, drive, judge, ros
+from fault_cases.system import peak_memory_mb
 
 FAMILY = "meddling"
 
 
-def _caught(lab: Lab, kind: str, words: str) -> str:
-    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
-    said = judged(lab, "interference", words)
+def _expect_interference(lab: Lab, kind: str, words: str) -> str:
+    planner = by_command(FOREIGN, lab.folder / "starts", kind)
+    lab.barn(*ros(lab, *planner))
+    description = judge(lab, "interference", words)
     scores = lab.row()["scores"]
     hold(not scores["success"] and scores["challenge"] == 0.0, scores)
-    return said
+    return description
 
 
-def _named(lab: Lab, ground_truth: str, heard: bool) -> str:
+def _expect_remark(lab: Lab, ground_truth: str, heard: bool) -> str:
     words = by_command(FOREIGN, lab.folder / "starts", "curious")
     lab.barn(*ros(lab, *words, "--ros", f"ground_truth={ground_truth}"))
     row = lab.row()
@@ -64,7 +65,7 @@ for _kind, _done, _words in (
         _kind.replace("_", "-"),
         _done,
         _MUST,
-        partial(_caught, kind=_kind, words=_words),
+        partial(_expect_interference, kind=_kind, words=_words),
     )
 
 add(
@@ -72,30 +73,33 @@ add(
     "reads-the-truth",
     "The planner subscribes to /ground_truth/odom.",
     "It hears nothing, and the row names it.",
-    partial(_named, ground_truth="false", heard=False),
+    partial(_expect_remark, ground_truth="false", heard=False),
 )
 add(
     FAMILY,
     "reads-the-truth-asked-for",
     "The planner subscribes to /ground_truth/odom in a run with --ros ground_truth=true.",
     "It hears the truth, and the row names it.",
-    partial(_named, ground_truth="true", heard=True),
+    partial(_expect_remark, ground_truth="true", heard=True),
 )
+
+
+def _break_bytes(lab: Lab) -> str:
+    planner = by_command(FOREIGN, lab.folder / "starts", "broken_command")
+    lab.barn(*ros(lab, *planner))
+    return judge(lab, "invalid_command", "not finite")
+
+
 add(
     FAMILY,
     "broken-bytes",
     "The planner publishes bytes on /cmd_vel that are no command.",
     "The trial ends as invalid_command, by the planner's fault.",
-    lambda lab: (
-        lab.barn(
-            *ros(lab, *by_command(FOREIGN, lab.folder / "starts", "broken_command"))
-        ),
-        judged(lab, "invalid_command", "not finite"),
-    )[1],
+    _break_bytes,
 )
 
 
-def _signalled(lab: Lab, what: str, number: int, isolate: bool, expected: str) -> str:
+def _send_signal(lab: Lab, what: str, number: int, isolate: bool, expected: str) -> str:
     words = by_command(SCRIPT, "signals", lab.folder, what, int(number))
     run = ros(lab, *words, "--ros", f"isolate={str(isolate).lower()}")
     killed = what == "run" and not isolate
@@ -104,16 +108,20 @@ def _signalled(lab: Lab, what: str, number: int, isolate: bool, expected: str) -
         lab.until(lambda: not lab.processes(), "the end of all processes")
         lab.barn(*run, code=None)
     row = lab.row()
-    said = f"{ending(row)}, attempt {row['wall_clock']['attempts']} {row['wall_clock']['repeated']}".strip()
+    attempts = row["wall_clock"]["attempts"]
+    reasons = row["wall_clock"]["repeated"]
+    description = f"{ending(row)}, attempt {attempts} {reasons}".strip()
     hold(
         (lab.folder / "done").exists() is not isolate,
         "the planner found the process" if isolate else "it found none",
     )
     fault = "planner" if expected != "repeated" else row["fault"]
-    hold(row["fault"] == fault and not row["scores"]["success"], said)
-    hold((expected if expected != "repeated" else "timeout") in said, said)
-    hold((row["wall_clock"]["attempts"] > 1) is (expected == "repeated"), said)
-    return said
+    hold(row["fault"] == fault and not row["scores"]["success"], description)
+    hold(
+        (expected if expected != "repeated" else "timeout") in description, description
+    )
+    hold((attempts > 1) is (expected == "repeated"), description)
+    return description
 
 
 for _name in ("simulator", "evaluator", "guard", "worker", "run"):
@@ -124,7 +132,11 @@ for _name in ("simulator", "evaluator", "guard", "worker", "run"):
             f"The planner looks for the {_name} of its run, to send it {_number.name}.",
             "It sees none of the suite's processes; the trial runs to its timeout at the first attempt.",
             partial(
-                _signalled, what=_name, number=_number, isolate=True, expected="timeout"
+                _send_signal,
+                what=_name,
+                number=_number,
+                isolate=True,
+                expected="timeout",
             ),
         )
 for _name, _number, _expected in (
@@ -144,7 +156,7 @@ for _name, _number, _expected in (
         if _expected == "repeated"
         else "The trial is not repeated and counts as the planner's failure.",
         partial(
-            _signalled, what=_name, number=_number, isolate=False, expected=_expected
+            _send_signal, what=_name, number=_number, isolate=False, expected=_expected
         ),
     )
 add(
@@ -152,29 +164,24 @@ add(
     "kills-its-parent",
     "The planner sends SIGKILL to its parent, the first process that it sees.",
     "The kernel drops it: the trial runs to its timeout.",
-    partial(driven, kind="kills-its-parent", outcome="timeout"),
+    partial(drive, kind="kills-its-parent", outcome="timeout"),
 )
 
 
-def _bounded(lab: Lab, kind: str, outcome: str, words: str) -> str:
-    run = lab.start(
-        *ros(lab, *by_command(SCRIPT, kind, lab.folder), bags="all", limit_s=20.0)
-    )
+def _expect_bounded_memory(lab: Lab, kind: str, outcome: str, words: str) -> str:
+    planner = by_command(SCRIPT, kind, lab.folder)
+    run = lab.start(*ros(lab, *planner, bags="all", limit_s=20.0))
     peak_mb = 0
     while run.poll() is None:
         for pid in lab.nodes("barn_eval.ros.evaluator"):
             with suppress(OSError, StopIteration):
-                lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-                peak_mb = max(
-                    peak_mb,
-                    int(next(one for one in lines if "VmHWM" in one).split()[1])
-                    // 1000,
-                )
+                peak_mb = max(peak_mb, peak_memory_mb(pid))
         hold(lab.left_s, "")
         time.sleep(0.1)
-    said = judged(lab, outcome, words)
-    hold(peak_mb < 3000, f"the evaluator took {peak_mb} MB; {said}")
-    return f"{said}; evaluator at most {peak_mb} MB, trial {lab.row()['wall_clock']['duration_s']:.0f} s"
+    description = judge(lab, outcome, words)
+    hold(peak_mb < 3000, f"the evaluator took {peak_mb} MB; {description}")
+    duration_s = lab.row()["wall_clock"]["duration_s"]
+    return f"{description}; evaluator at most {peak_mb} MB, trial {duration_s:.0f} s"
 
 
 for _kind, _done, _outcome, _words in (
@@ -208,5 +215,5 @@ for _kind, _done, _outcome, _words in (
         _kind,
         _done,
         "The trial ends at once, and names that; or it goes on, and the evaluator's memory stays below 3 GB.",
-        partial(_bounded, kind=_kind, outcome=_outcome, words=_words),
+        partial(_expect_bounded_memory, kind=_kind, outcome=_outcome, words=_words),
     )

@@ -4,7 +4,7 @@ import signal
 import sys
 
 from fault_cases.kit import Lab, Skipped, case, hold, repeatable
-from fault_cases.processes import FAMILY, driving, same, undisturbed, words
+from fault_cases.processes import FAMILY, driving, run_undisturbed, same, words
 from fault_cases.system import kill
 
 
@@ -17,12 +17,13 @@ def two_runs_in_one_folder(lab: Lab) -> str:
     both = [lab.start(*words(lab)) for _ in range(2)]
     ended = [lab.finish(run, None) for run in both]
     hold(
-        sorted(one.code for one in ended) == [0, 1], [one.text[-300:] for one in ended]
+        sorted(session.code for session in ended) == [0, 1],
+        [session.text[-300:] for session in ended],
     )
-    said = next(one.error for one in ended if one.code)
-    hold("another process is working in this folder" in said, said)
+    refusal = next(session.error for session in ended if session.code)
+    hold("another process is working in this folder" in refusal, refusal)
     same(lab)
-    return said
+    return refusal
 
 
 @case(FAMILY)
@@ -31,30 +32,32 @@ def two_runs_in_two_folders(lab: Lab) -> str:
 
     They do not hear each other: both rows are the undisturbed one.
     """
-    one = words(lab)
-    other = words(lab)
-    other[other.index("--out") + 1] = lab.folder / "other"
-    both = [lab.start(*one), lab.start(*other)]
+    first_words = words(lab)
+    second_words = words(lab)
+    second_words[second_words.index("--out") + 1] = lab.folder / "other"
+    both = [lab.start(*first_words), lab.start(*second_words)]
     for run in both:
         lab.finish(run)
     rows = [repeatable(lab.rows(folder)) for folder in (lab.out, lab.folder / "other")]
-    hold(rows[0] == rows[1] == undisturbed(), "the rows differ")
+    hold(rows[0] == rows[1] == run_undisturbed(), "the rows differ")
     return "both rows as undisturbed"
 
 
 @case(FAMILY)
 def domain_in_use(lab: Lab) -> str:
-    """A run is told to use the ROS_DOMAIN_ID of another one, which is driving and stands still meanwhile (SIGSTOP).
+    """A run is told to use the ROS_DOMAIN_ID of another one, which is driving and
+    stands still meanwhile (SIGSTOP).
 
-    Refused in one line that names the domain; the other run goes on to the undisturbed row.
+    Refused in one line that names the domain; the other run goes on to the undisturbed
+    row.
     """
-    undisturbed()
+    run_undisturbed()
     domain = {"ROS_DOMAIN_ID": "77"}
     run = lab.start(*words(lab), environment=domain)
     driving(lab, run)
     first = lab.processes()
     kill(first, signal.SIGSTOP)
-    said = lab.refused(
+    refusal = lab.expect_refusal(
         "run",
         "--mode",
         "ros",
@@ -64,11 +67,11 @@ def domain_in_use(lab: Lab) -> str:
         lab.folder / "second",
         environment=domain,
     )
-    hold("ROS_DOMAIN_ID 77" in said, said)
+    hold("ROS_DOMAIN_ID 77" in refusal, refusal)
     kill(first, signal.SIGCONT)
     lab.finish(run)
     same(lab)
-    return said
+    return refusal
 
 
 @case(FAMILY)
@@ -77,9 +80,9 @@ def domain_that_is_none(lab: Lab) -> str:
 
     Refused in one line that names it and what is allowed.
     """
-    said = lab.refused(*words(lab), environment={"ROS_DOMAIN_ID": "4000"})
-    hold("ROS_DOMAIN_ID must be from 0 to 232, got '4000'" in said, said)
-    return said
+    refusal = lab.expect_refusal(*words(lab), environment={"ROS_DOMAIN_ID": "4000"})
+    hold("ROS_DOMAIN_ID must be from 0 to 232, got '4000'" in refusal, refusal)
+    return refusal
 
 
 _CHATTER = """
@@ -101,7 +104,7 @@ def strangers_on_the_domain(lab: Lab) -> str:
 
     The row is the undisturbed one, without a remark.
     """
-    undisturbed()
+    run_undisturbed()
     near = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     strangers = [
         lab.start_program([sys.executable, "-c", _CHATTER], near) for _ in range(3)
@@ -116,9 +119,11 @@ def strangers_on_the_domain(lab: Lab) -> str:
 
 @case(FAMILY)
 def simulators_of_strangers(lab: Lab) -> str:
-    """A second simulator publishes /clock, /odom and /scan on the domain that a run is told to use.
+    """A second simulator publishes /clock, /odom and /scan on the domain that a run is
+    told to use.
 
-    Refused in one line that names the domain, the node and a topic, before the planner is started.
+    Refused in one line that names the domain, the node and a topic, before the planner
+    is started.
     """
     near = {"ROS_DOMAIN_ID": "79", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     other = lab.start_program(
@@ -134,8 +139,8 @@ def simulators_of_strangers(lab: Lab) -> str:
     )
     if other.poll() is not None:
         raise Skipped("no second simulator")
-    said = lab.refused(*words(lab), environment=near)
+    refusal = lab.expect_refusal(*words(lab), environment=near)
     other.kill()
     other.wait()
-    hold("ROS_DOMAIN_ID 79: /other publishes" in said, said)
-    return said
+    hold("ROS_DOMAIN_ID 79: /other publishes" in refusal, refusal)
+    return refusal

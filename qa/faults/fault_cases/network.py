@@ -1,4 +1,7 @@
-"""The live view under clients that misbehave, and what of network, clock and limits runs over ROS may lack."""
+"""The live view under clients that misbehave.
+
+Runs over ROS with faults of network, clock and limits are here, too.
+"""
 
 import json
 import os
@@ -21,8 +24,9 @@ from fault_cases.campaigns import shifted_clock
 from fault_cases.direct import SHORT
 from fault_cases.environment import FAMILY as MACHINE
 from fault_cases.kit import Lab, Skipped, add, case, ending, hold
-from fault_cases.planners import FOREIGN, by_command, judged, ros
-from fault_cases.processes import same, undisturbed, words
+from fault_cases.planners import FOREIGN, by_command, judge, ros
+from fault_cases.processes import run_undisturbed, same, words
+from fault_cases.system import peak_memory_mb
 
 FAMILY = "live"
 _DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
@@ -34,21 +38,24 @@ _MOST_MB = 1000
 Place = tuple[str, int]
 
 
-def connected(place: Place, *frames: bytes, receive: int = 0) -> socket.socket:
-    """Return a connection to the live view that has sent these frames; receive: bytes that it may have waiting."""
-    one = socket.socket()
+def connect(place: Place, *frames: bytes, receive: int = 0) -> socket.socket:
+    """Return a connection to the live view that has sent these frames.
+
+    `receive`: bytes that it may have waiting.
+    """
+    connection = socket.socket()
     if receive:
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive)
-    one.settimeout(20.0)
-    one.connect(place)
-    one.sendall(_HELLO.format(*place).encode())
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive)
+    connection.settimeout(20.0)
+    connection.connect(place)
+    connection.sendall(_HELLO.format(*place).encode())
     answer = b""
     while not answer.endswith(b"\r\n\r\n"):
-        answer += one.recv(1)
+        answer += connection.recv(1)
     with suppress(OSError):  # it may have closed the connection at an earlier one
         for frame in frames:
-            one.sendall(frame)
-    return one
+            connection.sendall(frame)
+    return connection
 
 
 def _text(content: bytes) -> bytes:
@@ -61,11 +68,11 @@ def _text(content: bytes) -> bytes:
 
 
 def _subscription(count: int) -> bytes:
-    wanted = [{"id": number, "channelId": number} for number in range(1, count + 1)]
-    return _text(json.dumps({"op": "subscribe", "subscriptions": wanted}).encode())
+    channels = [{"id": number, "channelId": number} for number in range(1, count + 1)]
+    return _text(json.dumps({"op": "subscribe", "subscriptions": channels}).encode())
 
 
-def _malformed(place: Place, kept: ExitStack) -> str:
+def _send_malformed(place: Place, connections: ExitStack) -> str:
     frames = (
         b"\x81\x05hello",  # without a mask
         b"\xff" * 1000,
@@ -85,59 +92,59 @@ def _malformed(place: Place, kept: ExitStack) -> str:
         + bytes(60_000),  # a ping that is too long
     )
     for frame in frames:
-        kept.enter_context(connected(place, frame))
+        connections.enter_context(connect(place, frame))
     for plain in (b"\0" * 10_000, b"GET / HTTP/1.1\r\n", b"GET " + b"/" * 1_000_000):
-        one = kept.enter_context(socket.create_connection(place))
+        connection = connections.enter_context(socket.create_connection(place))
         with suppress(OSError):
-            one.sendall(plain)
+            connection.sendall(plain)
     return f"{len(frames) + 3} connections"
 
 
-def _many(place: Place, kept: ExitStack) -> str:
+def _many(place: Place, connections: ExitStack) -> str:
     for number in range(400):
-        one = (
+        connection = (
             socket.create_connection(place)
             if number % 2
-            else connected(place, _subscription(40))
+            else connect(place, _subscription(40))
         )
-        kept.enter_context(one)
+        connections.enter_context(connection)
     return "400 connections"
 
 
-def _slow(place: Place, kept: ExitStack) -> str:
+def _slow(place: Place, connections: ExitStack) -> str:
     for _ in range(20):
-        kept.enter_context(connected(place, _subscription(40), receive=4096))
+        connections.enter_context(connect(place, _subscription(40), receive=4096))
     return "20 connections that read nothing"
 
 
-def _watched(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
+def _watch_during(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
     if find_spec("foxglove") is None:
         raise Skipped("foxglove-sdk is not installed")
     (lab.folder / "short.yaml").write_text(SHORT)
     watch = lab.start("watch", lab.out, "--live", 0, "--wait", "--port", 0)
-    told: Path = watch.stem.with_suffix(".err")  # type: ignore[attr-defined]
+    error_file: Path = watch.stem.with_suffix(".err")  # type: ignore[attr-defined]
     ((host, port),) = lab.until(
-        lambda: re.findall(r"ws://([\d.]+):(\d+)", told.read_text()), "its address"
+        lambda: re.findall(r"ws://([\d.]+):(\d+)", error_file.read_text()),
+        "its address",
     )
     place = host, int(port)
-    with ExitStack() as kept:
-        said = trouble(place, kept)
+    with ExitStack() as connections:
+        description = trouble(place, connections)
         lab.barn("run", *_DIRECT, "--bags", "all", "--out", lab.out)
-        with connected(place) as good:
+        with connect(place) as good:
             lab.until(lambda: b"advertise" in good.recv(65536), "what the view offers")
-        lines = Path(f"/proc/{watch.pid}/status").read_text().splitlines()
-        peak_mb = int(next(one for one in lines if "VmHWM" in one).split()[1]) // 1000
+        peak_mb = peak_memory_mb(watch.pid)
     hold(peak_mb < _MOST_MB, f"{peak_mb} MB")
     os.kill(watch.pid, signal.SIGINT)
     lab.finish(watch, 130)
-    return f"{said}; {ending(lab.row())}; the view took at most {peak_mb} MB"
+    return f"{description}; {ending(lab.row())}; the view took at most {peak_mb} MB"
 
 
 for _name, _done, _act in (
     (
         "malformed-frames",
         "Clients of the live view send what is no frame, no JSON, or asks for too much.",
-        _malformed,
+        _send_malformed,
     ),
     (
         "many-clients",
@@ -151,7 +158,7 @@ for _name, _done, _act in (
     ),
 ):
     _must = "The trial runs on, and another client is served; the view takes less than 1 GB and ends by Ctrl-C."
-    add(FAMILY, _name, _done, _must, partial(_watched, trouble=_act))
+    add(FAMILY, _name, _done, _must, partial(_watch_during, trouble=_act))
 
 
 @case(MACHINE)
@@ -163,20 +170,21 @@ def no_loopback(lab: Lab) -> str:
     alone = ["unshare", "--net", "--"]
     if subprocess.run([*alone, "true"], check=False, capture_output=True).returncode:
         raise Skipped("a network namespace cannot be made here (needs root)")
-    said = lab.refused(*words(lab), prefix=alone)
-    hold("no loopback interface" in said, said)
+    refusal = lab.expect_refusal(*words(lab), prefix=alone)
+    hold("no loopback interface" in refusal, refusal)
     (lab.folder / "short.yaml").write_text(SHORT)
     lab.barn("run", *_DIRECT, "--out", lab.out, prefix=alone)
-    return f"{said}; direct: {ending(lab.row())}"
+    return f"{refusal}; direct: {ending(lab.row())}"
 
 
 @case(MACHINE)
 def no_such_dds(lab: Lab) -> str:
     """RMW_IMPLEMENTATION asks for Cyclone DDS, of which PyPI has no wheels.
 
-    Where it is not installed, the run ends with one line that names it; else the row is the undisturbed one.
+    Where it is not installed, the run ends with one line that names it; else the row is
+    the undisturbed one.
     """
-    undisturbed()
+    run_undisturbed()
     ended = lab.barn(
         *words(lab), code=None, environment={"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
     )
@@ -188,20 +196,18 @@ def no_such_dds(lab: Lab) -> str:
 
 @case(MACHINE)
 def a_planner_in_another_century(lab: Lab) -> str:
-    """The clock that the planner's processes see is 55 years behind, so that its commands seem to be of no trial.
+    """The clock that the planner's processes see is 55 years behind, so that its
+    commands seem to be of no trial.
 
     The trial ends as interference, by the planner's fault, and names that.
     """
     _, false = shifted_clock(lab, -55 * 365 * 86_400)
-    before = ["env", *(f"{name}={value}" for name, value in false.items())]
-    lab.barn(
-        *ros(
-            lab,
-            *by_command(FOREIGN, "starts", "drives", prefix=f"{shlex.join(before)} "),
-            limit_s=6.0,
-        )
-    )
-    return judged(lab, "interference", "stamped by a clock that is 1734")
+    assignments = [f"{name}={value}" for name, value in false.items()]
+    before = ["env", *assignments]
+    prefix = f"{shlex.join(before)} "
+    planner = by_command(FOREIGN, "starts", "drives", prefix=prefix)
+    lab.barn(*ros(lab, *planner, limit_s=6.0))
+    return judge(lab, "interference", "stamped by a clock that is 1734")
 
 
 @case(MACHINE)
@@ -214,17 +220,12 @@ def a_planner_with_a_fast_clock(lab: Lab) -> str:
     if library is None:
         raise Skipped("Debian's package libfaketime is not installed")
     before = shlex.join(["env", f"LD_PRELOAD={library}", "FAKETIME=+0 x50"])
-    lab.barn(
-        *ros(
-            lab,
-            *by_command(FOREIGN, "starts", "drives", prefix=f"{before} "),
-            limit_s=6.0,
-        )
-    )
-    return judged(lab, "timeout", "")
+    planner = by_command(FOREIGN, "starts", "drives", prefix=f"{before} ")
+    lab.barn(*ros(lab, *planner, limit_s=6.0))
+    return judge(lab, "timeout", "")
 
 
-def _limited(lab: Lab, kind: int, most: int, options: tuple[object, ...]) -> str:
+def _run_with_limit(lab: Lab, kind: int, most: int, options: tuple[object, ...]) -> str:
     limit = partial(resource.setrlimit, kind, (most, most))
     (lab.folder / "short.yaml").write_text(SHORT)
     ended = lab.barn(*(options or words(lab)), code=None, before=limit)
@@ -273,7 +274,7 @@ for _name, _done, _kind, _most, _ros in (
     def _act_limited(
         lab: Lab, kind: int = _kind, most: int = _most, over_ros: bool = _ros
     ) -> str:
-        return _limited(
+        return _run_with_limit(
             lab, kind, most, () if over_ros else ("run", *_DIRECT, "--out", lab.out)
         )
 
@@ -284,7 +285,8 @@ for _name, _done, _kind, _most, _ros in (
 def few_processes(lab: Lab) -> str:
     """The user, who is not root, may have 30 processes and threads (ulimit -u).
 
-    The run over ROS works, or ends with one line that gives the reason; nothing is left.
+    The run over ROS works, or ends with one line that gives the reason; nothing is
+    left.
     """
     if os.geteuid() != 0 or which("setpriv") is None:
         raise Skipped("needs root, to be another user")

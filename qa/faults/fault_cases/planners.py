@@ -14,18 +14,19 @@ FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
 FOREIGN = TESTS / "foreign_planner.py"
 _PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
-# Short where a case waits for it in full, and yet long enough for a slow and busy machine.
+# Short where a case waits for it in full, and yet long enough for a slow and busy
+# machine.
 _PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
 
 
 def ros(
     lab: Lab,
-    *more: object,
+    *options: object,
     limit_s: float = 2.0,
     bags: str = "none",
     command_s: int = 12,
 ) -> list[object]:
-    """Return the words of a run over ROS of a trial that ends by itself after so many seconds of driving."""
+    """Return the words of a run over ROS whose trial ends after some seconds."""
     if find_spec("rclpy") is None:
         raise Skipped("ROS 2 is not installed")
     (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
@@ -42,32 +43,36 @@ def ros(
         "--bags",
         bags,
     ]
-    return [*words, *patience, "--out", lab.out, *more]
+    return [*words, *patience, "--out", lab.out, *options]
 
 
 def by_command(*words: object, prefix: str = "") -> list[str]:
     """Return the options for a planner that is started by a Python script."""
-    return [
-        "--planner-command",
-        f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}",
-    ]
+    command = shlex.join([sys.executable, *map(str, words)])
+    return ["--planner-command", f"x={prefix}{command}"]
 
 
-def driven(
-    lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = ()
+def drive(
+    lab: Lab, kind: str, outcome: str, detail: str = "", options: Sequence[object] = ()
 ) -> str:
-    """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *more))
-    return judged(lab, outcome, detail)
+    """Run a trial of a planner that goes wrong, and say how it ended.
+
+    Raises:
+        Wrong: If otherwise than it must.
+    """
+    planner = by_command(SCRIPT, kind, lab.folder)
+    lab.barn(*ros(lab, *planner, *options))
+    return judge(lab, outcome, detail)
 
 
 def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
     """Do the same with the planner of the tests."""
-    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
-    return judged(lab, outcome, detail)
+    planner = by_command(FOREIGN, lab.folder / "starts", kind)
+    lab.barn(*ros(lab, *planner))
+    return judge(lab, outcome, detail)
 
 
-def judged(lab: Lab, outcome: str, detail: str) -> str:
+def judge(lab: Lab, outcome: str, detail: str) -> str:
     """Say how the only trial ended; Wrong if otherwise than it must."""
     row = lab.row()
     hold(
@@ -82,7 +87,7 @@ def judged(lab: Lab, outcome: str, detail: str) -> str:
     return ending(row) + remarks
 
 
-def ended_children(lab: Lab, outcome: str) -> str:
+def end_children(lab: Lab, outcome: str) -> str:
     """Wrong if a process that the planner noted lives on."""
     pids = [int(pid) for pid in (lab.folder / "pids").read_text().split()]
     lab.until(lambda: not any(map(alive, pids)), f"the end of {pids}")
@@ -144,7 +149,7 @@ for _kind, _done, _outcome, _detail in (
         _kind,
         _done,
         _ends(_outcome),
-        partial(driven, kind=_kind, outcome=_outcome, detail=_detail),
+        partial(drive, kind=_kind, outcome=_outcome, detail=_detail),
     )
 for _kind, _done, _outcome, _detail in (
     (
@@ -193,12 +198,13 @@ for _kind, _done in (
         _kind,
         _done,
         "The trial runs to its timeout; nothing is left.",
-        partial(driven, kind=_kind, outcome="timeout"),
+        partial(drive, kind=_kind, outcome="timeout"),
     )
 
 
-def _limited(lab: Lab, kind: str) -> str:
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+def _run_with_limit(lab: Lab, kind: str) -> str:
+    planner = by_command(SCRIPT, kind, lab.folder)
+    lab.barn(*ros(lab, *planner))
     row = lab.row()
     driven_m = row["measures"]["driven_m"]
     duration_s = row["scores"]["duration_s"]
@@ -216,15 +222,16 @@ for _kind, _done in (
         _kind,
         _done,
         "The robot's limits hold: no more than 2 m/s.",
-        partial(_limited, kind=_kind),
+        partial(_run_with_limit, kind=_kind),
     )
 
 
-def _refused(lab: Lab, kind: str, words: str) -> str:
-    said = lab.refused(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
-    hold(words in said, said)
+def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
+    planner = by_command(SCRIPT, kind, lab.folder)
+    refusal = lab.expect_refusal(*ros(lab, *planner))
+    hold(words in refusal, refusal)
     hold(not lab.rows(), "there is a row")
-    return said.partition(";")[0]
+    return refusal.partition(";")[0]
 
 
 _THREE = "exited with code 1 at its start, 3 times in a row"
@@ -246,21 +253,25 @@ for _kind, _done, _words in (
     ),
 ):
     _must = "After three starts the run ends with one line that quotes the planner's log; exit code 1."
-    add(FAMILY, _kind, _done, _must, partial(_refused, kind=_kind, words=_words))
+    add(FAMILY, _kind, _done, _must, partial(_expect_refusal, kind=_kind, words=_words))
 for _kind, _done, _detail in (
     ("never-ready", "The planner sleeps before it has a node.", "/cmd_vel"),
     ("wrong-topic", "The planner publishes on another topic.", "/command_velocity"),
     ("no-odometry", "The planner does not subscribe to /odom.", "/odom"),
 ):
     _must = "The trial ends as planner_not_ready, with what is missing; exit code 3."
-    _more = ("--ros", "patience.start_s=40")
+    _options = ("--ros", "patience.start_s=40")
     add(
         FAMILY,
         _kind,
         _done,
         _must,
         partial(
-            driven, kind=_kind, outcome="planner_not_ready", detail=_detail, more=_more
+            drive,
+            kind=_kind,
+            outcome="planner_not_ready",
+            detail=_detail,
+            options=_options,
         ),
     )
 
@@ -271,16 +282,17 @@ def has_children(lab: Lab) -> str:
 
     They end with the run.
     """
-    return ended_children(lab, driven(lab, "has-children", "timeout"))
+    return end_children(lab, drive(lab, "has-children", "timeout"))
 
 
 @case(FAMILY)
 def escapes(lab: Lab) -> str:
-    """The planner starts a daemon: forked twice, in a session of its own, with an empty environment.
+    """The planner starts a daemon: forked twice, in a session of its own, with an empty
+    environment.
 
     The daemon ends with the run.
     """
-    return ended_children(lab, driven(lab, "escapes", "timeout"))
+    return end_children(lab, drive(lab, "escapes", "timeout"))
 
 
 @case(FAMILY)
@@ -289,9 +301,8 @@ def prints_without_end(lab: Lab) -> str:
 
     Its log keeps 5 MB of the beginning and 5 MB of the end; the trial has a verdict.
     """
-    ended: Ended = lab.barn(
-        *ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120)
-    )
+    planner = by_command(SCRIPT, "loud", lab.folder)
+    ended: Ended = lab.barn(*ros(lab, *planner, command_s=120))
     size = sum(path.stat().st_size for path in (lab.out / "logs").rglob("planner.log*"))
     hold(5e6 < size < 10.5e6, f"{size} bytes of log")
     hold(len(ended.text) < 5000, "the log is printed")
@@ -306,7 +317,7 @@ def eats_memory(lab: Lab) -> str:
     """
     limited = by_command(SCRIPT, "eats", lab.folder, prefix="prlimit --as=2500000000 ")
     lab.barn(*ros(lab, *limited, command_s=60))
-    return judged(lab, "planner_died", "")
+    return judge(lab, "planner_died", "")
 
 
 @case(FAMILY)
@@ -315,7 +326,8 @@ def closes_its_files(lab: Lab) -> str:
 
     The trial ends with a verdict against the planner; nothing is left.
     """
-    lab.barn(*ros(lab, *by_command(SCRIPT, "closes-files", lab.folder)))
+    planner = by_command(SCRIPT, "closes-files", lab.folder)
+    lab.barn(*ros(lab, *planner))
     hold(lab.row()["fault"] == "planner", lab.row())
     return ending(lab.row())
 
@@ -326,6 +338,8 @@ def does_not_exist(lab: Lab) -> str:
 
     Refused in one line that names it.
     """
-    said = lab.refused(*ros(lab, "--planner-command", "x=/no/such/planner --fast"))
-    hold("/no/such/planner: No such file" in said, said)
-    return said
+    refusal = lab.expect_refusal(
+        *ros(lab, "--planner-command", "x=/no/such/planner --fast")
+    )
+    hold("/no/such/planner: No such file" in refusal, refusal)
+    return refusal

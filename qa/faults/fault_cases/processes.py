@@ -1,4 +1,7 @@
-"""Processes of a run over ROS that are killed, stopped or suspended, and runs beside each other."""
+"""Processes of a run over ROS that are killed, stopped or suspended.
+
+Runs beside each other are here, too.
+"""
 
 import os
 import signal
@@ -37,16 +40,16 @@ def words(lab: Lab) -> list[object]:
 
 
 @cache
-def _undisturbed() -> list[Row]:
+def _drive_undisturbed() -> list[Row]:
     lab = Lab(scratch(), LIMIT_S)
     lab.barn(*words(lab))
     return repeatable(lab.rows())
 
 
-def undisturbed() -> list[Row]:
+def run_undisturbed() -> list[Row]:
     """Return the rows of the same run without any disturbance."""
     with _HELD:
-        return _undisturbed()
+        return _drive_undisturbed()
 
 
 def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
@@ -64,18 +67,23 @@ def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
 
 def same(lab: Lab) -> str:
     """Wrong if the rows are not the undisturbed ones."""
-    hold(repeatable(lab.rows()) == undisturbed(), [ending(row) for row in lab.rows()])
+    hold(
+        repeatable(lab.rows()) == run_undisturbed(), [ending(row) for row in lab.rows()]
+    )
     return f"{ending(lab.row())}; row as undisturbed"
 
 
-def _repeated(lab: Lab, disturb: Callable[[Lab], object], words_noted: str) -> str:
-    undisturbed()
+def _expect_repetition(
+    lab: Lab, disturb: Callable[[Lab], object], words_noted: str
+) -> str:
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     disturb(lab)
     ended = lab.finish(run)
     hold(words_noted in ended.text, ended.text[-600:])
-    hold(lab.row()["wall_clock"]["attempts"] == 2, lab.row()["wall_clock"])
+    wall_clock = lab.row()["wall_clock"]
+    hold(wall_clock["attempts"] == 2, wall_clock)
     return same(lab)
 
 
@@ -141,7 +149,7 @@ for _name, _done, _deed, _words in (
         _name,
         _done,
         _MUST,
-        partial(_repeated, disturb=_deed, words_noted=_words),
+        partial(_expect_repetition, disturb=_deed, words_noted=_words),
     )
 
 
@@ -151,22 +159,24 @@ def evaluator_suspended(lab: Lab) -> str:
 
     It is waited for; the row is the undisturbed one, of the first attempt.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     _suspend(lab, lab.nodes(EVALUATOR), 12.0)
     lab.finish(run)
-    hold(lab.row()["wall_clock"]["attempts"] == 1, lab.row()["wall_clock"])
+    wall_clock = lab.row()["wall_clock"]
+    hold(wall_clock["attempts"] == 1, wall_clock)
     return same(lab)
 
 
 @case(FAMILY)
 def machine_suspended(lab: Lab) -> str:
-    """All processes of the run are suspended for 25 s in the middle of the trial, as a laptop's lid does.
+    """All processes of the run are suspended for 25 s in the middle of the trial, as a
+    laptop's lid does.
 
     The trial ends as an undisturbed one does, repeated or not.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     _suspend(lab, lab.processes(), 25.0)
@@ -174,8 +184,8 @@ def machine_suspended(lab: Lab) -> str:
     return same(lab)
 
 
-def _stopped(lab: Lab, number: int) -> str:
-    undisturbed()
+def _stop(lab: Lab, number: int) -> str:
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     began = time.monotonic()
@@ -194,7 +204,7 @@ for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         f"{_number.name.lower()}",
         f"The run gets {_number.name} in the middle of the trial, and is then run again.",
         "It ends with code 130 and says how to resume; nothing is left; the row after that is the undisturbed one.",
-        partial(_stopped, number=_number),
+        partial(_stop, number=_number),
     )
 
 
@@ -204,7 +214,7 @@ def run_killed(lab: Lab) -> str:
 
     No process is left; the row after that is the undisturbed one.
     """
-    undisturbed()
+    run_undisturbed()
     run = lab.start(*words(lab))
     driving(lab, run)
     kill([run.pid])
@@ -213,9 +223,13 @@ def run_killed(lab: Lab) -> str:
     return same(lab)
 
 
-def _killed_together(lab: Lab, guards: int) -> str:
-    """Kill run and worker at once, with so many of the two guards of a planner that has started daemons."""
-    run = lab.start(*ros(lab, *by_command(SCRIPT, "escapes", lab.folder), limit_s=60.0))
+def _kill_together(lab: Lab, guards: int) -> str:
+    """Kill run and worker at once, and some guards of a planner with daemons.
+
+    `guards` says how many of the two.
+    """
+    planner = by_command(SCRIPT, "escapes", lab.folder)
+    run = lab.start(*ros(lab, *planner, limit_s=60.0))
     note = lab.folder / "pids"
     lab.until(
         lambda: note.exists() and note.read_text().endswith("\n"),
@@ -236,12 +250,12 @@ add(
     "supervisors-killed",
     "Run and worker get SIGKILL at once, while the planner has a daemon with an empty environment.",
     "Nothing is left, neither the nodes nor the daemon.",
-    partial(_killed_together, guards=0),
+    partial(_kill_together, guards=0),
 )
 add(
     FAMILY,
     "supervisors-and-guard-killed",
     "Run, worker and the planner's guard get SIGKILL at once, while the planner has such a daemon.",
     "Nothing is left, neither the nodes nor the daemon.",
-    partial(_killed_together, guards=1),
+    partial(_kill_together, guards=1),
 )

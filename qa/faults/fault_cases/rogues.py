@@ -1,4 +1,7 @@
-"""The planner `rogue` of mode direct: drives ahead and goes wrong, once, in the way that its parameter `kind` names."""
+"""The planner `rogue` of mode direct.
+
+Drives ahead and goes wrong, once, in the way that its parameter `kind` names.
+"""
 
 import ctypes
 import os

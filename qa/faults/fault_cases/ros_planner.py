@@ -16,7 +16,8 @@ from threading import Thread
 
 GOOD_CYCLES = 10
 MARK = "BARN_TOOL_SESSION"
-# Processes of the suite by what their command lines have, and that of the planner has not.
+# Processes of the suite by what their command lines have, and that of the planner has
+# not.
 SUITE = {
     "simulator": "barn_sim.ros.simulator:",
     "evaluator": "barn_eval.ros.evaluator:",
@@ -69,7 +70,10 @@ def signal_suite(what: str, number: int) -> None:
 
 
 def escape() -> None:
-    """Start a daemon as daemons are started: forked twice, in a session of its own, with an empty environment."""
+    """Start a daemon as daemons are started.
+
+    Forked twice, in a session of its own, with an empty environment.
+    """
     if os.fork() == 0:
         os.setsid()
         if os.fork() == 0:
@@ -112,7 +116,7 @@ def meet(_: Node) -> None:
 
 
 def flood(planner: Node, megabytes: int, rate_hz: float) -> None:
-    """Publish messages of so many megabytes at a rate from now on, while the scans are answered."""
+    """Publish messages of some megabytes at a rate while the scans are answered."""
     sender = planner.create_publisher(String, "flood", 10)
     message = String(data=megabytes * 1_000_000 * "x")
 

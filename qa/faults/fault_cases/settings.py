@@ -3,7 +3,7 @@
 import os
 from functools import partial
 
-from fault_cases.inputs import FAMILY, bytes_of, refused, text_of
+from fault_cases.inputs import FAMILY, bytes_of, expect_refusal, text_of
 from fault_cases.kit import add
 
 _PROTOCOL = ("run", "--worlds", "0", "--out", "out", "--protocol")
@@ -108,5 +108,5 @@ for _name, _done, _file, _make, _words in (
         _name,
         _done,
         "Refused in one line that names the file, within 3 GB.",
-        partial(refused, name=_file, make=_make, words=_words),
+        partial(expect_refusal, name=_file, make=_make, words=_words),
     )

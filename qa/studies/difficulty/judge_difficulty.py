@@ -68,10 +68,10 @@ def judge_networks(
     # PyTorch is optional, and judging weights does without it.
     from network_training import TITLE, require_trainable, train_models  # noqa: PLC0415
 
-    known_worlds = worlds_with_trials(worlds, trials)
-    require_trainable(known_worlds)
+    trial_worlds = worlds_with_trials(worlds, trials)
+    require_trainable(trial_worlds)
     trials = trials.in_worlds(trials.world_numbers)
-    inputs = inputs_of(known_worlds)
+    inputs = inputs_of(trial_worlds)
 
     def predict(training_masks: Bools, seed: int) -> list[Floats]:
         models = train_models(inputs, trials, training_masks, seed)

@@ -53,24 +53,24 @@ def train_model(
     Raises:
         ModelError: If there are too few worlds, or one is reserved for judging.
     """
-    known_worlds = worlds_with_trials(worlds, trials)
-    require_trainable(known_worlds)
-    inputs = inputs_of(known_worlds)
+    trial_worlds = worlds_with_trials(worlds, trials)
+    require_trainable(trial_worlds)
+    inputs = inputs_of(trial_worlds)
     difficulty = trials.difficulty()
 
-    fold_count = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(known_worlds))
-    folds = fold_masks(len(known_worlds), _CALIBRATION_FOLDS, seed)[:fold_count]
-    masks = np.concatenate([np.ones((1, len(known_worlds)), np.bool_), folds])
+    fold_count = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(trial_worlds))
+    folds = fold_masks(len(trial_worlds), _CALIBRATION_FOLDS, seed)[:fold_count]
+    masks = np.concatenate([np.ones((1, len(trial_worlds)), np.bool_), folds])
     model, *fold_models = train_models(inputs, trials, masks, seed)
 
     predicted, _ = model.difficulty(inputs)
     # Sorted, so that the order of the worlds does not matter.
-    checksums = "\n".join(sorted(world.checksum for world in known_worlds))
-    about = {
+    checksums = "\n".join(sorted(world.checksum for world in trial_worlds))
+    description = {
         "title": TITLE,
         "seed": seed,
         "planners": list(trials.planner_names),
-        "training_worlds": len(known_worlds),
+        "training_worlds": len(trial_worlds),
         "training_trials": len(trials.in_worlds(trials.world_numbers)),
         "worlds_sha256": hashlib.sha256(checksums.encode()).hexdigest(),
         "training_mse": float(np.mean((predicted - difficulty) ** 2)),
@@ -79,7 +79,7 @@ def train_model(
         model.planners,
         model.networks,
         _relative_std(fold_models, folds, inputs, difficulty),
-        about,
+        description,
     )
 
 

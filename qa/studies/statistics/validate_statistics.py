@@ -4,8 +4,9 @@
 
 Simulated trials are judged by the functions that reports use, with two seeds: --seed
 and the next. It takes some minutes. The exit code is 1 if a share is further from its
-target than chance explains. `--out` writes the page of the documentation; a file ranking.json
-beside it (`barn precision --ranking --json`) gives the page its table of rankings.
+target than chance explains. `--out` writes the page of the documentation; a file
+ranking.json beside it (`barn precision --ranking --json`) gives the page its table of
+rankings.
 """
 
 import json

@@ -10,7 +10,8 @@ The evaluator sends to the supervisor:
     {"event": "trial", "id": TRIAL_ID}: an attempt at a trial begins
     {"event": "released"}: its robot drives
     {"event": "repeated", "reason": TEXT}: it is repeated after it was released
-    {"event": "result", "row": LINE, "track": LINE}: for results.jsonl, tracks.jsonl
+    {"event": "result", "row": LINE, "track": LINE, "commands": LINE}: for
+        results.jsonl, tracks.jsonl and commands.jsonl
     {"event": "stop", "name": NAME}, {"event": "start", "name": NAME}
     {"event": "note", "text": TEXT}: for the user
     {"event": "parameters", "text": JSON}: parameters of the planner's nodes

@@ -179,14 +179,14 @@ class _Supervisor:
                 for event in self._evaluator.receive():
                     if event["event"] == "result":
                         result = from_json_line(event["row"], "result of the evaluator")
-                        yield self._record(result, event["track"])
+                        yield self._record(result, event["track"], event["commands"])
                     else:
                         self._handle(event)
             for process in list(self._processes.values()):
                 if process.ended and not self._done:
                     yield from self._handle_end(process)
 
-    def _record(self, result: TrialResult, track: str) -> TrialRecord:
+    def _record(self, result: TrialResult, track: str, commands: str) -> TrialRecord:
         """Return the record of a trial, which tells why it was repeated."""
         self._lost_evaluators = 0
         del self._trials[result.trial_id]
@@ -194,7 +194,8 @@ class _Supervisor:
         wall_clock = replace(
             result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats)
         )
-        return TrialRecord(replace(result, wall_clock=wall_clock), track or None)
+        result = replace(result, wall_clock=wall_clock)
+        return TrialRecord(result, track or None, commands or None)
 
     def stop(self) -> None:
         """End all processes, at the same time."""
@@ -369,7 +370,7 @@ class _Supervisor:
             if self._isolated and may_retry:
                 self._repeat(reason)
             else:
-                yield self._record(self._interference(reason), "")
+                yield self._record(self._interference(reason), "", "")
         elif not may_retry:
             raise ProcessError(
                 f"{reason}, {_MAX_LOST_EVALUATORS} times in a row;"

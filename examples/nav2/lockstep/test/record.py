@@ -1,11 +1,14 @@
-"""Take a robot's observations from bags, for test_navigator: `python record.py OUT BAG...`.
+"""Take a robot's observations from bags, for test_navigator.
+
+`python record.py OUT BAG...`.
 
 For each trial, OUT holds in little-endian order:
 
 - number of observations and of beams (int32);
 - angle_min, angle_increment, range_min, range_max (float32);
 - x and y of the goal in odom (float64);
-- for each scan its stamp in ns (int64), the odometry at that instant (x, y, yaw, forward
+- for each scan its stamp in ns (int64), the odometry at that instant (x, y, yaw,
+  forward
   speed and yaw rate, float64), and the ranges (float32) of one beam in eight.
 """
 

@@ -1,0 +1,115 @@
+"""The commands of a trial, by which anybody can drive it again without its planner."""
+
+import json
+
+import numpy as np
+
+from barn_eval.results.tracks import pack_arrays, unpack_arrays
+from barn_eval.trials.result import REAL_TIME, TrialResult
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import FinishedTrial
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.compute import CycleTimer
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.types import nanoseconds
+
+# A trial with more readings keeps no commands. At 20 Hz these are 37 minutes, and even
+# random numbers fit into the longest line that is read.
+MAX_COMMANDS = 45_000
+_MAX_BYTES = 16 * MAX_COMMANDS
+
+
+class PlannerCycles:
+    """When a trial asks its planner, and how late the commands take effect."""
+
+    def __init__(self, spec: TrialSpec) -> None:
+        config = spec.simulator
+        self._timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
+        self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
+
+    def start(self, stamp_ns: int) -> int | None:
+        """Start a cycle with the readings of an instant, if they do.
+
+        A cycle starts with each scan that finds the planner free.
+
+        Args:
+            stamp_ns: Time since the first reading; instants come in their order.
+
+        Returns:
+            Delay of the command in ns, None if no cycle starts.
+        """
+        if stamp_ns % self._scan_ns or not self._timer.is_free(stamp_ns):
+            return None
+        return self._timer.start_cycle(stamp_ns)
+
+
+def commands_line(finished: FinishedTrial) -> str | None:
+    """Return a trial's commands as one line of JSON without its end.
+
+    None if the trial cannot be driven again by them: it has no readings, too many, or
+    commands over ROS that took effect at times unknown.
+    """
+    commands = finished.trajectory.command
+    if not 0 < len(commands) <= MAX_COMMANDS or not _are_exact(finished):
+        return None
+    content = {"trial_id": finished.result.trial_id}
+    content |= pack_arrays({"commands": commands.ravel()})
+    return json.dumps(content, separators=(",", ":"))
+
+
+def _are_exact(finished: FinishedTrial) -> bool:
+    """Tell whether each command is the only one that answers its scan, and in time.
+
+    In mode direct that is so. Over ROS commands may come late, or several to a scan.
+    """
+    row = finished.result
+    if row.mode == "direct":
+        return True
+    counts = finished.trajectory.command_counts
+    if row.compute == REAL_TIME or counts is None:
+        return False
+    stamps_ns = finished.trajectory.stamps_ns
+    cycles = PlannerCycles(finished.spec)
+    for stamp_ns, count in zip(stamps_ns[:-1] - stamps_ns[0], counts, strict=False):
+        if (cycles.start(int(stamp_ns)) is not None) != count:
+            return False
+    return True
+
+
+def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
+    """Return a trial's name and its commands from a line of JSON.
+
+    Args:
+        line: The line without its checksum.
+        where: File and line, with which messages begin.
+
+    Returns:
+        The name, and the command (n, 2) of each reading in m/s and rad/s, NaN for none.
+
+    Raises:
+        ConfigError: The line holds no commands.
+    """
+    content = parse_json(line, where)
+    trial_id = content.get("trial_id") if isinstance(content, dict) else None
+    if not isinstance(trial_id, str):
+        raise ConfigError(f"{where}: not the commands of a trial")
+    try:
+        commands = unpack_arrays(content, _MAX_BYTES).get("commands", np.empty(0))
+        if commands.dtype != np.float64:
+            raise ValueError("commands are no numbers of 64 bits")
+        return trial_id, commands.reshape(-1, 2)
+    except ValueError as error:
+        raise ConfigError(f"{where}: no commands: {error}") from None
+
+
+def are_kept(row: TrialResult, spec: TrialSpec) -> bool:
+    """Tell whether a folder must have the commands of a trial.
+
+    Args:
+        row: The trial's row.
+        spec: The trial.
+    """
+    readings = row.scores.duration_s / spec.simulator.control_period_s + 1.0
+    is_short = readings < MAX_COMMANDS
+    return row.mode == "direct" and is_short and row.measures.driven_m > 0.0

@@ -1,0 +1,604 @@
+"""Comparisons of results, and what cannot be compared."""
+
+import json
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from results.test_rows import result as a_result
+
+from barn_eval.analysis.compare import (
+    adjust_by_holm,
+    compare,
+    compare_folders,
+    count_available_worlds,
+    read_groups,
+)
+from barn_eval.analysis.measures import COMPARED, DRIVEN, MOVING, SCORED
+from barn_eval.analysis.summary import summarize_run
+from barn_eval.analysis.tables import comparison_table
+from barn_eval.results.rows import RowFile
+from barn_eval.results.run_file import RunFile
+from barn_eval.running.command_files import write_node_parameters
+from barn_eval.trials.encounters import Encounters
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.result import WallClock, format_trial_id
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.spec import simulator_config
+from barn_planners.registry import planner_config
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.text_files import make_json_safe
+
+
+def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
+    """Return three trials in each world, slow worlds for both planners alike."""
+    draw = np.random.default_rng(seed)
+    rows = []
+    for world in range(worlds):
+        world_s = draw.uniform(10.0, 30.0)
+        for repetition in range(3):
+            time_s = world_s + slower_s + draw.normal(0.0, 0.5)
+            times = {
+                "traversal_time_s": time_s,
+                "scored_time_s": time_s,
+                "normalised_time_s_per_m": time_s / 5.0,
+            }
+            named = {
+                "trial_id": format_trial_id(planner, world, repetition),
+                "simulator_seed": 100 * world + repetition,
+            }
+            row = replace(
+                a_result(world), planner=planner, repetition=repetition, **named
+            )
+            rows.append(scored(row, **times))
+    return rows
+
+
+def scored(row, **scores):
+    """A result with some of its scores changed."""
+    return replace(row, scores=replace(row.scores, **scores))
+
+
+def failed(row):
+    return scored(
+        replace(row, outcome=Outcome.TIMEOUT),
+        success=False,
+        scored_time_s=50.0,
+        challenge=0.0,
+    )
+
+
+def test_a_difference_that_worlds_hide_is_found_by_pairs():
+    comparison = compare(results(), results("eband", slower_s=1.0))
+    row = comparison.row("scored_time_s")
+    assert row.paired.trials == 60
+    assert row.paired.difference.estimate == pytest.approx(-1.0, abs=1e-9)
+    assert row.paired.improvement.estimate > 0.8
+    assert comparison.rank_correlation.estimate > 0.9
+    assert [row.key for row in comparison.rows] == list(COMPARED)
+
+
+def test_a_comparison_says_who_is_better_by_each_measure():
+    """The first does better by every measure that has a side."""
+    good = results(worlds=3)
+    worse_scores = {
+        "success": False,
+        "scored_time_s": 50.0,
+        "normalised_time_s_per_m": 9.9,
+        "challenge": 0.0,
+    }
+    worse = {"min_clearance_m": 0.05, "contact_s": 1.0, "rms_jerk_mps3": 2.0}
+    bad = [scored(row, **worse_scores) for row in results("eband", worlds=3)]
+    bad = [replace(row, measures=replace(row.measures, **worse)) for row in bad]
+    comparison = compare(good, bad)
+    better = {
+        key: comparison.row(key).paired.improvement.estimate
+        for key in (*worse_scores, *worse)
+    }
+    assert better == dict.fromkeys(better, 1.0)
+    longer = [
+        replace(row, measures=replace(row.measures, driven_m=6.0, rotation_rad=2.0))
+        for row in good
+    ]
+    comparison = compare(good, longer)
+    assert [
+        comparison.row(key).paired.improvement.estimate
+        for key in ("driven_m", "rotation_rad")
+    ] == [1.0, 1.0]
+
+
+def test_a_row_names_its_measure_with_unit_and_side():
+    row = compare(results(worlds=1), results("eband", worlds=1)).row("contact_s")
+    assert (row.key, row.measure, row.unit, row.larger_is_better) == (
+        "contact_s",
+        "time in contact",
+        "s",
+        False,
+    )
+
+
+def test_one_trial_each_is_compared():
+    (a, *_), (b, *_) = results(), results("eband")
+    comparison = compare([a], [b])
+    assert (comparison.a, comparison.b, comparison.protocol, comparison.task) == (
+        "dwa",
+        "eband",
+        "paper2020",
+        "",
+    )
+    assert (
+        comparison.trials_a,
+        comparison.trials_b,
+        comparison.worlds,
+        comparison.pairs,
+    ) == (1, 1, 1, 1)
+
+
+def test_moving_measures_are_compared_if_both_have_them():
+    met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
+    still = results(worlds=1)
+    moved = [replace(trial, motion=met) for trial in results(worlds=1)]
+    keys = [
+        [row.key for row in compare(a, b, keys=()).rows]
+        for a, b in product((still, moved), repeat=2)
+    ]
+    assert keys == [
+        *[["normalised_time_s_per_m"]] * 3,
+        ["normalised_time_s_per_m", *MOVING],
+    ]
+
+
+def test_a_comparison_counts_the_worlds_of_its_data_set():
+    unknown, of_barn300 = (results(name, worlds=1) for name in ("dwa", "eband"))
+    of_barn300 = [replace(row, dataset="barn300") for row in of_barn300]
+    assert (
+        compare(of_barn300, unknown).available,
+        compare(unknown, of_barn300).available,
+    ) == (
+        300,
+        0,
+    )
+    assert (
+        count_available_worlds(of_barn300[:1]),
+        count_available_worlds(of_barn300[:1] + unknown),
+        count_available_worlds([]),
+    ) == (
+        300,
+        300,
+        0,
+    )
+
+
+def test_a_comparison_is_a_row_of_a_table_by_measure():
+    a = results(worlds=2)
+    b = results("eband", slower_s=2.0, worlds=2, seed=1)
+    comparison = compare(a, b)
+    rows = {row["measure"]: row for row in comparison.columns()}
+    row = rows["scored_time_s"]
+    paired = comparison.row("scored_time_s").paired
+    means = [
+        pytest.approx(np.mean([result.scores.scored_time_s for result in part]))
+        for part in (a, b)
+    ]
+    difference = paired.difference
+    expected = {
+        "a": "dwa",
+        "b": "eband",
+        "measure": "scored_time_s",
+        "unit": "s",
+        "worlds": 2,
+        "trials": 6,
+    }
+    expected |= {
+        "mean_a": means[0],
+        "mean_b": means[1],
+        "difference": difference.estimate,
+    }
+    expected |= {"difference_low": difference.low, "difference_high": difference.high}
+    expected |= {
+        "p": paired.p,
+        "p_holm": paired.p,
+        "p_a_better": paired.improvement.estimate,
+    }
+    assert row == expected
+    assert list(rows) == list(COMPARED)
+    assert {tuple(result) for result in rows.values()} == {tuple(row)}
+
+
+def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
+    a, b = (
+        [
+            scored(row, normalised_time_s_per_m=float(times[row.world]))
+            for row in results(name, worlds=3)
+        ]
+        for name, times in (("dwa", (1, 2, 3)), ("eband", (10, 30, 20)))
+    )
+    assert compare(a, b).rank_correlation.estimate == pytest.approx(0.5)
+
+
+def test_time_of_successes_needs_both_to_succeed():
+    a = results()
+    b = results("eband")
+    a[0], b[1] = failed(a[0]), failed(b[1])
+    comparison = compare(a, b)
+    assert comparison.row("success").paired.trials == 60
+    assert comparison.row("success").paired.difference.estimate == 0.0
+    assert comparison.row("traversal_time_s").paired.trials == 58
+
+
+def test_only_what_both_have_is_compared():
+    comparison = compare(results()[:30], results("eband"))
+    assert (comparison.trials_a, comparison.trials_b) == (30, 60)
+    assert comparison.row("success").paired.trials == 30
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"task": "ff"},
+            r"have different tasks \(protocol, simulator or robot\): , ff",
+        ),
+        ({"protocol": "challenge"}, "have different protocols: paper2020, challenge"),
+        ({"world_checksum": "ff"}, "have different worlds of the same number: 00, ff"),
+        ({"simulator_seed": 77}, "have different simulator seeds: 0, 77"),
+    ],
+)
+def test_what_is_not_the_same_task_is_refused(change, words):
+    other = results("eband")
+    with pytest.raises(BarnError, match=words):
+        compare(results(), [replace(other[0], **change), *other[1:]])
+
+
+def test_nothing_in_common_and_mixed_planners_are_refused():
+    with pytest.raises(BarnError, match="no trial of the same world and repetition"):
+        compare(
+            results(worlds=1),
+            [replace(row, world=5) for row in results("eband", worlds=1)],
+        )
+    with pytest.raises(BarnError, match="several planners cannot be compared as one"):
+        compare(results() + results("eband"), results())
+
+
+def test_summary_of_a_campaign_has_each_planner_and_each_pair():
+    summary = summarize_run(
+        results("dwa") + results("eband", 1.0) + results("gap", 2.0)
+    )
+    assert [item.planner for item in summary.planners] == ["dwa", "eband", "gap"]
+    assert [(item.a, item.b) for item in summary.comparisons] == [
+        ("dwa", "eband"),
+        ("dwa", "gap"),
+        ("eband", "gap"),
+    ]
+    dwa = summary.planners[0]
+    assert list(dwa.means) == [*SCORED, *DRIVEN]
+    assert dwa["min_clearance_m"].estimate == pytest.approx(0.1)
+    assert dwa["path_ratio"].estimate == pytest.approx(5.5 / 5.0)
+    assert np.isnan(dwa["recoveries"].estimate)
+    assert dwa["success"].estimate == 1.0
+
+
+def test_limits_hold_the_mean_of_what_has_no_best_value():
+    often = [replace(row, recoveries=3 + row.world) for row in results()]
+    recoveries = summarize_run(often).planners[0]["recoveries"]
+    assert recoveries.low < recoveries.estimate == 12.5 < recoveries.high
+
+
+def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
+    """Write results as the folder of an experiment with as many repetitions as they have."""
+    path.mkdir()
+    planners = tuple(
+        PlannerChoice(name, **choice)
+        for name in dict.fromkeys(row.planner for row in content)
+    )
+    repetitions = 1 + max(row.repetition for row in content)
+    rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
+    RunFile.for_run(
+        path,
+        RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
+        {},
+    ).write()
+    for row in content:
+        RowFile(path).append(row)
+    return path
+
+
+@pytest.fixture
+def folders(tmp_path):
+    dwa = results(worlds=4)
+    eband = results("eband", 1.0, worlds=4)
+    for name, content in (("a", dwa), ("b", eband), ("both", dwa + eband)):
+        write_folder(tmp_path / name, content)
+    return tmp_path
+
+
+def test_command_compares_folders(folders, command):
+    content = json.loads(command("compare", folders / "a", folders / "b", "--json")[1])
+    assert [(entry["a"], entry["b"]) for entry in content] == [("dwa", "eband")]
+    assert content[0]["rows"][0]["paired"]["trials"] == 12
+    content = json.loads(
+        command("compare", folders / "a", f"{folders / 'both'}:eband", "--json")[1]
+    )
+    assert content[0]["b"] == "eband"
+    content = json.loads(
+        command("compare", folders / "both", folders / "both", "--json")[1]
+    )
+    assert [entry["a"] for entry in content] == [
+        f"{name} ({folders / 'both'})" for name in ("DWA", "E-Band")
+    ]
+    assert content[0]["rows"][0]["paired"]["difference"]["estimate"] == 0.0
+    assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
+    text = " ".join(command("compare", folders / "a", folders / "b")[1].split())
+    assert "same worlds and seeds" in text
+    first = "protocol paper2020, task not recorded "
+    assert text.startswith(first)
+    assert text.removeprefix(first).startswith(
+        "DWA and E-Band cannot be told apart: time per metre as counted"
+    )
+    assert "Only 4 worlds: with fewer than 10" in text
+
+
+def test_folders_are_compared_in_the_order_given(folders):
+    (comparison,) = compare_folders(folders / "a", folders / "b")
+    assert comparison.row("scored_time_s").paired.difference.estimate == pytest.approx(
+        -1.0
+    )
+    write_folder(folders / "copy", results(worlds=4) + results("eband", 1.0, worlds=4))
+    pairs = [
+        (pair.a, pair.b) for pair in compare_folders(folders / "both", folders / "copy")
+    ]
+    assert pairs == [("DWA (both)", "DWA (copy)"), ("E-Band (both)", "E-Band (copy)")]
+
+
+def test_parameters_in_which_planners_differ_are_told(folders, command):
+    write_folder(folders / "slow", results(worlds=4))
+
+    def changed(name, *changes):
+        run = folders / name / "run.json"
+        for before, after in changes:
+            run.write_text(run.read_text().replace(before, after))
+        return compare_folders(folders / "a", folders / "slow")[0].parameters
+
+    assert changed("a") == ""
+    sentence = changed(
+        "slow", ('"overrides": {}', '"overrides": {"dwa.max_speed_mps": 0.3}')
+    )
+    assert (
+        sentence == "Parameters that differ: dwa dwa.max_speed_mps (0.5 against 0.3)."
+    )
+    foreign = (
+        ('"mode": "direct"', '"mode": "ros"'),
+        ('"overrides": {"dwa.max_speed_mps": 0.3}', '"overrides": {}'),
+    )
+    for name, speed in (("a", 0.5), ("slow", 1.0)):
+        logs = folders / name / "logs" / "dwa_0"
+        logs.mkdir(parents=True)
+        write_node_parameters(
+            logs.parent,
+            logs,
+            "dwa",
+            json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}),
+        )
+        files = f'"files": {{"p.yaml": "{name * 64}", "{name}.yaml": "0"}}'
+        sentence = changed(
+            name, *foreign, ('"command": ""', f'{files}, "command": "drive"')
+        )
+    expected = f"file p.yaml ({'a' * 12} against {('slow' * 3)[:12]}) and /nav speed (0.5 against 1.0)."
+    assert sentence == f"Parameters that differ: {expected}"
+    assert expected in " ".join(
+        command("compare", folders / "a", folders / "slow")[1].split()
+    )
+
+
+@pytest.mark.parametrize("count", [5, 7])
+def test_the_first_five_parameters_that_differ_are_named(folders, count):
+    config = as_dict(planner_config("dwa", "paper2020"))
+    differ = [
+        f"dwa.{key}" for key, value in config["dwa"].items() if isinstance(value, float)
+    ][:count]
+    halved = {key: 0.5 * config["dwa"][key.removeprefix("dwa.")] for key in differ}
+    write_folder(folders / "halved", results(worlds=4), overrides=halved)
+    sentence = compare_folders(folders / "a", folders / "halved")[0].parameters
+    assert [word for word in sentence.split() if word.startswith("dwa.")] == differ[:5]
+    assert (f"{count - 5} more" in sentence) == (count > 5)
+
+
+def test_an_uninstalled_planner_reports_no_parameter(folders):
+    for name in ("one", "two"):
+        write_folder(folders / name, results("gone", worlds=4))
+    assert compare_folders(folders / "one", folders / "two")[0].parameters == ""
+
+
+def test_the_share_of_pairs_that_is_compared_is_told(folders):
+    shares = []
+    write_folder(
+        folders / "three",
+        results(worlds=4) + results("eband", worlds=4) + results("gap", worlds=4),
+    )
+    compare_folders(folders / "three", keys=(), progress=shares.append)
+    assert shares == [1 / 3, 2 / 3, 1.0]
+
+
+def test_folders_of_different_tasks_are_refused_by_key(folders):
+    write_folder(
+        folders / "other",
+        results("eband", worlds=4),
+        protocol=replace(PAPER_2020, failure_time_s=60.0),
+    )
+    with pytest.raises(
+        BarnError,
+        match=r"different tasks cannot be compared: protocol.failure_time_s is 30.0 in .*, 60.0",
+    ):
+        compare_folders(folders / "a", folders / "other")
+
+
+def test_planners_of_several_folders_are_told_apart(folders):
+    assert {
+        name: group[0].planner for name, group in read_groups(folders / "both").items()
+    } == {
+        "DWA": "dwa",
+        "E-Band": "eband",
+    }
+    assert list(read_groups(folders / "b", folders / "a")) == ["E-Band", "DWA"]
+    assert list(read_groups(folders / "a", folders / "both")) == [
+        f"DWA ({folders / 'a'})",
+        f"DWA ({folders / 'both'})",
+        "E-Band",
+    ]
+
+
+def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
+    write_folder(
+        folders / "three",
+        results(worlds=4)
+        + results("eband", 1.0, worlds=4)
+        + results("gap", 2.0, worlds=4),
+    )
+    pairs = [
+        (comparison.a, comparison.b)
+        for comparison in compare_folders(folders / "three")
+    ]
+    assert pairs == [("dwa", "eband"), ("dwa", "gap"), ("eband", "gap")]
+    (entry,) = json.loads(command("compare", folders / "three:dwa,gap", "--json")[1])
+    assert (entry["a"], entry["b"]) == ("dwa", "gap")
+    pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
+    assert entry["rows"] == json.loads(json.dumps(make_json_safe(pair["rows"])))
+    with pytest.raises(
+        BarnError, match="has one planner only, dwa; name a second folder"
+    ):
+        compare_folders(folders / "a")
+
+
+def test_an_unfinished_folder_is_told(folders):
+    unfinished = write_folder(
+        folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5"
+    )
+    (comparison,) = compare_folders(folders / "a", unfinished)
+    assert comparison.notes == (f"{unfinished} is partial: 12 of 18 trials",)
+    assert comparison.notes[0] in comparison_table(comparison).caption
+
+
+def test_trials_with_late_commands_are_told(folders):
+    missed = WallClock(missed_cycles=9, missed_share=0.03)
+    late = [replace(row, wall_clock=missed) for row in results("eband", 1.0, worlds=1)]
+    folder = write_folder(
+        folders / "late",
+        late + [row for row in results("eband", 1.0, worlds=4) if row.world],
+    )
+    (comparison,) = compare_folders(folders / "a", folder)
+    (note,) = comparison.notes
+    assert note.startswith(
+        f"{len(late)} of 12 trials in {folder} are marked: more than 2% of their control periods"
+    )
+
+
+def test_the_table_marks_what_is_clear_after_holm(folders):
+    clear = compare(results(), results("eband", slower_s=5.0))
+    cells = {row[0]: row for row in comparison_table(clear).rows}
+    assert comparison_table(clear).columns[4] == "p"
+    assert cells["time as counted [s]"][4] == "<0.001 *"
+    assert cells["success [%]"][4] == "1.000"
+    many = adjust_by_holm([clear] * 8)[0]
+    assert comparison_table(many).columns[4] == "p (Holm, 8 pairs)"
+
+
+def test_comparisons_by_other_measures_are_not_adjusted_together():
+    a = results(worlds=1)
+    b = results("eband", worlds=1)
+    with pytest.raises(ValueError, match="shorter"):
+        adjust_by_holm([compare(a, b), compare(a, b, keys=("success",))])
+
+
+def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
+    (folders / "b").rename(folders / "b:today")
+    (comparison,) = compare_folders(folders / "a", folders / "b:today")
+    assert (comparison.a, comparison.b) == ("dwa", "eband")
+
+
+def test_folders_without_a_common_planner_need_a_choice(folders):
+    write_folder(folders / "other", results("gap", worlds=1)[:1])
+    with pytest.raises(
+        BarnError,
+        match=r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER",
+    ):
+        compare_folders(folders / "both", folders / "other")
+
+
+def test_command_names_what_is_missing(folders, rejected):
+    assert "holds no results of a run" in rejected("compare", folders, folders / "a")
+    message = rejected("compare", folders / "a", f"{folders / 'both'}:ebnd")
+    assert "has no planner 'ebnd'; did you mean 'eband'" in message
+    (folders / "a" / "run.json").unlink()
+    assert "a/run.json: No such file or directory" in rejected(
+        "compare", folders / "a", folders / "b"
+    )
+
+
+@pytest.mark.parametrize(
+    ("slower_s", "margin", "decision", "code"),
+    [
+        (0.0, "scored_time_s:2", "not worse", 0),
+        (0.0, "scored_time_s:10%", "not worse", 0),
+        (5.0, "scored_time_s:2", "worse", 4),
+        (5.0, "scored_time_s:5", "not shown", 5),
+        (5.0, "scored_time_s:30%", "not worse", 0),
+    ],
+)
+def test_a_planner_must_be_shown_not_to_be_worse(
+    command, tmp_path, slower_s, margin, decision, code
+):
+    """Nobody fails here, but each may in up to 17 % of its trials."""
+    a = results()
+    b = results("eband", slower_s)
+    counted = [[scored(row, failure_time_s=20.0) for row in part] for part in (a, b)]
+    folders = [
+        write_folder(tmp_path / part[0].planner, part, worlds="0-19")
+        for part in counted
+    ]
+    ended, out, _ = command("compare", *folders, "--fail-if-worse", margin, "--json")
+    assert ended == code
+    (test,) = json.loads(out)[0]["decisions"]
+    assert (test["decision"], test["measure"]) == (decision, "scored_time_s")
+    assert test["loss"] == pytest.approx(slower_s, abs=0.5)
+    words = {
+        0: "eband is not worse than dwa by more than",
+        4: "eband is worse than",
+        5: "it is not shown that eband",
+    }
+    assert words[code] in " ".join(
+        command("compare", *folders, "--fail-if-worse", margin)[1].split()
+    )
+
+
+def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command):
+    """Four worlds have no limits at all."""
+    code, out, _ = command(
+        "compare",
+        folders / "a",
+        folders / "b",
+        "--fail-if-worse",
+        "path_ratio:1",
+        "--json",
+    )
+    content = json.loads(out)[0]
+    assert code == 5
+    assert content["rows"][-1]["key"] == "path_ratio"
+    assert content["decisions"][0]["high"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sucess:1", "unknown measure 'sucess'; did you mean 'success'"),
+        ("success", "must be MEASURE:MARGIN"),
+        ("success:-1", "must be MEASURE:MARGIN"),
+        ("success:x%", "must be MEASURE:MARGIN"),
+    ],
+)
+def test_margins_that_say_nothing_are_told(folders, rejected, text, words):
+    assert words in rejected(
+        "compare", folders / "a", folders / "b", "--fail-if-worse", text
+    )

@@ -1,0 +1,295 @@
+"""What the terminal shows: tables whole at any width from 60 columns on, and a campaign that runs."""
+
+import io
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from report_work import campaign
+from results.test_rows import result
+from rich.console import Console
+
+import barn_eval
+from barn_eval.analysis.summary import summarize_run
+from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
+from barn_eval.commands import options
+from barn_eval.commands.main import main
+from barn_eval.commands.tables import FittedTable, rich_table, table
+from barn_eval.results.folder import read_results
+from barn_eval.running import reporting
+from barn_eval.running.pool import Notice
+from barn_eval.running.reporting import (
+    MAX_TRIAL_LINES,
+    ConsoleReporter,
+    Reporter,
+    RunProgress,
+    format_duration,
+)
+from barn_eval.running.runner import TrialLoss
+from barn_eval.trials.outcome import Outcome
+
+WIDTHS = (60, 80, 120)
+
+
+@pytest.fixture(scope="module")
+def folder(run, tmp_path_factory):
+    campaign_folder = campaign(
+        tmp_path_factory.mktemp("campaigns") / "a_campaign",
+        run,
+        planners=("gap", "dwa", "eband"),
+        bags=1,
+    )
+    shutil.copytree(campaign_folder, campaign_folder.with_name("b"))
+    return campaign_folder
+
+
+def draw_table(fitted, width):
+    file = io.StringIO()
+    Console(file=file, width=width).print(fitted)
+    return file.getvalue()
+
+
+def check_whole(fitted):
+    """Nothing is in the drawn table but the words of its cells and heads, and all of them are."""
+    texts = [
+        fitted.title,
+        fitted.caption,
+        *(text for column in fitted.columns for text in column),
+    ]
+    words = set(" ".join(texts).split())
+    for width in WIDTHS:
+        output = draw_table(fitted, width)
+        assert max(map(len, output.splitlines())) <= width
+        assert set(re.sub("─+", " ", output).split()) == words, width
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["compare", "a_campaign:dwa", "a_campaign:gap"],
+        ["compare", "a_campaign", "b"],
+        ["leaderboard", "a_campaign"],
+        ["leaderboard", "a_campaign", "--by", "time"],
+        ["precision", "a_campaign"],
+        ["precision", "a_campaign:dwa,gap"],
+        [
+            "campaign",
+            "--worlds",
+            "0-40",
+            "--planners",
+            "dwa,eband",
+            "--dry-run",
+            "--out",
+            "out",
+        ],
+        ["metrics", "--worlds", "0-3"],
+        ["worlds", "list"],
+        ["difficulty", "predict", "barn300", "--worlds", "0-3"],
+        ["info"],
+    ],
+    ids=lambda command: " ".join(command[:2]),
+)
+def test_tables_of_commands_are_whole(folder, monkeypatch, command):
+    monkeypatch.chdir(
+        folder.parent
+    )  # names of files are short: one that is wider than the terminal has to be broken
+    tables = []
+    printed = options.console.print
+
+    def record(*content, **look):
+        tables.extend(item for item in content if isinstance(item, FittedTable))
+        printed(*content, **look)
+
+    monkeypatch.setattr(options.console, "print", record)
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert ended.value.code == 0
+    assert tables
+    for fitted in tables:
+        check_whole(fitted)
+
+
+def test_tables_of_runs_and_campaigns_are_whole(folder):
+    results = read_results(folder)
+    summary = summarize_run(results)
+    tables = [
+        trials_table(results, "all"),
+        summary_table(summary.planners),
+        *map(comparison_table, summary.comparisons),
+    ]
+    for fitted in tables:
+        check_whole(rich_table(fitted))
+
+
+def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
+    columns = ("planner", *(f">measure{number} [m/s]" for number in range(12)))
+    rows = [
+        ("dwa", *["-12.345 [-13.456, -11.234]"] * 12),
+        ("eband", *["<0.001 *"] * 12),
+    ]
+    fitted = table(columns, rows)
+    check_whole(fitted)
+    assert (
+        draw_table(fitted, 60).count("eband")
+        > draw_table(fitted, 120).count("eband")
+        > 1
+    )
+    assert all(
+        "*" not in line.split("<0.001")[0]
+        for line in draw_table(fitted, 60).splitlines()
+        if "*" in line
+    )
+
+
+@pytest.mark.parametrize(
+    ("width", "lines"),
+    [(60, ["a 12.345 [11.111, 13.333] *"]), (30, ["a 12.345", "[11.111, 13.333] *"])],
+)
+def test_limits_go_below_estimates_on_narrow_terminals(width, lines):
+    fitted = table(("measure", ">E-Band"), [("a", "12.345 [11.111, 13.333] *")])
+    body = draw_table(fitted, width).rpartition("─")[2].splitlines()
+    assert [" ".join(line.split()) for line in body if line.strip()] == lines
+
+
+def test_only_a_word_wider_than_the_terminal_is_broken():
+    fitted = table(("name", "path"), [("dwa", "/" + "a" * 100)])
+    output = draw_table(fitted, 60)
+    assert max(map(len, output.splitlines())) <= 60
+    assert output.count("a") == 100 + sum(
+        text.count("a") for text in ("dwa", "name", "path")
+    )
+
+
+def test_an_empty_table_has_its_head():
+    assert "nothing there" in " ".join(
+        draw_table(table(("nothing there", ">b"), []), 60).split()
+    )
+
+
+def test_there_is_no_other_way_to_a_table():
+    package = Path(barn_eval.__file__).parent
+    users = [
+        path.name
+        for path in package.rglob("*.py")
+        if "rich.table import Table" in path.read_text("utf-8")
+    ]
+    assert users == ["tables.py"]
+
+
+@pytest.fixture
+def time(monkeypatch):
+    """A clock that is moved by hand."""
+    clock = SimpleNamespace(now=100.0, monotonic=lambda: clock.now)
+    monkeypatch.setattr(reporting, "time", clock)
+    return clock
+
+
+def show(total, earlier, events, time):
+    """Take one event every two seconds and return the text shown and the last state."""
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=False, width=200)
+    return take(
+        RunProgress(total, earlier, ConsoleReporter(console)), events, time, file
+    )
+
+
+def take(progress, events, time, file):
+    with progress.reporter.show_progress(progress):
+        for event in events:
+            time.now += 2.0
+            progress.take(event)
+        text = progress.text()
+    return file.getvalue(), text
+
+
+def test_progress_figures_are_those_of_the_session(time):
+    _, text = show(100, [result(90)], [result(number) for number in range(9)], time)
+    # nine trials of 12 simulated seconds in 18 seconds, 90 to go
+    assert text == "30.0/min, 6.0 x real time, 0:03:00 left, success 10"
+
+
+def test_lines_come_now_and_then_and_at_the_end(time):
+    total = MAX_TRIAL_LINES + 1
+    output_lines, _ = show(
+        total,
+        [result(0)] * (total - 31),
+        [result(number) for number in range(31)],
+        time,
+    )
+    lines = output_lines.splitlines()
+    assert [line.split()[0] for line in lines] == ["85/101", "100/101", "101/101"]
+    assert (
+        lines[-1]
+        == "101/101 trials, 30.0/min, 6.0 x real time, in 0:01:02, success 101"
+    )
+
+
+def test_trials_of_a_small_experiment_have_a_line_each(time):
+    slow = replace(
+        result(2),
+        outcome=Outcome.TIMEOUT,
+        detail="too slow",
+        scores=replace(result(2).scores, success=False),
+    )
+    output_lines, _ = show(3, [result(0)], [result(1), slow], time)
+    first, second, _ = output_lines.splitlines()
+    assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
+    assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
+
+
+def test_what_is_waited_for_is_said_once(time):
+    waiting = [Notice("dwa", "local-0", "waiting for /scan")] * 3
+    output_lines, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
+    assert output_lines.count("waiting for /scan") == 1
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_narrow_terminal_shows_progress_whole(time, width):
+    file = io.StringIO()
+    results = [
+        replace(result(number), outcome=outcome)
+        for number, outcome in enumerate(Outcome)
+    ]
+    reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=width))
+    progress = RunProgress(3000, results, reporter)
+    output_lines, text = take(progress, [result(100)], time, file)
+    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", output_lines)
+    words = set(" ".join(last).replace(",", " ").split())
+    assert "\x1b[" in output_lines
+    assert {f"{len(Outcome) + 1}/3000", "30.0/min", "left"} <= words
+    assert set(text.replace(",", " ").split()) <= words
+
+
+def test_losses_are_told_at_once(time):
+    output_lines, _ = show(
+        2,
+        [],
+        [TrialLoss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
+        time,
+    )
+    assert output_lines.startswith(
+        "dwa_w0001_r00: attempt 1 lost, its worker process was killed by SIGKILL\n"
+    )
+
+
+def test_a_library_logs_what_a_command_prints(time, caplog):
+    caplog.set_level("INFO", "barn_eval")
+    loss = TrialLoss("dwa_w0001_r00", 1, "it was killed")
+    take(RunProgress(2, [], Reporter()), [loss, result(1)], time, io.StringIO())
+    assert [(record.levelname, record.message) for record in caplog.records] == [
+        ("WARNING", "dwa_w0001_r00: attempt 1 lost, it was killed"),
+        ("INFO", "[1/2] dwa_w0001_r00: success in 10.10 s"),
+        ("INFO", "1/2 trials, 15.0/min, 3.0 x real time, 0:00:04 left, success 1"),
+    ]
+
+
+def test_durations_are_read_at_a_glance():
+    assert [format_duration(value) for value in (0.4, 59.6, 3725.0, 90000.0)] == [
+        "0:00:00",
+        "0:01:00",
+        "1:02:05",
+        "25:00:00",
+    ]

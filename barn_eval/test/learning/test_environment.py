@@ -1,0 +1,399 @@
+"""The learning environment: what Gymnasium and Stable-Baselines3 ask of one, and that its episodes are trials."""
+
+import hashlib
+import json
+import subprocess
+import sys
+import warnings
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from PIL import ImageColor  # noqa: E402
+
+import barn_eval.gym  # noqa: E402, F401
+from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
+from barn_eval.learning.environment import JackalEnv  # noqa: E402
+from barn_eval.learning.reward import (  # noqa: E402
+    final_reward,
+    measure_distances_left,
+    path_points,
+    reward_steps,
+    reward_weights,
+)
+from barn_eval.running.direct import run_direct_trial  # noqa: E402
+from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020  # noqa: E402
+from barn_eval.trials.run_config import PlannerChoice, RunConfig  # noqa: E402
+from barn_eval.trials.spec import simulator_config  # noqa: E402
+from barn_planners.policy.collision_check import CollisionCheckConfig  # noqa: E402
+from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
+from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
+from barn_worlds.base.errors import BarnError  # noqa: E402
+from barn_worlds.drawing import palette  # noqa: E402
+
+# Of -0.5 to 2 m/s.
+FORWARD, STILL, NO_NUMBER = (
+    np.array([speed, 0.0], np.float32) for speed in (0.2, -0.6, np.nan)
+)
+
+
+@pytest.fixture
+def make(request):
+    """Make environments that are closed after the test."""
+
+    def make_one(**changes) -> JackalEnv:
+        env = JackalEnv(**changes)
+        request.addfinalizer(env.close)
+        return env
+
+    return make_one
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, {"observation.beams": 40}, {"protocol": "paper2020"}]
+)
+def test_gymnasium_finds_nothing_to_say_against_it(changes):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("barn/Jackal-v0", **changes)
+        assert isinstance(env.unwrapped, JackalEnv)
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_stable_baselines_finds_nothing_to_say_against_it(make):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(make(), warn=True)
+        checker.check_env(
+            make(render_mode="rgb_array"), warn=True, skip_render_check=False
+        )
+
+
+def test_it_can_be_made_by_the_name_of_its_module_alone():
+    code = (
+        "import gymnasium; env = gymnasium.make('barn_eval.gym:barn/Jackal-v0'); print(env.reset(seed=1)[0].shape)"
+        "; import barn_eval.gym, importlib; importlib.reload(barn_eval.gym)"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ended.stdout.strip() == "(725,)" and not ended.stderr
+
+
+def drive(env, seed, count=40):
+    digest = hashlib.sha256(env.reset(seed=seed)[0].tobytes())
+    for k in range(count):
+        observation, *rest = env.step(np.array([0.1, np.sin(0.3 * k)], np.float32))
+        digest.update(observation.tobytes() + repr(rest).encode())
+    return digest.hexdigest()
+
+
+def test_an_environment_used_before_repeats_a_new_one(make):
+    env = make(worlds="0:60")
+    other = make(worlds="0:60")
+    first = drive(env, 4)
+    assert drive(env, 5) != first
+    assert drive(env, 4) == first == drive(other, 4)
+
+
+def steering_policy() -> Policy:
+    """Return a policy that turns to the goal and away from the nearer side; it does not get through every world."""
+    observation = PolicyObservation(beams=8)
+    action = PolicyAction(0.0, 1.0, 1.5)
+    weights = np.zeros((observation.size, 2), np.float32)
+    weights[1:4, 1] = -0.8
+    weights[4:7, 1] = 0.8
+    weights[10, 1] = 1.0
+    weights[3:5, 0] = 0.7
+    return Policy(observation, action, (weights,), (np.array([-0.3, 0.0], np.float32),))
+
+
+@pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
+@pytest.mark.parametrize(
+    "protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda make_one: make_one.name
+)
+def test_an_episode_is_the_trial_of_the_benchmark(make, tmp_path, protocol, shield):
+    policy = steering_policy()
+    world = 12
+    write_policy(tmp_path / "policy.npz", policy)
+    spaces = {"observation": policy.observation, "action": policy.action}
+    env = make(
+        config=EnvConfig(
+            protocol=protocol.name,
+            safety=CollisionCheckConfig(enabled=shield),
+            **spaces,
+        )
+    )
+    settings = {"policy_path": str(tmp_path / "policy.npz"), "safety.enabled": shield}
+    planners = (PlannerChoice("policy", overrides=settings),)
+    rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
+    experiment = RunConfig(planners=planners, repetitions=2, seed=3, **rules)
+    finished = run_direct_trial(experiment.trials([world])[1])
+    network = PolicyNetwork(policy)
+    observation, info = env.reset(
+        options={"world": world, "campaign_seed": 3, "repetition": 1}
+    )
+    truths = env._episodes.readings.truths
+    poses = [truths[0].copy()]
+    ended = False
+    while not ended:
+        observation, _, terminated, truncated, info = env.step(network.act(observation))
+        poses.append(truths[0].copy())
+        ended = terminated or truncated
+    np.testing.assert_array_equal(finished.trajectory.truth, poses)
+    assert info["outcome"] == finished.result.outcome.value
+    scores = asdict(finished.result.scores)
+    assert info["scores"] == (
+        scores if scores["success"] else {**scores, "least_time_s": None}
+    )
+
+
+def run_out(env, action, limit=4000):
+    rewards = []
+    for _ in range(limit):
+        _, reward, terminated, truncated, info = env.step(action)
+        rewards.append(reward)
+        if terminated or truncated:
+            return rewards, terminated, truncated, info
+    raise AssertionError("the episode does not end")
+
+
+@pytest.mark.parametrize(
+    ("action", "ends", "outcome", "detail", "time_s"),
+    [
+        (FORWARD, (True, False), "collision", "contact", pytest.approx(3.5, abs=0.5)),
+        (
+            STILL,
+            (False, True),
+            "no_first_motion",
+            "moved less",
+            CHALLENGE.first_motion_limit_s,
+        ),
+        (NO_NUMBER, (True, False), "invalid_command", "is not finite", 0.0),
+    ],
+    ids=["a collision terminates", "time truncates", "what is not a number terminates"],
+)
+def test_a_failure_ends_an_episode(make, action, ends, outcome, detail, time_s):
+    env = make(worlds="150")
+    env.reset(seed=0)
+    rewards, *ended, info = run_out(env, action)
+    assert (tuple(ended), info["outcome"], info["is_success"], info["time_s"]) == (
+        ends,
+        outcome,
+        False,
+        time_s,
+    )
+    assert (
+        rewards[-1] < -9.0
+        and info["scores"]["challenge"] == 0.0
+        and detail in info["detail"]
+    )
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(action)
+    env.reset()
+    env.step(action)
+
+
+def test_an_action_of_another_shape_is_told(make):
+    env = make()
+    env.reset(seed=0)
+    with pytest.raises(
+        BarnError, match=r"action must be an array of shape \(2,\), got \(3,\)"
+    ):
+        env.step(np.zeros(3))
+
+
+@pytest.mark.parametrize("along", ["straight", "path"])
+def test_a_success_terminates_and_the_progress_adds_up(
+    make, open_world, tmp_path, along
+):
+    np.save(tmp_path / "world_0.npy", open_world.grid)
+    reward = RewardConfig(
+        per_second=0.0, near_per_second=0.0, progress_per_m=2.0, progress_along=along
+    )
+    env = make(config=EnvConfig(dataset=str(tmp_path / "world_0.npy"), reward=reward))
+    _, info = env.reset(seed=0)
+    before_m = info["way_left_m"]
+    rewards, terminated, truncated, info = run_out(env, FORWARD)
+    assert (terminated, truncated, info["outcome"], info["is_success"]) == (
+        True,
+        False,
+        "success",
+        True,
+    )
+    assert info["scores"]["challenge"] == 0.5
+    assert sum(rewards) == pytest.approx(
+        2.0 * (before_m - info["way_left_m"]) + reward.success
+    )
+
+
+def test_the_reward_of_a_step():
+    config = RewardConfig(2.0, "path", -0.1, -0.5, 0.6, -1.0, 10.0, -20.0, -5.0)
+    left_m = np.array([1.0, 1.0, 1.0])
+    nearest_m = np.array([[5.0, 5.0], [4.0, 0.3], [5.0, 5.0]], np.float32)
+    rewards = np.zeros(3)
+    shielded = np.array([False, False, True])
+    before_m = left_m + [0.05, -0.05, 0.05]
+    reward_steps(
+        reward_weights(config),
+        before_m,
+        left_m,
+        0.05,
+        nearest_m / 5.0,
+        5.0,
+        shielded,
+        rewards,
+    )
+    assert rewards == pytest.approx(
+        [0.1 - 0.005, -0.1 - 0.005 - 0.0125, 0.1 - 0.005 - 0.05]
+    )
+    for outcome, extra in (
+        (Outcome.SUCCESS, 10.0),
+        (Outcome.COLLISION, -20.0),
+        (Outcome.TIMEOUT, -5.0),
+    ):
+        assert final_reward(config, Verdict(outcome, "", 1.0, 1.0, 0.0)) == extra
+
+
+def test_a_shield_keeps_from_a_collision_and_costs(make):
+    config = EnvConfig(worlds="150", safety=CollisionCheckConfig())
+    env = make(config=config)
+    env.reset(seed=0)
+    rewards = [env.step(FORWARD)[1] for _ in range(150)]
+    assert env._episodes.running[0]
+    assert min(rewards) < -0.04 and rewards[0] > -0.03
+
+
+def test_the_remaining_path_starts_at_the_nearest_point():
+    rng = np.random.default_rng(0)
+    points, positions = (
+        rng.integers(0, 5, shape) * 0.15 for shape in ((200, 30, 3), (200, 2))
+    )
+    left_m = np.zeros(200)
+    positions[::2] += rng.normal(size=(100, 2))
+    away = np.hypot(*(points[:, :, :2] - positions[:, None]).transpose(2, 0, 1))
+    nearest = away[:, :20].argmin(axis=1)
+    measure_distances_left(
+        points, np.full(200, 20), positions, np.arange(0, 200), left_m
+    )
+    np.testing.assert_array_equal(
+        left_m, (away + points[:, :, 2])[np.arange(200), nearest]
+    )
+
+
+def test_the_way_left_leads_along_the_path(make):
+    env = make(worlds="150")
+    env.reset(seed=0)
+    spec = env._episodes.trial(0).spec
+    path = spec.world.path_m()
+    goal = spec.course.goal
+    start = spec.course.start
+
+    def metres(along, *places):
+        points = path_points(spec.world, spec.course, along)[None]
+        left_m = np.zeros(1)
+        for place in places:
+            measure_distances_left(
+                points,
+                np.array([len(points[0])]),
+                np.array([place]),
+                np.arange(1),
+                left_m,
+            )
+            yield left_m[0]
+
+    from_the_last = float(np.hypot(*(path[-1] - [goal.x, goal.y])))
+    expected = [0.0, from_the_last, spec.world.path_length_m + from_the_last]
+    assert list(metres("path", (goal.x, goal.y), path[-1], path[0])) == pytest.approx(
+        expected
+    )
+    (straight,) = metres("straight", (start.x, start.y))
+    assert straight == pytest.approx(start.distance(goal))
+    assert next(metres("path", (start.x, start.y))) > straight
+
+
+def test_worlds_are_drawn_from_those_chosen(make):
+    env = make(worlds="149-160")
+    worlds = {env.reset(seed=seed)[1]["world"] for seed in range(40)}
+    assert len(worlds) > 5 and worlds <= set(range(149, 161))
+
+
+def test_a_picture_shows_the_robot_on_its_way(make):
+    env = make(render_mode="rgb_array", worlds="150")
+    assert env.render() is None
+    env.reset(seed=0)
+    first = env.render()
+    assert first.dtype == np.uint8 and first.ndim == 3 and first.shape[2] == 3
+    assert (first == ImageColor.getrgb(palette.ROBOT)).all(
+        axis=2
+    ).sum() > 300  # the robot is some 550 pixels large
+    for _ in range(15):
+        env.step(FORWARD)
+    later = env.render()
+    changed = np.argwhere((first != later).any(axis=2))
+    assert len(changed) > 100
+    assert make(worlds="150").render() is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"beams": 40}, "unknown parameter 'beams'"),
+        ({"observation.beans": 40}, "did you mean 'observation.beams'"),
+        ({"observation.beams": 0}, "beams must be from 1"),
+        ({"worlds": "500"}, "no world 500"),
+        ({"reward.progress_along": "paht"}, "did you mean 'path'"),
+        ({"protocol": "papper"}, "did you mean 'paper2020'"),
+        ({"simulator": {"obstacles.movable": True}}, "is given by protocol"),
+        (
+            {"safety.lidar_x_m": 0.3},
+            "safety.lidar_x_m is 0.3, but the lidar is mounted at 0.055 m",
+        ),
+        ({"simulator": {"lidar.beans": 3}}, "unknown parameter 'lidar.beans'"),
+        ({"render_mode": "human"}, "render_mode must be None or 'rgb_array'"),
+    ],
+)
+def test_a_mistake_is_told_in_one_line(changes, message):
+    with pytest.raises(BarnError) as caught:
+        JackalEnv(**changes)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"wordl": 3},
+        {"world": 3.5},
+        {"world": -1},
+        {"world": 5000},
+        {"repetition": True},
+    ],
+)
+def test_a_wrong_option_of_a_reset_is_told(make, options):
+    with pytest.raises(BarnError, match=r"reset: |no world"):
+        make().reset(options=options)
+
+
+def test_a_lidar_that_sees_too_little_is_told(make):
+    env = make(simulator={"lidar.angle_min_rad": -1.0, "lidar.angle_max_rad": 1.0})
+    with pytest.raises(BarnError, match="the scan only from"):
+        env.reset(seed=0)
+
+
+def test_without_gymnasium_one_line_says_what_to_install():
+    code = "import sys; sys.modules['gymnasium'] = None\nimport json\nfrom barn_worlds.base.errors import BarnError\n"
+    code += "try:\n    import barn_eval.gym\nexcept BarnError as error:\n    print(json.dumps(str(error)))"
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert "pip install gymnasium" in json.loads(ended.stdout)

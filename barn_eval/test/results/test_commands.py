@@ -1,0 +1,254 @@
+"""Commands of trials: always kept, whole after a kill, and enough to drive again."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from forgery import replace_text, without_bags
+from planners import SHORT, Straight
+from report_work import rewrite_rows
+
+import barn_eval as barn
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.commands import MAX_COMMANDS, commands_line, parse_commands_line
+from barn_eval.results.rows import CommandFile, seal_line, unseal_line
+from barn_eval.results.store import BagStore
+from barn_eval.results.tracks import pack_arrays
+from barn_eval.running.direct import run_direct_trial
+from barn_eval.trials.run_config import RunConfig
+from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.trial import FinishedTrial
+from barn_eval.verification.rerun import read_bag
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+
+PERIOD_NS = 50_000_000
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A run of two trials that keeps no bags."""
+    out = tmp_path_factory.mktemp("commands") / "out"
+    return barn.run(
+        "0,120", "gap", SHORT, out=out, engine="inline", progress=False
+    ).folder
+
+
+@pytest.fixture
+def folder(driven, tmp_path):
+    return Path(shutil.copytree(driven, tmp_path / "out"))
+
+
+def lines_of(folder):
+    lines = (folder / "commands.jsonl").read_text().splitlines()
+    return {json.loads(line)["trial_id"]: unseal_line(line, "line") for line in lines}
+
+
+def test_a_run_without_bags_is_driven_again(driven, command):
+    said = "2 of 2 rows, 2 tracks, 0 bags, 2 driven again\n"
+    assert command("check", driven) == (0, said, "")
+
+
+def test_a_run_without_bags_is_submitted_and_verified(driven, command, tmp_path):
+    path = tmp_path / "gap.barn.zip"
+    assert command("submit", driven, "--out", path)[0] == 0
+    code, out, _ = command("verify", path, "--out", tmp_path / "kept")
+    assert (code, out.splitlines()[-1]) == (0, "holds")
+    assert barn.results.check(tmp_path / "kept").driven == 2
+
+
+def test_commands_are_small_and_those_of_the_bag(tmp_path):
+    (spec,) = RunConfig(worlds="120").trials()
+    store = BagStore(tmp_path, "all")
+    with store.recorder(spec.trial_id) as recorder:
+        record = store.make_record(run_direct_trial(spec, recorder))
+    trial_id, commands = parse_commands_line(record.commands, "line")
+    readings, _ = read_bag(BagFile(tmp_path / "bags" / spec.trial_id))
+    assert trial_id == spec.trial_id
+    np.testing.assert_array_equal(commands, readings.trajectory.command)
+    assert len(record.commands) < 15 * len(commands) + 300
+
+
+def test_other_commands_than_those_of_a_bag_are_named(tmp_path):
+    run = barn.run(
+        "120",
+        {"straight": Straight},
+        out=tmp_path / "out",
+        bags="all",
+        engine="inline",
+        progress=False,
+    )
+    ((trial_id, line),) = lines_of(run.folder).items()
+    _, commands = parse_commands_line(line, "line")
+    commands = commands.copy()
+    commands[3, 0] += 0.01
+    content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
+    text = f"{seal_line(json.dumps(content))}\n"
+    (run.folder / "commands.jsonl").write_text(text)
+    problems = barn.results.check(run.folder).problems
+    assert any("its commands are not those of its bag" in line for line in problems)
+
+
+def test_commands_that_no_planner_sent_are_found(folder):
+    lines = lines_of(folder)
+    first, second = lines
+    _, commands = parse_commands_line(lines[second], "line")
+    content = {"trial_id": first} | pack_arrays({"commands": commands.ravel()})
+    with (folder / "commands.jsonl").open("a") as file:
+        file.write(f"{seal_line(json.dumps(content))}\n")
+    assert barn.results.check(folder).problems
+
+
+def test_missing_commands_are_named(folder):
+    (folder / "commands.jsonl").unlink()
+    report = barn.results.check(folder)
+    assert report.problems == [
+        f"{folder}: gap_w{world}_r00: its commands are missing"
+        for world in ("0000", "0120")
+    ]
+
+
+@pytest.mark.parametrize("cut", [1, 40, 300])
+def test_a_kill_while_commands_are_written_loses_one_trial_only(folder, cut):
+    """The kill comes before the row, so the trial is run again."""
+    expected = lines_of(folder)
+    content = (folder / "commands.jsonl").read_bytes()
+    (folder / "commands.jsonl").write_bytes(content[:-cut])
+    rewrite_rows(folder, lambda rows: rows[:1])
+    for name in ("parquet", "csv"):
+        (folder / f"results.{name}").unlink()
+    barn.run("0,120", "gap", SHORT, out=folder, engine="inline", progress=False)
+    assert lines_of(folder) == expected
+    report = barn.results.check(folder)
+    assert (report.problems, report.driven) == ([], 2)
+
+
+def test_a_trial_that_runs_again_counts_with_its_last_commands(folder):
+    """A kill between commands and row leaves commands without a row."""
+    expected = lines_of(folder)
+    rewrite_rows(folder, lambda rows: rows[:1])
+    barn.run("0,120", "gap", SHORT, out=folder, engine="inline", progress=False)
+    assert len((folder / "commands.jsonl").read_text().splitlines()) == 3
+    assert lines_of(folder) == expected
+    assert barn.results.check(folder).problems == []
+
+
+def test_results_are_compared_and_shown_without_commands(folder, command, tmp_path):
+    (folder / "commands.jsonl").write_bytes(b"\0nothing")
+    assert command("compare", folder, folder)[0] in (0, 1, 2)
+    assert command("report", folder, "--out", tmp_path / "report.html")[0] == 0
+    assert barn.load(folder).summary["trials"].tolist() == [2]
+
+
+def test_overwriting_removes_commands(folder):
+    barn.run(
+        "0",
+        "gap",
+        SHORT,
+        out=folder,
+        engine="inline",
+        progress=False,
+        overwrite=True,
+        seed=3,
+    )
+    assert list(lines_of(folder)) == ["gap_w0000_r00"]
+
+
+def finished(counts, mode="ros", compute="free"):
+    """A trial over ROS with so many commands after each reading."""
+    (spec,) = RunConfig(worlds="0").trials()
+    result = run_direct_trial(spec).result
+    log = TrajectoryLog()
+    for number, count in enumerate(counts):
+        stamp_ns = number * PERIOD_NS
+        log.reading(Odometry(stamp_ns, Pose2D(0.0, 0.0, 0.0), Velocity2D()), False)
+        for _ in range(count):
+            log.command(Velocity2D(0.1, 0.0))
+    result = type(result)(**vars(result) | {"mode": mode, "compute": compute})
+    return FinishedTrial(spec, result, log.trajectory())
+
+
+@pytest.mark.parametrize(
+    ("counts", "mode", "compute", "kept"),
+    [
+        ([1, 1, 1, 0], "ros", "free", True),
+        ([1, 1, 1, 1], "ros", "free", True),
+        ([1, 0, 1, 0], "ros", "free", False),
+        ([1, 2, 1, 0], "ros", "free", False),
+        ([1, 1, 1, 0], "ros", "real_time", False),
+        ([1, 0, 1, 0], "direct", "free", True),
+        ([], "direct", "free", False),
+    ],
+)
+def test_commands_are_kept_that_say_when_they_took_effect(counts, mode, compute, kept):
+    assert (commands_line(finished(counts, mode, compute)) is not None) == kept
+
+
+def test_the_commands_of_an_endless_trial_are_not_kept(monkeypatch):
+    trial = finished([1] * 4, "direct")
+    monkeypatch.setattr("barn_eval.results.commands.MAX_COMMANDS", 3)
+    assert commands_line(trial) is None
+    noise = np.random.default_rng(1).normal(size=2 * MAX_COMMANDS)
+    assert len(json.dumps(pack_arrays({"commands": noise}))) < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("{}", "line 1: not the commands of a trial"),
+        ('{"trial_id": 3}', "not the commands of a trial"),
+        ('{"trial_id": "a"}', "no commands: holds no packed arrays"),
+        (
+            json.dumps({"trial_id": "a"} | pack_arrays({"commands": np.zeros(3)})),
+            "no commands: cannot reshape",
+        ),
+        (
+            json.dumps(
+                {"trial_id": "a"} | pack_arrays({"commands": np.zeros(4, "f4")})
+            ),
+            "commands are no numbers of 64 bits",
+        ),
+        (
+            json.dumps(
+                {"trial_id": "a"} | pack_arrays({"commands": np.zeros(3_000_000)})
+            ),
+            "cut off, or of more than",
+        ),
+    ],
+)
+def test_what_holds_no_commands_is_refused_in_one_line(line, words):
+    with pytest.raises(ConfigError, match=words):
+        parse_commands_line(line, "commands.jsonl, line 1")
+
+
+def test_a_file_is_whole_after_a_failed_write(tmp_path):
+    file = CommandFile(tmp_path)
+    file.append('{"trial_id":"a"}')
+    with file.path.open("a") as torn:
+        torn.write('{"trial_id":"b"')
+    file.append('{"trial_id":"c"}')
+    text = file.path.read_text()
+    assert text.splitlines() == [
+        seal_line('{"trial_id":"a"}'),
+        seal_line('{"trial_id":"c"}'),
+    ]
+
+
+def test_an_older_folder_is_driven_again_by_its_bags(tmp_path):
+    """Folders of schema 2 have no commands but those in bags."""
+    folder = barn.run(
+        "120",
+        {"straight": Straight},
+        out=tmp_path / "out",
+        bags="all",
+        engine="inline",
+        progress=False,
+    ).folder
+    (folder / "commands.jsonl").unlink()
+    assert barn.results.check(folder).driven == 1
+    without_bags(folder)
+    assert barn.results.check(folder).driven == 0
+    replace_text(folder / "run.json", '"schema_version": 3', '"schema_version": 2')
+    assert barn.results.check(folder).driven == 0

@@ -1,0 +1,230 @@
+"""The folder of an experiment: whose it is, and who may work in it."""
+
+import errno
+import json
+import os
+from dataclasses import replace
+from functools import cache
+from itertools import count as numbers
+
+import pytest
+from report_work import change_row
+from running.test_runner import record
+
+from barn_eval.results.folder import ResultsFolder, read_results
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.run_config import (
+    UNKNOWN_SOURCE,
+    ExecutionConfig,
+    PlannerChoice,
+    RunConfig,
+)
+from barn_worlds.base.errors import BarnError, ConfigError
+
+GAP = RunConfig(
+    worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
+)
+EXECUTION = ExecutionConfig(workers=1)
+
+
+def keep(path, experiment, count=None, **options):
+    """Begin or resume an experiment, give it results without driving, and return all there are."""
+    with ResultsFolder.open(
+        path, experiment, EXECUTION, experiment.trials(), **options
+    ) as folder:
+        for spec in folder.remaining[:count]:
+            folder.append(record(spec))
+        return folder.results()
+
+
+def content(path):
+    return json.loads((path / "run.json").read_text())
+
+
+def test_a_folder_without_a_result_is_taken_over(tmp_path):
+    typo = replace(
+        GAP, mode="ros", planners=(PlannerChoice("mine", command="python3 mien.py"),)
+    )
+    keep(tmp_path, typo, 0)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "planner.log").write_text("No such file")
+    mended = replace(typo, planners=(PlannerChoice("mine", command="python3 mine.py"),))
+    keep(tmp_path, mended, 1)
+    assert RunFile.read(tmp_path).run_config() == mended
+    assert not (tmp_path / "logs").exists()
+    with pytest.raises(
+        ConfigError,
+        match=r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here",
+    ):
+        keep(tmp_path, typo)
+
+
+def test_results_are_replaced_only_when_told_to(tmp_path):
+    keep(tmp_path, GAP)
+    other = replace(GAP, seed=4)
+    with pytest.raises(
+        ConfigError, match="seed is 3 there, 4 here; use another folder, or --overwrite"
+    ):
+        keep(tmp_path, other, 0)
+    assert len(read_results(tmp_path)) == 4
+    assert [
+        result.campaign_seed for result in keep(tmp_path, other, 1, overwrite=True)
+    ] == [4]
+    assert len(content(tmp_path)["sessions"]) == 1
+
+
+def test_what_is_replaced_is_the_experiments_own(tmp_path):
+    keep(tmp_path, GAP)
+    (bag := tmp_path / "bags" / "gap_w0000_r00").mkdir(parents=True)
+    (tmp_path / "bags" / "notes.txt").write_text("mine")
+    keep(tmp_path, replace(GAP, seed=4), 1, overwrite=True)
+    assert (tmp_path / "bags" / "notes.txt").read_text() == "mine"
+    assert not bag.exists()
+
+
+def test_sessions_are_kept_one_after_the_other(tmp_path):
+    for count in (1, 1, None):
+        keep(tmp_path, GAP, count)
+    run_file = content(tmp_path)
+    assert (run_file["schema_version"], len(run_file["sessions"])) == (3, 3)
+    assert all(
+        {"started_at", "execution", "versions", "commit", "machine"} <= session.keys()
+        for session in run_file["sessions"]
+    )
+
+
+def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
+    live = replace(GAP, planners=(PlannerChoice("mine", source=UNKNOWN_SOURCE),))
+    keep(tmp_path, live, 1)
+    with pytest.raises(
+        ConfigError,
+        match="'mine': its source is unknown, so the run cannot be resumed",
+    ):
+        keep(tmp_path, live)
+    with_source = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
+    keep(tmp_path / "known", with_source, 1)
+    assert len(keep(tmp_path / "known", with_source)) == 4
+
+
+def test_another_robot_is_not_mixed_in(tmp_path):
+    keep(tmp_path, GAP, 1)
+    run = RunFile.read(tmp_path)
+    replace(run, robot="0" * 64).write()
+    with pytest.raises(
+        ConfigError, match="holds results of another robot: robot is '0000"
+    ):
+        keep(tmp_path, GAP)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{}", "schema_version must be 2 or 3, got None"),
+        ('{"schema_version": 4, "experiment": {}}', "must be 2 or 3, got 4"),
+        ('{"schema_version": 2, "experiment": 3}', "describes no run"),
+        ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
+    ],
+)
+def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        RunFile.read(tmp_path).run_config()
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("campaign_seed", 10, "gap_w0000_r00 has campaign_seed 10, must have 3"),
+        ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
+        ("planner_seed", 7, "gap_w0000_r00 has planner_seed 7, must have "),
+        ("repetition", 7, "gap_w0000_r00 has repetition 7, must have 0"),
+        ("task", "0" * 12, r"was run as task 000000000000, but run\.json describes"),
+        (
+            "trial_id",
+            "dwa_w0999_r00",
+            "holds a result of dwa_w0999_r00, which is no trial of this run",
+        ),
+    ],
+)
+def test_a_row_of_another_trial_is_refused(tmp_path, name, value, message):
+    keep(tmp_path, GAP, 1)
+    change_row(tmp_path, **{name: value})
+    with pytest.raises(ConfigError, match=message):
+        keep(tmp_path, GAP)
+
+
+def test_an_early_kill_leaves_a_usable_folder(tmp_path):
+    (tmp_path / ".run.json.x1y2.partial").write_text("{")
+    (tmp_path / ".lock").touch()
+    assert len(keep(tmp_path, GAP)) == 4
+    assert not (tmp_path / ".run.json.x1y2.partial").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "code"), [("fsync", errno.ENOSPC), ("replace", errno.EROFS)]
+)
+def test_a_failing_disk_stops_the_run_and_loses_nothing(
+    tmp_path, monkeypatch, name, code
+):
+    keep_whole(tmp_path / "whole")
+    function = getattr(os, name)
+    for number in range(1, 50):
+        calls = numbers(1)
+
+        def failing(*arguments, number=number, calls=calls):
+            if next(calls) >= number:
+                raise OSError(code, os.strerror(code))
+            return function(*arguments)
+
+        out = tmp_path / f"out{number}"
+        monkeypatch.setattr(os, name, failing)
+        try:
+            keep_whole(out)
+        except BarnError as error:
+            assert os.strerror(code) in str(error)
+            assert "\n" not in str(error)
+        else:
+            break
+        finally:
+            monkeypatch.setattr(os, name, function)
+        keep_whole(out)
+        for table in ("results.parquet", "results.csv", "tracks.jsonl"):
+            assert (out / table).read_bytes() == (
+                tmp_path / "whole" / table
+            ).read_bytes()
+        assert sorted(result.trial_id for result in read_results(out)) == sorted(
+            spec.trial_id for spec in trials()
+        )
+        assert not list(out.glob(".*.partial"))
+    else:
+        pytest.fail("it never came to its end")
+    assert number > 5
+
+
+@cache
+def trials():
+    return GAP.trials()
+
+
+def keep_whole(path):
+    with ResultsFolder.open(path, GAP, EXECUTION, trials()) as folder:
+        for spec in folder.remaining:
+            folder.append(record(spec))
+        folder.complete()
+
+
+def test_two_writers_do_not_touch_each_others_files(tmp_path):
+    """The second comes while the first is recording a bag."""
+    with ResultsFolder.open(tmp_path, GAP, EXECUTION, trials()) as folder:
+        partial = tmp_path / "bags" / f"{folder.remaining[0].trial_id}.partial"
+        partial.mkdir(parents=True)
+        with pytest.raises(
+            ConfigError, match="another process is working in this folder"
+        ):
+            keep_whole(tmp_path)
+        assert partial.is_dir()
+        for spec in folder.remaining:
+            folder.append(record(spec))
+    assert len(read_results(tmp_path)) == 4

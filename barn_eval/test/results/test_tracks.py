@@ -1,0 +1,175 @@
+"""Tracks: the trajectory to within their steps, small, kept beside every row whatever happens in between."""
+
+import json
+
+import numpy as np
+import pytest
+from report_work import recorded_track
+
+from barn_eval.analysis.sources import read_source
+from barn_eval.results.rows import TrackFile, seal_line
+from barn_eval.results.run_file import RunFile
+from barn_eval.results.tracks import (
+    LARGEST_COMMAND,
+    MAX_SAMPLES,
+    MISSING_SAMPLE,
+    make_track,
+    pack_arrays,
+    parse_track_line,
+    thin_samples,
+    unpack_arrays,
+)
+from barn_eval.trials.run_config import RunConfig
+from barn_eval.trials.trajectory import Trajectory
+from barn_worlds.base.errors import ConfigError
+
+
+def samples(count, period_s=0.05):
+    draw = np.random.default_rng(count)
+    rows = draw.normal(size=(count, 9))
+    rows[:, 0] = period_s * np.arange(count)
+    return rows
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 401, 1015, 100_000])
+def test_tracks_have_five_samples_a_second_and_extremes(count):
+    rows = samples(count)
+    contact = np.zeros(count, bool)
+    contact[count // 2] = True
+    track = thin_samples(rows, contact)
+    assert len(track.samples) <= MAX_SAMPLES + 1
+    if count <= 4 * MAX_SAMPLES:
+        assert len(track.samples) == (1 + -(-count // 4) if count > 1 else 1)
+    np.testing.assert_array_equal(track.samples[[0, -1], :8], rows[[0, -1], :8])
+    assert track.samples[:, 8].min() == rows[:, 8].min()
+    assert track.contact.any()
+    assert np.isin(track.samples[:, 0], rows[:, 0]).all()
+
+
+def test_samples_that_are_further_apart_are_all_kept():
+    rows = samples(50, period_s=0.5)
+    np.testing.assert_array_equal(thin_samples(rows, np.zeros(50, bool)).samples, rows)
+
+
+@pytest.mark.parametrize("command", [np.inf, -np.inf, 1e308, -1e308, np.nan])
+def test_an_infinite_command_in_a_row(command):
+    rows = samples(50)
+    rows[7, 6:8] = command
+    named = {"trial_id": "x", "schema_version": 1} | thin_samples(
+        rows, np.zeros(50, bool)
+    ).packed
+    _, track = parse_track_line(json.dumps(named, allow_nan=False), "line")
+    assert np.nanmax(np.abs(track.samples[:, 6:8])) <= LARGEST_COMMAND
+    # the others keep their digits: rounded to half the smallest step
+    last = np.minimum(np.arange(0, 50, 4) + 3, 49)
+    np.testing.assert_allclose(track.samples[1:, 4], rows[last, 4], atol=0.001)
+    np.testing.assert_allclose(track.samples[3:, 6], rows[last[2:], 6], atol=0.001)
+
+
+def test_a_trial_without_a_reading_has_no_track():
+    empty = np.empty((0, 2))
+    nothing = Trajectory(
+        np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
+    )
+    (spec,) = RunConfig(worlds="0").trials()
+    assert make_track(nothing, spec) is None
+
+
+def test_the_line_of_a_trial_is_what_its_bag_holds(run):
+    source = read_source(run)
+    (result,) = source.results
+    name, track = parse_track_line(source.tracks[result.trial_id], "line")
+    assert name == result.trial_id
+    (spec,) = RunFile.read(run).run_config().trials()
+    recorded = recorded_track(source.bag(name), spec.world)
+    steps = np.array(track.packed["steps"])
+    np.testing.assert_array_equal(np.isnan(track.samples), np.isnan(recorded.samples))
+    is_sample = ~np.isnan(track.samples)
+    assert (np.abs(track.samples - recorded.samples) <= 0.51 * steps)[is_sample].all()
+    np.testing.assert_array_equal(track.contact, recorded.contact)
+    assert track.samples[:, 8].min() == pytest.approx(
+        result.measures.min_clearance_m, abs=0.001
+    )
+    assert (
+        len(source.tracks[name]) < 18 * len(track.samples) + 300
+    )  # of 26 if it were not compressed
+
+
+def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
+    rows = TrackFile(tmp_path)
+    assert rows.read() == {}
+    line = next(iter(TrackFile(run).read().values()))
+    named = [
+        {"trial_id": name, "note": note}
+        for name, note in (("b", "1"), ("a", ""), ("b", "2"))
+    ]
+    lines = [json.dumps(json.loads(line) | changes) for changes in named]
+    for entry in lines:
+        rows.append(entry)
+    with rows.path.open("a") as file:
+        file.write(lines[1][:50])
+    assert rows.read() == {"b": lines[2], "a": lines[1]}
+    rows.arrange(["a", "never", "b"])
+    assert rows.path.read_text() == f"{seal_line(lines[1])}\n{seal_line(lines[2])}\n"
+    rows.append(lines[0])
+    assert rows.read()["b"] == lines[0]
+
+
+def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
+    lines = [
+        seal_line(json.dumps({"trial_id": "a"})),
+        seal_line(json.dumps({"what": "else"})),
+    ]
+    (tmp_path / "tracks.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    with pytest.raises(
+        ConfigError, match=r"tracks.jsonl, line 2: not the track of a trial"
+    ):
+        TrackFile(tmp_path).read()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"schema_version": 2}, "schema_version must be 1, got 2"),
+        ({"trial_id": 5}, "trial_id is missing"),
+        ({"zlib": "?"}, "packed arrays are damaged"),
+        ({"zlib": "AAAA"}, "packed arrays are damaged"),
+        (
+            {"arrays": {"samples": ["Int16Array", 0, 10**9]}},
+            "do not hold what they say",
+        ),
+        ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not hold what they say"),
+        ({"arrays": {}}, "do not fit together"),
+        ({"steps": [1.0] * 8}, "steps are not one finite number per channel"),
+        ({"steps": [float("nan")] * 9}, "numbers must be finite, got NaN"),
+        (
+            pack_arrays({"samples": np.zeros(9_000_000, "i2")}),
+            "cut off, or of more than",
+        ),
+        (
+            pack_arrays({"samples": np.zeros(0, "i2"), "contact": np.zeros(0, "u1")}),
+            "there are no samples",
+        ),
+    ],
+)
+def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
+    line = next(iter(TrackFile(run).read().values()))
+    with pytest.raises(ConfigError, match=rf"^here: (no track|not JSON): .*{words}"):
+        parse_track_line(json.dumps(json.loads(line) | changes), "here")
+
+
+def test_packed_arrays_come_back():
+    arrays = {
+        "a": np.arange(5, dtype="u1"),
+        "b": np.array([MISSING_SAMPLE, 7], "i2"),
+        "c": np.array([0.5, 1e9], "f4"),
+    }
+    arrays["d"] = np.array([1e-300, 0.1])
+    packed = pack_arrays(arrays)
+    assert packed["arrays"]["d"][1] % 8 == 0
+    back = unpack_arrays(packed, 1000)
+    assert [(name, array.tolist()) for name, array in back.items()] == [
+        (name, array.tolist()) for name, array in arrays.items()
+    ]
+    with pytest.raises(ValueError, match="cut off"):
+        unpack_arrays(packed | {"zlib": packed["zlib"][:8]}, 1000)

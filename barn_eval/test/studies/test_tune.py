@@ -1,0 +1,198 @@
+"""Tuning: which ranges are refused, that it goes on where it was stopped, and what it writes and says."""
+
+import json
+
+import pytest
+import yaml
+
+from barn_worlds.base.errors import BarnError
+
+pytest.importorskip("optuna")
+from barn_eval.results.folder import read_results
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.run import Run
+from barn_eval.studies import tune as tuning
+from barn_eval.studies.tune import Ranges, tune
+
+RANGES = {
+    "max_speed_mps": {"low": 0.2, "high": 1.0},
+    "directions": {"low": 51, "high": 151},
+}
+OPTIONS = {"worlds": "0,3,6,9,12,15", "workers": 1, "engine": "inline"}
+
+
+def ranges_file(folder, parameters=RANGES, **fields):
+    path = folder / "ranges.yaml"
+    path.write_text(
+        yaml.safe_dump(
+            {"schema_version": 1, "planner": "gap", "parameters": parameters} | fields
+        )
+    )
+    return str(path)
+
+
+def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4"):
+    ranges = Ranges.read(ranges_file(folder, parameters))
+    return tune(
+        ranges, OPTIONS | {"out": folder / out}, unseen, by, settings, Reporter()
+    )
+
+
+@pytest.mark.parametrize(
+    "name", sorted(path.stem for path in tuning.RANGES_FOLDER.glob("*.yaml"))
+)
+def test_shipped_ranges_are_read_and_hold_the_defaults(name, tmp_path):
+    ranges = Ranges.read(name)
+    params = "examples/nav2/params"
+    options = {"out": tmp_path, "worlds": "0-5"}
+    if not ranges.planner:
+        root = tuning.Path(__file__).parents[3] / params
+        names = ("common", "mapless", name.removeprefix("nav2_"))
+        files = " ".join(f"--params-file {root / path}.yaml" for path in names)
+        options["planner_command"] = f"nav2=host --ros-args {files}"
+    assert (
+        tuning.Tuner(ranges, options, (), "6-9", Reporter()).default.keys()
+        == ranges.parameters.keys()
+    )
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({}, "must have parameters"),
+        (
+            {"max_speed_mps": {"low": 1.0, "high": 0.5}},
+            "max_speed_mps: must be low < high",
+        ),
+        ({"max_speed_mps": 3}, "max_speed_mps: must be low < high"),
+        ({"max_sped_mps": {"low": 0.1, "high": 0.5}}, "did you mean 'max_speed_mps'"),
+        ({"max_speed_mps": {"low": 0.1, "high": 0.4}}, "must hold the default, 0.5"),
+    ],
+)
+def test_what_are_no_ranges_is_refused_in_one_line(parameters, words, tmp_path):
+    with pytest.raises(BarnError, match=words):
+        tuned(tmp_path, parameters=parameters, settings=1)
+
+
+def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
+    with pytest.raises(BarnError, match="one of dwa, eband, gap, mppi"):
+        Ranges.read("dvb")
+    with pytest.raises(BarnError, match="none that settings are chosen by"):
+        tuned(tmp_path, unseen="2,3")
+    with pytest.raises(BarnError, match="unknown measure 'min_clearnce_m'"):
+        tuned(tmp_path, by=["min_clearnce_m"])
+
+
+def test_a_stopped_tuning_resumes_to_the_same_result(tmp_path, monkeypatch):
+    whole = tuned(tmp_path)
+    drive_scored = Run.drive_scored
+
+    def stop(run, worlds):
+        results = drive_scored(run, worlds)
+        if len(list((tmp_path / "stopped" / "settings").iterdir())) == 3:
+            raise KeyboardInterrupt
+        return results
+
+    monkeypatch.setattr(Run, "drive_scored", stop)
+    with pytest.raises(KeyboardInterrupt):
+        tuned(tmp_path, "stopped")
+    monkeypatch.undo()
+    again = tuned(tmp_path, "stopped")
+    assert [item.values for item in again.tuned] == [
+        item.values for item in whole.tuned
+    ]
+    for number in range(4):
+        rows = [
+            read_results(tmp_path / out / "settings" / f"{number:04}")
+            for out in ("out", "stopped")
+        ]
+        assert rows[0] and [item.repeatable() for item in rows[0]] == [
+            item.repeatable() for item in rows[1]
+        ]
+    with pytest.raises(BarnError, match=r"holds another tuning: ranges\."):
+        tuned(tmp_path, parameters={"max_speed_mps": RANGES["max_speed_mps"]})
+
+
+def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path):
+    words = (
+        "--worlds",
+        "0,3,6,9,12,15",
+        "--unseen",
+        "1,4",
+        "--settings",
+        4,
+        "--run",
+        "engine=inline",
+    )
+    code, out, _ = command(
+        "tune", ranges_file(tmp_path), *words, "--out", "tuned", "--json"
+    )
+    assert code == 0
+    content = json.loads(out)
+    (best,) = content["tuned"]
+    assert best["seen"]["challenge"] > content["default_seen"]["challenge"]
+    assert (content["worlds"], content["unseen"], content["given_up"] > 0) == (
+        6,
+        2,
+        True,
+    )
+    assert best["unseen"]["b"] == "default"
+    command(
+        "run",
+        *best["files"],
+        "--worlds",
+        "1,4",
+        "--execution",
+        "engine=inline",
+        "--out",
+        "alone",
+    )
+    unseen = read_results(tmp_path / "tuned" / "unseen" / f"{best['number']:04}")
+    assert [row.repeatable() for row in read_results(tmp_path / "alone")] == [
+        row.repeatable() for row in unseen
+    ]
+    code, out, _ = command("tune", ranges_file(tmp_path), *words, "--out", "tuned")
+    assert (
+        f"setting {best['number']}" in out
+        and "2 worlds that no setting was chosen by" in out
+    )
+
+
+def test_several_measures_give_a_front_and_its_picture(tmp_path):
+    result = tuned(tmp_path, by=("challenge", "min_clearance_m"))
+    means = [setting.seen for setting in result.tuned]
+    assert result.given_up == 0 and means
+    for setting in means:
+        assert not any(
+            all(other[key] > setting[key] for key in setting)
+            for other in [*means, result.default_seen]
+        )
+    assert (tmp_path / "out" / "front.png").stat().st_size > 1000
+
+
+def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
+    source = tmp_path / "given.yaml"
+    source.write_text(
+        yaml.safe_dump(
+            {"controller": {"ros__parameters": {"speed": 0.5, "rate": 20.0}}}
+        )
+    )
+    ranges = Ranges.read(
+        ranges_file(tmp_path, {"speed": {"low": 0.1, "high": 1.0}}, planner="")
+    )
+    options = {
+        "out": tmp_path / "out",
+        "worlds": "0-5",
+        "planner_command": f"m=run --params-file {source}",
+    }
+    tuner = tuning.Tuner(ranges, options, (), "6", Reporter())
+    study = tuner.open_study()
+    for value in (0.5, 0.25):
+        study.tell(study.ask(dict(ranges.parameters)), value)
+    study.enqueue_trial({"speed": 0.3})
+    setting = tuner.make_setting(study.ask(dict(ranges.parameters)), "settings")
+    (path,) = tuner.write_files(2, setting, "better")
+    assert yaml.safe_load(path.read_text())["controller"]["ros__parameters"] == {
+        "speed": 0.3,
+        "rate": 20.0,
+    }

@@ -1,0 +1,303 @@
+"""`barn check`: a good folder has nothing wrong with it, and whatever is changed in it is named."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from forgery import forge, replace_text, rewrite_bag, without_bags, won
+from planners import SHORT, Straight
+from report_work import change_row
+
+import barn_eval as barn
+from barn_eval.results.bags.recorder import Recorder
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.messages import decode
+from barn_worlds.messages.encode import OdometryEncoder
+from barn_worlds.messages.topics import GROUND_TRUTH
+
+SAID = "2 of 2 rows, 2 tracks, 2 bags, 2 driven again\n"
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    out = tmp_path_factory.mktemp("check") / "out"
+    return barn.run(
+        "0,120", "gap", SHORT, out=out, bags="all", engine="inline", progress=False
+    ).folder
+
+
+@pytest.fixture
+def folder(driven, tmp_path):
+    shutil.copytree(driven, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def test_a_good_folder_has_nothing_wrong_with_it(driven, command):
+    report = barn.results.check(driven)
+    assert (report.trials, report.rows, report.tracks, report.bags, report.driven) == (
+        2,
+        2,
+        2,
+        2,
+        2,
+    )
+    assert (report.problems, report.unchecked) == ([], [])
+    assert command("check", driven) == (0, SAID, "")
+    code, out, _ = command("check", driven, "--json")
+    assert (code, json.loads(out)["problems"]) == (0, [])
+
+
+def write_long_table(path):
+    """Write a table of which run lengths let some kilobytes stand for any number of rows."""
+    table = pyarrow.table({"world": np.zeros(2_000_000, np.int64)})
+    pyarrow.parquet.write_table(table, path, compression="zstd")
+
+
+def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
+    rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    (folder / "results.jsonl").write_text(rows[0] + rows[1][:40])
+    assert barn.results.check(folder).problems == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda out: replace_text(out / "results.jsonl", "success", "Success"),
+            "results.jsonl, line 1: damaged or ed",
+        ),
+        (
+            lambda out: change_row(out, 1, trial_id="gap_w0009_r00"),
+            "gap_w0009_r00 is no trial of this run",
+        ),
+        (
+            lambda out: change_row(out, 1, world_checksum="0"),
+            "world 120 is not the one that gap_w0120_r00 was run in",
+        ),
+        (
+            lambda out: change_row(out, 0, scores__challenge=0.5),
+            "challenge of gap_w0000_r00 is not that of its row",
+        ),
+        (lambda out: change_row(out, 0, detail="won"), "detail is 'won' in the row, "),
+        (
+            lambda out: change_row(out, 0, measures__min_clearance_m=9.0),
+            "m by its track, 9.000 m by its row",
+        ),
+        (
+            lambda out: change_row(out, 0, measures__driven_m=0.1),
+            "m by its track, 0.10 m by its row",
+        ),
+        (
+            lambda out: change_row(out, 0, measures__contacts=3),
+            "has 3 contacts by its row, by its track not so",
+        ),
+        (
+            lambda out: replace_text(out / "tracks.jsonl", "zlib", "Zlib"),
+            "tracks.jsonl, line 1: damaged",
+        ),
+        (
+            lambda out: (out / "tracks.jsonl").unlink(),
+            "gap_w0000_r00: has no track, though it drove",
+        ),
+        (
+            lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"),
+            "gap_w0000_r00: is missing, bags of all trials",
+        ),
+        (
+            lambda out: (out / "results.parquet").unlink(),
+            "results.parquet: is missing, though all trials have rows",
+        ),
+        (
+            lambda out: (out / "results.parquet").write_bytes(b"PAR1"),
+            "results.parquet: ",
+        ),
+        (
+            lambda out: write_long_table(out / "results.parquet"),
+            "results.parquet: has 2000000 rows or columns that",
+        ),
+        (
+            lambda out: (out / "results.csv").unlink(),
+            "results.csv: is missing, though all trials have rows",
+        ),
+        (
+            lambda out: replace_text(out / "results.csv", "planner", "success"),
+            "results.csv: is not the table of its",
+        ),
+    ],
+)
+def test_what_does_not_belong_together_is_named(folder, command, change, words):
+    change(folder)
+    code, _, err = command("check", folder)
+    lines = err.splitlines()
+    assert code == 1 and any(words in line for line in lines)
+    assert all(line.startswith(str(folder)) and len(line) < 500 for line in lines)
+
+
+def test_a_bag_that_was_cut_off_is_named(folder, command):
+    (file,) = (folder / "bags" / "gap_w0000_r00").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    code, _, err = command("check", folder)
+    assert (code, err.count("\n")) == (1, 1)
+    assert err.startswith(f"{file.parent}: the bag is cut off after ")
+
+
+def test_only_the_bag_of_a_trial_that_never_began_may_be_empty(folder):
+    path = folder / "bags" / "gap_w0000_r00"
+    shutil.rmtree(path)
+    with Recorder(path) as recorder:
+        recorder.finish()
+    assert barn.results.check(folder).problems == [f"{path}: the bag is empty"]
+    change_row(folder, 0, measures__driven_m=0.0)
+    assert not any(
+        "empty" in problem for problem in barn.results.check(folder).problems
+    )
+
+
+@pytest.mark.parametrize("trial", ["gap_w0120_r00", "2"])
+def test_a_trial_that_is_run_again_is_reproduced(driven, command, trial):
+    before = sorted(driven.rglob("*"))
+    assert command("check", driven, "--rerun", trial)[:2] == (
+        0,
+        f"{SAID}{trial} is reproduced\n",
+    )
+    assert sorted(driven.rglob("*")) == before
+
+
+@pytest.mark.parametrize("trial", ["0", "3", "gap_w0001_r00"])
+def test_a_trial_that_there_is_not_is_named_as_it_was_typed(driven, rejected, trial):
+    assert rejected("check", driven, "--rerun", trial).startswith(
+        f"error: {driven}: has no trial {trial!r}"
+    )
+
+
+def test_reproducibility_is_unknown_before_a_rerun(folder, command):
+    (folder / "results.parquet").unlink()
+    code, out, _ = command("check", folder, "--rerun", "1", "--json")
+    assert (code, json.loads(out)["reproduced"]) == (1, None)
+
+
+def test_a_differing_trial_is_reported_by_its_first_change(folder):
+    change_row(folder, 0, measures__rms_jerk_mps3=7.0)
+    for file in ("results.parquet", "results.csv"):
+        (folder / file).unlink()
+    with pytest.raises(ConfigError, match="has no trial 'dwa_w0000_r00'"):
+        barn.load(folder).rerun("dwa_w0000_r00")
+    assert (
+        barn.load(folder)
+        .rerun(0)
+        .startswith("measures.rms_jerk_mps3 is 7.0 in the row, ")
+    )
+    assert barn.load(folder).rerun(1) == ""
+
+
+# A robot that drives blindly at its goal and hits a post, and what somebody does who would rather have won.
+@pytest.fixture(scope="module")
+def collided(tmp_path_factory):
+    out = tmp_path_factory.mktemp("collided") / "out"
+    run = barn.run(
+        "120",
+        {"straight": Straight},
+        out=out,
+        bags="all",
+        engine="inline",
+        progress=False,
+    )
+    assert [trial.outcome for trial in run.trials] == ["collision"]
+    return run.folder
+
+
+FORGERIES = {
+    "a challenge score of 7": (
+        lambda row: {"scores__challenge": 7.0},
+        "scores.challenge is 7.0 in the row, 0.0 comp",
+    ),
+    "a time below zero": (
+        lambda row: {"scores__traversal_time_s": -5.0},
+        "scores.traversal_time_s is -5, can be 0",
+    ),
+    "a success": (won, "outcome is success in the row, its track"),
+    "a success too fast for the robot": (
+        lambda row: won(row, 3.0),
+        "scores.least_time_s does not fit",
+    ),
+    "another time on the clock": (
+        lambda row: {"scores__traversal_time_s": 0.5},
+        "traversal_time_s is 0.50 in the row",
+    ),
+    "more room": (
+        lambda row: {"measures__min_clearance_m": 0.3},
+        "by its track, 0.300 m by its row",
+    ),
+    "a shorter way": (
+        lambda row: {"measures__driven_m": 0.2},
+        "m by its track, 0.20 m by its row",
+    ),
+    "no contact": (lambda row: {"measures__contacts": 0}, "has 0 contacts by its row"),
+    "another speed cap": (
+        lambda row: {"speed_cap_mps": 0.5},
+        "speed_cap_mps is 0.5 in the row",
+    ),
+    "nobody's fault": (
+        lambda row: {"fault": "environment"},
+        "fault is 'environment' in the row",
+    ),
+}
+
+
+@pytest.mark.parametrize("records", ["bags and commands", "commands", "tracks"])
+@pytest.mark.parametrize("name", FORGERIES)
+def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, records):
+    changes, words = FORGERIES[name]
+    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    if records != "bags and commands":
+        without_bags(folder)
+    if records == "tracks":
+        (folder / "commands.jsonl").unlink()
+    report = barn.results.check(folder)
+    assert report.driven == (0 if records == "tracks" else 1)
+    if records == "tracks":
+        assert report.problems == [
+            f"{folder}: straight_w0120_r00: its commands are missing"
+        ]
+        assert report.unchecked[0].startswith(
+            "1 trials: not driven again, as their commands are not"
+        )
+    else:
+        assert (report.problems, report.unchecked) == ([], [])
+    forge(folder, **changes(barn.load(folder).trials[0]))
+    problems = barn.results.check(folder).problems
+    assert any(words in problem for problem in problems), problems
+
+
+def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
+    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    row = barn.load(folder).trials[0]
+    (bag,) = (folder / "bags").iterdir()
+
+    def shifted(message):
+        if message.topic != GROUND_TRUTH.path:
+            return message.data
+        true = decode.odometry(message.data)
+        moved = replace(true, pose=replace(true.pose, x=true.pose.x + 0.002))
+        return OdometryEncoder("map", "base_link").encode(moved, true.stamp_ns)
+
+    rewrite_bag(bag, shifted, row.repeatable())
+    (problem,) = (
+        line
+        for line in barn.results.check(folder).problems
+        if "give another trajectory" in line
+    )
+    assert problem.endswith(
+        "its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away"
+    )
+
+
+def test_so_many_trials_are_driven_again_as_are_asked_for(driven, command):
+    assert command("check", driven, "--sample", 1)[:2] == (
+        0,
+        SAID.replace("2 driven", "1 driven"),
+    )

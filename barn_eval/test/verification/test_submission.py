@@ -1,0 +1,230 @@
+"""`barn submit` and `barn verify`: what was made honestly holds anywhere; what was forged or is hostile does not."""
+
+import hashlib
+import json
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from forgery import forge, replace_text, won
+
+import barn_eval as barn
+from barn_eval.verification.submission import submit
+
+ROOT = Path(__file__).resolve().parents[3]
+DIGEST = "sha256:" + "ab" * 32
+
+
+@pytest.fixture(scope="module")
+def submitted(run, tmp_path_factory):
+    """The file of a folder with one trial."""
+    path = tmp_path_factory.mktemp("submitted") / "gap.barn.zip"
+    submit(run, path, DIGEST)
+    return path
+
+
+def rewritten(submitted, path, change, **changes):
+    """Write a submission again with its files changed, and what is said about them; its hashes are right."""
+    with zipfile.ZipFile(submitted) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    content = json.loads(files.pop("submission.json"))
+    change(files)
+    content["files"] = {
+        name: hashlib.sha256(data).hexdigest() for name, data in files.items()
+    }
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in {
+            "submission.json": json.dumps(content | changes).encode(),
+            **files,
+        }.items():
+            archive.writestr(name, data)
+    return path
+
+
+def test_what_was_submitted_holds_and_is_a_folder_again(
+    run, submitted, command, tmp_path
+):
+    code, out, _ = command("verify", submitted, "--out", tmp_path / "kept", "--json")
+    content = json.loads(out)
+    assert (code, content["holds"], content["problems"], content["driven"]) == (
+        0,
+        True,
+        [],
+        1,
+    )
+    assert (content["planners"], content["protocol"], content["container"]) == (
+        ["gap"],
+        "challenge",
+        DIGEST,
+    )
+    assert (tmp_path / "kept" / "results.csv").read_bytes() == (
+        run / "results.csv"
+    ).read_bytes()
+    assert barn.results.check(tmp_path / "kept").problems == []
+    assert command("verify", submitted)[1].endswith(
+        "1 of 1 rows, 1 tracks, 0 bags, 1 driven again\nholds\n"
+    )
+
+
+def test_equal_results_give_equal_bytes(run, submitted, tmp_path):
+    submit(run, tmp_path / "again.zip", DIGEST)
+    assert (tmp_path / "again.zip").read_bytes() == submitted.read_bytes()
+
+
+def forged(change, folder):
+    """Return what makes of a submission's files those of a folder, which is made of them and then forged."""
+
+    def apply(files):
+        folder.mkdir()
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        change(folder)
+        files |= {name: (folder / name).read_bytes() for name in list(files)}
+
+    return apply
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda folder: forge(folder, scores__challenge=7.0),
+            "scores.challenge is 7.0 in the row",
+        ),
+        (
+            lambda folder: forge(folder, **won(barn.load(folder).trials[0], 18.0)),
+            "traversal_time_s is 18.0 in the row",
+        ),
+        (
+            lambda folder: (folder / "commands.jsonl").write_text(""),
+            "1 trials: not driven again, as their commands",
+        ),
+        (
+            lambda folder: replace_text(
+                folder / "commands.jsonl", '"zlib":"eJ', '"zlib":"eK'
+            ),
+            "damaged or edited: its crc32 is",
+        ),
+    ],
+)
+def test_what_was_forged_does_not_hold_and_is_not_unpacked(
+    submitted, command, tmp_path, change, words
+):
+    path = rewritten(
+        submitted, tmp_path / "again.barn.zip", forged(change, tmp_path / "forged")
+    )
+    code, out, err = command("verify", path, "--out", tmp_path / "kept")
+    assert (code, out.splitlines()[-1], (tmp_path / "kept").exists()) == (
+        1,
+        "does not hold",
+        False,
+    )
+    assert words in err
+
+
+def in_run(old, new):
+    """Return what changes a text in the run.json of a submission's files."""
+    return lambda files: files.update(
+        {"run.json": files["run.json"].replace(old.encode(), new.encode())}
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "changes", "words"),
+    [
+        (
+            lambda files: files.update({"../evil.txt": b""}),
+            {},
+            "'../evil.txt', which is no part of a submission",
+        ),
+        (
+            lambda files: files.update({"/etc/evil": b""}),
+            {},
+            "holds '/etc/evil', which is no part",
+        ),
+        (
+            lambda files: files.update({"parameters/../../a": b""}),
+            {},
+            "which is no part of a submission",
+        ),
+        (
+            lambda files: files.update({"worlds.npz": bytes(1 << 24)}),
+            {},
+            "unpacks to 16777216",
+        ),
+        (
+            lambda files: files.pop("tracks.jsonl"),
+            {},
+            "not a submission: has no tracks.jsonl",
+        ),
+        (lambda files: None, {"schema_version": 2}, "schema_version must be 1"),
+        (lambda files: None, {"files": {}}, "does not name the files that there are"),
+        (
+            lambda files: None,
+            {"container": "latest"},
+            "container 'latest' is no digest",
+        ),
+        (in_run('"barn300"', '"/etc"'), {}, "dataset"),
+        (in_run('"barn_sim": "', '"barn_sim": "9.'), {}, "was made with barn_sim '9."),
+    ],
+)
+def test_what_is_no_submission_is_refused_in_one_line(
+    submitted, rejected, tmp_path, change, changes, words
+):
+    assert words in rejected(
+        "verify", rewritten(submitted, tmp_path / "again.barn.zip", change, **changes)
+    )
+
+
+def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(
+    submitted, rejected, tmp_path
+):
+    for content in (submitted.read_bytes()[:-100], b"PK\x05\x06", b"", b"rows"):
+        (tmp_path / "bad.zip").write_bytes(content)
+        assert "not a submission, or a damaged one" in rejected(
+            "verify", tmp_path / "bad.zip"
+        )
+
+
+def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
+    run, rejected, tmp_path
+):
+    folder = Path(shutil.copytree(run, tmp_path / "out"))
+    forge(folder, scores__challenge=7.0)
+    assert "is not to be submitted: " in rejected("submit", folder)
+    (folder / "results.jsonl").write_text("")
+    assert "has 0 of 1 trials" in rejected("submit", folder)
+    assert "container 'me'" in rejected("submit", run, "--container", "me")
+
+
+def test_the_template_board_names_what_does_not_hold(submitted, tmp_path):
+    board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
+    rules = json.loads((board / "board.json").read_text())
+    (board / "board.json").write_text(json.dumps(rules | {"worlds": "0", "seed": 5}))
+    shutil.copy(submitted, board / "submissions" / "honest.barn.zip")
+    changes = {
+        "score": lambda folder: forge(folder, scores__challenge=7.0),
+        "seed": lambda folder: replace_text(
+            folder / "run.json", '"seed": 5', '"seed": 6'
+        ),
+    }
+    for name, change in changes.items():
+        rewritten(
+            submitted,
+            board / "submissions" / f"x_{name}.barn.zip",
+            forged(change, tmp_path / name),
+        )
+    done = subprocess.run(
+        [sys.executable, board / "build.py"],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    reports = dict(line.split(".barn.zip: ", 1) for line in done.stdout.splitlines())
+    assert done.returncode == 1
+    assert [name for name, report in reports.items() if report == "holds"] == ["honest"]
+    assert reports.keys() == {"honest", *(f"x_{name}" for name in changes)}
+    assert "gap" in (board / "site" / "index.html").read_text()

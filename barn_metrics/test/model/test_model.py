@@ -1,0 +1,241 @@
+"""The difficulty model: trials, inputs, ridge, folds, the noise ceiling, and the network along strips of routes."""
+
+import dataclasses
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from barn_metrics.metrics import METRIC_NAMES
+from barn_metrics.model import ModelError
+from barn_metrics.model.evaluation import fit_ridge, fold_masks, noise_ceiling
+from barn_metrics.model.inputs import STRIPS, input_names, inputs_of, summary_names
+from barn_metrics.model.predictor import RouteNetwork, _convolve
+from barn_metrics.model.route import (
+    CHANNELS,
+    HEADING,
+    PRESENT,
+    SAMPLES,
+    TURN,
+    cheapest_route,
+    clearance_map,
+    mirror_strips,
+    route_strip,
+)
+from barn_metrics.model.trials import Trials
+from barn_worlds.worlds.world import World
+
+
+def make_trials(worlds, repetitions=4, noise=0.1):
+    """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
+    generator = np.random.default_rng(3)
+    narrow = inputs_of(worlds.values())[:, input_names().index("narrow_share")]
+    easy = {
+        index: 8.0 + 3.0 * share for index, share in zip(worlds, narrow, strict=True)
+    }
+    rows = [
+        (
+            index,
+            planner,
+            easy[index] + slower + noise * generator.standard_normal(),
+            generator.random() < 0.9,
+        )
+        for index in worlds
+        for planner, slower in (("quick", 0.0), ("slow", 1.0))
+        for _ in range(repetitions)
+    ]
+    numbers, planners, times, succeeded = zip(*rows, strict=True)
+    return Trials(np.array(numbers), planners, np.array(times), np.array(succeeded))
+
+
+def test_difficulty_weighs_planners_equally():
+    trials = Trials(
+        np.array([1, 1, 1, 2, 2]),
+        ("a", "a", "b", "a", "b"),
+        np.array([1.0, 3.0, 6.0, 1.0, 2.0]),
+        np.array([True, True, False, True, True]),
+    )
+    assert trials.world_numbers == (1, 2)
+    assert trials.difficulty().tolist() == [4.0, 1.5]
+    assert trials.by_planner("b").difficulty().tolist() == [6.0, 2.0]
+    assert trials.mean_times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
+    assert trials.failure_rates().tolist() == [[0.0, 1.0], [0.0, 0.0]]
+    with pytest.raises(ModelError, match=r"no trials of planner 'dwa'"):
+        trials.by_planner("dwa")
+
+
+@pytest.mark.parametrize("time", [0.0, -1.0, np.nan, np.inf])
+def test_trials_refuse_times_that_are_none(time):
+    with pytest.raises(ModelError, match="world 7: time per metre must be above 0"):
+        Trials(np.array([7]), ("a",), np.array([time]), np.array([True]))
+
+
+def test_inputs_are_named_finite_and_begin_with_the_papers_five(worlds):
+    straight = np.stack([np.full(30, 15), np.arange(30)], axis=1)
+    empty = World("empty", np.zeros((30, 30), np.bool_), straight)
+    inputs = inputs_of([*worlds.values(), empty])
+    assert inputs.shape == (len(worlds) + 1, len(input_names()))
+    assert np.isfinite(inputs).all()
+    assert input_names()[:5] == METRIC_NAMES
+    assert len(set(input_names())) == len(input_names())
+
+
+def corridor(gap_cells):
+    """Return a world with a wall across, open for some cells about row 15."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[[0, -1]] = True
+    grid[:, 15] = True
+    low = 15 - gap_cells // 2
+    grid[low : low + gap_cells, 15] = False
+    return World("corridor", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
+
+
+def test_routes_know_how_wide_the_gap_is():
+    widths = []
+    for gap in (5, 7, 9):
+        where = clearance_map(corridor(gap))
+        route = cheapest_route(where, np.ones_like(where.clearance_m))
+        widths.append(route.width_m.min())
+        # From the squares of the wall; the original conversion sets start and goal a cell beside the gap's middle.
+        assert route.clearance_m.min() == pytest.approx(
+            (gap * 0.15 + 0.05) / 2.0 - 0.15, abs=0.08
+        )
+        assert route.length_m == pytest.approx(9.73 - 4.075, abs=0.15)
+        assert np.abs(route.heading_rad).max() < 0.3
+        # The widest place within reach of the gap's middle lies beside the wall, so this is an upper limit.
+        assert gap * 0.15 <= widths[-1] < gap * 0.15 + 0.4
+    assert widths[0] < widths[1] < widths[2]
+
+
+def test_a_route_goes_round_what_costs_more_than_the_detour():
+    where = clearance_map(corridor(7))
+    cost = np.ones_like(where.clearance_m)
+    middle = where.start[0]
+    cost[middle - 3 : middle + 4, cost.shape[1] // 3] = 50.0
+    direct = cheapest_route(where, np.ones_like(cost))
+    round_it = cheapest_route(where, cost)
+    assert direct.cost_m == pytest.approx(direct.length_m)
+    assert direct.length_m < round_it.length_m < direct.length_m + 0.5
+    assert round_it.cost_m < direct.length_m + 1.0
+
+
+def test_ridge_regression_finds_a_plane():
+    generator = np.random.default_rng(0)
+    x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
+    y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * generator.standard_normal(200)
+    assert np.abs(fit_ridge(x, y)(x) - y).max() < 0.02
+
+
+def test_folds_leave_each_world_out_once():
+    masks = fold_masks(23, 5, seed=1)
+    assert (~masks).sum(axis=0).tolist() == [1] * 23
+    assert (fold_masks(23, 5, seed=1) == masks).all()
+    assert (fold_masks(23, 5, seed=2) != masks).any()
+
+
+def test_ceiling_is_the_known_reliability_of_simulated_trials():
+    generator = np.random.default_rng(5)
+    worlds = 500
+    repetitions = 6
+    noise = 0.8
+    truth = 4.0 + 0.6 * generator.standard_normal(worlds)
+    numbers = np.repeat(np.arange(worlds), repetitions)
+    times = np.maximum(
+        truth[numbers] + noise * generator.standard_normal(len(numbers)), 0.01
+    )
+    trials = Trials(
+        numbers, ("a",) * len(numbers), times, np.ones(len(numbers), np.bool_)
+    )
+    expected = 0.36 / (0.36 + noise**2 / repetitions)
+    ceiling = noise_ceiling(trials)
+    assert ceiling.low < expected < ceiling.high
+    assert ceiling.estimate == pytest.approx(expected, abs=0.03)
+    single = dataclasses.replace(trials, worlds=np.arange(len(numbers)))
+    assert noise_ceiling(single) is None
+
+
+SUMMED_UP = len(summary_names())
+MIDDLE = HEADING // 2
+
+
+def make_network(outputs=2, seed=4):
+    draw = np.random.default_rng(seed).standard_normal
+    sizes = [len(STRIPS) * CHANNELS, 6, 5, 4]
+    filters = tuple((draw((3, a, b)) / a**0.5, draw(b)) for a, b in pairwise(sizes))
+    layers = (
+        (draw((8 + SUMMED_UP, 7)), draw(7)),
+        (draw((7, outputs)), draw(outputs)),
+    )
+    return RouteNetwork(np.zeros(SUMMED_UP), np.ones(SUMMED_UP), filters, layers)
+
+
+def strip_of(world):
+    where = clearance_map(world)
+    route = cheapest_route(where, np.ones_like(where.clearance_m))
+    return where, route, route_strip(where, route)
+
+
+def test_a_strip_shows_the_clearance_along_and_beside_the_route():
+    where, route, strip = strip_of(corridor(9))
+    count = len(route.points)
+    assert strip[:count, PRESENT].all() and not strip[count:].any()
+    last_cell = np.array(where.clearance_m.shape) - 1
+    row, column = np.clip(np.round(route.points).astype(int), 0, last_cell).T
+    on_it = 0.4 * (strip[:count, MIDDLE] + 1.0)
+    assert on_it == pytest.approx(
+        np.minimum(where.clearance_m[row, column], 0.8), abs=0.06
+    )
+    # In the gap there is less room to both sides than on the route.
+    gap = int(strip[:count, MIDDLE].argmin())
+    assert strip[gap, 0] < strip[gap, MIDDLE] > strip[gap, HEADING - 1]
+
+
+def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
+    where = clearance_map(worlds[150])
+    route = cheapest_route(where, 1.0 / np.clip(where.clearance_m, 0.05, 1.0))
+    turned = replace(where, clearance_m=where.clearance_m[::-1])
+    other = replace(
+        route, points=[len(where.clearance_m) - 1, 0] + route.points * [-1, 1]
+    )
+    strip = route_strip(where, route)
+    assert np.abs(strip[:, TURN]).max() > 0.1
+    assert mirror_strips(strip) == pytest.approx(route_strip(turned, other), abs=1e-9)
+    assert (mirror_strips(mirror_strips(strip)) == strip).all()
+
+
+def test_convolution_is_that_of_plain_loops():
+    generator = np.random.default_rng(0)
+    values = generator.standard_normal((2, 11, 3))
+    weights = generator.standard_normal((5, 3, 4))
+    for dilation in (1, 2):
+        expected = np.zeros((2, 11, 4))
+        for n, at, shift in np.ndindex(2, 11, 5):
+            position = at + (shift - 2) * dilation
+            if 0 <= position < 11:
+                expected[n, at] += values[n, position] @ weights[shift]
+        assert _convolve(values, weights, dilation) == pytest.approx(expected)
+
+
+def test_a_worlds_output_depends_on_that_world_alone(worlds):
+    network = make_network()
+    inputs = inputs_of(list(worlds.values())[::2])
+    together = network(inputs)
+    assert np.concatenate([network(row[None]) for row in inputs]) == pytest.approx(
+        together, rel=1e-9
+    )
+    turned = inputs.copy()
+    turned[:, SUMMED_UP:] = mirror_strips(
+        inputs[:, SUMMED_UP:].reshape(-1, CHANNELS)
+    ).reshape(len(inputs), -1)
+    assert network(turned) == pytest.approx(together, rel=1e-9)
+    assert network(inputs[:0]).shape == (0, 2)
+    nothing = np.zeros_like(inputs[:1])
+    assert np.isfinite(network(nothing)).all()
+
+
+def test_a_route_longer_than_a_strip_is_cut_off():
+    where, route, _ = strip_of(corridor(9))
+    longer = np.concatenate([route.points] * 4)
+    strip = route_strip(where, replace(route, points=longer))
+    assert strip.shape == (SAMPLES, CHANNELS) and strip[:, PRESENT].all()

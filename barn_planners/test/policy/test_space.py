@@ -1,0 +1,291 @@
+"""What a policy sees, what its answers mean, the stop before collisions, and the planner made of these."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barn_planners.interface import Observation, PlannerStatus, Task
+from barn_planners.policy.collision_check import (
+    CollisionCheckConfig,
+    avoid_collision,
+    least_clearance,
+)
+from barn_planners.policy.file import Policy, PolicyError, write_policy
+from barn_planners.policy.planner import PolicyConfig, PolicyPlanner
+from barn_planners.policy.space import (
+    ObservationEncoder,
+    PolicyAction,
+    PolicyObservation,
+)
+from barn_planners.registry import make_planner
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+
+FIELD = 2.35619
+GOAL = Pose2D(4.0, 3.0, 0.0)
+
+
+def scan(ranges, angle_min=-FIELD, angle_max=FIELD) -> Scan:
+    ranges = np.asarray(ranges, np.float32)
+    step = float(np.float32((angle_max - angle_min) / (len(ranges) - 1)))
+    return Scan(0, ranges, float(np.float32(angle_min)), step, 0.1, 30.0)
+
+
+def observed(scan: Scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP) -> Observation:  # noqa: B008 (frozen)
+    return Observation(0, Odometry(0, pose, velocity), scan, pose)
+
+
+def lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
+    return ObservationEncoder(config).encode(observed(scan), GOAL)[: config.beams]
+
+
+def reference_lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
+    """Return the same sector by sector and beam by beam; every sector needs a beam."""
+    width = (config.angle_max_rad - config.angle_min_rad) / config.beams
+    shares = []
+    for k in range(config.beams):
+        inside = []
+        for angle, distance in zip(scan.angles(), scan.ranges, strict=True):
+            sector = (angle - config.angle_min_rad) / width
+            sector = (
+                min(max(math.floor(sector), 0), config.beams - 1)
+                if -0.5 <= sector <= config.beams + 0.5
+                else -1
+            )
+            inside += [float(distance)] if sector == k else []
+        valid = [distance for distance in inside if distance >= scan.range_min]
+        too_near = any(distance < scan.range_min for distance in inside)
+        nearest = min(valid) if valid else 0.0 if too_near else math.inf
+        shares.append(min(nearest, config.range_limit_m) / config.range_limit_m)
+    return np.array(shares)
+
+
+def random_scan(beams: int, **geometry) -> Scan:
+    rng = np.random.default_rng(beams)
+    ranges = rng.uniform(0.0, 8.0, beams)
+    ranges[rng.random(beams) < 0.1] = np.nan
+    ranges[rng.random(beams) < 0.05] = np.inf
+    ranges[rng.random(beams) < 0.05] = -np.inf
+    return scan(ranges, **geometry)
+
+
+@pytest.mark.parametrize("sectors", [720, 360, 40, 7, 1])
+def test_the_lidar_against_a_plain_reference(sectors):
+    config = PolicyObservation(beams=sectors)
+    scan = random_scan(720)
+    np.testing.assert_allclose(
+        lidar(config, scan), reference_lidar(config, scan), atol=1e-6
+    )
+
+
+def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
+    config = PolicyObservation(beams=20)
+    wide = random_scan(1080, angle_min=-2.9, angle_max=2.9)
+    np.testing.assert_allclose(
+        lidar(config, wide), reference_lidar(config, wide), atol=1e-6
+    )
+    scan = random_scan(720)
+    turned = replace(
+        scan,
+        ranges=scan.ranges[::-1],
+        angle_min=-scan.angle_min,
+        angle_increment=-scan.angle_increment,
+    )
+    np.testing.assert_array_equal(lidar(config, turned), lidar(config, scan))
+
+
+def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
+    values = np.linspace(0.5, 4.5, 91)
+    shares = lidar(PolicyObservation(beams=720), scan(values))
+    assert (
+        (np.diff(shares) >= 0.0).all()
+        and shares[0] == pytest.approx(0.1)
+        and shares[-1] == pytest.approx(0.9)
+    )
+
+
+def test_goal_and_velocity_are_seen_from_the_robot():
+    config = PolicyObservation(beams=4)
+    observation = observed(
+        scan(np.full(720, np.inf)),
+        Pose2D(1.0, -1.0, math.pi / 2.0),
+        Velocity2D(-3.0, 1.0),
+    )
+    vector = ObservationEncoder(config).encode(observation, Pose2D(1.0, 1.5, 0.0))
+    np.testing.assert_allclose(
+        vector, [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25], atol=1e-6
+    )
+    low, high = config.bounds()
+    assert vector.dtype == np.float32 and ((low <= vector) & (vector <= high)).all()
+
+
+@pytest.mark.parametrize(
+    ("narrow_scan", "message"),
+    [
+        (scan(np.ones(100), -1.0, 1.0), "the scan only from -1.000 to 1.000 rad"),
+        (replace(scan(np.ones(100)), angle_increment=0.0), "no usable angles"),
+    ],
+)
+def test_a_scan_that_shows_too_little_is_told_of(narrow_scan, message):
+    encoder = ObservationEncoder(PolicyObservation())
+    assert message in encoder.problem(narrow_scan)
+    with pytest.raises(ConfigError, match="scan"):
+        encoder.encode(observed(narrow_scan), GOAL)
+    assert encoder.problem(scan(np.ones(720))) == ""
+
+
+def test_actions_become_velocities_within_limits():
+    action = PolicyAction(min_speed_mps=-0.5, max_speed_mps=1.5, max_yaw_rate_radps=2.0)
+    assert action.command(np.array([-1.0, 0.5])) == Velocity2D(-0.5, 1.0)
+    assert action.command(np.array([9.0, -9.0])) == Velocity2D(1.5, -2.0)
+    assert not action.command(np.array([math.nan, 0.0])).is_finite()
+    with pytest.raises(ConfigError, match="max_speed_mps must be above"):
+        PolicyAction(min_speed_mps=1.0, max_speed_mps=1.0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_many_actions_at_once_become_the_same_velocities(kind):
+    action = PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.7, max_yaw_rate_radps=2.1)
+    actions = np.concatenate(
+        [
+            np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)),
+            [[math.nan, 1.0], [-0.0, math.inf]],
+        ]
+    )
+    commands = action.commands(actions.astype(kind))
+    each = [action.command(command) for command in actions.astype(kind)]
+    np.testing.assert_array_equal(
+        commands, [(command.linear, command.angular) for command in each]
+    )
+
+
+def reference_gap(points, velocity, time_s, config):
+    """Return the least distance of points from the outline, tried at many instants of the drive."""
+    pose = Pose2D(0.0, 0.0, 0.0)
+    least = math.inf
+    for _ in range(4000):
+        half = 0.5 * velocity.angular * time_s / 4000
+        step = velocity.linear * time_s / 4000
+        pose = pose @ Pose2D(step * math.cos(half), step * math.sin(half), 2.0 * half)
+        inside = pose.inverse().transform(points)
+        outside = np.maximum(
+            np.abs(inside) - [config.half_length_m, config.half_width_m], 0.0
+        )
+        least = min(least, float(np.hypot(*outside.T).min()))
+    return least
+
+
+def test_the_gap_of_a_drive_against_small_steps():
+    rng = np.random.default_rng(5)
+    config = CollisionCheckConfig()
+    for _ in range(12):
+        points = rng.uniform(-1.0, 1.0, (5, 2)) + [0.8, 0.0]
+        velocity = Velocity2D(*rng.uniform(-1.5, 1.5, 2).tolist())
+        clearance = least_clearance(
+            points,
+            velocity.linear,
+            velocity.angular,
+            400,
+            0.6 / 400,
+            config.half_length_m,
+            config.half_width_m,
+        )
+        assert clearance == pytest.approx(
+            reference_gap(points, velocity, 0.6, config), abs=2e-3
+        )
+
+
+def ahead(distance_m: float) -> Scan:
+    """Return a scan of a wall so far ahead of the robot's front."""
+    angles = np.linspace(-FIELD, FIELD, 720)
+    with np.errstate(divide="ignore"):
+        ranges = np.where(
+            np.abs(angles) < 1.0, (0.254 - 0.055 + distance_m) / np.cos(angles), np.inf
+        )
+    return scan(ranges)
+
+
+def test_the_stop_leaves_commands_alone_that_hit_nothing():
+    for command in (Velocity2D(1.0, 0.0), Velocity2D(0.3, 1.0), Velocity2D(-0.3, 0.0)):
+        assert (
+            avoid_collision(command, STOP, ahead(2.0), CollisionCheckConfig())
+            == command
+        )
+
+
+def test_the_stop_brakes_before_a_wall_and_allows_reverse():
+    fast = Velocity2D(1.0, 0.0)
+    assert avoid_collision(
+        fast, fast, ahead(0.25), CollisionCheckConfig()
+    ) == Velocity2D(0.75, 0.0)
+    assert (
+        avoid_collision(fast, fast, ahead(0.05), CollisionCheckConfig()).linear == 0.0
+    )
+    assert avoid_collision(
+        Velocity2D(-0.4, 0.0), STOP, ahead(0.01), CollisionCheckConfig()
+    ) == Velocity2D(-0.4, 0.0)
+
+
+def linear_policy(path, weights, biases, beams=4):
+    matrix = np.zeros((beams + 5, 2), np.float32)
+    for place, row in weights.items():
+        matrix[place] = row
+    action = PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0, max_yaw_rate_radps=1.0)
+    biases = np.array(biases, np.float32)
+    write_policy(
+        path, Policy(PolicyObservation(beams=beams), action, (matrix,), (biases,))
+    )
+    return str(path)
+
+
+def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, tmp_path):
+    path = linear_policy(
+        tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0)
+    )  # turn by the sine of the bearing
+    world = flat_world([((-2.0, 6.0), (8.0, 6.0))])
+    planner = make_planner("policy", "challenge", {"policy_path": path})
+    assert (
+        world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
+    )
+    assert math.dist((world.pose.x, world.pose.y), (4.0, 2.0)) < 0.25
+
+
+def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_path):
+    path = linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0))
+    for enabled in (True, False):
+        world = flat_world([((3.0, -2.0), (3.0, 2.0))])
+        planner = make_planner(
+            "policy", "challenge", {"policy_path": path, "safety.enabled": enabled}
+        )
+        status = world.drive(planner, Pose2D(6.0, 0.0, 0.0), 10.0)
+        assert (world.pose.x + 0.254 < 3.0 - 0.075) is enabled
+        if enabled:
+            assert (
+                status is PlannerStatus.BLOCKED
+                and "too near" in world.decisions[-1].reason
+            )
+
+
+def test_a_policy_that_stands_still_says_that_it_is_stuck(flat_world, tmp_path):
+    path = linear_policy(tmp_path / "p.npz", {}, (-1.0, 0.0))
+    world = flat_world([((3.0, -2.0), (3.0, 2.0))])
+    planner = PolicyPlanner(PolicyConfig(policy_path=path))
+    assert world.drive(planner, GOAL, 7.0) is PlannerStatus.RUNNING
+    assert world.drive(planner, GOAL, 10.0) is PlannerStatus.BLOCKED
+    assert "not got anywhere" in world.decisions[-1].reason
+
+
+def test_a_narrow_scan_stops_the_robot(tmp_path):
+    planner = PolicyPlanner(
+        PolicyConfig(policy_path=linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0)))
+    )
+    planner.start(Task(GOAL), 0)
+    decision = planner.step(observed(scan(np.ones(100), -1.0, 1.0)))
+    assert decision.command == STOP and "the policy sees from" in decision.reason
+
+
+def test_a_policy_that_is_not_there_is_an_error_of_one_line(tmp_path):
+    with pytest.raises(PolicyError, match=r"none\.npz: cannot be read"):
+        make_planner("policy", "challenge", {"policy_path": str(tmp_path / "none.npz")})

@@ -1,0 +1,218 @@
+"""Planners for robots other than the Jackal: the rules by which presets change, and footprints with corners."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barn_planners.costmap import kernels
+from barn_planners.costmap.config import (
+    CostmapConfig,
+    format_footprint,
+    parse_footprint,
+)
+from barn_planners.costmap.costmap import RollingCostmap
+from barn_planners.registry import planner_config, planner_names, presets
+from barn_planners.robots import fit_parameters, lidar_mount_changes, robot_scale
+from barn_worlds.base.config import as_dict, fields_of, replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.geometry.polygon import nearest_side_m, offset
+from barn_worlds.robots.files import load_robot
+
+JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
+BURGER = load_robot("turtlebot3_burger")
+BUILT_IN = ["dwa", "eband", "gap", "mppi", "policy"]
+PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
+
+
+def configured(name, robot, preset="", **overrides):
+    preset = preset or next(iter(presets(name)))
+    return planner_config(name, preset, fit_parameters(name, preset, overrides, robot))
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_nothing_changes_for_the_jackal(name):
+    assert name in planner_names()
+    for preset, config in presets(name).items():
+        assert fit_parameters(name, preset, {}, JACKAL) == {}
+        assert as_dict(configured(name, JACKAL, preset)) == as_dict(config)
+
+
+@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
+def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
+    """The rules themselves lead to the presets, but for figures of planners without a costmap and a quirk of DWA's."""
+    other = replace(JACKAL, chassis=replace(JACKAL.chassis, name="other"))
+    for preset, config in presets(name).items():
+        before = {key: value for key, _, value in fields_of(config)}
+        for key, _, value in fields_of(configured(name, other, preset)):
+            if not key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
+                assert value == (
+                    pytest.approx(before[key], rel=1e-5)
+                    if isinstance(value, float)
+                    else before[key]
+                ), key
+
+
+@pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
+def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
+    scale = robot_scale(robot)
+    drive = robot.drive
+    for preset, config in presets(name).items():
+        before = {key: value for key, _, value in fields_of(config)}
+        for key, _, value in fields_of(configured(name, robot, preset)):
+            if key.endswith(("max_speed_mps", "escape_speed_mps")):
+                assert abs(value) == pytest.approx(
+                    min(scale * abs(before[key]), drive.max_speed_m_s), rel=1e-5
+                )
+            elif key.endswith("max_turn_radps"):
+                assert value == pytest.approx(
+                    min(before[key], drive.max_yaw_rate_rad_s), rel=1e-5
+                )
+            elif key.endswith("_mps2"):
+                assert value <= drive.max_acceleration_m_s2
+            elif key.endswith(
+                (
+                    "look_ahead_m",
+                    "resolution_m",
+                    "xy_tolerance_m",
+                    "obstacle_range_m",
+                    "path_ahead_m",
+                )
+            ):
+                assert value == pytest.approx(scale * before[key], rel=1e-5)
+            elif key.endswith("window_period_s"):
+                slower = max(
+                    1.0,
+                    scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2,
+                )
+                assert value == pytest.approx(slower * before[key], rel=1e-5)
+            elif key.startswith(("guard.", "tracker.")) or key.endswith("_s"):
+                assert value == before[key]
+
+
+@pytest.mark.parametrize("robot", [HUSKY, ROUND, BURGER], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("costmap", ["local_costmap", "global_costmap"])
+def test_padded_mppi_footprints_hold_the_robot(robot, costmap):
+    layer = getattr(configured("mppi", robot), costmap)
+    assert layer.inscribed_m < layer.inflation_radius_m
+    corners = layer.padded_outline_m
+    sides = np.roll(corners, -1, axis=0) - corners
+    for x, y in robot.chassis.hull_m:
+        away = np.array([x, y]) - corners
+        assert (sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all()
+    assert bool(layer.footprint) == (robot is not HUSKY)
+
+
+def test_what_the_user_sets_wins():
+    config = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
+    assert config.dwa.max_speed_mps == 0.3
+    assert config.local_costmap.footprint_half_length_m == pytest.approx(
+        0.21 * 0.495 / 0.254, rel=1e-5
+    )
+
+
+def test_the_shipped_policy_is_for_the_jackal_alone():
+    with pytest.raises(
+        ConfigError,
+        match=r"^planner 'policy': the shipped policy was trained for the Jackal alone",
+    ):
+        configured("policy", HUSKY)
+    safety = configured("policy", HUSKY, policy_path="mine.npz").safety
+    assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
+
+
+def test_gap_inflates_between_inscribed_and_circumscribed():
+    assert configured("gap", ROUND).robot_radius_m == pytest.approx(0.171)
+    assert configured("gap", ROUND).turning_radius_m == pytest.approx(0.171)
+    assert 0.335 < configured("gap", HUSKY).robot_radius_m < math.hypot(0.495, 0.335)
+
+
+def test_lidar_is_where_the_robot_has_it():
+    changes = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
+    assert changes == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
+    assert lidar_mount_changes(presets("dwa")["challenge"], JACKAL.lidar) == {}
+
+
+def test_outlines_as_text():
+    assert parse_footprint(format_footprint(PENTAGON)) == PENTAGON
+    for wrong in (
+        "",
+        "x",
+        "[[0, 1]]",
+        "[[1, 1], [1, -1], [-1, 0]]",
+        "[[1, 1], [2, 1], [1, 2]]",
+        "[[1, 2, 3]]",
+        "7",
+    ):
+        assert parse_footprint(wrong) is None
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.05, 2.0), st.floats(0.05, 2.0), st.floats(0.0, 0.5))
+def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
+    rectangle = (
+        (half_x, half_y),
+        (-half_x, half_y),
+        (-half_x, -half_y),
+        (half_x, -half_y),
+    )
+    x = half_x + by_m
+    y = half_y + by_m
+    np.testing.assert_allclose(
+        offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
+    )
+    assert nearest_side_m(offset(PENTAGON, by_m)) == pytest.approx(
+        nearest_side_m(PENTAGON) + by_m
+    )
+
+
+def test_a_costmap_clears_and_checks_the_outline():
+    config = replace_dotted(
+        CostmapConfig(),
+        {"footprint": format_footprint(PENTAGON), "footprint_padding_m": 0.0},
+        "costmap",
+    )
+    costmap = RollingCostmap(config)
+    assert config.inscribed_m == pytest.approx(nearest_side_m(PENTAGON))
+    assert config.circumscribed_m == pytest.approx(0.5)
+    ahead = np.full(9, 0.8, np.float32)
+    costmap.update(
+        Pose2D(0.0, 0.0, 0.0),
+        Scan(0, ahead, -0.2, 0.05, 0.1, 30.0),
+        Pose2D(0.0, 0.0, 0.0),
+    )
+    cells = kernels.footprint_cells(costmap.outline, costmap.grid, costmap.costs.shape)
+    ends = (
+        costmap.origin_x + 0.05 * cells[:, 1].min(),
+        costmap.origin_x + 0.05 * (cells[:, 1].max() + 1),
+    )
+    assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
+    assert costmap.has_room(0.0, 0.0, 0.0)
+    assert not costmap.has_room(0.3, 0.0, 0.0)  # its tip is in what was seen
+    assert costmap.has_room(0.3, 0.0, math.pi)
+
+
+def test_dwa_counts_edges_of_other_robots_by_distance():
+    for preset, config in presets("dwa").items():
+        counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
+        assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
+        assert configured("dwa", ROUND, preset).dwa.obstacle_weight == counted
+
+
+@pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
+def test_global_plans_keep_the_robots_side_distance(name):
+    """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
+    config = configured(name, BURGER)
+    width_m = np.ptp(config.global_costmap.padded_outline_m[:, 1])
+    assert config.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
+    assert config.global_costmap.inflation_radius_m > config.global_costmap.inscribed_m
+    assert config.local_costmap.inscribed_m == pytest.approx(
+        nearest_side_m(config.local_costmap.padded_outline_m)
+    )
+    for robot in (HUSKY, ROUND):
+        assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0

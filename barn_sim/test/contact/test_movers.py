@@ -1,0 +1,288 @@
+"""Walls and moving obstacles: rays and distances against plain references, contacts, and free motion beside them."""
+
+import math
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driving import wander
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
+from barn_sim.contact.scene import ScenePool
+from barn_sim.motion import robot_motion
+from barn_sim.seeds import phase_s
+from barn_sim.sensors.lidar import NO_SHAPES, Lidar
+from barn_sim.simulator import Simulator
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import add_motion, motion_class
+from barn_worlds.geometry.bodies import shape_rows
+from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.world import World
+
+QUIET = replace(SimulatorConfig().lidar, noise_m=0.0)
+FROM_ZERO = SimulatorConfig(obstacles=ObstacleConfig(random_phase=False), lidar=QUIET)
+
+
+def arena(*moving: MovingObstacle, walls: tuple[Wall, ...] = ()) -> World:
+    path = np.array([[row, 20] for row in range(42, 1, -1)])
+    grid = np.zeros((45, 41), np.bool_)
+    return World(
+        "arena", grid, path, 0.5, walls=walls, moving=moving, corner_m=(-10.25, -10.25)
+    )
+
+
+def person(
+    *keys: tuple[float, float, float], period_s: float = 10.0, radius_m: float = 0.3
+) -> MovingObstacle:
+    return MovingObstacle(
+        "person", radius_m=radius_m, motion=Motion("linear", period_s, keys)
+    )
+
+
+def cart(
+    *keys: tuple[float, float, float], period_s: float = 10.0, yaw_rad: float = 0.0
+) -> MovingObstacle:
+    motion = Motion("linear", period_s, keys)
+    return MovingObstacle(
+        "cart", "box", size_x_m=1.0, size_y_m=0.6, yaw_rad=yaw_rad, motion=motion
+    )
+
+
+def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
+    box = rng.random(count) < 0.5
+    radius = rng.uniform(0.05, 1.0, count)
+    size = rng.uniform(0.05, 3.0, (count, 2))
+    where = rng.uniform(-4.0, 4.0, (count, 2))
+    yaw = rng.uniform(-math.pi, math.pi, count)
+    return shape_rows(
+        where, np.where(box, 0.0, radius), np.where(box[:, None], size, 0.0), yaw
+    )
+
+
+def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
+    """One beam against one shape: a circle by the quadratic equation, a box by each of its four sides."""
+    centre = shape[:2]
+    if shape[2]:
+        to = centre - origin
+        along = beam @ to
+        square = to @ to - shape[2] ** 2
+        root = along**2 - square
+        near = along - math.sqrt(root) if root >= 0.0 else math.inf
+        return 0.0 if square <= 0.0 else near if near >= 0.0 else math.inf
+    ahead = shape[5:7]
+    left = np.array([-shape[6], shape[5]])
+    if (
+        abs((origin - centre) @ ahead) <= shape[3]
+        and abs((origin - centre) @ left) <= shape[4]
+    ):
+        return 0.0
+    corners = [
+        centre + i * shape[3] * ahead + j * shape[4] * left
+        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    hits = [math.inf]
+    for start, other in zip(corners, [*corners[1:], corners[0]], strict=True):
+        matrix = np.column_stack([beam, start - other])
+        if abs(np.linalg.det(matrix)) > 1e-12:
+            distance, share = np.linalg.solve(matrix, start - origin)
+            if distance >= 0.0 and 0.0 <= share <= 1.0:
+                hits.append(distance)
+    return min(hits)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 8))
+def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    shapes = random_shapes(rng, count)
+    pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
+    config = replace(QUIET, beams=90, range_max_m=5.0)
+    scan = Lidar(config, rng).scan(0, pose, np.empty((0, 2)), 0.1, NO_SHAPES, shapes)
+    sensor = pose @ Pose2D(config.mount_x_m, 0.0, 0.0)
+    angles = scan.angles() + sensor.yaw
+    beams = np.column_stack([np.cos(angles), np.sin(angles)])
+    origin = np.array([sensor.x, sensor.y])
+    exact = np.array(
+        [
+            min((plain_hit(origin, beam, shape) for shape in shapes), default=math.inf)
+            for beam in beams
+        ]
+    )
+    expected = np.where(
+        exact < scan.range_min, -np.inf, np.where(exact > scan.range_max, np.inf, exact)
+    )
+    same = np.isclose(scan.ranges, expected, atol=1e-5) | (scan.ranges == expected)
+    assert (
+        (~same).sum() <= 1
+    )  # a beam through a corner, along a tangent or at a limit may be told either way
+
+
+def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators) -> None:
+    world = arena(person((0.0, 2.0, 0.0), (10.0, 12.0, 0.0)))
+    simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    for _ in range(20):
+        sensors = simulator.step(None)
+        ahead = float(sensors.scan.ranges[len(sensors.scan.ranges) // 2])
+        x, _ = world.tracks.at(sensors.stamp_ns * 1e-9)[0][0]
+        assert ahead == pytest.approx(
+            x - 0.3 - FROM_ZERO.lidar.mount_x_m - sensors.truth.pose.x, abs=1e-3
+        )
+
+
+def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators) -> None:
+    low = replace(person((0.0, 2.0, 0.0), (1.0, 0.4, 0.0)), height_m=0.2)
+    simulator = simulators(arena(low), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    readings = [simulator.step(None) for _ in range(40)]
+    assert all(np.isinf(sensors.scan.ranges).all() for sensors in readings)
+    assert any(sensors.collision for sensors in readings)
+
+
+@pytest.mark.parametrize("kind", [person, cart])
+def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators) -> None:
+    """The robot is struck from the side at 1 m/s, against its tyres, and ends up moving with the obstacle."""
+    world = arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0)))
+    simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    sensors = [simulator.step(None) for _ in range(60)]
+    touched = next(k for k, reading in enumerate(sensors) if reading.collision)
+    at_s = sensors[touched].stamp_ns * 1e-9
+    edge = 2.0 - at_s - 0.3  # the radius of the one, half the width of the other
+    assert edge == pytest.approx(simulator.motion.model.extent[3], abs=0.07)
+    pushed = [reading.truth.pose.y for reading in sensors[touched + 5 : touched + 15]]
+    assert np.diff(pushed) == pytest.approx(-0.05, abs=0.01)  # 1 m/s
+    assert all(not reading.collision for reading in sensors[:touched])
+
+
+def test_a_wall_stops_the_robot(simulators) -> None:
+    wall = Wall(x_m=2.0, y_m=0.0, size_x_m=0.5, size_y_m=20.0)
+    simulator = simulators(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
+    front = simulator.motion.model.extent[2]
+    assert any(reading.collision for reading in sensors)
+    assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)
+
+
+def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators) -> None:
+    """What moves keeps to its track though a cylinder that could be pushed, another and a wall are in its way."""
+    grid = np.zeros((45, 41), np.bool_)
+    grid[22, 21] = True
+    both = (
+        person((0.0, 0.9, 2.0), (5.0, 0.9, -3.0)),
+        replace(cart((0.0, 0.9, -3.0), (5.0, 0.9, 2.0)), name="other"),
+    )
+    world = replace(
+        arena(*both, walls=(Wall(x_m=1.2, y_m=-0.8, size_x_m=0.4, size_y_m=0.4),)),
+        grid=grid,
+    )
+    config = replace(
+        FROM_ZERO, obstacles=ObstacleConfig(movable=True, random_phase=False)
+    )
+    simulator = simulators(world, config, Pose2D(0.2, 0.0, 0.0), 0)
+    for _ in range(80):
+        simulator.step(None)
+    moved = simulator.moved_obstacles()
+    assert len(moved.indices) == 0
+
+
+def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
+    """It is 5 m away when its motion begins anew, half a metre in front of the robot."""
+    jumper = replace(
+        person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25
+    )
+    world = arena(jumper)
+    simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    touched = [
+        reading.stamp_ns * 1e-9
+        for reading in (simulator.step(None) for _ in range(60))
+        if reading.collision
+    ]
+    pose = simulator.read_truth().pose
+    assert touched and touched[0] == pytest.approx(1.75, abs=0.051)
+    assert math.isfinite(pose.x) and math.hypot(pose.x, pose.y) < 5.0
+
+
+def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
+    world = open_dataset("dynabarn60").load(50)
+    phases = [phase_s(world, True, seed) for seed in range(200)]
+    longest = max(obstacle.motion.period_s for obstacle in world.moving)
+    assert (
+        len(set(phases)) == 200
+        and 0.0 <= min(phases) < 0.1 * longest
+        and 0.9 * longest < max(phases) <= longest
+    )
+    assert phase_s(world, False, 3) == 0.0
+    start = Pose2D(11.0, 0.0, math.pi)
+    simulators = [
+        Simulator(world, replace(SimulatorConfig(), lidar=QUIET), start, seed)
+        for seed in (3, 3, 4)
+    ]
+    scans = [simulator.sense().scan.ranges.tobytes() for simulator in simulators]
+    assert [simulator.phase_s for simulator in simulators] == [
+        phases[3],
+        phases[3],
+        phases[4],
+    ]
+    assert scans[0] == scans[1] != scans[2]
+
+
+def wandering_robot(
+    seed: int, scenes: ScenePool, rng: np.random.Generator, robot: str
+) -> Simulator:
+    """Return a robot among moving obstacles; where the seed is odd, cylinders move, too."""
+    config = with_robot(
+        SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))),
+        load_robot(robot),
+    )
+    if seed % 3:
+        world = open_dataset("dynabarn60").load(int(rng.integers(60)))
+        start = Pose2D(*rng.uniform(-9.0, 9.0, 2), rng.uniform(-3.1, 3.1))
+    else:
+        still = open_dataset("barn300").load(int(rng.integers(300)))
+        world = add_motion(still, motion_class("easy"), seed, 6)
+        start = Pose2D(-2.25, 3.0, 1.57)
+    return Simulator(world, config, start, seed, scenes)
+
+
+def drive(
+    seed: int, scenes: ScenePool, robot: str = "jackal"
+) -> tuple[list[tuple], int]:
+    """Return the states after every step and how many steps ended freely."""
+    rng = np.random.default_rng(seed)
+    with closing(wandering_robot(seed, scenes, rng, robot)) as simulator:
+        return wander(simulator, rng, 160)
+
+
+@pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
+def test_contacts_do_not_depend_on_the_clients_past(robot, scenes) -> None:
+    for seed in range(9):
+        with closing(ScenePool()) as new:
+            expected, _ = drive(seed, new, robot)
+        states, free = drive(seed, scenes, robot)
+        assert states == expected
+        assert free > 0 or any(state[0] for state in states)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_contact_is_missed(seed, scenes, monkeypatch) -> None:
+    """The robot moves as in PyBullet all the time, until they touch something together."""
+    states, _ = drive(seed, scenes)
+    monkeypatch.setattr(robot_motion, "contact_gap_m", lambda _: 1e3)
+    expected, free = drive(seed, scenes)
+    assert free == 0
+    for (touched, truth, *_), (is_touched, pose, *_) in zip(
+        states, expected, strict=True
+    ):
+        assert touched == is_touched
+        if touched:
+            break
+        assert truth.pose.distance(pose.pose) < 1e-9
+
+
+def test_the_drives_touch_obstacles_and_leave_them(scenes) -> None:
+    touched = [[state[0] for state in drive(seed, scenes)[0]] for seed in range(6)]
+    assert any(any(one) and not one[-1] for one in touched)
+    assert not all(any(one) for one in touched)

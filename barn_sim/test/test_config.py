@@ -1,0 +1,111 @@
+"""What is configured, and the body that the simulator makes of it."""
+
+from xml.etree.ElementTree import fromstring
+
+import numpy as np
+import pytest
+
+from barn_sim.body.model import model_of, robot_description
+from barn_sim.config import (
+    LidarConfig,
+    OdometryConfig,
+    PhysicsConfig,
+    SimulatorConfig,
+    chassis_in,
+)
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        (
+            {"control_period_s": 0.052},
+            "control_period_s must give a period of whole physics steps of 0.005 s",
+        ),
+        (
+            {"odometry.rate_hz": 30.0},
+            "odometry.rate_hz must give a period of whole physics steps",
+        ),
+        (
+            {"lidar.rate_hz": 60.0},
+            "lidar.rate_hz must give a period of whole physics steps",
+        ),
+        ({"lidar.angle_max_rad": -3.0}, "angle_max_rad must be above angle_min_rad"),
+        ({"lidar.range_max_m": 0.1}, "range_max_m must be above range_min_m"),
+    ],
+)
+def test_what_is_not_allowed_is_refused_in_one_line(changes: dict, reason: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        replace_dotted(SimulatorConfig(), changes, "--sim")
+    assert reason in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_periods_are_whole_numbers_of_ticks() -> None:
+    config = SimulatorConfig(
+        physics=PhysicsConfig(tick_s=0.001),
+        lidar=LidarConfig(rate_hz=40.0),
+        odometry=OdometryConfig(rate_hz=100.0),
+    )
+    assert config.tick_ns == 1_000_000
+    assert (
+        config.ticks(config.control_period_s),
+        config.ticks(0.025),
+        config.ticks(0.01),
+    ) == (50, 25, 10)
+
+
+def test_robot_of_plain_data() -> None:
+    assert chassis_in({}) == chassis_in(None) == load_robot("jackal").chassis
+    with pytest.raises(ConfigError, match=r"simulator\.chassis"):
+        chassis_in({"chassis": {"name": "x"}})
+
+
+MODEL = model_of(STANDARD_ROBOT.chassis)
+
+
+def test_the_body_is_that_of_the_jackal() -> None:
+    assert MODEL.mass_kg == pytest.approx(16.523 + 4 * 0.477)
+    assert MODEL.track_m == pytest.approx(0.37559)
+    assert np.ptp(MODEL.wheels[:, 0]) == pytest.approx(0.262)
+    assert MODEL.wheel_radius_m == 0.098
+    # the wheels stand on the ground when base_footprint does
+    assert MODEL.wheels[:, 2] - MODEL.wheel_radius_m == pytest.approx(
+        np.full(4, MODEL.footing[2])
+    )
+
+
+def test_center_of_mass_and_inertia_include_the_wheels() -> None:
+    chassis = 16.523
+    wheel = 0.477
+    height = (chassis * 0.067 + 4 * wheel * 0.0345) / MODEL.mass_kg
+    forward = chassis * 0.012 / MODEL.mass_kg
+    assert MODEL.center_of_mass[2] == pytest.approx(height)
+    assert MODEL.center_of_mass[0] == pytest.approx(forward)
+    left = chassis * 0.002 / MODEL.mass_kg
+    spin = 0.4485 + chassis * ((0.012 - forward) ** 2 + (0.002 - left) ** 2)
+    spin += 4 * (0.0013 + wheel * (0.131**2 + 0.187795**2 + forward**2 + left**2))
+    assert MODEL.inertia[2] == pytest.approx(spin)
+
+
+def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
+    root = fromstring(robot_description(LidarConfig(), STANDARD_ROBOT.chassis))
+    (box,) = root.iterfind("link/collision/geometry/box")
+    body, *wheels = MODEL.shapes
+    assert (2.0 * body.half_sizes).tolist() == pytest.approx(
+        [float(size) for size in box.attrib["size"].split()]
+    )
+    height = root.find("link[@name='chassis_link']/collision/origin").attrib["xyz"]
+    assert body.center.tolist() == pytest.approx(
+        [float(number) for number in height.split()]
+    )
+    cylinders = [
+        cylinder.attrib
+        for cylinder in root.iterfind("link/collision/geometry/cylinder")
+    ]
+    assert [(wheel.radius_m, 2.0 * wheel.half_sizes[1]) for wheel in wheels] == [
+        (float(cylinder["radius"]), float(cylinder["length"])) for cylinder in cylinders
+    ]

@@ -1,0 +1,292 @@
+"""Start and goal of worlds: given in files, given for a run, or chosen; refused where they cannot be driven."""
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.formats.map_server import write_map
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.formats.world_yaml import write_world_yaml
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+from barn_worlds.worlds.course import LONGEST_AUTOMATIC_M, fit_to_robot
+from barn_worlds.worlds.cspace import configuration_space
+from barn_worlds.worlds.world import World
+
+CELL_M = 0.1
+CORNER_M = (-2.0, 1.0)
+
+
+def hall(gap_m: float = 2.0) -> np.ndarray:
+    """Return a hall of 12 x 20 m, in cells, with a wall across it that leaves a gap at its right."""
+    grid = np.zeros((120, 200), bool)
+    grid[[0, -1]] = grid[:, [0, -1]] = True
+    grid[: 120 - round(gap_m / CELL_M) - 1, 100:102] = True
+    return grid
+
+
+def written(tmp_path, grid, *course):
+    write_map(
+        OccupancyMap(np.where(grid.T, 100, 0).astype(np.int8), CELL_M, *CORNER_M),
+        tmp_path / "hall.yaml",
+    )
+    if course:
+        path = tmp_path / "hall.yaml"
+        path.write_text(
+            path.read_text() + f"start: {list(course[:3])}\ngoal: {list(course[3:])}\n"
+        )
+    return tmp_path / "hall.yaml"
+
+
+def opened(path, robot=STANDARD_ROBOT):
+    return open_dataset(path, robot).load(0)
+
+
+def test_a_map_without_a_course_gets_far_apart_ends(
+    tmp_path,
+):
+    grid = hall()
+    grid[40:80, 20:60] = True  # in it a closed room, smaller than the hall
+    grid[45:75, 25:55] = False
+    world = opened(written(tmp_path, grid))
+    ends = np.array([(world.start.x, world.start.y), (world.goal.x, world.goal.y)])
+    assert np.allclose(world.path_m()[[0, -1]], ends)
+    assert 15.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
+    room = np.array([[40, 20], [80, 60]]) * CELL_M + np.array(CORNER_M)
+    assert not ((room[0] < ends) & (ends < room[1])).all(axis=1).any()
+    assert not configuration_space(grid, world.footprint_cells)[
+        tuple(world.path.T)
+    ].any()
+    assert world.provenance.path_source == "chosen"
+    assert opened(written(tmp_path, grid)).checksum == world.checksum
+
+
+def test_a_chosen_start_looks_along_its_way(tmp_path):
+    world = opened(written(tmp_path, hall()))
+    along = world.path_m()[10] - world.path_m()[0]
+    assert world.start.yaw == pytest.approx(math.atan2(along[1], along[0]))
+
+
+def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
+    grid = np.zeros((900, 900), bool)
+    grid[450:460, 450:460] = True  # the ends are where the lidar sees something
+    world = opened(written(tmp_path, grid))
+    away = np.abs(
+        world.cylinders_m[:, None]
+        - [(pose.x, pose.y) for pose in (world.start, world.goal)]
+    )
+    assert (away.max(axis=2).min(axis=0) < 16.0).all()
+    assert 10.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
+
+
+def test_start_and_goal_come_from_the_file_of_the_map(tmp_path):
+    world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
+    assert world.start == Pose2D(0.0, 3.0, 0.5)
+    assert (world.goal.x, world.goal.y) == (1.0, 18.0)
+    assert world.goal.yaw == pytest.approx(math.atan2(15.0, 1.0))
+    assert (
+        np.abs(world.path_m()[[0, -1]] - [[0.0, 3.0], [1.0, 18.0]]).max()
+        <= CELL_M / 2 + 1e-9
+    )
+    x_at_the_wall = world.path_m()[np.abs(world.path_m()[:, 1] - 11.1).argmin(), 0]
+    assert x_at_the_wall > 8.0  # through the gap
+
+
+def test_start_and_goal_stay_with_a_world_in_every_format(tmp_path):
+    world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
+    write_dataset_file(tmp_path / "set.npz", "set", {0: world})
+    write_world_yaml(world, tmp_path / "world_0.world.yaml")
+    write_map(
+        world.occupancy_map(), tmp_path / "again_0.yaml", course=world.course_numbers
+    )
+    for name in ("set.npz", "world_0.world.yaml", "again_0.yaml"):
+        dataset = opened(tmp_path / name)
+        assert dataset.checksum == world.checksum
+        assert (dataset.start, dataset.goal) == (world.start, world.goal)
+
+
+@pytest.mark.parametrize("flavour", ["classic", "gz"])
+def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
+    world = open_dataset("barn300").load(0)
+    course = (-2.25, 3.0, 1.5, *np.round(world.path_m()[-4], 6).tolist(), 1.0)
+    world = fit_to_robot(world, STANDARD_ROBOT, course)
+    write_sdf(world, tmp_path / "w_0.world", flavour)
+    assert opened(tmp_path / "w_0.world").course_numbers == course
+    copy = opened(
+        written(
+            tmp_path,
+            np.kron(hall(), np.ones((3, 3), bool))[:, ::3],
+            0.0,
+            3.0,
+            0.5,
+            1.0,
+            18.0,
+            0.0,
+        )
+    )
+    write_sdf(copy, tmp_path / "h_0.world", flavour)
+    again = opened(tmp_path / "h_0.world")
+    assert (again.grid == copy.grid).all() and np.allclose(
+        again.bounds_m + again.course_numbers, copy.bounds_m + copy.course_numbers
+    )
+    text = (
+        (tmp_path / "w_0.world")
+        .read_text()
+        .replace('frame name="goal"', 'frame name="other"')
+    )
+    (tmp_path / "half_0.world").write_text(text)
+    with pytest.raises(WorldError, match="frames start and goal, or none"):
+        opened(tmp_path / "half_0.world")
+
+
+def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
+    path = written(tmp_path, hall())
+    husky = load_robot("husky")
+    world = opened(path)
+    driven = fit_to_robot(world, husky)
+    assert (
+        driven.footprint_cells == husky.footprint_cells(CELL_M) > world.footprint_cells
+    )
+    assert not configuration_space(driven.grid, driven.footprint_cells)[
+        tuple(driven.path.T)
+    ].any()
+    assert driven.checksum == opened(path, husky).checksum
+    assert fit_to_robot(world, STANDARD_ROBOT) is world
+
+
+def test_benchmark_worlds_have_no_start_of_their_own():
+    world = open_dataset("barn300").load(0)
+    assert world.start is None
+    assert fit_to_robot(world, load_robot("husky")) is world
+
+
+def test_a_course_is_put_in_place_of_a_worlds_own(tmp_path):
+    world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
+    driven = fit_to_robot(world, STANDARD_ROBOT, (2.0, 3.0, 1.0, 5.0, 8.0))
+    assert (driven.start, driven.goal.x, driven.goal.y) == (
+        Pose2D(2.0, 3.0, 1.0),
+        5.0,
+        8.0,
+    )
+    assert driven.path_length_m < world.path_length_m
+    assert driven.checksum != world.checksum
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "course", "message"),
+    [
+        (
+            2.0,
+            (0.0, 11.05, 0.0, 1.0, 18.0),
+            r"start \(0, 11.05\) is blocked: robot jackal would touch",
+        ),
+        (
+            2.0,
+            (0.0, 10.8, 1.57, 1.0, 18.0),
+            r"start \(0, 10.8\) is blocked",
+        ),  # its front, not its middle
+        (2.0, (0.0, 3.0, 0.0, 1.0, 11.3), r"goal \(1, 11.3\) is blocked"),
+        (
+            2.0,
+            (0.0, 3.0, 0.0, 30.0, 18.0),
+            r"goal \(30, 18\) is off the map, .* from \(-2, 1\) to \(10, 21\) m",
+        ),
+        (
+            0.4,
+            (0.0, 3.0, 0.0, 1.0, 18.0),
+            r"goal \(1, 18\) cannot be reached from start \(0, 3\) by robot jackal",
+        ),
+        (
+            2.0,
+            (0.0, 3.0, math.nan, 1.0, 18.0),
+            "course must be x, y, yaw of the start and x, y",
+        ),
+        (2.0, (0.0, 3.0, 1.0, 18.0), "course must be x, y, yaw of the start and x, y"),
+    ],
+)
+def test_a_course_that_cannot_be_driven_is_refused_in_one_line(
+    tmp_path, gap_m, course, message, refused
+):
+    world = opened(written(tmp_path, hall(gap_m)))
+    with refused(WorldError, message):
+        fit_to_robot(world, STANDARD_ROBOT, course)
+
+
+def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(tmp_path):
+    world = opened(written(tmp_path, hall()))
+    driven = fit_to_robot(world, STANDARD_ROBOT, (0.0, 10.75, 0.0, 5.0, 5.0))
+    assert configuration_space(world.grid, world.footprint_cells)[tuple(driven.path[0])]
+
+
+def test_a_map_without_room_for_the_robot_is_refused(tmp_path):
+    with pytest.raises(
+        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no path in it"
+    ):
+        opened(written(tmp_path, np.tile(np.arange(60) % 4 == 0, (60, 1))))
+    with pytest.raises(WorldError, match="hall: no cell of it is free"):
+        opened(written(tmp_path, np.ones((20, 20), bool)))
+
+
+def test_start_without_goal_is_refused(tmp_path):
+    path = written(tmp_path, hall())
+    path.write_text(path.read_text() + "start: [0, 3, 0]\n")
+    with pytest.raises(WorldError, match="goal must be given, too"):
+        opened(path)
+    with pytest.raises(WorldError, match="start and goal must both be given, or none"):
+        World(
+            "w",
+            np.zeros((3, 3), bool),
+            np.zeros((1, 2), int),
+            start=Pose2D(0.0, 0.0, 0.0),
+        )
+
+
+def test_maps_of_moving_ai_have_their_first_row_on_top(tmp_path):
+    path = tmp_path / "arena.map"
+    rows = [
+        "@" * 14,
+        "@" + "." * 12 + "@",
+        "@" + "." * 12 + "@",
+        "@TTTTTTTTTT..@",
+        "@" + "." * 12 + "@",
+        "@" * 14,
+    ]
+    path.write_text("type octile\nheight 6\nwidth 14\nmap\n" + "\n".join(rows) + "\n")
+    world = opened(path)
+    assert world.resolution_m == 1.0
+    assert [
+        "".join("@" if filled else "." for filled in world.grid[:, 5 - k])
+        for k in range(6)
+    ] == [row.replace("T", "@") for row in rows]
+    assert world.path_length_m > 12.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "type tile\nheight 1\nwidth 1\nmap\n.\n",
+            "must begin with the lines type octile, height N, width N and map",
+        ),
+        (
+            "type octile\nheight 9999\nwidth 1\nmap\n.\n",
+            "sides must be 1 to 2000 cells, got 1 x 9999",
+        ),
+        (
+            "type octile\nheight 2\nwidth 2\nmap\n..\n",
+            "must have 2 lines of 2 of the letters .*, got 1 lines",
+        ),
+        (
+            "type octile\nheight 2\nwidth 2\nmap\n..\n.x\n",
+            "must have 2 lines of 2 .*, got line 6",
+        ),
+    ],
+)
+def test_malformed_maps_of_moving_ai_are_refused(tmp_path, text, message):
+    (tmp_path / "bad.map").write_text(text)
+    with pytest.raises(WorldError, match=message):
+        opened(tmp_path / "bad.map")
