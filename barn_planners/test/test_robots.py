@@ -186,7 +186,7 @@ def test_a_costmap_clears_and_checks_the_outline():
         Scan(0, ahead, -0.2, 0.05, 0.1, 30.0),
         Pose2D(0.0, 0.0, 0.0),
     )
-    cells = kernels.footprint_cells(costmap.outline, costmap.grid, *costmap.costs.shape)
+    cells = kernels.footprint_cells(costmap.outline, costmap.grid, costmap.costs.shape)
     ends = (
         costmap.origin_x + 0.05 * cells[:, 1].min(),
         costmap.origin_x + 0.05 * (cells[:, 1].max() + 1),

@@ -85,6 +85,7 @@ class CostmapConfig(Checked):
     @property
     def inscribed_m(self) -> float:
         """The radius up to which a cell costs 253."""
+        # 0 means that nobody has set it.
         return self.inscribed_radius_m or self._padded_inscribed_m
 
     @property
@@ -185,6 +186,7 @@ def parse_footprint(text: str) -> tuple[Corner, ...] | None:
     except (TypeError, ValueError):
         return None
 
+    # NaN would pass the comparisons below, and JSON has it.
     is_finite = all(math.isfinite(x) and math.isfinite(y) for x, y in corners)
     if (
         is_finite

@@ -46,6 +46,7 @@ class BeamDirections:
         Returns:
             Unit vectors (n, 2); the next call may overwrite them.
         """
+        # A robot's costmaps mostly see one scan at one heading, one after the other.
         beams = len(scan.ranges)
         key = (yaw, scan.angle_min, scan.angle_increment, beams)
         if key != self._key:
@@ -116,6 +117,7 @@ class Costmap:
             pose.y + lidar.x * s + lidar.y * c,
             pose.yaw + lidar.yaw,
         )
+        # Kernels turn coordinates into indices, which NaN has none of.
         numbers = (*sensor, scan.angle_min, scan.angle_increment)
         if not all(map(math.isfinite, numbers)):
             return
@@ -220,8 +222,10 @@ class Costmap:
     def as_map(self) -> OccupancyMap:
         """Return the costs as nav2_costmap_2d publishes them.
 
-        Free cells are 0, inscribed ones 99, lethal ones 100; others are scaled to 1..98.
+        Free cells are 0, inscribed ones 99 and lethal ones 100. Others are scaled to
+        1..98.
         """
+        # In 16 bits, as the product does not fit into 8.
         data = np.minimum(self.costs.astype(np.int16) * 98 // 252, 98)
         data[self.costs == INSCRIBED] = 99
         data[self.costs == LETHAL] = 100
@@ -231,9 +235,9 @@ class Costmap:
 
 
 class RollingCostmap(Costmap):
-    """A square grid that follows the robot in whole cells; marks that leave it are lost.
+    """A square grid that follows the robot in steps of whole cells.
 
-    The grid has no place before the first update.
+    Marks that leave the grid are lost. The grid has no place before the first update.
     """
 
     def __init__(self, config: CostmapConfig):
@@ -263,6 +267,7 @@ class RollingCostmap(Costmap):
 
     def _follow(self, pose: Pose2D) -> None:
         rows, cols = self.costs.shape
+        # Corners on multiples of the resolution keep cells in place on the ground.
         corner_row = math.floor(pose.y / self.resolution) - rows // 2
         corner_col = math.floor(pose.x / self.resolution) - cols // 2
         d_row = corner_row - round(self.origin_y / self.resolution)
@@ -291,6 +296,7 @@ class RollingCostmap(Costmap):
         self._shift(d_row, d_col)
 
     def _shift(self, d_row: int, d_col: int) -> None:
+        # Before the first update there is nothing on the grid to move.
         if self._is_placed and (d_row or d_col):
             inflation.shift(self._layers, d_row, d_col)
         self._is_placed = True
@@ -313,6 +319,7 @@ class MapCostmap(Costmap):
         super().__init__(config, rows, cols, resolution / factor, origin)
         self._lidar_marks = config.lidar_marks
         if config.static_layer:
+            # Unknown cells (-1) are free, as in costmap_2d without track_unknown_space.
             occupied = occupancy.data >= _OCCUPIED_PERCENT
             occupied = occupied.repeat(factor, axis=0).repeat(factor, axis=1)
             self._layers.marks.cells[occupied] = marks.STATIC

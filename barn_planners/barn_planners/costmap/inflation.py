@@ -57,9 +57,9 @@ class _Front(NamedTuple):
 def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
     """Return the cost of a cell by the square of its distance to a lethal one.
 
-    Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0, 253
-    up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d up to
-    the inflation radius.
+    Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0,
+    253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d
+    up to the inflation radius.
 
     Args:
         config: Radii and scaling.
@@ -69,6 +69,7 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
         Costs ((n + 1)^2 + n^2 + 1,) by the square in cells, where n is the reach of
         inflation in cells.
     """
+    # 1e-9 keeps rounding from moving a radius that is a whole number of cells.
     soft_reach = 0
     if config.soft_costs:
         soft_reach = math.ceil(config.inflation_radius_m / resolution - 1e-9)
@@ -96,6 +97,7 @@ def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
         cols: Number of columns.
         by_square: Costs from `costs_by_square`.
     """
+    # The length of the costs, (n + 1)^2 + n^2 + 1, gives the reach n back.
     reach = math.isqrt((len(by_square) - 1) // 2)
     squares: Squares = np.arange(reach + 2, dtype=np.uint32) ** 2
     if 2 * squares[-1] <= np.iinfo(np.uint16).max:
@@ -156,10 +158,11 @@ def _shift_cells(layer: Bytes, d_row: int, d_col: int) -> None:
 @kernel
 def _inflate_strip(layers: Layers, strip: Window) -> None:
     """Recompute the costs in a strip, which may reach beyond the grid."""
-    rows, cols = layers.costs.shape
-    near = grow_window(strip, len(layers.squares) - 2, rows, cols)
-    if layers.costs[near.row : near.end_row, near.col : near.end_col].any():
-        inflate(layers, grow_window(strip, 0, rows, cols))
+    costs = layers.costs
+    near = grow_window(strip, len(layers.squares) - 2, costs.shape)
+    # Most edges are far from what the lidar sees.
+    if costs[near.row : near.end_row, near.col : near.end_col].any():
+        inflate(layers, grow_window(strip, 0, costs.shape))
 
 
 @kernel
@@ -184,12 +187,13 @@ def refresh(layers: Layers, by_front: bool) -> None:
     if bounds[1] <= bounds[0]:
         return
 
-    rows, cols = layers.costs.shape
     reach = len(layers.squares) - 2
     boxes = np.empty((_MAX_BOXES, 4), np.int64)
+    # A changed cell changes costs within the reach, so boxes twice as far apart do not
+    # share any.
     for k in range(_find_changes(layers, boxes, 2 * reach)):
         box = Window(boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3])
-        window = grow_window(box, reach, rows, cols)
+        window = grow_window(box, reach, layers.costs.shape)
         if by_front:
             inflate_by_front(layers, window)
         else:
@@ -203,8 +207,8 @@ def refresh(layers: Layers, by_front: bool) -> None:
 def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
     """Write boxes around the cells that became or ceased to be lethal.
 
-    Boxes lie at least `distance` cells apart. Returns their number; if they are too many,
-    the only one covers the bounds.
+    Boxes lie at least `distance` cells apart. Returns their number. If they are too
+    many, a single one covers the bounds.
     """
     bounds = layers.marks.bounds
     count = 0
@@ -275,6 +279,7 @@ def inflate(layers: Layers, window: Window) -> None:
     seeds = np.empty((band + 2 * reach, width), squares.dtype)
     upright = np.empty(band * width, squares.dtype)
     nearest = np.empty(band * width, squares.dtype)
+    # Bands of rows keep the three arrays in the processor's cache.
     for first in range(window.row, window.end_row, _BAND_ROWS):
         count = min(band, window.end_row - first)
         used = seeds[: count + 2 * reach]
@@ -300,6 +305,7 @@ def _seed(
     end_row = first_row + seeds.shape[0]
     col = max(0, first_col)
     end_col = min(cols, first_col + seeds.shape[1])
+    # Only where the window reaches beyond the grid is there anything to fill in.
     if first_row < 0 or end_row > rows or end_col - col < seeds.shape[1]:
         seeds[:] = far
     for row in range(max(0, first_row), min(rows, end_row)):
@@ -345,9 +351,8 @@ def inflate_by_front(layers: Layers, window: Window) -> None:
     """
     marks = layers.marks.cells
     costs = layers.costs
-    rows, cols = costs.shape
     reach = len(layers.squares) - 2
-    area = grow_window(window, reach, rows, cols)
+    area = grow_window(window, reach, costs.shape)
     height = area.end_row - area.row
     width = area.end_col - area.col
 
@@ -394,11 +399,10 @@ def _reach_neighbors(
     front: _Front, count: int, nearest: MediumIntegers, cell: Cell, source: Cell
 ) -> int:
     """Let the neighbors of a cell wait for the front; return the number of entries."""
-    height, width = nearest.shape
     square = nearest[cell.row, cell.col]
     for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
         side = Cell(cell.row + d_row, cell.col + d_col)
-        if not is_on_grid(side, height, width):
+        if not is_on_grid(side, nearest.shape):
             continue
 
         # The front never goes back, and of equal distances the first one counts.

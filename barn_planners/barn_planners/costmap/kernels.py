@@ -75,31 +75,29 @@ def cell_at(grid: Grid, x: float, y: float) -> Cell:
 
 
 @kernel
-def is_on_grid(cell: Cell, rows: int, cols: int) -> bool:
+def is_on_grid(cell: Cell, shape: tuple[int, int]) -> bool:
     """Return whether a cell lies on a grid.
 
     Args:
         cell: Cell to look at.
-        rows: Number of rows of the grid.
-        cols: Number of columns of the grid.
+        shape: Numbers of rows and columns of the grid.
     """
-    return 0 <= cell.row < rows and 0 <= cell.col < cols
+    return 0 <= cell.row < shape[0] and 0 <= cell.col < shape[1]
 
 
 @kernel
-def grow_window(window: Window, margin: int, rows: int, cols: int) -> Window:
+def grow_window(window: Window, margin: int, shape: tuple[int, int]) -> Window:
     """Return a window with a margin on all sides, cut off at the edges of the grid.
 
     Args:
         window: Window to enlarge; it may reach beyond the grid.
         margin: Number of cells to add on each side; 0 only cuts off.
-        rows: Number of rows of the grid.
-        cols: Number of columns of the grid.
+        shape: Numbers of rows and columns of the grid.
     """
     row = max(0, window.row - margin)
-    end_row = min(rows, window.end_row + margin)
+    end_row = min(shape[0], window.end_row + margin)
     col = max(0, window.col - margin)
-    end_col = min(cols, window.end_col + margin)
+    end_col = min(shape[1], window.end_col + margin)
     return Window(row, end_row, col, end_col)
 
 
@@ -181,14 +179,13 @@ def place_corners(
 
 
 @kernel
-def footprint_cells(corners: Points, grid: Grid, rows: int, cols: int) -> Cells:
+def footprint_cells(corners: Points, grid: Grid, shape: tuple[int, int]) -> Cells:
     """Return the cells of a convex footprint, outline and inside.
 
     Args:
         corners: Corners (n, 2) in the frame of the grid, in m.
         grid: Place of the costmap.
-        rows: Number of rows of the grid.
-        cols: Number of columns of the grid.
+        shape: Numbers of rows and columns of the costmap.
 
     Returns:
         Those of its cells (n, 2) that lie on the grid, column by column.
@@ -197,6 +194,7 @@ def footprint_cells(corners: Points, grid: Grid, rows: int, cols: int) -> Cells:
     for k in range(len(corners)):
         corner_cells[k] = cell_at(grid, corners[k, 0], corners[k, 1])
 
+    # A convex footprint fills each column between its outline's ends.
     # Lowest and highest row of the outline in each column.
     first = corner_cells[:, 1].min()
     width = corner_cells[:, 1].max() - first + 1
@@ -206,6 +204,7 @@ def footprint_cells(corners: Points, grid: Grid, rows: int, cols: int) -> Cells:
         low[col - first] = min(low[col - first], row)
         high[col - first] = max(high[col - first], row)
 
+    rows, cols = shape
     cells = np.empty(((high - low + 1).sum(), 2), np.int64)
     count = 0
     for k in range(max(0, -first), min(width, cols - first)):
@@ -282,13 +281,12 @@ def edge_cost(
     Returns:
         The cost, -1 if the edges touch a lethal cell or leave the grid.
     """
-    rows, cols = costs.shape
     grid = Grid(origin_x, origin_y, resolution)
     highest = 0
     for k in range(len(corners)):
         start = cell_at(grid, corners[k - 1, 0], corners[k - 1, 1])
         end = cell_at(grid, corners[k, 0], corners[k, 1])
-        if not (is_on_grid(start, rows, cols) and is_on_grid(end, rows, cols)):
+        if not (is_on_grid(start, costs.shape) and is_on_grid(end, costs.shape)):
             return -1
 
         highest = line_cost(costs, start, end, highest)

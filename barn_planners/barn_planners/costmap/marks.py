@@ -1,4 +1,4 @@
-"""Kernels that mark obstacles where a lidar sees them and clear marks where it does not."""
+"""Kernels that mark what a lidar sees and clear marks where it sees nothing."""
 
 import math
 from typing import NamedTuple
@@ -130,11 +130,11 @@ def clear_line(
 @kernel
 def _clear_line_to_edge(marks: Marks, start: Cell, end: Cell) -> None:
     """Clear the marks along the line between two cells until it leaves the grid."""
-    rows, cols = marks.cells.shape
+    shape = marks.cells.shape
     cell = start
     line, rest = line_between(start, end)
     for _ in range(line.steps + 1):
-        if not is_on_grid(cell, rows, cols):
+        if not is_on_grid(cell, shape):
             return
         clear_cell(marks, cell)
         cell, rest = next_cell(cell, rest, line)
@@ -193,12 +193,12 @@ def observe(
         readings: The scan, its directions in the frame of the grid.
         outline: Corners (n, 2) in base_link of the footprint to clear, or none.
     """
+    # Marks come after clearing: a beam must not clear what its neighbor hits.
     _clear_beams(marks, grid, sensor, readings)
     _mark_hits(marks, grid, sensor, readings)
     if len(outline) > 0:
-        rows, cols = marks.cells.shape
         corners = corners_at(outline, pose)
-        for row, col in footprint_cells(corners, grid, rows, cols):
+        for row, col in footprint_cells(corners, grid, marks.cells.shape):
             clear_cell(marks, Cell(row, col))
 
 
@@ -214,15 +214,18 @@ def _end_of_beam(
 @kernel
 def _clear_beams(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> None:
     """Clear along every beam with a return, the last cell included."""
-    rows, cols = marks.cells.shape
+    # Beams of a lidar off the grid clear nothing, even where they cross it.
+    shape = marks.cells.shape
     start = cell_at(grid, sensor.x, sensor.y)
-    if not is_on_grid(start, rows, cols):
+    if not is_on_grid(start, shape):
         return
 
-    cells = marks.cells.reshape(rows * cols)
+    # Outside the loop, as numba counts references to arrays that leave a tuple.
+    cells = marks.cells.reshape(marks.cells.size)
     bounds = marks.bounds
     last = Cell(start.row - 1, start.col - 1)
     for i in range(len(readings.ranges)):
+        # Written so that NaN counts as no return.
         r = float(readings.ranges[i])
         if not (readings.range_min <= r < readings.range_max):
             continue
@@ -234,8 +237,8 @@ def _clear_beams(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> 
             continue
         last = end
 
-        if is_on_grid(end, rows, cols):
-            clear_line(cells, cols, bounds, start, end, _WHOLE_LINE)
+        if is_on_grid(end, shape):
+            clear_line(cells, shape[1], bounds, start, end, _WHOLE_LINE)
         else:
             _clear_line_to_edge(marks, start, end)
 
@@ -243,11 +246,11 @@ def _clear_beams(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> 
 @kernel
 def _mark_hits(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> None:
     """Mark the cells of returns nearer than the obstacle range."""
-    rows, cols = marks.cells.shape
+    shape = marks.cells.shape
     range_end = min(readings.range_max, readings.obstacle_range)
     for i in range(len(readings.ranges)):
         r = float(readings.ranges[i])
         if readings.range_min <= r < range_end:
             cell = _end_of_beam(grid, sensor, readings.directions, i, r)
-            if is_on_grid(cell, rows, cols):
+            if is_on_grid(cell, shape):
                 mark_cell(marks, cell)

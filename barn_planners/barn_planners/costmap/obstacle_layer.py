@@ -67,6 +67,7 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
         sensor: Pose of the lidar.
         readings: The scan, its directions in the lidar's frame.
     """
+    # The quaternion of the heading, and the first column of its rotation matrix.
     half_sin = np.float32(math.sin(0.5 * sensor.yaw))
     half_cos = np.float32(math.cos(0.5 * sensor.yaw))
     twice = half_sin + half_sin
@@ -82,6 +83,7 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
     for i in range(len(readings.ranges)):
         r = readings.ranges[i]
         if range_min <= r < range_max:
+            # The product is in double precision, the point in single precision.
             ahead = np.float32(np.float64(r) * readings.directions[i, 0])
             left = np.float32(np.float64(r) * readings.directions[i, 1])
             points[count, 0] = (c * ahead - s * left) + x
@@ -93,13 +95,14 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
 
 @kernel
 def _end_on_grid(
-    grid: Grid, rows: int, cols: int, sensor: Pose, x: float, y: float
+    grid: Grid, shape: tuple[int, int], sensor: Pose, x: float, y: float
 ) -> tuple[float, float]:
     """Return a point on the grid, or where the ray to it leaves the grid."""
-    end_x = grid.x + cols * grid.resolution
-    end_y = grid.y + rows * grid.resolution
+    end_x = grid.x + shape[1] * grid.resolution
+    end_y = grid.y + shape[0] * grid.resolution
     dx = x - sensor.x
     dy = y - sensor.y
+    # In the original's order, as each cut starts from the one before.
     if x < grid.x:
         y = sensor.y + dy * ((grid.x - sensor.x) / dx)
         x = grid.x
@@ -125,21 +128,21 @@ def _clear_rays(
     raytrace_range: float,
 ) -> None:
     """Clear the cells from the sensor to each point (`raytraceFreespace`)."""
-    rows, cols = marks.cells.shape
+    shape = marks.cells.shape
     start = cell_at(grid, sensor.x, sensor.y)
-    if not is_on_grid(start, rows, cols):
+    if not is_on_grid(start, shape):
         return
 
-    cells = marks.cells.reshape(rows * cols)
+    cells = marks.cells.reshape(marks.cells.size)
     bounds = marks.bounds
     limit = math.ceil(raytrace_range / grid.resolution)
     last = Cell(-1, -1)
     for k in range(len(points)):
         point_x = np.float64(points[k, 0])
         point_y = np.float64(points[k, 1])
-        x, y = _end_on_grid(grid, rows, cols, sensor, point_x, point_y)
+        x, y = _end_on_grid(grid, shape, sensor, point_x, point_y)
         end = cell_at(grid, x, y)
-        if end == last or not is_on_grid(end, rows, cols):
+        if end == last or not is_on_grid(end, shape):
             continue
         last = end
 
@@ -149,7 +152,7 @@ def _clear_rays(
         length = math.hypot(d_col, d_row)
         share = min(1.0, limit / length) if length > 0.0 else 1.0
         steps = int(share * max(abs(d_row), abs(d_col)))
-        clear_line(cells, cols, bounds, start, end, steps)
+        clear_line(cells, shape[1], bounds, start, end, steps)
 
 
 @kernel
@@ -161,7 +164,7 @@ def _mark_points(
     obstacle_range: float,
 ) -> None:
     """Mark the cells of points nearer to the sensor than the range."""
-    rows, cols = marks.cells.shape
+    shape = marks.cells.shape
     for k in range(len(points)):
         x = np.float64(points[k, 0])
         y = np.float64(points[k, 1])
@@ -171,7 +174,7 @@ def _mark_points(
             continue
 
         cell = cell_at(grid, x, y)
-        if is_on_grid(cell, rows, cols):
+        if is_on_grid(cell, shape):
             mark_cell(marks, cell)
 
 
@@ -183,15 +186,15 @@ def _clear_footprint(marks: Marks, grid: Grid, pose: Pose, outline: Points) -> N
     column that has only one cell of the outline takes the next column's first one for
     its second, and leaves that column without it.
     """
-    rows, cols = marks.cells.shape
     c = math.cos(pose.yaw)
     s = math.sin(pose.yaw)
     corners = np.empty((len(outline), 2), np.int64)
     for k in range(len(outline)):
+        # In brackets, as `transformFootprint` adds the position last.
         x = pose.x + (outline[k, 0] * c - outline[k, 1] * s)
         y = pose.y + (outline[k, 0] * s + outline[k, 1] * c)
         cell = cell_at(grid, x, y)
-        if not is_on_grid(cell, rows, cols):
+        if not is_on_grid(cell, marks.cells.shape):
             return
         corners[k] = cell
 

@@ -182,7 +182,7 @@ def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
     low, high, low_turn, high_turn, speed_count, turn_count, _, _, _, sums = sampling
     speeds = _even_values(low, high, speed_count, sums)
     turns = _even_values(low_turn, high_turn, turn_count, sums)
-    turns_per_speed = turn_count + (1 if sampling.highest_turn else 0)
+    turns_per_speed = turn_count + int(sampling.highest_turn)
     drives = speed_count * turns_per_speed if forward else 0
     table = np.zeros((drives + turn_count, COLUMNS))
     for k in range(drives):
@@ -190,6 +190,7 @@ def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
         if k % turns_per_speed > 0:
             table[k, TURN] = turns[k % turns_per_speed - 1]
 
+    # The original skips turns in place that are closer to zero than one step.
     step = (high_turn - low_turn) / (turn_count - 1)
     slowest = sampling.min_turn_in_place
     count = drives
@@ -227,15 +228,17 @@ def prepare(
         False if the plan does not lie on the costmap.
     """
     rows, cols = costs.shape
-    count = plan_cells(plan, grid, rows, cols, fields.plan)
+    count = plan_cells(plan, grid, costs.shape, fields.plan)
     if count == 0:
         return False
 
+    # A display may ask for all samples after the costmap has changed.
     for row in range(rows):
         for col in range(cols):
             fields.costs[row, col] = costs[row, col]
 
-    robot = footprint_cells(corners_at(outline, pose), grid, rows, cols)
+    # The robot may stand on blocked cells and must still find its way out of them.
+    robot = footprint_cells(corners_at(outline, pose), grid, costs.shape)
     plan_end = fields.plan[count - 1 : count]
     block_cells(costs, fields.walls)
     if robot_blocks_goal:
@@ -288,9 +291,9 @@ def edges_cost(
     Returns:
         The cost, -1 if the edges touch a lethal cell or leave the costmap.
     """
-    rows, cols = costs.shape
     highest = 0
     end = Cell(0, 0)
+    # The last corner comes first: an edge leads from it to the first one.
     for k in range(-1, len(outline)):
         start = end
         end = raster_cell(
@@ -298,7 +301,7 @@ def edges_cost(
             x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1],
             y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1],
         )
-        if not is_on_grid(end, rows, cols):
+        if not is_on_grid(end, costs.shape):
             return -1
         if k >= 0:
             highest = line_cost(costs, start, end, highest)
@@ -360,6 +363,7 @@ def roll_out(
         poses[k, YAW] = yaw
         poses[k, COS] = cos_yaw
         poses[k, SIN] = sin_yaw
+        # The original moves by the new speed along the old heading.
         velocity = approach(velocity, speed, motion.acceleration * dt)
         x += velocity * cos_yaw * dt
         y += velocity * sin_yaw * dt

@@ -57,6 +57,7 @@ class GoalTurn:
         turn = inputs.velocity.angular
         if abs(speed) <= config.stopped_mps and abs(turn) <= config.stopped_radps:
             self._is_turning = True
+        # Once it turns, it goes on though it is no longer at rest.
         if self._is_turning:
             angle = wrap_angle(goal.yaw - inputs.pose.yaw)
             command = Velocity2D(0.0, self._turn_rate(angle, abs(turn)))
@@ -78,9 +79,11 @@ class GoalTurn:
         config = self._config
         slowest = config.min_turn_in_place_radps
         fastest = config.max_goal_turn_radps
+        # Proportional to the angle, then within what the robot can change in a cycle.
         rate = min(fastest, max(slowest, abs(angle)))
         rate = max(rate, present - self._turn_change)
         rate = min(rate, present + self._turn_change)
+        # v^2 = 2 a s: from this rate it can stop at the goal's heading.
         rate = min(rate, math.sqrt(2.0 * config.turn_acceleration_radps2 * abs(angle)))
         return math.copysign(min(fastest, max(slowest, rate)), angle)
 
@@ -126,6 +129,7 @@ class DwaMemory:
             speed: Forward speed of the sample in m/s.
             turn: Yaw rate of the sample in rad/s.
         """
+        # Only turns in place can go on for ever.
         if speed <= 0.0:
             side = LEFT if turn > 0.0 else RIGHT
             self._turns_twice[side] = self._turns_once[side]

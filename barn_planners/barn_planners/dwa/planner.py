@@ -3,7 +3,7 @@
 It is base_local_planner's TrajectoryPlanner with `dwa` on, which the paper's trials
 ran. Each cycle samples the velocities that the robot can reach within one control
 period, rolls them out and takes the cheapest. The cost adds up the distance from the
-plan, the distance from the plan's end, and the highest cost under the footprint's edges.
+plan, the distance from its end, and the highest cost under the footprint's edges.
 """
 
 import math
@@ -146,6 +146,7 @@ class DwaController(Controller):
         config = self.config
         costmap = inputs.costmap
         start = _start(inputs)
+        # The original keeps pose and velocity in single precision.
         if config.single_precision:
             start = kernels.Start(*np.array(start, np.float32).tolist())
         if self._fields.costs.shape != costmap.costs.shape:
@@ -169,6 +170,7 @@ class DwaController(Controller):
         )
         ground = kernels.Ground(fields.costs, raster, costmap.outline)
         scene = kernels.Scene(ground, fields.path, fields.goal)
+        # Distances are steps on the grid. The option weighs them in meters.
         scale = costmap.resolution if config.distances_in_metres else 1.0
         weights = kernels.Weights(
             config.path_weight * scale,
@@ -186,7 +188,7 @@ class DwaController(Controller):
         return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
 
     def _cost(self, command: Velocity2D, start: kernels.Start) -> float:
-        """Return the cost of a command in this cycle's scene, below 0 if not allowed."""
+        """Return the cost of a command in this cycle, below 0 if it is not allowed."""
         if self._cycle is None:
             return kernels.NO_WAY
 

@@ -84,7 +84,8 @@ def find_best(
     """Find the best sample of a table and fill in its row as `score` does.
 
     The first of the cheapest rows that drive forward wins. A turn in place wins over it
-    if it costs no more and the goal is nearer ahead of its end than for any turn before.
+    if it costs no more and the goal is nearer ahead of its end than for all turns
+    before.
 
     Args:
         ground: What footprints are checked on.
@@ -102,6 +103,7 @@ def find_best(
     costs, raster, outline = ground
     cos_yaw = math.cos(start.yaw)
     sin_yaw = math.sin(start.yaw)
+    # All rollouts begin here, so nothing is allowed if this pose is not.
     start_cost = edges_cost(costs, raster, outline, start.x, start.y, cos_yaw, sin_yaw)
     if start_cost < 0 or not _is_reached(raster, path, goal, start.x, start.y):
         return -1
@@ -140,6 +142,7 @@ def _best_drive(
     best = -1
     best_cost = math.inf
     for n in range(-1, choice.drives):
+        # The likely row first: its cost rules out most others.
         k = n if n >= 0 else choice.likely
         if k >= choice.drives or n == choice.likely:
             continue
@@ -174,7 +177,8 @@ def _best_turn(
     nearest = math.inf
     for k in range(choice.drives, len(table)):
         row = table[k]
-        if not (choice.left if row[TURN] > 0.0 else choice.right):
+        is_allowed = choice.left if row[TURN] > 0.0 else choice.right
+        if not is_allowed:
             continue
         least = _least_cost(ground.raster, path, goal, rules, row, work.start_cost)
         if least > cost:
@@ -184,6 +188,7 @@ def _best_turn(
         if turn_cost < 0.0:
             continue
 
+        # The original compares only this among turns that cost no more.
         distance = _goal_ahead(ground, goal, row, choice)
         if distance < nearest:
             best = k
@@ -202,9 +207,8 @@ def _goal_ahead(ground: Ground, goal: Wavefront, row: Floats, choice: Choice) ->
     """
     x = row[END_X] + choice.lookahead_m * math.cos(row[END_YAW])
     y = row[END_Y] + choice.lookahead_m * math.sin(row[END_YAW])
-    rows, cols = ground.costs.shape
     cell = raster_cell(ground.raster, x, y)
-    if not is_on_grid(cell, rows, cols):
+    if not is_on_grid(cell, ground.costs.shape):
         return math.inf
 
     place = padded(cell, goal.columns)
@@ -213,7 +217,9 @@ def _goal_ahead(ground: Ground, goal: Wavefront, row: Floats, choice: Choice) ->
         return float(steps)
     if not choice.past_blocked:
         return math.inf
-    return float(UNREACHED) + (0.0 if is_bordered(goal, place) else 1.0)
+    if is_bordered(goal, place):
+        return float(UNREACHED)
+    return float(UNREACHED) + 1.0
 
 
 @kernel
@@ -231,13 +237,13 @@ def _cost(
     It is -1 if the sample is not allowed or costs more than the limit.
     """
     weights = rules.weights
-    rows, cols = ground.costs.shape
     steps = step_count(row[SPEED], row[TURN], rules.motion)
+    # The rollout is cheap beside its footprints, which come only if the end may win.
     poses = work.poses[:steps]
     roll_out(rules.start, row[SPEED], row[TURN], rules.motion, poses)
     end = poses[steps - 1]
     cell = raster_cell(ground.raster, end[X], end[Y])
-    if not is_on_grid(cell, rows, cols):
+    if not is_on_grid(cell, ground.costs.shape):
         return -1.0
 
     place = padded(cell, path.columns)
@@ -246,6 +252,7 @@ def _cost(
     if to_path >= UNREACHED or to_goal >= UNREACHED:
         return -1.0
 
+    # The footprint costs no less than at the start, which all rollouts share.
     end_cost = weights.path * to_path + weights.goal * to_goal
     if end_cost + weights.obstacle * work.start_cost > limit:
         return -1.0
@@ -317,12 +324,12 @@ def _least_cost(
 def _least_steps(front: Wavefront, low: Cell, high: Cell) -> int:
     """Return the least steps to the cells of a block, UNREACHED off the costmap."""
     columns = front.columns
-    rows = len(front.state) // columns - 2
+    shape = (len(front.state) // columns - 2, columns - 2)
     steps = UNREACHED
     for row in range(low.row, high.row + 1):
         for col in range(low.col, high.col + 1):
             cell = Cell(row, col)
-            if is_on_grid(cell, rows, columns - 2):
+            if is_on_grid(cell, shape):
                 steps = min(steps, steps_to(front, padded(cell, columns)))
     return steps
 

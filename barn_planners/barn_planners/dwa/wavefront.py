@@ -96,7 +96,9 @@ def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
 
 
 @kernel
-def plan_cells(plan: Points, grid: Grid, rows: int, cols: int, cells: Integers) -> int:
+def plan_cells(
+    plan: Points, grid: Grid, shape: tuple[int, int], cells: Integers
+) -> int:
     """Write the cells under the first part of a plan that lies on the costmap.
 
     Follows `MapGrid::adjustPlanResolution` and `setTargetCells`: long segments are cut
@@ -105,8 +107,7 @@ def plan_cells(plan: Points, grid: Grid, rows: int, cols: int, cells: Integers) 
     Args:
         plan: Points (n, 2 or more), x and y in m.
         grid: Place of the costmap.
-        rows: Number of rows of the costmap.
-        cols: Number of its columns.
+        shape: Numbers of rows and columns of the costmap.
         cells: Array that receives the padded numbers; a longer plan is cut off.
 
     Returns:
@@ -119,16 +120,18 @@ def plan_cells(plan: Points, grid: Grid, rows: int, cols: int, cells: Integers) 
         dy = plan[k, 1] - plan[before, 1]
         pieces = max(1, math.ceil(math.hypot(dx, dy) / grid.resolution + 1e-6))
         for piece in range(1, pieces + 1):
+            # From the start of the segment, so that errors do not add up.
             share = piece / pieces
             x = plan[before, 0] + share * dx
             y = plan[before, 1] + share * dy
             cell = cell_at(grid, x, y)
-            if not is_on_grid(cell, rows, cols):
+            # The plan may begin off the costmap; it ends where it first leaves it.
+            if not is_on_grid(cell, shape):
                 if count > 0:
                     return count
                 continue
 
-            number = padded(cell, cols + 2)
+            number = padded(cell, shape[1] + 2)
             if count == 0 or cells[count - 1] != number:
                 if count == len(cells):
                     return count
@@ -151,6 +154,7 @@ def start_wavefront(front: Wavefront, walls: Bytes, seeds: Integers) -> None:
     for cell in range(len(walls)):
         front.state[cell] = walls[cell]
 
+    # Seeds count as reached even where they are blocked, so that ways lead out of them.
     tail = 0
     for seed in seeds:
         if front.state[seed] != REACHED:
@@ -207,18 +211,19 @@ def _spread(front: Wavefront, goal: np.uint64) -> None:
     state = front.state
     queue = front.queue
     row = np.uint64(front.columns)
-    one = np.uint64(1)
+    unit = np.uint64(1)
     head = np.uint64(front.ends[_HEAD])
     tail = np.uint64(front.ends[_TAIL])
     while head < tail and state[goal] == OPEN:
         cell = np.uint64(queue[head])
-        head += one
+        head += unit
         steps = distances[cell] + np.int32(1)
-        for neighbor in (cell - one, cell + one, cell - row, cell + row):
+        for neighbor in (cell - unit, cell + unit, cell - row, cell + row):
             # Selections instead of branches, half of which would be mispredicted.
             is_open = state[neighbor] == OPEN
             distances[neighbor] = steps if is_open else distances[neighbor]
             state[neighbor] = REACHED if is_open else state[neighbor]
+            # Written in any case; the place counts only if the tail moves on.
             queue[tail] = neighbor
             tail += np.uint64(is_open)
 

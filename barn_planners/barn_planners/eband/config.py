@@ -94,6 +94,7 @@ class EBandConfig(Checked):
             circumscribed_m: Circumscribed radius of the padded footprint, by which the
                 original turns an angle into a distance.
         """
+        # Both classes name their fields alike.
         fields = [getattr(self, name) for name in BandGains._fields[1:]]
         return BandGains(circumscribed_m if self.headings else 0.0, *fields)
 

@@ -82,6 +82,7 @@ def force_on(band: Floats, i: int, bubble: Bubble, context: Context) -> Vector:
     x, y, radius, _ = bubble
     before = _pull(band, i - 1, bubble, gains.metres_per_rad)
     after = _pull(band, i + 1, bubble, gains.metres_per_rad)
+    # The gradient is taken over the bubble's own width: small bubbles look closely.
     across = 2.0 * max(radius, gains.tiny_bubble_m)
     right = radius_at(clearance, x + radius, y)
     slope_x = (right - radius_at(clearance, x - radius, y)) / across
@@ -91,6 +92,7 @@ def force_on(band: Floats, i: int, bubble: Bubble, context: Context) -> Vector:
     fy = gains.internal_gain * (before.y + after.y) + gains.external_gain * slope_y
     torque = gains.internal_gain * (before.turn + after.turn)
 
+    # Forces along the band would only push bubbles together.
     tx = band[i - 1, X] - band[i + 1, X]
     ty = band[i - 1, Y] - band[i + 1, Y]
     turn = gains.metres_per_rad * wrap(band[i - 1, YAW] - band[i + 1, YAW])
@@ -173,6 +175,7 @@ def _move(band: Floats, i: int, context: Context) -> None:
     gains = context.gains
     old = Bubble(band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW])
     force = force_on(band, i, old, context)
+    # A torque turns by an angle only if angles count.
     turn = 0.0
     if gains.metres_per_rad > 0.0:
         turn = wrap(old.radius / gains.metres_per_rad * force.turn)
@@ -187,6 +190,7 @@ def _move(band: Floats, i: int, context: Context) -> None:
         if nearer.radius > 0.0:
             bubble = nearer
 
+    # Forces know nothing of gaps, so a step that tears the band is taken back.
     put(band, i, bubble.x, bubble.y, bubble.radius, bubble.yaw)
     if not (_is_connected(band, i - 1, context) and _is_connected(band, i, context)):
         put(band, i, old.x, old.y, old.radius, old.yaw)
@@ -231,7 +235,9 @@ def renew(band: Floats, n: int, context: Context) -> int:
         The new length, or a code of REASONS.
     """
     n = measure(band, n, context.clearance)
-    return n if n < 0 else refine(band, n, context)
+    if n < 0:
+        return n
+    return refine(band, n, context)
 
 
 @kernel
@@ -266,6 +272,7 @@ def optimize(
     Returns:
         The new lengths of both, or codes of REASONS.
     """
+    # On the copy, so that a failure leaves the band as it is.
     trial[:n] = band[:n]
     n = renew(trial, n, context)
     if n < 0:

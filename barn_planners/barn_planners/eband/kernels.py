@@ -1,8 +1,8 @@
 """Kernels of the elastic band: bubbles, refining, connecting; `forces` moves bubbles.
 
-They follow eband_local_planner.cpp. A band is float64 (capacity, 4) with the columns X, Y,
-RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions that
-change a band return its new length, or below 0 one of the codes of REASONS.
+They follow eband_local_planner.cpp. A band is float64 (capacity, 4) with the columns X,
+Y, RADIUS (m) and YAW (rad), robot first; only its first n rows are in use. Functions
+that change a band return its new length, or below 0 one of the codes of REASONS.
 """
 
 import math
@@ -93,29 +93,28 @@ def radius_at(clearance: Clearance, x: float, y: float) -> float:
         y: Center of the bubble in m.
     """
     costs, grid, radii = clearance
-    rows, cols = costs.shape
     cell = cell_at(grid, x, y)
-    cost = costs[cell.row, cell.col] if is_on_grid(cell, rows, cols) else np.uint8(0)
-    radius: float = radii[cost]
-    return radius
+    if is_on_grid(cell, costs.shape):
+        return float(radii[costs[cell.row, cell.col]])
+    return float(radii[0])
 
 
 @kernel
 def overlap(
-    bubbles: Floats, index: int, others: Floats, other_index: int, share: float
+    bubbles: Floats, index: int, second: Floats, second_index: int, share: float
 ) -> bool:
     """Return whether two bubbles overlap (`EBandPlanner::checkOverlap`).
 
     Args:
         bubbles: Array with the first bubble; a view of its row would take longer.
         index: Row of the first bubble.
-        others: Array with the second bubble.
-        other_index: Row of the second bubble.
+        second: Array with the second bubble.
+        second_index: Row of the second bubble.
         share: Centers must be nearer than this share of the sum of radii.
     """
-    dx = bubbles[index, X] - others[other_index, X]
-    dy = bubbles[index, Y] - others[other_index, Y]
-    limit: float = share * (bubbles[index, RADIUS] + others[other_index, RADIUS])
+    dx = bubbles[index, X] - second[second_index, X]
+    dy = bubbles[index, Y] - second[second_index, Y]
+    limit: float = share * (bubbles[index, RADIUS] + second[second_index, RADIUS])
     return math.hypot(dx, dy) < limit
 
 
@@ -138,17 +137,17 @@ def put(bubbles: Floats, index: int, x: float, y: float, r: float, yaw: float) -
 
 
 @kernel
-def copy(bubbles: Floats, index: int, others: Floats, other_index: int) -> None:
+def copy(bubbles: Floats, index: int, second: Floats, second_index: int) -> None:
     """Copy a bubble; numba's assignment of a row takes longer.
 
     Args:
         bubbles: Array to write to.
         index: Row to write to.
-        others: Array to copy from.
-        other_index: Row to copy from.
+        second: Array to copy from.
+        second_index: Row to copy from.
     """
     for column in range(4):
-        bubbles[index, column] = others[other_index, column]
+        bubbles[index, column] = second[second_index, column]
 
 
 @kernel
@@ -213,6 +212,7 @@ def bridge(context: Context, first: int, last: int, count: int) -> int:
     """
     gains = context.gains
     nodes, links, _, ends = context.work
+    # The stack holds what the bridge still has to reach, the nearest on top.
     depth = 1
     node = first
     ends[0] = last
@@ -258,6 +258,8 @@ def _drop_and_fill(context: Context, n: int) -> int:
         depth -= 1
         first, last, halves_done = stack[depth]
         middle = first + (last - first) // 2
+
+        # An interval comes twice: before its halves and after them.
         if halves_done:
             before, after = links[middle]
             if overlap(nodes, before, nodes, after, share):
@@ -271,6 +273,7 @@ def _drop_and_fill(context: Context, n: int) -> int:
             if count < 0:
                 return count
         else:
+            # The left half is on top, so that it is done first.
             stack[depth] = (first, last, 1)
             stack[depth + 1] = (middle, last, 0)
             stack[depth + 2] = (first, middle, 0)
@@ -296,6 +299,7 @@ def refine(band: Floats, n: int, context: Context) -> int:
 
     nodes = context.work.nodes
     links = context.work.links
+    # Nodes have no order but their links, so nothing moves while bubbles come and go.
     nodes[:n] = band[:n]
     count = _drop_and_fill(context, n)
     if count < 0:
@@ -343,6 +347,7 @@ def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
     if radius <= 0.0:
         return IN_COLLISION
 
+    # From the far end: the robot has passed all bubbles before the one that it finds.
     passed = n - 1
     while passed >= 0 and not overlap(
         nodes, 0, band, passed, context.gains.min_overlap
@@ -360,6 +365,7 @@ def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
     length = n - passed + count
     if length > len(band):
         return FULL
+    # Copied first, as both parts of the band may overlap.
     band[count:length] = band[passed:n].copy()
     _write_nodes(band, 0, context.work, 0, count)
     return length
@@ -409,4 +415,6 @@ def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
         return FULL
     place(band[end:], poses, gains)
     length = measure(band[end:], len(poses), context.clearance)
-    return length if length < 0 else end + length
+    if length < 0:
+        return length
+    return end + length

@@ -132,6 +132,7 @@ class ElasticBand:
         if count < 0:
             return kernels.REASONS[count]
 
+        # Two arrays in turns, which spares a copy and leaves the band on failure.
         self._band, self._trial = self._trial, self._band
         self._count = count
         return ""
@@ -203,6 +204,7 @@ class EBandController(Controller):
 
     def _take_plan(self, inputs: ControlInput, poses: Floats) -> str:
         """Make a new band; return why that fails, else an empty text."""
+        # A band has two bubbles at least.
         if len(poses) < 2:
             pose = inputs.pose
             poses = np.vstack([[pose.x, pose.y, pose.yaw], poses])
@@ -247,6 +249,7 @@ class EBandController(Controller):
         if abs(bearing) > config.rotation_threshold_multiplier * half_angle:
             return Control(self._turn(bearing), diagnostics=diagnostics)
 
+        # The radius of the robot's bubble sets the speed: small near obstacles.
         slow_share = 1.0
         if end_distance_m < config.slow_distance_m:
             slow_share = config.slow_share
@@ -270,6 +273,7 @@ class EBandController(Controller):
         share = 1.0 if self._is_final_turn else _FINAL_TURN_SHARE
         limit_m = share * self.config.xy_tolerance_m
         self._is_final_turn = False
+        # Cheaper than the transform, which only nearby robots need.
         if distance_m <= 2.0 * limit_m:
             offset = pose.inverse() @ end
             self._is_final_turn = max(abs(offset.x), abs(offset.y)) <= limit_m

@@ -1,7 +1,7 @@
 """Kernels that follow a potential down from the goal to the robot.
 
-`descend_as_navfn` repeats navfn's `NavFn::calcPath` and `gradCell` (navfn.cpp); `descend`
-has no orbits. Grids are flat: cell = row * columns + column.
+`descend_as_navfn` repeats navfn's `NavFn::calcPath` and `gradCell` (navfn.cpp);
+`descend` has no orbits. Grids are flat: cell = row * columns + column.
 """
 
 import math
@@ -151,6 +151,7 @@ def descend(
 
         points[n, 0] = x
         points[n, 1] = y
+        # Steps that undo one another would never end.
         to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
         dx = 0.0
         dy = 0.0
@@ -232,6 +233,7 @@ def descend_as_navfn(
         if x == 0.0 and y == 0.0:
             return n + 1, False
 
+        # Half a cell on, then over to the next cell where that is more than one away.
         share = np.float32(0.5) / _length(x, y)
         whole_columns, dx = _split_offset(dx + x * share)
         whole_rows, dy = _split_offset(dy + y * share)
@@ -276,10 +278,10 @@ def _direction_as_navfn(
 @kernel
 def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32:
     """Return a value between four corners, rounded to single precision as in navfn."""
-    one = np.float64(1.0)
-    low = np.float32((one - dx) * corners[0] + dx * corners[1])
-    high = np.float32((one - dx) * corners[2] + dx * corners[3])
-    value: np.float32 = np.float32((one - dy) * low + dy * high)
+    unit = np.float64(1.0)
+    low = np.float32((unit - dx) * corners[0] + dx * corners[1])
+    high = np.float32((unit - dx) * corners[2] + dx * corners[3])
+    value: np.float32 = np.float32((unit - dy) * low + dy * high)
     return value
 
 
@@ -292,6 +294,7 @@ def _unit_gradient_as_navfn(
     if cell < columns or cell > potential.size - columns:
         return zero, zero
 
+    # As in the original, the norm is rounded before it divides.
     along = np.float32(_slope(potential, cell, 1, blocked_slope))
     across = np.float32(_slope(potential, cell, columns, blocked_slope))
     norm = _length(along, across)

@@ -70,7 +70,7 @@ class Memory(NamedTuple):
     potentials: Potential  # (2, cells), UNREACHED where no search has been
     pending: Bytes  # by cell: 1 on the border and while a cell waits, else 0
     queues: MediumIntegers  # (3, cells)
-    seen: Bytes  # by cell: the cost that the last search saw, within its windows
+    costs: Bytes  # by cell: the cost that the last search saw, within its windows
     windows: Integers  # (2, 4): what the potentials have touched
 
 
@@ -186,14 +186,14 @@ def grow(
     pending = memory.pending
     queue = memory.queues.reshape(memory.queues.size)
     number = potential.dtype.type
-    one = np.uint64(1)
+    unit = np.uint64(1)
     row = np.uint64(columns)
     size = np.uint64(len(potential))
 
     cell = np.uint64(ends.start)
     potential[cell] = 0.0
     end = np.uint64(0)
-    for neighbor in (cell - one, cell + one, cell - row, cell + row):
+    for neighbor in (cell - unit, cell + unit, cell - row, cell + row):
         # A start on the border has neighbors off the grid.
         if neighbor < size:
             far = number(UNREACHED)
@@ -207,6 +207,7 @@ def grow(
         min(0.0, start_col),
         max(0.0, start_col),
     )
+    # The order counts from the robot's straight distance on, as in A*.
     limit = growth.first_limit + focus.order * math.hypot(start_row, start_col)
     queues = _Queues(np.uint64(0), end, size, size, size + size, size + size)
     rounds = growth.rounds
@@ -216,6 +217,7 @@ def grow(
         following_end, beyond_end, extent = _take_round(
             terrain, ends.goal, focus, limit, potential, pending, queue, queues, extent
         )
+        # What follows is next; if nothing does, the limit rises to what lies beyond.
         current, _, following, _, beyond, _ = queues
         queues = _Queues(following, following_end, current, current, beyond, beyond_end)
         if following_end == following:
@@ -256,7 +258,7 @@ def _take_round(
     costs, columns, prices, gains = terrain
     order, bounding, bound = focus
     number = potential.dtype.type
-    one = np.uint64(1)
+    unit = np.uint64(1)
     row = np.uint64(columns)
     goal_row = float(goal // columns)
     goal_col = float(goal % columns)
@@ -267,8 +269,8 @@ def _take_round(
     first_row, last_row, first_col, last_col = extent
     for k in range(queues.current, queues.current_end):
         cell = np.uint64(queue[k])
-        left = potential[cell - one]
-        right = potential[cell + one]
+        left = potential[cell - unit]
+        right = potential[cell + unit]
         down = potential[cell - row]
         up = potential[cell + row]
         before = potential[cell]
@@ -292,8 +294,8 @@ def _take_round(
         source = value if falls else number(np.inf)
         near = value + order * away < limit
         end = following_end if near else beyond_end
-        end = _queue(costs, gains, pending, queue, cell - one, left, source, end)
-        end = _queue(costs, gains, pending, queue, cell + one, right, source, end)
+        end = _queue(costs, gains, pending, queue, cell - unit, left, source, end)
+        end = _queue(costs, gains, pending, queue, cell + unit, right, source, end)
         end = _queue(costs, gains, pending, queue, cell - row, down, source, end)
         end = _queue(costs, gains, pending, queue, cell + row, up, source, end)
         following_end = end if near else following_end
@@ -312,8 +314,8 @@ def search(
         terrain: What cells cost.
         ends: Cells to start from and to reach.
         growth: Constants of the search.
-        is_bounded: Whether to grow potentials[0] straight to the goal first, and then to
-            skip cells that are too far from the way for that.
+        is_bounded: Whether to grow potentials[0] straight to the goal first, and then
+            to skip cells that are too far from the way for that.
         memory: Memory for plans, which keeps what the search has seen.
 
     Returns:
@@ -326,6 +328,8 @@ def search(
         for side in range(4):
             windows[k, side] = NOWHERE[side]
 
+    # The first search finds one way; cells from which the way cannot be as short are of
+    # no use to the second, whose potential the plan follows.
     bound = np.inf
     if is_bounded:
         grow(terrain, ends, growth, Focus(growth.neutral, 0.0, np.inf), memory, 0)
@@ -339,7 +343,7 @@ def search(
             first = row * columns + windows[k, COL] - 1
             end = row * columns + windows[k, END_COL] + 1
             source = terrain.costs[first:end]
-            target = memory.seen[first:end]
+            target = memory.costs[first:end]
             for cell in range(len(source)):
                 target[cell] = source[cell]
 
@@ -359,7 +363,7 @@ def is_same(terrain: Terrain, memory: Memory) -> bool:
         False if a price has changed where a potential has come or beside it.
     """
     costs, columns, prices, _ = terrain
-    seen = memory.seen
+    last_costs = memory.costs
     last_row = len(costs) // columns - 1
     for k in range(2):
         potential = memory.potentials[k]
@@ -370,15 +374,16 @@ def is_same(terrain: Terrain, memory: Memory) -> bool:
 
             # Most rows have not changed, which a loop without a branch tells quickly.
             source = costs[first:end]
-            target = seen[first:end]
+            target = last_costs[first:end]
             differs = False
             for cell in range(len(source)):
                 differs |= source[cell] != target[cell]
             if not differs:
                 continue
 
+            # Costs with the same price make no difference.
             for cell in range(first, end):
-                if prices[costs[cell]] == prices[seen[cell]]:
+                if prices[costs[cell]] == prices[last_costs[cell]]:
                     continue
                 least = min(
                     potential[cell],
@@ -427,6 +432,7 @@ def poses_along(
     """
     n = len(points)
     poses = np.zeros((n + 1, 3))
+    # The path leads from the goal to the robot, the plan the other way.
     for k in range(n):
         poses[k, 0] = grid.x + (points[n - 1 - k, 0] + half_cell) * grid.resolution
         poses[k, 1] = grid.y + (points[n - 1 - k, 1] + half_cell) * grid.resolution

@@ -98,6 +98,7 @@ class GlobalPlanner:
         if not (1 <= row < rows - 1 and 1 <= col < cols - 1):
             return GlobalPlan(None, "the goal is off the global costmap")
 
+        # navfn plans within one cell, too; the result may orbit.
         is_there = start_cell == (row, col)
         if is_there and not self.config.as_navfn:
             return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
@@ -109,6 +110,7 @@ class GlobalPlanner:
         terrain = kernels.Terrain(
             costmap.costs.ravel(), cols, self._prices, self._gains
         )
+        # A robot that moves within its cell has the same plan.
         task = (costmap.grid, start_cell, goal)
         if task != self._task or not kernels.is_same(terrain, self._memory):
             ends = kernels.Ends(start_cell[0] * cols + start_cell[1], row * cols + col)
@@ -165,6 +167,7 @@ class GlobalPlanner:
         self._memory = kernels.new_memory(rows, cols, self._dtype)
         steps = int(4 * (rows + cols) / self.config.step_cells)
         self._points = np.empty((steps, 2), self._dtype)
+        # navfn stops after so many rounds, even if the goal is not reached.
         rounds = _ALL_ROUNDS
         if self.config.as_navfn:
             rounds = max(rows * cols // 20, rows + cols)
@@ -185,6 +188,7 @@ def cell_prices(config: GlobalPlanConfig) -> Floats:
     prices = np.floor(config.neutral_cost + config.cost_factor * costs)
     prices = np.minimum(prices, _HIGHEST_PRICE)
     prices[INSCRIBED:] = math.inf
+    # navfn may plan through unknown cells at the highest price.
     prices[_UNKNOWN] = _HIGHEST_PRICE
     return prices
 

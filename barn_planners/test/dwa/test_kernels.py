@@ -73,7 +73,7 @@ def plain_wavefront(
 def prepared(costs, pose):
     state = np.empty(SIZE, np.uint8)
     corners = costmap_kernels.corners_at(JACKAL, Pose(*pose))
-    covered = costmap_kernels.footprint_cells(corners, GRID, ROWS, COLS)
+    covered = costmap_kernels.footprint_cells(corners, GRID, (ROWS, COLS))
     wavefront.block_cells(costs, state)
     wavefront.open_cells(covered, COLS + 2, state)
     passable = costs < INSCRIBED
@@ -133,7 +133,7 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
         ]
     )
     cells = np.empty(1000, np.int64)
-    count = wavefront.plan_cells(plan, GRID, ROWS, COLS, cells)
+    count = wavefront.plan_cells(plan, GRID, (ROWS, COLS), cells)
     plan_cells_list = [
         (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
         for cell in cells[:count]
@@ -143,8 +143,8 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
     )
     for first, other in itertools.pairwise(plan_cells_list):
         assert max(abs(first[0] - other[0]), abs(first[1] - other[1])) == 1
-    assert wavefront.plan_cells(plan[:1], GRID, ROWS, COLS, cells) == 0
-    assert wavefront.plan_cells(plan, GRID, ROWS, COLS, cells[:10]) == 10
+    assert wavefront.plan_cells(plan[:1], GRID, (ROWS, COLS), cells) == 0
+    assert wavefront.plan_cells(plan, GRID, (ROWS, COLS), cells[:10]) == 10
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
