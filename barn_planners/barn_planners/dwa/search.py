@@ -217,7 +217,9 @@ def _goal_ahead(ground: Ground, goal: Wavefront, row: Floats, choice: Choice) ->
         return float(steps)
     if not choice.past_blocked:
         return math.inf
-    return float(UNREACHED) + (0.0 if is_bordered(goal, place) else 1.0)
+    if is_bordered(goal, place):
+        return float(UNREACHED)
+    return float(UNREACHED) + 1.0
 
 
 @kernel
