@@ -125,3 +125,24 @@ class Faulty(Straight):
             "stops": Decision(Velocity2D(0.0, 0.0), waiting),
         }
         return answers[self.fault]
+
+
+def ahead(observation):
+    return 0.4, 0.0
+
+
+def at_the_goal(observation, task):
+    return Velocity2D(0.4, 0.0 if task.goal.x > 0.0 else 0.1)
+
+
+class Steady(Planner):
+    """Drives straight on at a speed that it is made with."""
+
+    def __init__(self, speed_mps=0.3):
+        self.speed_mps = speed_mps
+
+    def start(self, task, seed):
+        self.task = task
+
+    def step(self, observation):
+        return Decision(Velocity2D(self.speed_mps, 0.0))

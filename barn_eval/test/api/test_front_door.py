@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
-from planners import SHORT, Straight
+from planners import SHORT, Steady, Straight, ahead, at_the_goal
 from results.test_folder import GAP, keep
 
 import barn_eval as barn
@@ -30,27 +30,6 @@ from barn_eval.trials.outcome import Outcome
 from barn_planners.interface import Task
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
-
-
-def ahead(observation):
-    return 0.4, 0.0
-
-
-def at_the_goal(observation, task):
-    return Velocity2D(0.4, 0.0 if task.goal.x > 0.0 else 0.1)
-
-
-class Steady(barn.Planner):
-    """Drives straight on at a speed that it is made with."""
-
-    def __init__(self, speed_mps=0.3):
-        self.speed_mps = speed_mps
-
-    def start(self, task, seed):
-        self.task = task
-
-    def step(self, observation):
-        return barn.Decision(barn.Velocity2D(self.speed_mps, 0.0))
 
 
 @pytest.fixture(scope="module")
