@@ -123,15 +123,10 @@ def test_wrong_rows_are_named_by_file_and_line(rows, content, words):
         rows.read()
 
 
-def append_rows(folder, reported):
-    """Append rows without end, from after the last one that was reported, and report each."""
-    rows = RowFile(folder)
-    for number in range(reported.value + 1, 100_000):
-        rows.append(result(number))
-        reported.value = number
-
-
 def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
+    # imports this module
+    from child_work import append_rows  # noqa: PLC0415
+
     processes = get_context("spawn")
     reported = processes.Value("q", -1, lock=False)
     for _ in range(4):

@@ -12,6 +12,7 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
+from child_work import record_and_die
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
@@ -184,14 +185,6 @@ def test_a_full_disk_is_told_in_one_line(tmp_path):
         for cycle in range(100):
             recorder.write("/clock", encode_clock(cycle), cycle * PERIOD_NS)
     assert not (tmp_path / "bag").exists()
-
-
-def record_and_die(path: Path) -> None:
-    recorder = Recorder(path)
-    recorder.add_topic("/clock", CLOCK.type_name)
-    for cycle in range(205):
-        recorder.write("/clock", encode_clock(cycle * PERIOD_NS), cycle * PERIOD_NS)
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def partial_messages(path: Path) -> list[Message]:
