@@ -268,7 +268,10 @@ class _Checker:
         found = self._found
         unchecked: Counter[str] = Counter()
         old_count = 0
-        for check in _check_all(trials):
+        # Workers end in any order; problems are listed in the order of trials.
+        checks = {check.trial_id: check for check in _check_all(trials)}
+        for trial in trials:
+            check = checks[trial.row.trial_id]
             found.bags += check.has_bag
             found.driven += check.was_driven
             if check.problems and self._is_old(rows[check.trial_id]):
