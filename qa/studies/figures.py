@@ -43,7 +43,10 @@ ELSEWHERE = {
         ["latency.png", "latency_nav2.png"],
         "sweep of barn report, after docs/boards.md",
     ),
-    "fidelity_defaults.png": "python qa/fidelity/calibrate.py FOLDER --reference TABLE --figure, with the published times",
+    "fidelity_defaults.png": (
+        "python qa/fidelity/calibrate.py FOLDER --reference TABLE --figure,"
+        " with the published times"
+    ),
 }
 
 

@@ -300,7 +300,11 @@ def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
 
 
 def _board_class(entry: Entry) -> BoardClass:
-    """Return the class of an entry; ConfigError if its trials have several protocols."""
+    """Return the class of an entry.
+
+    Raises:
+        ConfigError: Its trials have several protocols.
+    """
     protocols = {result.protocol for result in entry.results}
     if len(protocols) > 1:
         raise ConfigError(

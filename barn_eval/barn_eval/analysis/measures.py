@@ -43,7 +43,7 @@ class Measure:
     """Whether the value lies in 0 to 1 and is shown in percent."""
 
     as_failure: Callable[[TrialResult], float] | None = None
-    """Value that a trial has, or would have, as a failure; None if failures have none."""
+    """Value that a trial would have as a failure; None if failures have none."""
 
     compute: Callable[[TrialResult], float] | None = None
     """Computes the value where no field holds it."""

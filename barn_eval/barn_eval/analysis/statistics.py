@@ -386,7 +386,7 @@ def rank_correlation(
 
 
 def _chance_of_larger(a: Floats, b: Floats) -> float:
-    """Return the probability that a value of `a` is above one of `b`; ties count half."""
+    """Return the probability that a value of `a` exceeds one of `b`; ties count half."""
     gaps = a[:, None] - b[None, :]
     return float(np.mean((gaps > 0.0) + 0.5 * (gaps == 0.0)))
 

@@ -165,7 +165,7 @@ def _total_width(widths: Sequence[int]) -> int:
 
 
 def _join_words(text: str) -> str:
-    """Return a text in which limits in brackets, and a number with its star, stay whole."""
+    """Keep limits in brackets whole in a text, and a number with its star."""
     joined = re.sub(
         r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )

@@ -40,8 +40,10 @@ worlds = barn.worlds.load("barn300", "0:300:100")
 results = barn.run(list(worlds.values()), ["gap", mine, ahead, Own, {"other": Own()}], workers=2, bags="none")
 first: barn.TrialResult = results.trials[0]
 trial = results.trial(first.trial_id)
-print(results.table["planner"].tolist(), first.scores.success, trial.trajectory["x_m"].max(), trial.to_tum("trial.txt"))
-print(barn.run(worlds, "dwa", dry_run=True).trials, barn.robots.load("husky").name, barn.compare(results, "out").columns)
+print(results.table["planner"].tolist(), first.scores.success)
+print(trial.trajectory["x_m"].max(), trial.to_tum("trial.txt"))
+print(barn.run(worlds, "dwa", dry_run=True).trials, barn.robots.load("husky").name)
+print(barn.compare(results, "out").columns)
 """
 
 WRONG = """

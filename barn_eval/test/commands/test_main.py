@@ -41,7 +41,10 @@ def tiny(tmp_path_factory, open_world) -> Path:
 
 def output_and_modules(arguments, **environment):
     """Return what `barn` prints in a process of its own, and the names of the modules that it has loaded."""
-    script = f"import sys\nfrom barn_eval.commands.main import main\ntry: main({arguments})\nfinally: print(*sys.modules)"
+    script = (
+        "import sys\nfrom barn_eval.commands.main import main\n"
+        f"try: main({arguments})\nfinally: print(*sys.modules)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", script],
         capture_output=True,

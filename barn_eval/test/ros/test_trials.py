@@ -474,7 +474,10 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
 
 
 def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
-    without = "import runpy, sys; sys.modules |= dict.fromkeys(sys.argv[2:]); runpy.run_path(sys.argv[1], {}, '__main__')"
+    without = (
+        "import runpy, sys; sys.modules |= dict.fromkeys(sys.argv[2:]); "
+        "runpy.run_path(sys.argv[1], {}, '__main__')"
+    )
     suite = (
         "barn_worlds",
         "barn_sim",

@@ -231,7 +231,7 @@ class DifficultyModel:
         return difficulty, spread
 
     def _evaluate(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean outputs (n, k), difficulty (n,) and its std (n,) over networks."""
+        """Return mean outputs (n, k), difficulty (n,), its std (n,) over networks."""
         # (networks, n, k)
         all_outputs = np.array([network(inputs) for network in self.networks])
         share = 1.0 / len(self.networks)

@@ -8,7 +8,10 @@ from pathlib import Path
 from fault_cases.kit import Lab, add, case, ending, hold, repeatable
 
 FAMILY = "direct"
-SHORT = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 4.0\nfirst_motion_limit_s: 2.0\ntimeout_time_s: 4.0\n"
+SHORT = (
+    "schema_version: 1\nbase: challenge\nname: short\n"
+    "limit_s: 4.0\nfirst_motion_limit_s: 2.0\ntimeout_time_s: 4.0\n"
+)
 
 
 def with_rogue(lab: Lab) -> dict[str, str]:

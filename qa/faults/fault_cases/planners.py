@@ -13,7 +13,10 @@ from fault_cases.system import alive
 FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
 FOREIGN = TESTS / "foreign_planner.py"
-_PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
+_PROTOCOL = (
+    "schema_version: 1\nbase: challenge\nname: short\n"
+    "first_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
+)
 # Short where a case waits for it in full, and yet long enough for a slow and busy
 # machine.
 _PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
