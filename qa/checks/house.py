@@ -106,7 +106,7 @@ class Counts:
             * self.documented
             / max(self.documentable, 1),
             "empty entries [%]": 100.0 * self.empty_entries / max(self.entries, 1),
-            "comments [%]": 100.0 * self.comments / max(self.lines, 1),
+            "comments [% of code lines]": 100.0 * self.comments / max(self.lines, 1),
         }
 
 
