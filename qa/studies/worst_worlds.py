@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "results",
         type=Path,
         nargs="+",
-        help="folders of experiments in the same worlds",
+        help="folders of runs in the same worlds",
     )
     parser.add_argument("figures", type=Path, help="the folder that the pictures go to")
     options = parser.parse_args(arguments)

@@ -56,7 +56,7 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     Scores, times, clearances, contacts and outcomes follow from tracks and bags by the
     referee's own code; the commands, driven again without their planner, must give the
     recorded trajectory. Rows, tables, worlds and configuration must belong
-    together. FOLDER is of an experiment, finished or not. Exit code 1 if anything is
+    together. FOLDER is of a run, finished or not. Exit code 1 if anything is
     wrong, with a line for each.
     """
     with notes.status("checking"):

@@ -69,7 +69,7 @@ def command(
     margin_texts: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Compare A with B: folders of experiments, finished or not. Without B, the planners of A with each other.
+    """Compare A with B: folders of runs, finished or not. Without B, the planners of A with each other.
 
     FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where
     both folders hold several and none is chosen, planners of the same name are

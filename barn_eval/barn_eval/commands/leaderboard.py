@@ -39,7 +39,7 @@ def command(
     worlds: str,
     as_json: bool,
 ) -> None:
-    """Rank the planners of FOLDERS of experiments.
+    """Rank the planners of FOLDERS of runs.
 
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has
     a board of its own.

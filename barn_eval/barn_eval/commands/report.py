@@ -55,7 +55,7 @@ def command(
     replays: bool,
     parameters: dict[str, Any],
 ) -> None:
-    """Write the report of FOLDERS of experiments, finished or not.
+    """Write the report of FOLDERS of runs, finished or not.
 
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set
     width_mm=88 fits a column.

@@ -40,7 +40,7 @@ _LOOK_PERIOD_S = 0.5
 )
 @click.option("--wait", is_flag=True, help="Wait for the folder to be there.")
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
-    """Serve a page that shows how the experiment in FOLDER stands, until Ctrl-C.
+    """Serve a page that shows how the run in FOLDER stands, until Ctrl-C.
 
     Progress, who leads, failures as they come, and a replay of each bag, drawn when it
     is asked for. Everything comes from the files, so that trials may run, have stopped,

@@ -195,7 +195,7 @@ class EvaluatorConfig(PlannerLink):
     repetitions: int = quantity(1, "trials per world", "", 1, 99)
     out: str = quantity(
         "barn_out",
-        "folder of the results; an equal experiment that was begun there is resumed",
+        "folder of the results; an equal run that was begun there is resumed",
     )
     bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
     simulator_node: str = quantity(

@@ -1,3 +1,3 @@
 """Bags: what a trial records, and how a recording is read."""
 
-BAGS = "bags"  # folder of them among the results of an experiment
+BAGS = "bags"  # folder of them among the results of a run
