@@ -1,7 +1,7 @@
 """What a bag tells of a trial, as arrays on one time line."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from operator import itemgetter
@@ -148,6 +148,16 @@ class RecordedTrial:
 ItemsByTopic = Mapping[str, list[TimedItem]]
 
 
+class _Surroundings(NamedTuple):
+    """What stands and moves around the robot, known only in the frame of true poses."""
+
+    scene: TrialScene | None
+    pushed_m: Floats  # (k, 2)
+    moving: RecordedMotions | None
+    map_frame: Pose2D
+    note: str  # what of it is not drawn, in words
+
+
 def read_recorded_trial(path: Path) -> RecordedTrial:
     """Return what a bag tells of a trial, up to where it is cut off or damaged.
 
@@ -158,7 +168,6 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     unreadable: dict[str, str] = {}
     items = _read_items(bag, unreadable)
     truth = items[topics.GROUND_TRUTH.path]
-    has_truth = bool(truth)
     poses = truth or items[topics.ODOM.path]
     if not poses:
         reason = bag.problem or "; ".join(unreadable.values())
@@ -171,40 +180,17 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     result = metadata(bag, "barn.result", "result")
     lidar, lidar_note = _find_lidar(items, trial)
     chassis, robot_note = decode.chassis_of(trial)
-    notes = [bag.problem, *unreadable.values()]
-
-    # What stands and moves is known in the frame of the true poses only.
-    scene = None
-    pushed_m = np.empty((0, 2))
-    moving = None
-    map_frame = ORIGIN
-    maps = items[topics.MAP.path]
-    if has_truth:
-        scene, pushed_m = _read_scene(items[topics.WORLD.path])
-        moving, moving_note = _read_motions(items)
-        notes.append(moving_note)
-        if maps:
-            map_frame = decode.map_frame(trial)
-    notes += [lidar_note, robot_note]
-    frame = MAP
-    if not has_truth:
-        frame = ODOM
-        notes.append("no /ground_truth/odom: positions are those of the odometry")
-    if map_frame != ORIGIN:
-        notes.append(
-            "map and plan are drawn where the obstacles stand; the planner's map has"
-            f" them {math.hypot(map_frame.x, map_frame.y):.2f} m away"
-        )
-    if not result:
-        notes.append(
-            "the bag holds no result: its trial was not finished, or it is another's"
-        )
+    around = _Surroundings(None, np.empty((0, 2)), None, ORIGIN, "")
+    if truth:
+        around = _read_surroundings(items, trial)
+    notes = [bag.problem, *unreadable.values(), around.note, lidar_note, robot_note]
+    notes += _list_gaps(bool(truth), around.map_frame, result)
 
     times_s = np.array([item.time_s for item in poses])
     no_pose = (np.nan, np.nan, np.nan)
-    commands = items[topics.CMD_VEL.path]
     contacts = items[topics.COLLISION.path]
     touched = _hold(contacts, lambda contact: (contact,), times_s, (0.0,))
+    maps = items[topics.MAP.path]
     goals = items[topics.GOAL_POSE.path]
     displays = {}
     for item in fields(RecordedTrial):
@@ -216,28 +202,54 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     return RecordedTrial(
         name=bag.path.name,
         folder=folder.name,
-        frame=frame,
+        frame=MAP if truth else ODOM,
         times_s=times_s,
         poses=np.array([_pose_row(item.content) for item in poses], np.float64),
         speeds=np.array([_twist_row(item.content.velocity) for item in poses]),
-        commands=_hold(commands, _twist_row, times_s, (np.nan, np.nan)),
+        commands=_hold(
+            items[topics.CMD_VEL.path], _twist_row, times_s, (np.nan, np.nan)
+        ),
         contact=touched[:, 0] > 0.0,
         odometry=_hold(items[topics.ODOM.path], _pose_row, times_s, no_pose),
         outline=contact_footprint(chassis),
         chassis=chassis,
         lidar=lidar,
-        map_frame=map_frame,
-        map=_move_map(maps[-1].content, map_frame) if maps else None,
+        map_frame=around.map_frame,
+        map=_move_map(maps[-1].content, around.map_frame) if maps else None,
         goal=goals[-1] if goals else None,
-        scene=scene,
-        pushed_m=pushed_m,
-        moving=moving,
+        scene=around.scene,
+        pushed_m=around.pushed_m,
+        moving=around.moving,
         recoveries_s=_find_recoveries(items[topics.DIAGNOSTICS.path]),
         trial=trial,
         result=result,
         notes=tuple(note for note in notes if note),
         **displays,
     )
+
+
+def _read_surroundings(items: ItemsByTopic, trial: dict[str, Any]) -> _Surroundings:
+    scene, pushed_m = _read_scene(items[topics.WORLD.path])
+    moving, note = _read_motions(items)
+    map_frame = ORIGIN
+    if items[topics.MAP.path]:
+        map_frame = decode.map_frame(trial)
+    return _Surroundings(scene, pushed_m, moving, map_frame, note)
+
+
+def _list_gaps(
+    has_truth: bool, map_frame: Pose2D, result: dict[str, Any]
+) -> Iterator[str]:
+    """Yield what a viewer must know of what the bag lacks."""
+    if not has_truth:
+        yield "no /ground_truth/odom: positions are those of the odometry"
+    if map_frame != ORIGIN:
+        yield (
+            "map and plan are drawn where the obstacles stand; the planner's map has"
+            f" them {math.hypot(map_frame.x, map_frame.y):.2f} m away"
+        )
+    if not result:
+        yield "the bag holds no result: its trial was not finished, or it is another's"
 
 
 def _read_items(bag: BagFile, unreadable: dict[str, str]) -> ItemsByTopic:
