@@ -121,10 +121,10 @@ def test_killed_workers_do_not_change_the_bytes(whole, tmp_path):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 96 kB."""
+    """A file system of 256 kB, twice what the folder of the whole campaign takes."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=96k", "barn-test", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "barn-test", str(folder)]
     if (
         os.geteuid() != 0
         or subprocess.run(mount, check=False, capture_output=True).returncode != 0
@@ -137,7 +137,7 @@ def small_disk(tmp_path):
 def test_a_full_disk_is_one_line_and_loses_nothing(whole, small_disk):
     out = small_disk / "out"
     filler = small_disk / "filler"
-    filler.write_bytes(bytes(72 * 1024))
+    filler.write_bytes(bytes(232 * 1024))
     full = runs.run(whole[0], "--out", out, "--workers", 2)
     assert full.returncode == 1
     assert "No space left on device" in full.stderr
