@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from footprint_lattice import POINTS_PER_CELL, build_lattice, path_cells
+from generate_hard_worlds import write_hard_worlds
 from hard_worlds import (
     KINDS,
     LEAD_IN_CELLS,
@@ -18,7 +19,7 @@ from hard_worlds import (
     prove_path,
 )
 
-from barn_worlds.base.errors import WorldError
+from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.geometry.footprint import Footprint
@@ -125,6 +126,17 @@ def test_no_way_in_the_grids_tried_is_said():
             generate_hard_world(
                 impossible, STANDARD_ROBOT, np.random.default_rng(seed), "hard"
             )
+
+
+def test_a_data_set_is_written_to_a_new_npz_file_only(tmp_path):
+    target = tmp_path / "hard.npz"
+    assert write_hard_worlds(target, ["clutter"], 1) == 1
+    content = target.read_bytes()
+    with pytest.raises(ConfigError, match="exists already"):
+        write_hard_worlds(target, ["clutter"], 2)
+    assert target.read_bytes() == content
+    with pytest.raises(ConfigError, match=r"must end in \.npz"):
+        write_hard_worlds(tmp_path / "other", ["clutter"], 1)
 
 
 def test_the_shipped_hard_worlds_come_again_from_their_seed():

@@ -112,17 +112,20 @@ def metrics_table(
         WorldError: If there is no world, or one cannot be read or is an arena.
     """
     formula = metrics.as_formula(formula)
+    labeled_worlds: Iterable[tuple[str, World]]
+    # World by world, so that not all of them are in memory at once.
     if isinstance(worlds, Dataset):
-        labels = [str(number) for number in worlds.world_numbers]
-        worlds = map(worlds.load, worlds.world_numbers)
+        dataset = worlds
+        labeled_worlds = ((str(n), dataset.load(n)) for n in dataset.world_numbers)
     else:
-        worlds = list(worlds)
-        labels = [world.name for world in worlds]
+        labeled_worlds = ((world.name, world) for world in worlds)
 
+    labels = []
     rows = []
     lowest = []
     highest = []
-    for world in worlds:
+    for label, world in labeled_worlds:
+        labels.append(label)
         values = metrics.world_cell_metrics(world, formula)
         rows.append(metrics.mean_metrics(values, world.path).as_array())
         lowest.append(values.min(axis=0))

@@ -1,6 +1,6 @@
 """The table of metrics: equal to its parts, valid in every format, and written whole or not at all."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import pstdev
 
@@ -35,6 +35,17 @@ def test_rows_and_extremes_are_those_of_the_worlds(formula):
     cells = np.vstack([world_cell_metrics(world, formula) for world in worlds])
     np.testing.assert_array_equal(table.cell_minimum, cells.min(axis=0))
     np.testing.assert_array_equal(table.cell_maximum, cells.max(axis=0))
+
+
+def test_worlds_are_taken_one_by_one():
+    arena = replace(_worlds()[0], corner_m=(0.0, 0.0))
+
+    def two_worlds():
+        yield arena
+        raise AssertionError("the first world is refused, so no second one is needed")
+
+    with pytest.raises(WorldError, match="is an arena"):
+        metrics_table(two_worlds())
 
 
 def test_a_data_set_is_labelled_by_its_numbers():

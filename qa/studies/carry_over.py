@@ -2,10 +2,10 @@
 
 The tables and the figure of docs/carry_over.md.
 
-    python qa/studies/carry_over.py docs/carry_over.csv --figure
-    docs/figures/carry_over.png
-    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 --csv
-    docs/carry_over.csv
+    python qa/studies/carry_over.py docs/carry_over.csv \
+        --figure docs/figures/carry_over.png
+    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 \
+        --csv docs/carry_over.csv
 
 The trials are those of several robots in worlds of the same grids, each in cells of its
 robot's size (`barn.worlds.resize`). Courses and reference speeds are in these cells as

@@ -1,16 +1,18 @@
 """Make the shipped data set dynabarn60 of the motions and worlds of DynaBARN.
 
-Usage: python qa/studies/dynabarn.py WORLDS.json.
+    python qa/studies/dynabarn.py WORLDS.json
 
 WORLDS.json has the profiles by name (period_s, radius_m, height_m, keys of s, m, m) and
 the worlds with their difficulty and the names of their profiles.
 """
 
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
+import click
+
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.text_files import read_json
 from barn_worlds.datasets.generate_motion import build_arena
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
@@ -24,9 +26,14 @@ PAPER = (
 )
 
 
-def main() -> None:
-    """Write the data set."""
-    content = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+@click.command()
+@click.argument("file", metavar="WORLDS.json", type=click.Path(path_type=Path))
+def main(file: Path) -> None:
+    """Write the shipped data set dynabarn60 from the motions in WORLDS.json."""
+    try:
+        content = read_json(file)
+    except BarnError as error:
+        raise click.ClickException(str(error)) from None
     obstacles = {
         name: _obstacle(name, profile) for name, profile in content["profiles"].items()
     }

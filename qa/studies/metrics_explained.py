@@ -1,7 +1,4 @@
-"""Figures that explain the metrics on cells of a world, after Figs.
-
-2 to 4 of the paper.
-"""
+"""Figures that explain the metrics on cells of a world (Figs. 2 to 4 of the paper)."""
 
 import math
 

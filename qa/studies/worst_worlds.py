@@ -18,8 +18,8 @@ import pandas as pd
 import barn_eval as barn
 from barn_worlds.base.errors import BarnError
 
-# from the start to the goal
 _SIZE_IN = (3.2, 6.4)
+# From the start to the goal.
 _SHOWN_M = (2.4, 13.4)
 
 

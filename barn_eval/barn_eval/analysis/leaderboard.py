@@ -279,7 +279,7 @@ def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
     """Group entries so that each group can be compared on the same trials.
 
     Args:
-        entries: Results of one planner each, under one protocol and speed class.
+        entries: Results of one planner each, under one protocol.
 
     Returns:
         Groups in order of size. An entry joins the first group that shares a trial with

@@ -16,7 +16,7 @@ import yaml
 from hard_worlds import KINDS, HardParameters, generate_hard_worlds
 
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.datasets.generate import (
     NARROWNESS,
     cell_size_m,
@@ -46,8 +46,13 @@ def write_hard_worlds(
         changes: Changes to `HardParameters` as KEY=VALUE.
 
     Raises:
-        BarnError: If the robot or a parameter is not known, or no path is found.
+        BarnError: If the file has another ending or exists, the robot or a parameter is
+            not known, or no path is found.
     """
+    if target.suffix != ".npz":
+        raise ConfigError(f"{target}: must end in .npz")
+    if target.exists():
+        raise ConfigError(f"{target}: exists already")
     robot = load_robot(robot_name)
     values: dict[str, object] = {"resolution_m": cell_size_m(robot)}
     for change in changes:
@@ -79,7 +84,7 @@ def main(
     robot: str,
     changes: Sequence[str],
 ) -> None:
-    """Write hard worlds of some kinds (default: all) to TARGET.npz."""
+    """Write hard worlds of some kinds (default: all) to TARGET, a new .npz file."""
     try:
         count = write_hard_worlds(
             target, kinds or KINDS, per_kind, seed, robot, changes

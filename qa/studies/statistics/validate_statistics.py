@@ -176,7 +176,7 @@ def render_page(
     return page
 
 
-@click.command(help=__doc__)
+@click.command()
 @click.option(
     "--simulations",
     default=SIMULATIONS,
@@ -192,7 +192,11 @@ def render_page(
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def main(simulations: int, seed: int, out: Path | None, as_json: bool) -> None:
-    """Run all checks and print their table."""
+    """Check by simulation that intervals and tests keep what they promise.
+
+    All checks run with two seeds, --seed and the next, and their table is printed. The
+    exit code is 1 if a share is further from its target than chance explains.
+    """
     checks = []
     with Console(stderr=True).status("simulating") as status:
         for check in run_checks(simulations, seed=seed):

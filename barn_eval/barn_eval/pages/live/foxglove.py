@@ -22,7 +22,7 @@ MISSING = (
     "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
 )
 _PERIOD_S = 0.1
-# One for each path: some topics are in the catalogue with two types.
+# One for each path: some topics are in the catalog with two types.
 _TOPICS = {
     topic.path: topic for topic in vars(topics).values() if isinstance(topic, Topic)
 }

@@ -83,9 +83,13 @@ class RunState:
         """Return the bag of a trial; ConfigError if it has none inside this folder."""
         trial_ids = {result.trial_id for result in RowFile(self.folder).read()}
         bag = self.folder / BAGS / trial_id
-        # A link could lead to a bag outside the folder.
-        is_inside = self.folder.resolve() in bag.resolve().parents
-        if trial_id not in trial_ids or not bag.is_dir() or not is_inside:
+        # Only names of trials are looked up on disk: others are a client's, and may be
+        # anything. A link could lead to a bag outside the folder.
+        if (
+            trial_id not in trial_ids
+            or not bag.is_dir()
+            or self.folder.resolve() not in bag.resolve().parents
+        ):
             raise ConfigError(
                 f"{trial_id[:100]!r}: there is no bag of a trial of this name"
             )

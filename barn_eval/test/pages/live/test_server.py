@@ -114,6 +114,15 @@ def test_the_page_and_replays_are_served_and_nothing_else(folder):
         get(page, "/")
 
 
+def test_names_of_no_trial_are_refused_without_a_look(folder):
+    loop = folder.parent / "loop"
+    loop.symlink_to(loop)
+    with PageServer(folder, port=0) as page:
+        for name in (str(loop), "\0"):
+            status, text, _ = get(page, f"/replay/{quote(name, safe='')}")
+            assert (status, "there is no bag" in text) == (404, True), name
+
+
 def test_nothing_is_written_and_a_taken_port_is_told(folder):
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     with PageServer(folder, port=0) as page:
