@@ -53,7 +53,7 @@ class TopicGoal:
         self.offered = [Endpoint(topic, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
-        """Publish a serialised PoseStamped once all subscriptions are connected.
+        """Publish a serialized PoseStamped once all subscriptions are connected.
 
         A planner without ~/ready gets it only once.
         """
@@ -116,7 +116,7 @@ class ActionGoal:
         return _describe_result(self._result.result())
 
     def begin(self, goal: bytes) -> None:
-        """Send a serialised PoseStamped until the action accepts it."""
+        """Send a serialized PoseStamped until the action accepts it."""
         patience = self._patience
         # A server that ~/reset has taken down may be starting again.
         if not self._loop.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
@@ -154,7 +154,7 @@ class ActionGoal:
         try:
             self._loop.wait(future.done, self._patience.vanished_s, PLANNER)
         except TrialEnded as end:
-            self._loop.node.get_logger().info(f"while the goal was cancelled: {end}")
+            self._loop.node.get_logger().info(f"while the goal was canceled: {end}")
 
     @staticmethod
     def _not_ready(detail: str) -> TrialEnded:

@@ -37,7 +37,7 @@ class Recording:
         Args:
             node: The evaluator node.
             subscriber: Holds the subscriptions.
-            exclude: Resolved names of topics that no bag has.
+            exclude: Full names of topics that no bag has; they are not resolved.
             required: Resolved names of topics that are subscribed to even where no bag
                 is recorded.
         """
@@ -137,7 +137,7 @@ class Recording:
         """Publish how a trial stands where somebody listens, and write it to the bag.
 
         Args:
-            messages: Topics of the evaluator with their serialised messages.
+            messages: Topics of the evaluator with their serialized messages.
             stamp_ns: Simulated time of the messages.
             recorder: Writes the bag; None where no bag is recorded.
         """

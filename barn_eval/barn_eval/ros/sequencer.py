@@ -19,7 +19,7 @@ _SENT_NS = attrgetter("sent_ns")
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A serialised message."""
+    """A serialized message."""
 
     topic: str
     data: bytes

@@ -272,7 +272,7 @@ def _stand_by(second: int) -> int:
 
 
 def _end_with(parent: int, number: int) -> None:
-    """Have this process signalled when its parent dies; end now if it is dead."""
+    """Have this process signaled when its parent dies; end now if it is dead."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os._exit(1)
