@@ -26,7 +26,7 @@ def predict(
         weights: File of a model. Default: the shipped model.
 
     Returns:
-        A row per world: world, name, difficulty_s_per_m (time per metre of path that
+        A row per world: world, name, difficulty_s_per_m (time per meter of path that
         trials under the paper's protocol take on average), std_s_per_m (standard
         deviation of trials in a new world around it), the same per planner as
         PLANNER_s_per_m, and failure_probability.

@@ -245,9 +245,7 @@ def overlay(
         figure = draw_overlay(
             folder_paths(folders), world, by=by, planners=planners, outcome=outcome
         )
-    return Plot(
-        figure, f"trajectories of the trials in world {world}, coloured by {by}"
-    )
+    return Plot(figure, f"trajectories of the trials in world {world}, colored by {by}")
 
 
 def folder_paths(folders: Folders) -> list[Path]:

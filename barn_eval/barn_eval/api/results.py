@@ -316,7 +316,7 @@ class Results:
         """Draw a figure of a report.
 
         Args:
-            what: worlds (time per metre in each), outcomes (of each trial),
+            what: worlds (time per meter in each), outcomes (of each trial),
                 distributions, compute, trade, bands, paired or hardest (maps of worlds
                 with the trajectories of their trials).
             ax: Axes of matplotlib to draw onto, as many as the figure has panels; for

@@ -330,7 +330,7 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
 
     Raises:
         BarnError: If a world has walls, moving obstacles or an arena, which are in
-            metres, or no path for the robot.
+            meters, or no path for the robot.
     """
     target_robot = load_robot(robot)
     resolution_m = cell_size_m(target_robot)
@@ -338,7 +338,7 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
     for number, world in worlds.items():
         if _has_metric_content(world):
             raise WorldError(
-                f"{world.name}: walls, moving obstacles and arenas are in metres and"
+                f"{world.name}: walls, moving obstacles and arenas are in meters and"
                 " cannot be resized"
             )
         scaled = replace(world, resolution_m=resolution_m)

@@ -21,7 +21,7 @@ _COLUMNS = ("difficulty_s_per_m", "std_s_per_m")
 def command() -> None:
     """Predict how difficult worlds are.
 
-    Difficulty is the normalised time of trials: seconds per metre of path, failures as
+    Difficulty is the normalized time of trials: seconds per meter of path, failures as
     they count, averaged over planners and repetitions.
     """
 

@@ -96,9 +96,12 @@ def _parse_run_options(
 ) -> dict[str, Any]:
     """Return options of a run; "ros.KEY" and "simulator.KEY" become mappings."""
     options: dict[str, Any] = {}
-    for key, value in parse_parameters(texts, "--run").items():
+    parameters = parse_parameters(texts, "--run")
+    for key, value in parameters.items():
         group, _dot, name = key.partition(".")
         if name and group in ("ros", "simulator"):
+            if group in parameters:
+                raise ConfigError(f"--run {key}: {group} is given as a whole, too")
             options.setdefault(group, {})[name] = value
         else:
             options[key] = value

@@ -36,7 +36,7 @@ from barn_eval.commands.options import (
 @click.option(
     "--by",
     type=click.Choice(("planner", "speed")),
-    help="What trials are coloured by [default: planner].",
+    help="What trials are colored by [default: planner].",
 )
 @click.option(
     "--planners", "--planner", help="Only trials of these planners, such as dwa,eband."

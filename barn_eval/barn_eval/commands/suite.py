@@ -16,7 +16,6 @@ from barn_eval.commands.options import (
     print_notes,
     print_output,
     reporter,
-    split_names,
 )
 from barn_eval.commands.tables import table
 from barn_eval.results.provenance import provenance
@@ -75,8 +74,10 @@ def bench(
     code stays 0.
     """
     earlier_figures = read_figures(against) if against is not None else []
+    # Empty names stay, so that they are refused.
+    names = [name.strip() for name in planners.split(",")]
     with notes.status("measuring") as status:
-        figures = list(suite.bench(split_names(planners), settings, note=status.update))
+        figures = list(suite.bench(names, settings, note=status.update))
     figure_changes = {
         change.name: change for change in changes(figures, earlier_figures)
     }

@@ -178,13 +178,14 @@ def apply_parameters(
     """
     values_by_planner = {planner.name: dict(planner.overrides) for planner in planners}
     for key, value in parameters.items():
-        name, values = _find_planner(key, value, list(values_by_planner))
+        # Keys of a YAML file may be numbers, which no parameter is called.
+        name, values = _find_planner(str(key), value, list(values_by_planner))
         if name not in values_by_planner:
             raise ConfigError(
                 f"{where}parameters of planner {format_value(name)}, which is not among"
                 f" them{suggest(name, values_by_planner)}"
             )
-        values_by_planner[name] |= values
+        values_by_planner[name] |= {str(name): item for name, item in values.items()}
     return tuple(
         _set_parameters(planner, values_by_planner[planner.name], where)
         for planner in planners

@@ -189,7 +189,7 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
     planners = read_planners(
         content.pop("planners", None), content.pop("planner_command", None), where
     )
-    parameters = content.pop("settings", None) or {}
+    parameters = _read_mapping(content.pop("settings", None), f"{where}settings")
     config = from_dict(RunConfig, content, where.rstrip(": ") or "options")
     return replace(
         config,

@@ -235,6 +235,6 @@ def test_resized_worlds_have_equal_grids_in_robot_cells(tmp_path):
     )
     with pytest.raises(
         BarnError,
-        match="walls, moving obstacles and arenas are in metres and cannot be resized",
+        match="walls, moving obstacles and arenas are in meters and cannot be resized",
     ):
         resize(barn.worlds.load("dynabarn60", "0"), "husky")

@@ -372,6 +372,8 @@ def test_bench(command, tiny, tmp_path):
         ("worlds lst", "No such command 'lst'. Did you mean"),
         ("robots --out x.png", "--out needs ROBOT"),
         ("bench --planners daw", "unknown planner 'daw'"),
+        ("bench --planners=", "unknown planner ''"),
+        ("tune dwa --run ros=5 --run ros.lockstep=0", "ros is given as a whole"),
         ("bench --set world=999", "no world 999"),
         (
             "bench --against nowhere.json",

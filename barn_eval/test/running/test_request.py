@@ -291,6 +291,8 @@ def test_a_command_gives_its_planner_a_name(command, name):
         ),
         ({"mode": "ros", "ros": {"lockstp": True}}, "did you mean 'lockstep'?"),
         ({"execution": 3}, "execution must be a mapping"),
+        ({"settings": 5}, "settings must be a mapping"),
+        ({"settings": {1: 2}}, "parameters of planner '1'"),
         ({"mode": "ros", "engine": "ray"}, "mode ros needs engine local"),
         (
             {"engine": "slurm"},
