@@ -7,6 +7,7 @@ import typing
 import zlib
 from collections.abc import Iterator, Sequence
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -70,39 +71,50 @@ class RowFile:
             ConfigError: A line is damaged, or a trial has two rows.
         """
         rows: dict[str, TrialResult] = {}
+        parser = RowParser(self.path.parent)
         for where, line in read_lines(self.path):
-            row = parse_row(unseal_line(line, where), where, self.path.parent)
+            row = parser.parse(unseal_line(line, where), where)
             if row.trial_id in rows:
                 raise ConfigError(f"{where}: trial {row.trial_id} is there already")
             rows[row.trial_id] = row
         return list(rows.values())
 
 
-def parse_row(line: str, where: str, folder: Path) -> TrialResult:
-    """Return the result of a line, which an earlier version may have written.
+class RowParser:
+    """Parses rows of one folder, which an earlier version may have written."""
 
-    Args:
-        line: The line without its checksum.
-        where: File and line, with which messages begin.
-        folder: The run's folder, whose run.json says what an old row lacks.
+    def __init__(self, folder: Path) -> None:
+        """Name the run's folder, whose run.json says what an old row lacks."""
+        self._folder = folder
 
-    Raises:
-        ConfigError: The line is no result that this version reads.
-    """
-    content = parse_json(line, where)
-    scores = content.get("scores") if isinstance(content, dict) else None
-    if isinstance(scores, dict) and "failure_time_s" not in scores:
-        # The first rows of schema 2 did not have it.
-        protocol = RunFile.read(folder).run_config().protocol
-        longest_s = max(protocol.failure_time_s, protocol.timeout_time_s)
-        scores["failure_time_s"] = longest_s
-    try:
-        return row_from_plain(content, where)
-    except ConfigError as error:
-        note = ""
-        if (folder / RUN_FILE).is_file():
-            note = RunFile.read(folder).origin_note()
-        raise ConfigError(f"{error}{note}") from None
+    @cached_property
+    def _failure_time_s(self) -> float:
+        protocol = RunFile.read(self._folder).run_config().protocol
+        return max(protocol.failure_time_s, protocol.timeout_time_s)
+
+    def parse(self, line: str, where: str) -> TrialResult:
+        """Return the result of a line.
+
+        Args:
+            line: The line without its checksum.
+            where: File and line, with which messages begin.
+
+        Raises:
+            ConfigError: The line is no result that this version reads.
+        """
+        content = parse_json(line, where)
+        scores = content.get("scores") if isinstance(content, dict) else None
+        if isinstance(scores, dict) and content.get("schema_version") == 2:
+            # The first rows of schema 2 did not have it.
+            if "failure_time_s" not in scores:
+                scores["failure_time_s"] = self._failure_time_s
+        try:
+            return row_from_plain(content, where)
+        except ConfigError as error:
+            note = ""
+            if (self._folder / RUN_FILE).is_file():
+                note = RunFile.read(self._folder).origin_note()
+            raise ConfigError(f"{error}{note}") from None
 
 
 class CommandFile:

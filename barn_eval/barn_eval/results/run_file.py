@@ -1,6 +1,7 @@
 """run.json: what a folder of results holds, and what it was made with."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
@@ -18,6 +19,8 @@ from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.files import name_unless_standard
 
 RUN_FILE = "run.json"
+# As `barn_eval.results.provenance.commit` returns it. Messages have no other text.
+_COMMIT = re.compile(r"[0-9a-f]{8,64}(\+changes)?")
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects
 
 
@@ -188,11 +191,17 @@ def _read_sessions(content: Any) -> tuple[Mapping[str, Any], ...]:
 
 def _name_commits(sessions: tuple[Mapping[str, Any], ...]) -> str:
     current = commit()
-    commits = dict.fromkeys(str(session.get("commit", "")) for session in sessions)
+    commits = dict.fromkeys(map(_read_commit, sessions))
     if not commits or list(commits) == [current]:
         return ""
     names = " and ".join(map(_shorten, commits))
     return f" (written at {names}, this is {_shorten(current)})"
+
+
+def _read_commit(session: Mapping[str, Any]) -> str:
+    """Return the commit of a session, empty for text that is none."""
+    revision = str(session.get("commit", ""))
+    return revision if _COMMIT.fullmatch(revision) else ""
 
 
 def _shorten(revision: str) -> str:

@@ -53,7 +53,8 @@ def plain_task(
         code_versions: `CODE_VERSIONS` of the suite that drove the trials.
     """
     content = {"protocol": protocol, "simulator": simulator, "robot": robot}
-    return content | dict(code_versions)
+    # The versions come from a file: a key among them must not stand for the protocol.
+    return dict(code_versions) | content
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """Whether what is in a results folder belongs together and follows from records."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,8 +19,8 @@ from barn_eval.results.rows import (
     RESULTS,
     ROWS_FILE,
     TRACKS_FILE,
+    RowParser,
     csv_bytes,
-    parse_row,
     results_table,
     unseal_line,
 )
@@ -34,17 +34,12 @@ from barn_eval.running.pool import (
     JobResult,
     WorkerPool,
 )
-from barn_eval.trials.identity import first_difference
+from barn_eval.trials.identity import CODE_VERSIONS, first_difference
 from barn_eval.trials.protocol import check_protocol_name
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.verification.rerun import (
-    CheckWork,
-    TrialCheck,
-    TrialEvidence,
-    is_current,
-)
+from barn_eval.verification.rerun import CheckWork, TrialCheck, TrialEvidence
 from barn_worlds.base.errors import BarnError, ConfigError, format_error
 from barn_worlds.base.files import read_at_most
 from barn_worlds.base.text_files import parse_json, read_lines
@@ -114,8 +109,16 @@ class _Checker:
         self._folder = folder
         self._run_file = run_file
         self._config = config
+        self._parser = RowParser(folder)
         self._found = FolderCheck()
         self._specs = {spec.trial_id: spec for spec in self._read_specs()}
+        self._task = run_file.task_fingerprint()
+        # The trials of a run have one task. Where run.json has another, another version
+        # drove them, which may have had other results. What a row says of itself does
+        # not count.
+        self._is_other_task = any(
+            spec.task != self._task for spec in self._specs.values()
+        )
 
     def check(self, sample: int | None) -> FolderCheck:
         found = self._found
@@ -154,7 +157,8 @@ class _Checker:
                 trial_id in drawn,
             )
             trials.append(evidence)
-        self._check_trials(trials, rows)
+        self._check_trials(trials)
+        self._check_task()
 
         if len(rows) == len(self._specs):
             for trial_id in tracks.keys() - rows.keys():
@@ -165,7 +169,7 @@ class _Checker:
             if has_tables or not is_submission:
                 ordered_rows = [rows[trial_id] for trial_id in self._specs]
                 table_problems = list(_compare_tables(self._folder, ordered_rows))
-                if all(map(is_current, ordered_rows)):
+                if not self._is_other_task:
                     found.problems += table_problems
                 elif table_problems:
                     self._report(
@@ -185,6 +189,20 @@ class _Checker:
             )
             return self._config.trials(started_by_hand=True)
 
+    def _check_task(self) -> None:
+        """Compare the task of run.json with the one that its configuration gives."""
+        if self._is_other_task:
+            run_file = self._run_file
+            is_old = (
+                run_file.schema_version < SCHEMA_VERSION
+                or run_file.code_versions != CODE_VERSIONS
+            )
+            self._report(
+                f"{run_file.path}: describes task {self._task}, which is"
+                f" {next(iter(self._specs.values())).task} here",
+                is_old=is_old,
+            )
+
     def _check_worlds(self) -> None:
         checksums = {
             spec.world_number: spec.world.checksum for spec in self._specs.values()
@@ -194,12 +212,11 @@ class _Checker:
                 self._report(
                     f"{self._run_file.path}: world {number} of {self._config.dataset}"
                     " is not the one it names",
-                    is_old=self._run_file.schema_version < SCHEMA_VERSION,
+                    is_old=self._is_other_task,
                 )
 
     def _read_rows(self) -> dict[str, TrialResult]:
         rows: dict[str, TrialResult] = {}
-        task = self._run_file.task_fingerprint()
         for where, trial_id, row in self._read(
             self._folder / ROWS_FILE, self._parse_row
         ):
@@ -208,15 +225,26 @@ class _Checker:
                     f"{where}: trial {trial_id} is there already"
                 )
             try:
-                require_row_of_trial(row, self._specs[trial_id], task, self._folder)
+                require_row_of_trial(
+                    row, self._specs[trial_id], self._task, self._folder
+                )
+                self._require_mode(row)
             except BarnError as error:
-                self._report(str(error), is_old=not is_current(row))
+                self._report(str(error), is_old=self._is_other_task)
             else:
                 rows[trial_id] = row
         return rows
 
+    def _require_mode(self, row: TrialResult) -> None:
+        # Over ROS, commands may be missing.
+        if row.mode != self._config.mode:
+            raise ConfigError(
+                f"{self._folder}: {row.trial_id} has mode {row.mode!r}, must have"
+                f" {self._config.mode!r}"
+            )
+
     def _parse_row(self, line: str, where: str) -> tuple[str, TrialResult]:
-        row = parse_row(line, where, self._folder)
+        row = self._parser.parse(line, where)
         return row.trial_id, row
 
     def _read(
@@ -258,13 +286,7 @@ class _Checker:
         else:
             self._found.problems.append(problem)
 
-    def _is_old(self, row: TrialResult) -> bool:
-        """Tell whether another version drove a trial, which may have other results."""
-        return not is_current(row) or row.task != self._specs[row.trial_id].task
-
-    def _check_trials(
-        self, trials: Sequence[TrialEvidence], rows: Mapping[str, TrialResult]
-    ) -> None:
+    def _check_trials(self, trials: Sequence[TrialEvidence]) -> None:
         found = self._found
         unchecked: Counter[str] = Counter()
         old_count = 0
@@ -274,7 +296,7 @@ class _Checker:
             check = checks[trial.row.trial_id]
             found.bags += check.has_bag
             found.driven += check.was_driven
-            if check.problems and self._is_old(rows[check.trial_id]):
+            if check.problems and self._is_other_task:
                 old_count += 1
             else:
                 where = f"{self._folder}: {check.trial_id}"

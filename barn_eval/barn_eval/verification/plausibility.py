@@ -9,7 +9,7 @@ import numpy as np
 from barn_eval.results.tracks import CHANNELS, Track
 from barn_eval.trials.identity import NOT_SET, flatten
 from barn_eval.trials.outcome import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, compute_clearances
 from barn_eval.trials.trial import finish_trial
@@ -63,6 +63,9 @@ def recompute_row(
         schema_version=row.schema_version,
     )
     # Another version may call the same task otherwise; run.json decides which it was.
+    # Only old rows may name none.
+    if not row.task and row.schema_version == SCHEMA_VERSION:
+        return finished.result
     return replace(finished.result, task=row.task)
 
 

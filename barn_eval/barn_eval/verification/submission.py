@@ -156,12 +156,12 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         raise ConfigError(f"{path}: has {len(rows)} rows, too few for its planners")
     check = check_folder(folder)
     problems = [*check.problems, *check.unchecked]
-    if check.rows == check.trials:
+    if check.rows != check.trials:
+        problems.append(f"{path}: has {check.rows} of {check.trials} trials")
+    elif len(rows) == check.trials:  # others are of no trial, and a problem already
         names = [planner.name for planner in config.planners]
         rows.sort(key=lambda row: (row.world, row.repetition, names.index(row.planner)))
         write_tables(folder, rows)
-    else:
-        problems.append(f"{path}: has {check.rows} of {check.trials} trials")
     check.problems = [line.replace(str(folder), str(path)) for line in problems]
 
     session = run_file.sessions[-1] if run_file.sessions else {}

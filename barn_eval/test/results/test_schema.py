@@ -121,6 +121,58 @@ def test_what_another_version_computes_is_not_called_wrong(folder):
     assert "(written at e6873c24, this is " in line
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"task": ""}, "task is '' in the row"),
+        ({"schema_version": 2}, "measures.rms_jerk_mps3 is 5.0 in the row"),
+        ({"mode": "ros"}, "has mode 'ros', must have 'direct'"),
+    ],
+)
+def test_no_row_excuses_itself_as_an_older_one(folder, change, words):
+    def write(rows):
+        rows[0]["measures"]["rms_jerk_mps3"] = 5.0
+        rows[0] |= change
+        return rows
+
+    rewrite_rows(folder, write)
+    assert any(words in line for line in barn.results.check(folder).problems)
+
+
+def test_only_an_older_row_may_lack_a_score(folder):
+    def write(rows):
+        del rows[0]["scores"]["failure_time_s"]
+        return rows
+
+    rewrite_rows(folder, write)
+    with pytest.raises(ConfigError, match="missing key 'scores"):
+        read_results(folder)
+
+
+def test_run_json_cannot_pass_for_another_task(folder):
+    content = json.loads((folder / "run.json").read_text())
+    expected = RunFile.read(folder).task_fingerprint()
+    content["code_versions"]["protocol"] = {"name": "another"}
+    (folder / "run.json").write_text(json.dumps(content))
+    assert RunFile.read(folder).task_fingerprint() == expected
+    content["robot"] = "0" * 64
+    (folder / "run.json").write_text(json.dumps(content))
+    task = RunFile.read(folder).task_fingerprint()
+    rewrite_rows(folder, lambda rows: [row | {"task": task} for row in rows])
+    report = barn.results.check(folder)
+    assert f"run.json: describes task {task}, which is {expected} here" in (
+        "\n".join(report.problems + report.unchecked)
+    )
+
+
+def test_the_commit_in_a_message_is_a_commit(folder, rejected):
+    content = json.loads((folder / "run.json").read_text())
+    content["sessions"][0]["commit"] = "0+\nerror: \x1b[2J"
+    content["schema_version"] = 9
+    (folder / "run.json").write_text(json.dumps(content))
+    assert "(written at an unknown commit, this is " in rejected("check", folder)
+
+
 def test_what_is_damaged_is_wrong_in_an_older_folder_as_well(folder):
     make_old(folder)
     replace_text(folder / "results.jsonl", "success", "Success")

@@ -12,6 +12,7 @@ import pytest
 from forgery import forge, replace_text, won
 
 import barn_eval as barn
+from barn_eval.results.rows import seal_line, unseal_line
 from barn_eval.verification.submission import submit
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -123,6 +124,19 @@ def test_what_was_forged_does_not_hold_and_is_not_unpacked(
         False,
     )
     assert words in err
+
+
+def test_a_row_of_a_planner_that_was_not_run_is_named(submitted, tmp_path, command):
+    def change(files):
+        (line,) = files["results.jsonl"].decode().splitlines()
+        row = json.loads(unseal_line(line, "line"))
+        row |= {"planner": "other", "trial_id": "other_w0000_r00"}
+        files["results.jsonl"] += f"{seal_line(json.dumps(row))}\n".encode()
+
+    path = rewritten(submitted, tmp_path / "forged.zip", change)
+    code, _, err = command("verify", path)
+    assert code == 1
+    assert "other_w0000_r00 is no trial of this run" in err
 
 
 def in_run(old, new):
