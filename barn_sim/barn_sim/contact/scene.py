@@ -255,6 +255,9 @@ class ScenePool:
                 self._idle.remove(scene)
                 if scene.is_connected:
                     return scene
+        # Robots of another kind are gone or busy. Their scenes take tens of megabytes.
+        if self._idle:
+            self._idle.pop(0).close()
         return ContactScene(model, config)
 
     def release(self, scene: ContactScene) -> None:

@@ -23,9 +23,11 @@ from typing import Any, TypeVar, cast
 
 import cattrs
 from cattrs.errors import (
+    AttributeValidationNote,
     ClassValidationError,
     ForbiddenExtraKeysError,
     IterableValidationError,
+    IterableValidationNote,
 )
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
@@ -357,12 +359,14 @@ def _explain(error: BaseException, prefix: str = "") -> str:
 
     if isinstance(error, ClassValidationError):
         cause = error.exceptions[0]
-        field_name = _note(cause, "name")
-        return _explain(cause, f"{prefix}{field_name}." if field_name else prefix)
+        attribute = _note(cause, AttributeValidationNote)
+        return _explain(cause, f"{prefix}{attribute.name}." if attribute else prefix)
 
     if isinstance(error, IterableValidationError):
         cause = error.exceptions[0]
-        return _explain(cause, f"{name}[{_note(cause, 'index')}].")
+        item = _note(cause, IterableValidationNote)
+        # A wrong number of items concerns no single one.
+        return _explain(cause, f"{name}[{item.index}]." if item else prefix)
 
     if isinstance(error, KeyError):
         return f"missing key {name!r}"
@@ -371,11 +375,11 @@ def _explain(error: BaseException, prefix: str = "") -> str:
     return f"{name} {error}".lstrip()
 
 
-def _note(error: BaseException, attribute: str) -> Any:
+def _note(error: BaseException, kind: type[T]) -> T | None:
     """Return what cattrs noted about an error, None if it noted nothing of the kind."""
     for note in getattr(error, "__notes__", ()):
-        if hasattr(note, attribute):
-            return getattr(note, attribute)
+        if isinstance(note, kind):
+            return note
     return None
 
 

@@ -17,6 +17,8 @@ from pathlib import Path
 
 _PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 _VARIABLE = "NUMBA_CACHE_DIR"
+# What every source file with kernels contains: numba's decorator or one made of it.
+_DECORATORS = (b"njit", b"@kernel")
 
 
 def prepare(package: Path) -> None:
@@ -61,7 +63,7 @@ def kernel_digest(packages: list[Path]) -> str:
     digest = hashlib.blake2b(digest_size=8)
     for path in _find_sources(packages):
         content = path.read_bytes()
-        if b"njit" in content:
+        if any(decorator in content for decorator in _DECORATORS):
             digest.update(content)
     return digest.hexdigest()
 

@@ -1,7 +1,7 @@
 """Where moving obstacles are at a time, all of a world at once."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -36,13 +36,13 @@ class Tracks:
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Tabulate the motions of obstacles."""
         self.names = tuple(obstacle.name for obstacle in obstacles)
-        self.radius_m = np.array([obstacle.radius_m for obstacle in obstacles])
-        self.height_m = np.array([obstacle.height_m for obstacle in obstacles])
-        self.yaw_rad = np.array([obstacle.yaw_rad for obstacle in obstacles])
+        self.radius_m = _column(obstacle.radius_m for obstacle in obstacles)
+        self.height_m = _column(obstacle.height_m for obstacle in obstacles)
+        self.yaw_rad = _column(obstacle.yaw_rad for obstacle in obstacles)
         sizes = [(obstacle.size_x_m, obstacle.size_y_m) for obstacle in obstacles]
         self.size_m = np.array(sizes, np.float64).reshape(-1, 2)
-        period_s = np.array([obstacle.motion.period_s for obstacle in obstacles])
-        phase_s = np.array([obstacle.phase_s for obstacle in obstacles])
+        period_s = _column(obstacle.motion.period_s for obstacle in obstacles)
+        phase_s = _column(obstacle.phase_s for obstacle in obstacles)
 
         pieces = [obstacle.motion.pieces() for obstacle in obstacles]
         counts = [len(begin_s) for begin_s, _, _ in pieces]
@@ -87,6 +87,11 @@ class Tracks:
         velocities = np.empty((len(times_s), len(self), 2))
         _evaluate_all(times_s, self.table, positions, velocities)
         return positions, velocities
+
+
+def _column(numbers: Iterable[float]) -> Floats:
+    """Return numbers as floats, also if all are integers: kernels have one type."""
+    return np.array(list(numbers), np.float64)
 
 
 def _speed_bounds(coefficients: Floats) -> Floats:

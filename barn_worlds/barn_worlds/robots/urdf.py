@@ -99,9 +99,11 @@ def _read_links(root: Element) -> dict[str, Link]:
         raise ValueError(
             f"must have a link base_link, and no more than {_MOST_LINKS} links"
         )
-    joints = {
-        _child(joint, "child").attrib["link"]: joint for joint in root.findall("joint")
-    }
+    # Parent and element of each joint by its child link.
+    joints: dict[str, tuple[str, Element]] = {}
+    for joint in root.findall("joint"):
+        child = _child(joint, "child").attrib["link"]
+        joints[child] = (_child(joint, "parent").attrib["link"], joint)
     base = _pose_in_root("base_link", joints)
     links = {}
     for name, element in elements.items():
@@ -111,25 +113,24 @@ def _read_links(root: Element) -> dict[str, Link]:
             base.rotation.T @ (pose.offset - base.offset),
             base.rotation.T @ pose.rotation,
         )
-        is_turning = name in joints and joints[name].get("type") == "continuous"
+        is_turning = name in joints and joints[name][1].get("type") == "continuous"
         links[name] = Link(element, in_base, is_turning)
     return links
 
 
-def _pose_in_root(name: str, joints: dict[str, Element]) -> Transform:
+def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transform:
     """Return the pose of a link in the root of the tree.
 
     Args:
         name: Name of the link.
-        joints: Elements of the joints by the name of their child link.
+        joints: Parent link and element of the joints by the name of their child link.
     """
     # Up the tree from joint to joint. In a ring there is no end.
     pose = Transform(np.zeros(3), np.eye(3))
     for _ in range(_MOST_LINKS):
         if name not in joints:
             return pose
-        joint = joints[name]
-        name = _child(joint, "parent").attrib["link"]
+        name, joint = joints[name]
         pose = _read_origin(joint) @ pose
     raise ValueError(f"joints make a ring at link {name!r}")
 

@@ -37,6 +37,11 @@ class Outer(Checked):
     inner: Inner = field(default_factory=Inner)
 
 
+@dataclass(frozen=True)
+class Placed(Checked):
+    corner: tuple[float, float] = (0.0, 0.0)
+
+
 # as a YAML file of few bytes makes it: each list holds the last one nine times
 ALIASES: list = []
 for _ in range(30):
@@ -85,6 +90,14 @@ for _ in range(30):
 def test_what_is_wrong_is_named(mapping, message, refused):
     with refused(ConfigError, "^file.yaml: .*" + re.escape(message)):
         from_dict(Outer, mapping, "file.yaml")
+
+
+@pytest.mark.parametrize(
+    "corner, message", [([1, "a"], "corner[1] must be"), ([1], "corner Not enough")]
+)
+def test_items_and_their_number_are_named(corner, message, refused):
+    with refused(ConfigError, "^file.yaml: " + re.escape(message)):
+        from_dict(Placed, {"corner": corner}, "file.yaml")
 
 
 def test_round_trip_and_integers_as_floats():

@@ -40,6 +40,15 @@ def test_all_kernels_are_compiled_anew_once_one_has_changed(package):
     assert not os.environ["NUMBA_CACHE_DIR"]
 
 
+def test_kernels_of_the_suites_own_decorator_count_too(package):
+    (package / "own.py").write_text("@kernel")
+    kernel_cache.prepare(package)
+    files = compiled(package)
+    (package / "own.py").write_text("@kernel  # changed")
+    kernel_cache.prepare(package)
+    assert not files.exists()
+
+
 def read_only(monkeypatch, *folders):
     denied = tuple(map(str, folders))
     able = os.access

@@ -359,3 +359,10 @@ def test_nothing_is_faster_than_the_bound_of_its_speed():
         assert (fastest <= tracks.fastest_mps + 1e-9).all() and (
             tracks.fastest_mps < 3.0 * fastest
         ).all()
+
+
+def test_numbers_of_tracks_are_floats_where_all_are_whole():
+    motion = Motion("linear", 10, ((0, 0, 0), (5, 1, 1)))
+    tracks = Tracks([MovingObstacle("a", radius_m=1, phase_s=0, motion=motion)])
+    assert all(array.dtype == np.float64 for array in tracks.table[1:])
+    assert tracks.radius_m.dtype == np.float64

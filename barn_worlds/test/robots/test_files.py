@@ -231,6 +231,12 @@ def test_a_rotation_is_about_fixed_axes():
         (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
         (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
         (
+            TURNED.replace(
+                "</robot>", '<joint name="j"><child link="x"/></joint></robot>'
+            ),
+            "without <parent>",
+        ),
+        (
             TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'),
             "joints make a ring",
         ),
