@@ -219,12 +219,7 @@ def test_heavy_libraries_stay_in_their_place():
         for file in sources()
         if "pybullet" in file.tops and file.package != "barn_sim"
     ]
-    torch = [file for file in sources() if "torch" in file.tops]
-    assert not [
-        file.where
-        for file in torch
-        if file.package != "barn_metrics" or "model" not in file.where
-    ]
+    assert not [file.where for file in sources() if "torch" in file.tops]
 
 
 def test_there_is_no_global_random_state():

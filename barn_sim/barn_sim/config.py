@@ -48,7 +48,7 @@ class PhysicsConfig(Checked):
         1.0, "friction coefficient of the body", "", 0.0, 3.0
     )
     tyre_deflection_m: float = quantity(
-        0.002, "deflection of a tyre under its share of the weight", "m", 0.0005, 0.01
+        0.002, "deflection of a tire under its share of the weight", "m", 0.0005, 0.01
     )
     tyre_damping_ratio: float = quantity(
         0.5, "damping of that spring, 1 critical", "", 0.05, 1.0
@@ -142,7 +142,7 @@ class LocalizationConfig(Checked):
         0.0, "particles: decay of the fast one (Jackal 0.1); 0: off", "", 0.0, 1.0
     )
     half_cell_low: bool = quantity(
-        True, "particles: cells are centred on their lower corners (a quirk of amcl)"
+        True, "particles: cells are centered on their lower corners (a quirk of amcl)"
     )
 
 

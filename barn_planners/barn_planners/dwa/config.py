@@ -54,7 +54,7 @@ class DwaConfig(Checked):
         0.1, "weight of the highest cost under the footprint's edges", "", 0.0, 1000.0
     )
     distances_in_metres: bool = quantity(
-        False, "true: distances in metres; false: in cells (the original does both)"
+        False, "true: distances in meters; false: in cells (the original does both)"
     )
     heading_lookahead_m: float = quantity(
         0.325, "how far ahead a turn in place looks at the goal", "m", 0.0, 5.0

@@ -213,7 +213,7 @@ def prepare(
     outline: Points,
     robot_blocks_goal: bool,
 ) -> bool:
-    """Bring the fields up to date for a rules.
+    """Bring the fields up to date for a control cycle.
 
     Args:
         fields: Fields to write.

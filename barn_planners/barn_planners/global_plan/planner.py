@@ -47,7 +47,7 @@ class GlobalPlanConfig(Checked):
         False, "with as_navfn: a path that orbits is a plan (a quirk)", optional=True
     )
     half_cell_offset: bool = quantity(
-        True, "true: plans lead through cell centres; false: corners (a quirk)"
+        True, "true: plans lead through cell centers; false: corners (a quirk)"
     )
     zero_intermediate_yaw: bool = quantity(
         False, "true: all poses but the goal have yaw 0 (a quirk)"

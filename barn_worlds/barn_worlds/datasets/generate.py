@@ -45,10 +45,10 @@ class WorldParameters(Checked):
         3, "iterations of the cellular automaton", "", 0, 100
     )
     fill_threshold: int = quantity(
-        5, "filled neighbours that make a cell filled, at least", "", 0, 9
+        5, "filled neighbors that make a cell filled, at least", "", 0, 9
     )
     clear_threshold: int = quantity(
-        1, "filled neighbours that make a cell free, at most", "", -1, 8
+        1, "filled neighbors that make a cell free, at most", "", -1, 8
     )
     rows: int = quantity(
         30, "cells across, side walls included", "", 3, LARGEST_GENERATED_SIDE

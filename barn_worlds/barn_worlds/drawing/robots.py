@@ -33,7 +33,7 @@ def robot_figure(robot: Robot) -> Figure:
     )
     x, y, _ = robot.chassis.centre_of_mass_m
     axes.plot(
-        x, y, marker="x", color=palette.GOAL, linestyle="", label="centre of mass"
+        x, y, marker="x", color=palette.GOAL, linestyle="", label="center of mass"
     )
 
     left, low, right, high = robot.chassis.extent_m

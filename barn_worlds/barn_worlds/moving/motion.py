@@ -180,8 +180,8 @@ def _spline_tangents(points: Floats) -> Floats:
 class Wall(Checked):
     """A box that stands upright on the ground, its center at x, y in the map frame."""
 
-    x_m: float = quantity(0.0, "x of its centre", "m", -_FARTHEST_M, _FARTHEST_M)
-    y_m: float = quantity(0.0, "y of its centre", "m", -_FARTHEST_M, _FARTHEST_M)
+    x_m: float = quantity(0.0, "x of its center", "m", -_FARTHEST_M, _FARTHEST_M)
+    y_m: float = quantity(0.0, "y of its center", "m", -_FARTHEST_M, _FARTHEST_M)
     size_x_m: float = quantity(1.0, "length along its own x", "m", 0.01, _LARGEST_M)
     size_y_m: float = quantity(1.0, "length along its own y", "m", 0.01, _LARGEST_M)
     yaw_rad: float = quantity(0.0, "heading of its own x", "rad", -math.pi, math.pi)

@@ -49,10 +49,10 @@ class Chassis(Checked):
     kind: str = required("kind of drive", choices=KINDS)
     mass_kg: float = required("mass, wheels included", "kg", 0.01, 10_000.0)
     centre_of_mass_m: tuple[float, float, float] = required(
-        "centre of mass", "m", -_LARGEST_M, _LARGEST_M
+        "center of mass", "m", -_LARGEST_M, _LARGEST_M
     )
     inertia_kg_m2: tuple[float, float, float] = required(
-        "moments about the centre of mass", "kg m2", 1e-7, 1e6
+        "moments about the center of mass", "kg m2", 1e-7, 1e6
     )
     body_height_m: float = required("top of the body over the ground", "m", 0.01, 10.0)
     ground_clearance_m: float = required(
@@ -62,10 +62,10 @@ class Chassis(Checked):
     wheel_radius_m: float = required("radius of the wheels", "m", 0.005, 2.0)
     wheel_width_m: float = required("width of a wheel", "m", 0.001, 2.0)
     wheel_z_m: float = required(
-        "height of the wheels' centres in base_link", "m", -10.0, 10.0
+        "height of the wheels' centers in base_link", "m", -10.0, 10.0
     )
     track_m: float = required(
-        "distance between the centres of left and right wheels", "m", 0.01, 10.0
+        "distance between the centers of left and right wheels", "m", 0.01, 10.0
     )
     wheelbase_m: float = optional(
         0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0

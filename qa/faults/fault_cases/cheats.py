@@ -124,7 +124,7 @@ for _name, _done, _must, _outcome, _words, _find in (
     (
         "seed",
         "The planner reads the campaign's seed from the evaluator's file in the folder of results.",
-        "It can: [Fairness](fairness.md#left-to-the-organiser) says what helps.",
+        "It can: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
         "timeout",
         "",
         "seed 0",
@@ -132,7 +132,7 @@ for _name, _done, _must, _outcome, _words, _find in (
     (
         "suite",
         "The planner looks whether it may write to the suite's packages.",
-        "It may, as any process of that user: [Fairness](fairness.md#left-to-the-organiser) says what helps.",
+        "It may, as any process of that user: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
         "timeout",
         "",
         "may write to them",
@@ -219,7 +219,7 @@ def remembers(lab: Lab) -> str:
     """The planner leaves a file in the first trial, to know in the second, of a process
     of its own, where it was.
 
-    It can: [Fairness](fairness.md#left-to-the-organiser) says what helps.
+    It can: [Fairness](fairness.md#left-to-the-organizer) says what helps.
     """
     each = ("--repetitions", 2, "--ros", "restart_planner=each_trial")
     lab.barn(*cheating(lab, "remembers", *each))
@@ -268,7 +268,7 @@ def enters_another_domain(lab: Lab) -> str:
     """A planner publishes /odom on the domain of a run of another planner.
 
     The other run's trial ends as interference and names the guest:
-    [Fairness](fairness.md#left-to-the-organiser) says what helps.
+    [Fairness](fairness.md#left-to-the-organizer) says what helps.
     """
     second = ros(
         lab,
