@@ -31,14 +31,14 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
     footprint = Footprint(
         np.array(robot.chassis.hull_m), robot.chassis.footprint_radius_m
     )
-    centres = (np.argwhere(grid) + np.array([0.5, 0.5 + LEAD_IN_CELLS])) * side_m
+    centers = (np.argwhere(grid) + np.array([0.5, 0.5 + LEAD_IN_CELLS])) * side_m
     nearest = math.inf
     for (x, y, yaw), (u, v, later) in pairwise(way):
         turn = (later - yaw + math.pi) % (2.0 * math.pi) - math.pi
         for share in np.linspace(0.0, 1.0, samples):
             at = yaw + share * turn
             point = np.array([x + share * (u - x), y + share * (v - y)])
-            dx, dy = (centres - side_m * point).T
+            dx, dy = (centers - side_m * point).T
             ahead = math.cos(at) * dx + math.sin(at) * dy
             left = math.cos(at) * dy - math.sin(at) * dx
             distance_m = float(footprint.distances(ahead, left).min())

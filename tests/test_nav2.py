@@ -202,7 +202,7 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     servers = constant(FOLDER / "nav2.launch.py", "SERVERS")
     remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
     assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
-    # the smoother hears what the controller and the behaviours send, the monitor what
+    # the smoother hears what the controller and the behaviors send, the monitor what
     # the smoother sends
     assert (
         remapped["controller_server"]

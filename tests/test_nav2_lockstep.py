@@ -64,7 +64,7 @@ def test_the_same_seed_gives_the_same_drive(tmp_path, controller):
 
 
 def commands(bag):
-    """Return the serialised commands of a bag.
+    """Return the serialized commands of a bag.
 
     All else is not decoded, of which plugins may publish much.
     """

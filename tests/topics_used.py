@@ -1,4 +1,4 @@
-"""Topics of the catalogue that each package's nodes use, read from their source."""
+"""Topics of the catalog that each package's nodes use, read from their source."""
 
 import ast
 from pathlib import Path
@@ -28,7 +28,7 @@ def trees_of(package):
 
 
 def topics_of(package):
-    """Return the topics of the catalogue that a package's nodes publish or receive."""
+    """Return the topics of the catalog that a package's nodes publish or receive."""
     names = set()
     for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
         if (

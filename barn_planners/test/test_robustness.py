@@ -80,7 +80,7 @@ FAULTS = {
         lambda observation: replace(observation, pose=NOWHERE),
         "localization holds no usable pose",
     ),
-    "localised on the moon": (
+    "localized on the moon": (
         lambda observation: replace(observation, pose=Pose2D(1e30, 0.0, 0.0)),
         "localization holds no usable",
     ),

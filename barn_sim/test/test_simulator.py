@@ -190,8 +190,8 @@ def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
         )
         mean = 0.5 * (before.truth.velocity.angular + after.truth.velocity.angular)
         assert turned == pytest.approx(mean, abs=0.06)
-        travelled = before.truth.pose.distance(after.truth.pose) / 0.05
-        assert travelled == pytest.approx(after.truth.velocity.linear, abs=0.06)
+        traveled = before.truth.pose.distance(after.truth.pose) / 0.05
+        assert traveled == pytest.approx(after.truth.velocity.linear, abs=0.06)
 
 
 def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:

@@ -284,7 +284,7 @@ def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    colours = {PASSED: "green", FAILED: "red", SKIPPED: "yellow"}
+    colors = {PASSED: "green", FAILED: "red", SKIPPED: "yellow"}
     with (
         Progress(
             *columns, console=console, disable=not console.is_terminal
@@ -299,7 +299,7 @@ def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]
                 outcome = future.result()
                 text = f"{outcome.case} ({outcome.duration_s:.0f} s) {escape(outcome.measured)}"
                 console.print(
-                    f"[{colours[outcome.status]}]{outcome.status}[/] {text}",
+                    f"[{colors[outcome.status]}]{outcome.status}[/] {text}",
                     highlight=False,
                     soft_wrap=True,
                 )

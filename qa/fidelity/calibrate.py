@@ -78,7 +78,7 @@ def _panel(axes: Axes, calibration: Calibration, limits: tuple[float, float]) ->
     axes.axline(
         (limits[0], limits[0]), slope=1.0, color=FAINT, lw=1.0, label="equal times"
     )
-    for kind, (label, marker, colour) in _KINDS.items():
+    for kind, (label, marker, color) in _KINDS.items():
         worlds = [
             world
             for world in calibration.worlds
@@ -89,8 +89,8 @@ def _panel(axes: Axes, calibration: Calibration, limits: tuple[float, float]) ->
             [world.ours_s for world in worlds],
             marker=marker,
             s=34,
-            facecolor="none" if kind[1] else colour,
-            edgecolor=colour,
+            facecolor="none" if kind[1] else color,
+            edgecolor=color,
             label=label,
         )
     rank_correlation = calibration.correlation.estimate
@@ -106,7 +106,7 @@ def _table(calibration: Calibration) -> FittedTable:
         ("trials", *(str(side.trials) for side in sides)),
         ("failures [%]", *(side.failure_share.scale(100.0).text(1) for side in sides)),
         (
-            "mean time per metre [s/m]",
+            "mean time per meter [s/m]",
             *(side.normalised_s_per_m.text() for side in sides),
         ),
         ("its bias [%]", calibration.bias_percent.text(1), ""),
@@ -116,7 +116,7 @@ def _table(calibration: Calibration) -> FittedTable:
             "",
         ),
         (
-            "mean of successes per metre [s/m]",
+            "mean of successes per meter [s/m]",
             *(number(side.successes_s_per_m) for side in sides),
         ),
         (

@@ -64,9 +64,9 @@ class WorldTimes:
 class Calibration:
     """The agreement of one planner with the table.
 
-    Correlations are Spearman's over worlds, of mean times per metre: of all trials with
+    Correlations are Spearman's over worlds, of mean times per meter: of all trials with
     failures as they count, and of successful ones, in worlds where both have some.
-    bias_percent: of the mean time per metre, against the published one. Those of equal
+    bias_percent: of the mean time per meter, against the published one. Those of equal
     failures count every failure of both sides with 30 s, since a trial cut off stands
     with 50 s in the table and most failures with 30 s. determination: R2 of our means
     as they are, not of a line through them, for the published ones. easy_worlds: see
@@ -90,7 +90,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Joint:
-    """The agreement over worlds of the mean of several planners' times per metre.
+    """The agreement over worlds of the mean of several planners' times per meter.
 
     correlation: Spearman's, failures as they count. determination_of_equal_failures:
     R2, each failure as 30 s.
@@ -291,7 +291,7 @@ def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
 
 
 def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
-    """Return how far our mean time per metre is from the published one.
+    """Return how far our mean time per meter is from the published one.
 
     Every world counts alike.
     """

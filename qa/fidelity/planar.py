@@ -39,7 +39,7 @@ class Planar:
 
     @property
     def height_m(self) -> float:
-        """Height of the centre of mass over the ground."""
+        """Height of the center of mass over the ground."""
         return self.robot.chassis.centre_of_mass_m[2] + self.robot.chassis.base_height_m
 
     def grip_m_s2(self, sense: int) -> float:

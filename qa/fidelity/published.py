@@ -47,7 +47,7 @@ class TimedTrials:
 
     Number of the world, time as counted in seconds, whether it failed (each (n,)).
 
-    lengths_m: arc length of the path of each world in metres.
+    lengths_m: arc length of the path of each world in meters.
     """
 
     worlds: Integers

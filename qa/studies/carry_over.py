@@ -351,9 +351,9 @@ def scatter(trials: Trials) -> Figure:
     for place, planner in enumerate(trials.planners):
         axes = figure.add_subplot(2, -(-len(trials.planners) // 2), place + 1)
         axes.plot(limits, limits, color=FAINT, lw=1.0)
-        for colour, robot in zip(PLANNERS, other_robots, strict=False):
+        for color, robot in zip(PLANNERS, other_robots, strict=False):
             times = trials.times(first, planner), trials.times(robot, planner)
-            axes.scatter(*times, s=26, facecolor="none", edgecolor=colour, label=robot)
+            axes.scatter(*times, s=26, facecolor="none", edgecolor=color, label=robot)
         label_axes(axes, f"{first} [s]", "other robot [s]", spelling(planner))
         axes.set(xscale="log", yscale="log", xlim=limits, ylim=limits, box_aspect=1.0)
         for axis in (axes.xaxis, axes.yaxis):

@@ -164,8 +164,8 @@ def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
     edges = np.append(between, between[0] + 2.0 * math.pi)
     alternations = 0
     for k, ray in enumerate(rays):
-        colour = VERMILION if blocked[k] else BLUE
-        _draw_sampled_ray(axes, cell, ray, points[k], colour, dashed=not blocked[k])
+        color = VERMILION if blocked[k] else BLUE
+        _draw_sampled_ray(axes, cell, ray, points[k], color, dashed=not blocked[k])
         span = (math.degrees(edges[k]), math.degrees(edges[k + 1]))
         axes.add_patch(
             Wedge(
@@ -173,7 +173,7 @@ def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
                 _RING_OUTER,
                 *span,
                 width=_RING_WIDTH,
-                color=colour,
+                color=color,
                 zorder=3,
             )
         )
@@ -183,13 +183,13 @@ def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
 
 
 def _draw_sampled_ray(
-    axes: Axes, cell: Cell, ray: Integers, points: int, colour: str, *, dashed: bool
+    axes: Axes, cell: Cell, ray: Integers, points: int, color: str, *, dashed: bool
 ) -> None:
     at = np.array(cell) + np.arange(points + 1)[:, None] * ray
     axes.plot(
         at[:, 1],
         at[:, 0],
-        color=colour,
+        color=color,
         linewidth=1.3,
         marker=".",
         linestyle="--" if dashed else "-",
@@ -223,10 +223,10 @@ def _draw_axes(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
         lengths.append((sum(ends) * step, np.array([down, right]), ends))
     shortest = min(range(len(lengths)), key=lambda k: lengths[k][0])
     for k, (_, direction, ends) in enumerate(lengths):
-        colour = VERMILION if k == shortest else BLUE
+        color = VERMILION if k == shortest else BLUE
         for sign, reach in zip((1, -1), ends, strict=True):
             _line(
-                axes, cell, sign * direction, reach + 0.5, colour, dashed=k != shortest
+                axes, cell, sign * direction, reach + 0.5, color, dashed=k != shortest
             )
 
 
@@ -243,7 +243,7 @@ def _line(
     cell: Cell,
     direction: npt.NDArray[np.generic],
     reach: float,
-    colour: str,
+    color: str,
     *,
     dashed: bool,
 ) -> None:
@@ -251,7 +251,7 @@ def _line(
     axes.plot(
         [cell[1], cell[1] + reach * right],
         [cell[0], cell[0] + reach * down],
-        color=colour,
+        color=color,
         linewidth=2.0,
         linestyle="--" if dashed else "-",
         zorder=2 if dashed else 3,

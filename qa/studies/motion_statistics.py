@@ -35,7 +35,7 @@ class MotionStatistics:
 
     mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the
     obstacles. slowest_mps, fastest_mps: the extremes of these. period_s: mean of the
-    periods. crossings_per_min: how often the centre of an obstacle goes over the
+    periods. crossings_per_min: how often the center of an obstacle goes over the
     straight line from the start of the path to its end. occupied_share: of that line,
     the mean over time.
     """

@@ -77,8 +77,8 @@ def label_cells(axes: Axes) -> None:
 def show_path(axes: Axes, path: Cells) -> None:
     """Draw a path (n, 2) of cells, with a disc at its start and a star at its goal."""
     rows, columns = path.T
-    for colour, width in ((WHITE, 3.4), (ROUTE, 1.8)):
-        axes.plot(columns, rows, color=colour, linewidth=width, solid_capstyle="round")
+    for color, width in ((WHITE, 3.4), (ROUTE, 1.8)):
+        axes.plot(columns, rows, color=color, linewidth=width, solid_capstyle="round")
     look: Any = {"color": ROUTE, "markeredgecolor": WHITE, "clip_on": False}
     for end, marker, size in ((0, "o", 7), (-1, "*", 12)):
         axes.plot(columns[end], rows[end], marker=marker, markersize=size, **look)
@@ -139,20 +139,20 @@ def _height_px(world: World) -> int:
 
 
 def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
-    """Draw a metric's map (rows, cols) with its colour bar.
+    """Draw a metric's map (rows, cols) with its color bar.
 
-    Occupied cells and undefined values are grey.
+    Occupied cells and undefined values are gray.
     """
-    colours = matplotlib.colormaps["cividis"].with_extremes(bad=UNKNOWN)
+    colors = matplotlib.colormaps["cividis"].with_extremes(bad=UNKNOWN)
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
     masked = np.ma.masked_invalid(values)
     norm = Normalize(0.0, top)
     ticks = None
     if metric.name == "dispersion":  # always even: every opening has two sides
-        norm = BoundaryNorm(np.arange(-1.0, top + 2.0, 2.0), colours.N)
+        norm = BoundaryNorm(np.arange(-1.0, top + 2.0, 2.0), colors.N)
         ticks = np.arange(0.0, top + 1.0, 2.0)
-    picture = axes.imshow(masked, cmap=colours, norm=norm, interpolation="nearest")
+    picture = axes.imshow(masked, cmap=colors, norm=norm, interpolation="nearest")
     axes.set(xticks=[], yticks=[])
     figure = axes.get_figure()
     assert isinstance(figure, Figure)
@@ -171,7 +171,7 @@ def _draw_cspace(axes: Axes, world: World, tortuosity: float) -> None:
     show_path(axes, world.path)
     title = METRICS[4].title.lower()
     axes.set_title(
-        f"C-space (grey) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m",
+        f"C-space (gray) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m",
         fontsize=9,
     )
 

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for planner, world in worst_worlds(options.results).items():
             path = options.figures / f"worst_{planner}.png"
             overlay = barn.results.overlay(options.results, world)
-            overlay.figure.legends[0].remove()  # the page says whose colour is whose
+            overlay.figure.legends[0].remove()  # the page says whose color is whose
             overlay.figure.set_size_inches(_SIZE_IN)
             overlay.figure.axes[0].set_ylim(*_SHOWN_M)
             overlay.save(path)

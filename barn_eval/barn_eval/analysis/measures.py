@@ -150,7 +150,7 @@ _CATALOG = (
     ),
     Measure(
         "scores.normalised_time_s_per_m",
-        "time per metre as counted",
+        "time per meter as counted",
         "s/m",
         3,
         "smaller",

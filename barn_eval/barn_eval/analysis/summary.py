@@ -194,7 +194,7 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
         rows.append(
             {
                 "label": entry.label,
-                "colour": entry.color,
+                "color": entry.color,
                 "text": measure.text(summaries[position][measure.key]),
                 "bar": bar,
                 "low": low,

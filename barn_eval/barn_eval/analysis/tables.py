@@ -230,7 +230,7 @@ def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTa
     notes = [
         warn_of_few_worlds(comparison.worlds),
         *comparison.notes,
-        f"rank correlation of time per metre over worlds: {correlation}",
+        f"rank correlation of time per meter over worlds: {correlation}",
     ]
     return TextTable(
         name,

@@ -104,10 +104,13 @@ class RowParser:
         """
         content = parse_json(line, where)
         scores = content.get("scores") if isinstance(content, dict) else None
-        if isinstance(scores, dict) and content.get("schema_version") == 2:
-            # The first rows of schema 2 did not have it.
-            if "failure_time_s" not in scores:
-                scores["failure_time_s"] = self._failure_time_s
+        # The first rows of schema 2 did not have it.
+        if (
+            isinstance(scores, dict)
+            and content.get("schema_version") == 2
+            and "failure_time_s" not in scores
+        ):
+            scores["failure_time_s"] = self._failure_time_s
         try:
             return row_from_plain(content, where)
         except ConfigError as error:

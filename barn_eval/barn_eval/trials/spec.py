@@ -251,7 +251,7 @@ def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyM
 
 
 def _extend_to(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
-    """Return a map with free cells up to a metre beyond a pose that is off it.
+    """Return a map with free cells up to a meter beyond a pose that is off it.
 
     A planner could not plan from or to a pose off its map.
     """

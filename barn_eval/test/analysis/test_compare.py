@@ -336,7 +336,7 @@ def test_command_compares_folders(folders, command):
     first = "protocol paper2020, task not recorded "
     assert text.startswith(first)
     assert text.removeprefix(first).startswith(
-        "DWA and E-Band cannot be told apart: time per metre as counted"
+        "DWA and E-Band cannot be told apart: time per meter as counted"
     )
     assert "Only 4 worlds: with fewer than 10" in text
 

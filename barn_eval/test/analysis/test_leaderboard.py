@@ -133,10 +133,10 @@ def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
     ]
     gap, dwa = assign_colors(["gap", "dwa"])
     assert len(marks) == 1 and {
-        colour for label, colour in marks[0] if label == "gap"
+        color for label, color in marks[0] if label == "gap"
     } == {gap}
-    assert len(marks[0]) == len({colour for _, colour in marks[0]}) == 3
-    assert dwa in {colour for _, colour in marks[0]}
+    assert len(marks[0]) == len({color for _, color in marks[0]}) == 3
+    assert dwa in {color for _, color in marks[0]}
     again = campaign(tmp_path / "again", run, bags=0)
     (board,) = make_boards([first, again])
     assert {place.entry.label for place in board.places} == {
@@ -207,7 +207,7 @@ def test_a_board_ranks_by_its_protocol_and_shows_contact(run, tmp_path):
     assert board.measure.key == "normalised_time_s_per_m"
     text = markdown([board])
     assert (
-        "| time per metre as counted [s/m] | time in contact [s] | success [%] |"
+        "| time per meter as counted [s/m] | time in contact [s] | success [%] |"
         in text
     )
     (by_score,) = make_boards([folder], "challenge")

@@ -1,4 +1,4 @@
-"""The catalogue of measures, and the one colour and spelling of each planner."""
+"""The catalog of measures, and the one color and spelling of each planner."""
 
 from dataclasses import replace
 
@@ -104,7 +104,7 @@ def test_measures_are_written_with_units_and_digits():
         "success [%]": "100.0",
         "time [s]": "10.10",
         "time as counted [s]": "10.10",
-        "time per metre as counted [s/m]": "2.020",
+        "time per meter as counted [s/m]": "2.020",
         "optimal time [s]": "3.00",
         "challenge metric (of 0.5)": "0.290",
         "challenge metric of 2022 (of 0.25)": "0.250",
@@ -290,7 +290,7 @@ def test_tables_have_a_cell_per_measure():
     ]
 
 
-def test_a_planner_has_one_colour_whoever_is_beside_it():
+def test_a_planner_has_one_color_whoever_is_beside_it():
     assert assign_colors(["dwa"]) == assign_colors(["mine", "eband", "dwa"])[2:]
     assert assign_colors(["eband", "dwa"]) == assign_colors(["dwa", "eband"])[::-1]
     assert assign_colors(["mine", "dwa"])[0] == assign_colors(["dwa", "mine"])[1]

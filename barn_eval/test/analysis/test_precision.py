@@ -106,7 +106,7 @@ def test_what_the_results_cannot_say_is_said():
     assert alone.startswith("With one trial per world nothing is known of how alike")
     assert {row.repetitions for row in estimate_precision({"dwa": single}).needs} == {1}
     with pytest.raises(
-        ConfigError, match="DWA: 1 world with time per metre as counted cannot say"
+        ConfigError, match="DWA: 1 world with time per meter as counted cannot say"
     ):
         estimate_precision({"dwa": results(worlds=1)})
     message = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"

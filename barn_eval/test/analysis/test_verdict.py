@@ -34,7 +34,7 @@ def planner(offset, seed, worlds=30, noise=1.0):
 
 
 def timed(name, values, worlds):
-    """Results of a planner with these times per metre, one trial in each world."""
+    """Results of a planner with these times per meter, one trial in each world."""
     firsts = (row for row in results(name, worlds=worlds) if row.repetition == 0)
     return tuple(
         scored(row, normalised_time_s_per_m=float(value))
@@ -97,7 +97,7 @@ def test_nobody_is_ahead_where_all_means_are_equal():
     )
     text = str(conclude_ranking(ranking, TIME))
     assert (
-        text.startswith("a, b and c have the same time per metre as counted, ")
+        text.startswith("a, b and c have the same time per meter as counted, ")
         and "30 worlds" in text
     )
     assert "ahead" not in text
@@ -143,7 +143,7 @@ def test_a_conclusion_states_size_interval_p_and_counts():
     b = planner(15.0, 2, 20)
     interval = paired_difference(b.values - a.values, a.worlds).interval
     assert text.startswith(
-        f"A is better than B: time per metre as counted {a.values.mean():.3f} s/m against"
+        f"A is better than B: time per meter as counted {a.values.mean():.3f} s/m against"
     )
     assert (
         f"The difference is {interval.estimate:.3f} [{interval.low:.3f}, {interval.high:.3f}] s/m"
@@ -193,7 +193,7 @@ def test_a_verdict_is_by_the_metric_of_the_protocol():
     good = results(worlds=12)
     worse = [scored(row, challenge=0.0) for row in results("eband", worlds=12)]
     paper = conclude_results({"DWA": good, "E-Band": worse}).short
-    assert "cannot be told apart: time per metre as counted" in paper
+    assert "cannot be told apart: time per meter as counted" in paper
     good, worse = (
         [replace(row, protocol="challenge") for row in part] for part in (good, worse)
     )

@@ -299,7 +299,7 @@ def test_the_way_left_leads_along_the_path(make):
     goal = spec.course.goal
     start = spec.course.start
 
-    def metres(along, *places):
+    def meters(along, *places):
         points = path_points(spec.world, spec.course, along)[None]
         left_m = np.zeros(1)
         for place in places:
@@ -314,12 +314,12 @@ def test_the_way_left_leads_along_the_path(make):
 
     from_the_last = float(np.hypot(*(path[-1] - [goal.x, goal.y])))
     expected = [0.0, from_the_last, spec.world.path_length_m + from_the_last]
-    assert list(metres("path", (goal.x, goal.y), path[-1], path[0])) == pytest.approx(
+    assert list(meters("path", (goal.x, goal.y), path[-1], path[0])) == pytest.approx(
         expected
     )
-    (straight,) = metres("straight", (start.x, start.y))
+    (straight,) = meters("straight", (start.x, start.y))
     assert straight == pytest.approx(start.distance(goal))
-    assert next(metres("path", (start.x, start.y))) > straight
+    assert next(meters("path", (start.x, start.y))) > straight
 
 
 def test_worlds_are_drawn_from_those_chosen(make):

@@ -147,7 +147,7 @@ def test_paths_of_foxglove_lead_to_fields(topics):
             kind = fields[field][1]
 
 
-def test_foxglove_has_a_colour_for_each_outcome():
+def test_foxglove_has_a_color_for_each_outcome():
     panel = json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"][
         "Indicator!outcome"
     ]

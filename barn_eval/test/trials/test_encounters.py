@@ -225,7 +225,7 @@ def test_the_time_to_collision_is_at_current_velocities():
 def test_a_contact_is_with_what_is_nearest_at_it_or_before(
     standing, ahead_m, gap_m, speed_mps, touched
 ):
-    side_m = gap_m - 0.3  # of the centre, beside the robot
+    side_m = gap_m - 0.3  # of the center, beside the robot
     world = world_of((0.0, 2.5, side_m), (10.0, 2.5, side_m - 10.0 * speed_mps))
     grid = world.grid.copy()
     grid[26, 18] = standing == "cylinder"  # of radius 0.25 m at (3, -1)

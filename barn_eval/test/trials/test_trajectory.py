@@ -314,20 +314,20 @@ def test_clearance_is_from_an_outline_that_need_not_be_centred(
 ):
     pose = Pose2D(0.3, -0.2, 0.6)
     outline = Rectangle([-0.1, -0.35, 0.4, 0.05])
-    centre = pose.transform(np.array([[ahead_m, left_m]]))
+    center = pose.transform(np.array([[ahead_m, left_m]]))
     assert compute_clearances(
-        np.array([[pose.x, pose.y, pose.yaw]]), centre, 0.075, outline
+        np.array([[pose.x, pose.y, pose.yaw]]), center, 0.075, outline
     )[0] == pytest.approx(expected)
 
 
 def test_clearance_is_to_the_nearest_of_many():
     rng = np.random.default_rng(1)
     poses = rng.uniform(-2, 2, (200, 3))
-    centres = rng.uniform(-2, 2, (50, 2))
+    centers = rng.uniform(-2, 2, (50, 2))
     each = [
-        compute_clearances(poses, centre[None], 0.075, EXTENT) for centre in centres
+        compute_clearances(poses, center[None], 0.075, EXTENT) for center in centers
     ]
     np.testing.assert_array_equal(
-        compute_clearances(poses, centres, 0.075, EXTENT), np.min(each, axis=0)
+        compute_clearances(poses, centers, 0.075, EXTENT), np.min(each, axis=0)
     )
     assert compute_clearances(poses, np.empty((0, 2)), 0.075, EXTENT).size == 0

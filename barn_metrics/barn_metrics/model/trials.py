@@ -48,7 +48,7 @@ class Trials:
         times = self.normalized_s_per_m
         for row in np.flatnonzero(~(np.isfinite(times) & (times > 0.0))):
             raise ModelError(
-                f"world {self.worlds[row]}: time per metre must be above 0, "
+                f"world {self.worlds[row]}: time per meter must be above 0, "
                 f"got {times[row]}"
             )
 

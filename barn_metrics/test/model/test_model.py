@@ -67,7 +67,7 @@ def test_difficulty_weighs_planners_equally():
 
 @pytest.mark.parametrize("time", [0.0, -1.0, np.nan, np.inf])
 def test_trials_refuse_times_that_are_none(time):
-    with pytest.raises(ModelError, match="world 7: time per metre must be above 0"):
+    with pytest.raises(ModelError, match="world 7: time per meter must be above 0"):
         Trials(np.array([7]), ("a",), np.array([time]), np.array([True]))
 
 

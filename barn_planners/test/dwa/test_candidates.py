@@ -39,7 +39,7 @@ def test_few_are_shown_from_end_to_end(count, length):
 
 
 @pytest.mark.parametrize("cheapest", [0, 1, 68, 139])
-def test_the_cheapest_is_shown_in_its_colour(cheapest):
+def test_the_cheapest_is_shown_in_its_color(cheapest):
     costs = np.full(140, 5.0)
     costs[cheapest] = 1.0
     selection = select_candidates(lines(140, 10), costs)
@@ -52,11 +52,11 @@ def test_the_cheapest_is_shown_in_its_colour(cheapest):
 
 def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
     costs = np.array([np.inf, 2.0, 4.0, 3.0, np.nan])
-    colours = select_candidates(lines(5, 3), costs).colors
-    np.testing.assert_allclose(colours[[0, 4]], [REJECTED_COLOR] * 2)
-    np.testing.assert_allclose(colours[[1, 2]], [CHEAPEST_COLOR, COSTLIEST_COLOR])
+    colors = select_candidates(lines(5, 3), costs).colors
+    np.testing.assert_allclose(colors[[0, 4]], [REJECTED_COLOR] * 2)
+    np.testing.assert_allclose(colors[[1, 2]], [CHEAPEST_COLOR, COSTLIEST_COLOR])
     np.testing.assert_allclose(
-        colours[3], 0.5 * (np.array(CHEAPEST_COLOR) + np.array(COSTLIEST_COLOR))
+        colors[3], 0.5 * (np.array(CHEAPEST_COLOR) + np.array(COSTLIEST_COLOR))
     )
     np.testing.assert_allclose(
         select_candidates(lines(5, 3), None).colors, [COSTLIEST_COLOR] * 5

@@ -1,4 +1,4 @@
-"""The dynamic window approach: its samples, its memory and its last metres."""
+"""The dynamic window approach: its samples, its memory and its last meters."""
 
 import dataclasses
 import math

@@ -84,7 +84,7 @@ class ReferenceBand:
         return left[:-1] + right
 
     def between(self, bubble, other):
-        """Return the way to another bubble, a turn counted in metres."""
+        """Return the way to another bubble, a turn counted in meters."""
         turn = self.gains.metres_per_rad * turned(other[3] - bubble[3])
         return np.array([other[0] - bubble[0], other[1] - bubble[1], turn])
 
@@ -165,7 +165,7 @@ class ReferenceBand:
         if self.holds(band[i - 1], new) and self.holds(new, band[i + 1]):
             band[i] = new
 
-    def optimise(self, band, sweeps):
+    def optimize(self, band, sweeps):
         band = [(x, y, self.radius(x, y), yaw) for x, y, _, yaw in band]
         if any(radius <= 0.0 for _, _, radius, _ in band):
             raise self.Broken
@@ -178,7 +178,7 @@ class ReferenceBand:
         return band
 
 
-def optimise(band, n, grid, gains, work, sweeps):
+def optimize(band, n, grid, gains, work, sweeps):
     context = kernels.Context(grid, gains, work)
     n = renew(band, n, context)
     return n if n < 0 else relax(band, n, context, sweeps)
@@ -217,9 +217,9 @@ def test_optimise_equals_reference(sweeps, gains):
             band[len(points) - 1, kernels.YAW] = 1.57
         reference = ReferenceBand(grid, gains)
         start = [tuple(bubble) for bubble in band[: len(points)].tolist()]
-        n = optimise(band, len(points), grid, gains, work, sweeps)
+        n = optimize(band, len(points), grid, gains, work, sweeps)
         try:
-            expected = reference.optimise(start, sweeps)
+            expected = reference.optimize(start, sweeps)
         except ReferenceBand.Broken:
             assert n < 0, seed
             outcomes.append(False)
@@ -235,13 +235,13 @@ def test_failures_are_told_apart():
     work = kernels.new_band_work(CAPACITY)
     wall = grid_with([(row, 60) for row in range(SIDE)])
     band = as_band([(1.0, 3.0), (5.0, 3.0)])
-    assert optimise(band, 2, wall, GAINS, work, 3) == kernels.GAP
+    assert optimize(band, 2, wall, GAINS, work, 3) == kernels.GAP
     band = as_band([(1.0, 3.0), (3.0, 3.0)])
-    assert optimise(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
+    assert optimize(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
     small = kernels.new_band_work(4)
     band = np.zeros((4, 4))
     band[:2, :2] = (0.5, 3.0), (5.5, 3.0)
-    assert optimise(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
+    assert optimize(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
 
 
 def test_connect_front_drops_what_the_robot_has_passed():

@@ -19,7 +19,7 @@ FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s
 
 
 def scan_of(pose, points, stamp_ns=0):
-    """Return what a lidar at the robot's centre sees of small discs at points (n, 2), seen through one another."""
+    """Return what a lidar at the robot's center sees of small discs at points (n, 2), seen through one another."""
     ranges = np.full(BEAMS, np.inf, np.float32)
     local_points = pose.inverse().transform(
         np.asarray(points, np.float64).reshape(-1, 2)

@@ -31,12 +31,10 @@ def test_free_distances_equal_small_steps():
     expected = []
     for direction in directions:
         ahead = np.array([math.cos(direction), math.sin(direction)])
-        travelled = 0.0
-        while (
-            travelled < 1.5 and np.hypot(*(points - travelled * ahead).T).min() >= 0.28
-        ):
-            travelled += 1e-3
-        expected.append(min(travelled, 1.5))
+        traveled = 0.0
+        while traveled < 1.5 and np.hypot(*(points - traveled * ahead).T).min() >= 0.28:
+            traveled += 1e-3
+        expected.append(min(traveled, 1.5))
     np.testing.assert_allclose(
         free_distances(points, directions, 0.28, 1.5), expected, atol=2e-3
     )

@@ -115,14 +115,14 @@ def grid_of(costs: np.ndarray, resolution: float = 0.05) -> Costmap:
     return costmap
 
 
-def centre(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
+def center(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
     x = costmap.origin_x + (col + 0.5) * costmap.resolution
     y = costmap.origin_y + (row + 0.5) * costmap.resolution
     return Pose2D(x, y, yaw)
 
 
 def path_length(poses):
-    """Return the arc length in metres of points (n, 2 or more)."""
+    """Return the arc length in meters of points (n, 2 or more)."""
     return float(np.hypot(np.diff(poses[:, 0]), np.diff(poses[:, 1])).sum())
 
 
@@ -156,7 +156,7 @@ def test_leaving_out_far_obstacles_does_not_change_the_plan():
     for seed in range(40):
         costs = np.pad(random_costs(seed), ((10, 10), (30, 30)))
         costmap = grid_of(costs)
-        ends = (centre(costmap, 11, 31), centre(costmap, 47, 77))
+        ends = (center(costmap, 11, 31), center(costmap, 47, 77))
         bounded = GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses
         whole = (
             GlobalPlanner(GlobalPlanConfig(bounded=False)).plan(costmap, *ends).poses
@@ -174,8 +174,8 @@ def test_leaving_out_far_obstacles_does_not_change_the_plan():
 def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
     costs = random_costs(seed)
     costmap = grid_of(costs)
-    start = centre(costmap, 1, 1)
-    goal = centre(costmap, 37, 47, yaw=1.2)
+    start = center(costmap, 1, 1)
+    goal = center(costmap, 37, 47, yaw=1.2)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
     regions, _ = label(np.pad(costs[1:-1, 1:-1] < INSCRIBED, 1))
     assert (plan.poses is not None) == (regions[1, 1] == regions[37, 47])
@@ -192,8 +192,8 @@ def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
 
 def test_a_plan_on_open_ground_is_nearly_straight():
     costmap = grid_of(np.zeros((200, 200), np.uint8))
-    start = centre(costmap, 20, 30)
-    goal = centre(costmap, 170, 110)
+    start = center(costmap, 20, 30)
+    goal = center(costmap, 170, 110)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
     assert path_length(plan.poses) < 1.02 * start.distance(goal)
     np.testing.assert_allclose(plan.poses[5:-5, 2], math.atan2(150, 80), atol=0.25)
@@ -201,8 +201,8 @@ def test_a_plan_on_open_ground_is_nearly_straight():
 
 def test_the_quirks_are_half_a_cell_and_no_heading():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
-    start = centre(costmap, 10, 10)
-    goal = centre(costmap, 40, 30, yaw=0.7)
+    start = center(costmap, 10, 10)
+    goal = center(costmap, 40, 30, yaw=0.7)
     right = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal).poses
     quirky = GlobalPlanner(
         GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True)
@@ -218,13 +218,13 @@ def test_why_there_is_no_plan_is_said():
     costs[10, 30] = INSCRIBED
     costmap = grid_of(costs)
     planner = GlobalPlanner(GlobalPlanConfig())
-    start = centre(costmap, 10, 10)
+    start = center(costmap, 10, 10)
     assert (
-        planner.plan(costmap, start, centre(costmap, 30, 30)).reason
+        planner.plan(costmap, start, center(costmap, 30, 30)).reason
         == "no way to the goal"
     )
     assert (
-        planner.plan(costmap, start, centre(costmap, 10, 30)).reason
+        planner.plan(costmap, start, center(costmap, 10, 30)).reason
         == "the goal is inside an obstacle"
     )
     assert (
@@ -248,7 +248,7 @@ def test_the_robots_own_cell_counts_as_free():
     costs[10, 10] = LETHAL
     costmap = grid_of(costs)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(
-        costmap, centre(costmap, 10, 10), centre(costmap, 30, 30)
+        costmap, center(costmap, 10, 10), center(costmap, 30, 30)
     )
     assert plan.poses is not None
 
@@ -258,7 +258,7 @@ def test_the_robots_own_cell_counts_as_free():
 def test_a_plan_lasts_as_long_as_a_new_one_would_be_equal(seed, bounded):
     config = GlobalPlanConfig(bounded=bounded)
     costmap = grid_of(np.pad(random_costs(seed), 15))
-    ends = (centre(costmap, 16, 16), centre(costmap, 52, 62))
+    ends = (center(costmap, 16, 16), center(costmap, 52, 62))
     planner = GlobalPlanner(config)
     rng = np.random.default_rng(seed)
     unchanged = changed = 0
@@ -279,8 +279,8 @@ def test_a_plan_lasts_as_long_as_a_new_one_would_be_equal(seed, bounded):
 
 def test_a_new_goal_start_or_grid_needs_a_new_plan():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
-    start = centre(costmap, 10, 10)
-    goal = centre(costmap, 40, 30)
+    start = center(costmap, 10, 10)
+    goal = center(costmap, 40, 30)
     planner = GlobalPlanner(GlobalPlanConfig())
     plan = planner.plan(costmap, start, goal)
     assert planner.plan(costmap, Pose2D(start.x + 0.01, start.y, 0.3), goal) is plan, (
@@ -288,7 +288,7 @@ def test_a_new_goal_start_or_grid_needs_a_new_plan():
     )
     turned = planner.plan(costmap, start, Pose2D(goal.x, goal.y, 1.0))
     assert turned is not plan and turned.poses[-1, 2] == 1.0
-    assert planner.plan(costmap, centre(costmap, 10, 11), goal) is not plan
+    assert planner.plan(costmap, center(costmap, 10, 11), goal) is not plan
     plan = planner.plan(costmap, start, goal)
     costmap.origin_x += costmap.resolution
     moved = planner.plan(costmap, start, goal)
@@ -424,8 +424,8 @@ def test_as_navfn_an_incomplete_plan_is_optional(unfinished):
     narrow = grid_of(
         np.zeros((40, 4), np.uint8)
     )  # four columns: sixteen points do not lead along forty rows
-    robot = centre(narrow, 2, 1)
-    goal = centre(narrow, 37, 2)
+    robot = center(narrow, 2, 1)
+    goal = center(narrow, 37, 2)
     plan = GlobalPlanner(
         GlobalPlanConfig(as_navfn=True, unfinished_plans=unfinished)
     ).plan(narrow, robot, goal)
@@ -444,7 +444,7 @@ def test_as_navfn_the_number_of_rounds_is_bounded():
         costs[k, 1:-2] = LETHAL
         costs[k, [1, 19]] = (0, LETHAL) if k % 4 else (LETHAL, 0)
     costmap = grid_of(costs)
-    ends = centre(costmap, 1, 10), centre(costmap, 19, 10)
+    ends = center(costmap, 1, 10), center(costmap, 19, 10)
     assert GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses is not None
     assert (
         GlobalPlanner(GlobalPlanConfig(as_navfn=True)).plan(costmap, *ends).reason
@@ -456,13 +456,13 @@ def test_as_navfn_the_number_of_rounds_is_bounded():
 @pytest.mark.parametrize("place", [(0, 20), (20, 0), (39, 20), (20, 39), (0, 0)])
 def test_a_robot_in_the_outermost_cells_is_planned_from(place, as_navfn):
     costmap = grid_of(np.zeros((40, 40), np.uint8))
-    start = centre(costmap, *place)
+    start = center(costmap, *place)
     plan = (
         GlobalPlanner(GlobalPlanConfig(as_navfn=as_navfn))
-        .plan(costmap, start, centre(costmap, 30, 25))
+        .plan(costmap, start, center(costmap, 30, 25))
         .poses
     )
     if place == (0, 0):
-        assert plan is None, "all neighbours of a corner are blocked"
+        assert plan is None, "all neighbors of a corner are blocked"
     else:
         assert math.dist(plan[0, :2], (start.x, start.y)) < 0.05

@@ -287,8 +287,8 @@ def test_align_costs(samples, hidden):
     kernels.add_align_costs(costs, poses, START[:2], PATH, arc, clear, 4, 14.0)
     for k in range(SAMPLES):
         places = [START[:2]] + [(xs[t, k], ys[t, k]) for t in range(4, STEPS, 4)]
-        travelled = np.cumsum([math.dist(a, b) for a, b in pairwise(places)])
-        beside = [int(np.abs(arc - length).argmin()) for length in travelled]
+        traveled = np.cumsum([math.dist(a, b) for a, b in pairwise(places)])
+        beside = [int(np.abs(arc - length).argmin()) for length in traveled]
         distances = [
             math.dist(PATH[i], pose)
             for i, pose in zip(beside, places[1:], strict=True)

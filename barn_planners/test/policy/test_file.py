@@ -122,7 +122,7 @@ DAMAGED = {
         "schema version must be 1, got None",
     ),
     "other version": (header_with(schema=2), "schema version must be 1, got 2"),
-    "key too many": (header_with(colour="red"), "'colour'"),
+    "key too many": (header_with(color="red"), "'color'"),
     "unknown activation": (
         header_with(activation="tanhh"),
         "unknown activation 'tanhh'; did you mean 'tanh'",

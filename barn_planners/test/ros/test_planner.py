@@ -184,7 +184,7 @@ def test_the_node_commands_what_the_planner_commands(
 
 
 def with_pose_of(observation, frame: Pose2D):
-    """Return the observation localised, the map-to-odom transform being `frame`."""
+    """Return the observation localized, the map-to-odom transform being `frame`."""
     return dataclasses.replace(
         observation, pose=(frame @ observation.odometry.pose).through_quaternion()
     )

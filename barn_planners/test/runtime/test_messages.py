@@ -65,7 +65,7 @@ def to_band(band) -> MarkerArray:
 
 def to_candidates(selection) -> MarkerArray:
     markers = [Marker(header=HEADER, ns="candidates", action=Marker.DELETEALL)]
-    for index, (points, colour) in enumerate(
+    for index, (points, color) in enumerate(
         zip(selection.points.tolist(), selection.colors.tolist(), strict=True)
     ):
         line = Marker(
@@ -76,7 +76,7 @@ def to_candidates(selection) -> MarkerArray:
             action=Marker.ADD,
         )
         line.scale.x = 0.01
-        line.color = ColorRGBA(**dict(zip("rgba", colour, strict=True)))
+        line.color = ColorRGBA(**dict(zip("rgba", color, strict=True)))
         line.points = [Point(x=x, y=y) for x, y in points]
         markers.append(line)
     return MarkerArray(markers=markers)

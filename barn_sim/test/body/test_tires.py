@@ -1,4 +1,4 @@
-"""Wheels on the ground against plain references: friction solved by a general optimiser, and statics by hand."""
+"""Wheels on the ground against plain references: friction solved by a general optimizer, and statics by hand."""
 
 import math
 from contextlib import ExitStack, closing
@@ -95,8 +95,8 @@ def reference_friction(
 ):
     """Velocity (2,) and spin (3,) after friction, as the point of least energy of the relative motion.
 
-    Coulomb friction with given loads is the convex problem: minimise half of the impulses' energy plus their work on
-    the slip, each impulse within its circle. Solved here by a general optimiser instead of sweeps.
+    Coulomb friction with given loads is the convex problem: minimize half of the impulses' energy plus their work on
+    the slip, each impulse within its circle. Solved here by a general optimizer instead of sweeps.
     """
     count = len(arms)
     moved = np.array(
@@ -258,7 +258,7 @@ def test_turning_does_not_depend_on_the_heading(driven) -> None:
 
 
 def steady_turn(speed: float, turn: float) -> tuple[float, float]:
-    """Speed of the centre of mass and yaw rate in a steady arc, by integrating the motion in the plane with tiny steps.
+    """Speed of the center of mass and yaw rate in a steady arc, by integrating the motion in the plane with tiny steps.
 
     Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.
     """
@@ -274,7 +274,7 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
     dt = 2e-4
     for _ in range(20000):
         fx, fy = forces.sum(axis=0)
-        # loads linear over the base; the moments of the forces at the ground about the centre of mass balance
+        # loads linear over the base; the moments of the forces at the ground about the center of mass balance
         moments = np.array([model.mass_kg * G, -height * fx, -height * fy])
         loads = plane @ np.linalg.solve(plane.T @ plane, moments)
         slip = (

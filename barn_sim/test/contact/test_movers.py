@@ -66,9 +66,9 @@ def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
 
 def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
     """One beam against one shape: a circle by the quadratic equation, a box by each of its four sides."""
-    centre = shape[:2]
+    center = shape[:2]
     if shape[2]:
-        to = centre - origin
+        to = center - origin
         along = beam @ to
         square = to @ to - shape[2] ** 2
         root = along**2 - square
@@ -77,12 +77,12 @@ def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
     ahead = shape[5:7]
     left = np.array([-shape[6], shape[5]])
     if (
-        abs((origin - centre) @ ahead) <= shape[3]
-        and abs((origin - centre) @ left) <= shape[4]
+        abs((origin - center) @ ahead) <= shape[3]
+        and abs((origin - center) @ left) <= shape[4]
     ):
         return 0.0
     corners = [
-        centre + i * shape[3] * ahead + j * shape[4] * left
+        center + i * shape[3] * ahead + j * shape[4] * left
         for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
     ]
     hits = [math.inf]
@@ -144,7 +144,7 @@ def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators) -> None
 
 @pytest.mark.parametrize("kind", [person, cart])
 def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators) -> None:
-    """The robot is struck from the side at 1 m/s, against its tyres, and ends up moving with the obstacle."""
+    """The robot is struck from the side at 1 m/s, against its tires, and ends up moving with the obstacle."""
     world = arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0)))
     simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     sensors = [simulator.step(None) for _ in range(60)]
@@ -189,7 +189,7 @@ def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators) -> No
 
 
 def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
-    """It is 5 m away when its motion begins anew, half a metre in front of the robot."""
+    """It is 5 m away when its motion begins anew, half a meter in front of the robot."""
     jumper = replace(
         person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25
     )

@@ -77,8 +77,8 @@ def test_pushed_cylinders_do_not_end_inside_one_another(simulators) -> None:
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.5, 0.0))
-    centres, tilted = simulator.motion.obstacles.cross_section(0.3)
-    upright = centres[np.isfinite(centres[:, 0])][: 9 - len(tilted)]
+    centers, tilted = simulator.motion.obstacles.cross_section(0.3)
+    upright = centers[np.isfinite(centers[:, 0])][: 9 - len(tilted)]
     gaps = [math.hypot(*(a - b)) for i, a in enumerate(upright) for b in upright[:i]]
     assert min(gaps) > 0.15 - 0.01
 
@@ -252,16 +252,16 @@ def test_the_robot_moves_safely_within_the_free_distance() -> None:
 def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
     q = [math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2)]  # about x: leans to -y
     states = np.array([[1.0, 2.0, 0.5, *q]])
-    centres, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))
+    centers, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))
     count = intersect_cylinders(
-        np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centres, tilted
+        np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centers, tilted
     )
     if tilt < math.radians(0.5):
         assert count == 0
-        assert centres[0] == pytest.approx([1.0, 2.0 + 0.2 * math.tan(tilt)])
+        assert centers[0] == pytest.approx([1.0, 2.0 + 0.2 * math.tan(tilt)])
     else:
         assert count == 1
-        assert np.isinf(centres).all()
+        assert np.isinf(centers).all()
         assert tilted[0] == pytest.approx(
             [1.0, 2.0, 0.2, 0.0, -math.sin(tilt), math.cos(tilt), 0.5]
         )

@@ -22,13 +22,13 @@ def lidar(config: LidarConfig, seed: int = 0) -> Lidar:
 
 
 def reference(
-    pose: Pose2D, scan, mount_x: float, centres: np.ndarray, radius: float
+    pose: Pose2D, scan, mount_x: float, centers: np.ndarray, radius: float
 ) -> np.ndarray:
     """Every beam against every circle, by the quadratic equation, in float64."""
     sensor = pose @ Pose2D(mount_x, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     beams = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    to_centre = centres - [sensor.x, sensor.y]
+    to_centre = centers - [sensor.x, sensor.y]
     along = beams @ to_centre.T
     square = (to_centre**2).sum(axis=1) - radius**2
     root = along**2 - square
@@ -57,15 +57,15 @@ def test_agrees_with_the_reference(
     seed: int, count: int, radius: float, full_circle: bool, beams: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    centres = rng.uniform(-4.0, 4.0, (count, 2))
+    centers = rng.uniform(-4.0, 4.0, (count, 2))
     pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
     spread = (
         {"angle_min_rad": -math.pi, "angle_max_rad": math.pi} if full_circle else {}
     )
     config = replace(QUIET, beams=beams, range_max_m=5.0, **spread)
-    scan = lidar(config).scan(0, pose, centres, radius)
+    scan = lidar(config).scan(0, pose, centers, radius)
     expected = limited(
-        reference(pose, scan, config.mount_x_m, centres, radius),
+        reference(pose, scan, config.mount_x_m, centers, radius),
         scan.range_min,
         scan.range_max,
     )
@@ -77,12 +77,12 @@ def test_agrees_with_the_reference(
 
 def test_upright_cylinders_cast_in_space_are_circles() -> None:
     rng = np.random.default_rng(5)
-    centres = rng.uniform(-3.0, 3.0, (30, 2))
+    centers = rng.uniform(-3.0, 3.0, (30, 2))
     pose = Pose2D(-3.5, 0.0, 0.4)
     upright = np.column_stack(
-        [centres, np.full(30, 0.2), np.zeros((30, 2)), np.ones(30), np.full(30, 0.5)]
+        [centers, np.full(30, 0.2), np.zeros((30, 2)), np.ones(30), np.full(30, 0.5)]
     )
-    flat = lidar(QUIET).scan(0, pose, centres, 0.075)
+    flat = lidar(QUIET).scan(0, pose, centers, 0.075)
     solid = lidar(QUIET).scan(0, pose, np.full((30, 2), np.inf), 0.075, upright)
     differs = ~np.isclose(flat.ranges, solid.ranges, atol=1e-5)
     assert differs.sum() <= 1

@@ -46,7 +46,7 @@ def drive(
     config: LocalizationConfig,
     world: World,
     static_map: OccupancyMap,
-    metres: float,
+    meters: float,
     seed: int = 0,
 ) -> np.ndarray:
     """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
@@ -55,7 +55,7 @@ def drive(
         config, np.random.default_rng(seed), static_map, START, MOUNT
     )
     errors = []
-    for x in np.arange(0.0, metres + 1e-9, 0.02):
+    for x in np.arange(0.0, meters + 1e-9, 0.02):
         truth = START @ Pose2D(float(x), 0.0, 0.0)
         scan = lidar.scan(0, truth, world.cylinders_m, world.cylinder_radius_m)
         estimate = believer.estimate(
@@ -166,7 +166,7 @@ def test_the_estimate_drifts_toward_a_map_that_is_off(
     later = off_y[[50, 100, 150, 200]]
     assert (np.diff(later) < 0.0).all()
     assert -0.15 < later[-1] < -0.015
-    # Particles spread widely agree with the map within a metre.
+    # Particles spread widely agree with the map within a meter.
     assert drive(WIDE, pillars, localization_map(pillars, True), 1.0)[
         -1, 1
     ] == pytest.approx(-0.15, abs=0.06)
@@ -205,15 +205,15 @@ def test_a_correction_is_late_if_configured_the_first_is_not(
         errors = drive(
             replace(WIDE, correction_delay_s=delay_s), pillars, static_map, 2.0
         )
-        travelled = [Pose2D(0.02 * step, 0.0, 0.0) for step in range(len(errors))]
-        truths = [START @ odometry for odometry in travelled]
+        traveled = [Pose2D(0.02 * step, 0.0, 0.0) for step in range(len(errors))]
+        truths = [START @ odometry for odometry in traveled]
         believed = [
             Pose2D(t.x + x, t.y + y, t.yaw + yaw)
             for t, (x, y, yaw) in zip(truths, errors, strict=True)
         ]
         estimates = [
             pose @ odometry.inverse()
-            for pose, odometry in zip(believed, travelled, strict=True)
+            for pose, odometry in zip(believed, traveled, strict=True)
         ]
         corrections.append(np.array([(pose.x, pose.y, pose.yaw) for pose in estimates]))
     prompt, late = corrections

@@ -85,7 +85,7 @@ def test_turning_beams_agree_with_a_scan_from_each_pose(full_circle):
     )
     lidar = Lidar(config, rng)
     for _ in range(60):
-        centres = rng.uniform(-4.0, 4.0, (30, 2))
+        centers = rng.uniform(-4.0, 4.0, (30, 2))
         radius = rng.uniform(0.05, 0.4)
         start = np.append(rng.uniform(-1.0, 1.0, 2), rng.uniform(-3.0, 3.0))
         move = rng.uniform(-0.5, 0.5, 3)
@@ -94,10 +94,10 @@ def test_turning_beams_agree_with_a_scan_from_each_pose(full_circle):
             [[*rng.uniform(-4.0, 4.0, 2), 0.0, 0.5, 0.3, math.cos(0.4), math.sin(0.4)]]
         )
         swept = lidar.scan(
-            0, Pose2D(*poses[-1]), centres, radius, NO_SHAPES, shapes, sweep=poses
+            0, Pose2D(*poses[-1]), centers, radius, NO_SHAPES, shapes, sweep=poses
         ).ranges
         single_scans = [
-            lidar.scan(0, Pose2D(*pose), centres, radius, NO_SHAPES, shapes).ranges[k]
+            lidar.scan(0, Pose2D(*pose), centers, radius, NO_SHAPES, shapes).ranges[k]
             for k, pose in enumerate(poses)
         ]
         # within a circle all of an instant's beams read -inf, of a sweep those that are in it

@@ -16,8 +16,8 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     figure = render.world_figure(small_world)
     write_png(figure, tmp_path / "world.png")
     collections = {
-        colour
-        for _, colour in Image.open(tmp_path / "world.png")
+        color
+        for _, color in Image.open(tmp_path / "world.png")
         .convert("RGB")
         .getcolors(2**24)
     }
@@ -39,7 +39,7 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     discs = np.concatenate(
         [collection.get_offsets() for collection in axes.collections]
     )
-    assert {tuple(centre) for centre in small_world.obstacles_m.tolist()} <= {
+    assert {tuple(center) for center in small_world.obstacles_m.tolist()} <= {
         tuple(c) for c in discs.tolist()
     }
     labels = {text.get_text() for text in axes.get_legend().get_texts()}

@@ -77,7 +77,7 @@ def test_filling_recovers_generated_worlds():
 def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
     grid = np.zeros((7, 9), bool)
     grid[1:6, 1:8] = True
-    grid[3, 4] = False  # its neighbours are shown because of it
+    grid[3, 4] = False  # its neighbors are shown because of it
     assert np.array_equal(fill_hollow(grid & ~geometry.hollow_cells(grid)), grid)
 
 

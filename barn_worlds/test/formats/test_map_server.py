@@ -53,16 +53,16 @@ def test_maps_come_back(tmp_path_factory, data, resolution, x):
 @pytest.mark.parametrize("kind", ["png", "bmp", "ppm", "plain pgm", "1-bit"])
 def test_other_images_are_read_alike(tmp_path, kind):
     expected = read_map(save(tmp_path)).data
-    grey = Image.open(tmp_path / "m.pgm")
+    gray = Image.open(tmp_path / "m.pgm")
     if kind == "plain pgm":
         (tmp_path / "m.pgm").write_text("P2\n3 2\n255\n0 89 90 191 192 255\n")
     elif kind == "1-bit":
-        grey.point(lambda v: 255 * (v > 128)).convert("1").save(
+        gray.point(lambda v: 255 * (v > 128)).convert("1").save(
             tmp_path / "m.pgm", "PNG"
         )
         expected = np.array([[0, 0, 0], [100, 100, 100]])
     else:
-        (grey.convert("RGB") if kind == "ppm" else grey).save(tmp_path / "m.pgm", kind)
+        (gray.convert("RGB") if kind == "ppm" else gray).save(tmp_path / "m.pgm", kind)
     assert np.array_equal(read_map(tmp_path / "m.yaml").data, expected)
 
 

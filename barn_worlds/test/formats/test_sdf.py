@@ -112,9 +112,9 @@ def test_an_animation_of_what_does_not_move_is_refused(small_world, tmp_path):
         write_animation(small_world, tmp_path / "file")
 
 
-def coloured(image, colour):
-    """Return the centres (x, y) in pixels of all pixels near a colour."""
-    near = np.abs(np.asarray(image.convert("RGB"), int) - colour).max(axis=2) < 40
+def colored(image, color):
+    """Return the centers (x, y) in pixels of all pixels near a color."""
+    near = np.abs(np.asarray(image.convert("RGB"), int) - color).max(axis=2) < 40
     return np.argwhere(near)[:, ::-1]
 
 
@@ -129,7 +129,7 @@ def test_an_animation_shows_obstacles_that_move(tmp_path):
     assert image.n_frames == 120
     for frame in (0, 16):
         image.seek(frame)
-        pixels = coloured(image, (0xC7, 0x7E, 0xA9))
+        pixels = colored(image, (0xC7, 0x7E, 0xA9))
         places.append(np.median(pixels, axis=0))
     metres_per_pixel = 8.0 / (places[1][0] - places[0][0])  # from x = -8 m to x = 0
     assert 0.03 < metres_per_pixel < 0.09
@@ -138,7 +138,7 @@ def test_an_animation_shows_obstacles_that_move(tmp_path):
 
 def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_path):
     write_png(world_figure(world), tmp_path / "one.png")
-    assert len(coloured(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
+    assert len(colored(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
     sheet = sheet_figure({0: world, 1: small_world})
     (axes,) = sheet.axes
     collections = [

@@ -21,14 +21,14 @@ ANGLE = math.atan(
 LONGER = 1.0 / math.cos(0.5 * ANGLE)
 
 
-def by_force(start, goal, centres, radius):
+def by_force(start, goal, centers, radius):
     """Return the shortest way on a grid, in m, inf without one: never shorter than the shortest way there is."""
     begin = PLACES[MOVES[:, 0], None]
     move = np.diff(PLACES[MOVES], axis=1)
     shares = np.clip(
-        ((centres - begin) * move).sum(axis=2) / (move**2).sum(axis=2), 0.0, 1.0
+        ((centers - begin) * move).sum(axis=2) / (move**2).sum(axis=2), 0.0, 1.0
     )
-    off = begin + shares[..., None] * move - centres
+    off = begin + shares[..., None] * move - centers
     lengths_m = np.where(
         (np.hypot(off[..., 0], off[..., 1]) >= radius).all(axis=1),
         np.hypot(*move[:, 0].T),
@@ -43,10 +43,10 @@ def by_force(start, goal, centres, radius):
 def test_the_bound_is_below_the_shortest_path_on_a_fine_grid(seed):
     rng = np.random.default_rng(seed)
     radius = rng.uniform(0.1, 0.25)
-    centres = rng.uniform(0.3, 1.7, (9, 2))
+    centers = rng.uniform(0.3, 1.7, (9, 2))
     ends = np.array([0.0, 1.0]), np.array([2.0, 1.0])
     length, bound = (
-        search(*ends, centres, radius) for search in (by_force, shortest_path_bound_m)
+        search(*ends, centers, radius) for search in (by_force, shortest_path_bound_m)
     )
     assert 2.0 <= bound <= length + 1e-9
     assert (
@@ -74,7 +74,7 @@ def test_through_a_gap_only_a_disc_goes_that_fits():
 
 
 @pytest.mark.parametrize(
-    "centres",
+    "centers",
     [
         np.empty((0, 2)),
         np.array([[math.cos(0.1 * k), math.sin(0.1 * k)] for k in range(63)]),
@@ -82,5 +82,5 @@ def test_through_a_gap_only_a_disc_goes_that_fits():
     ],
     ids=["no discs", "shut in", "too many"],
 )
-def test_the_straight_line_is_the_bound_where_no_other_is_found(centres):
-    assert shortest_path_bound_m(np.zeros(2), np.array([3.0, 4.0]), centres, 0.2) == 5.0
+def test_the_straight_line_is_the_bound_where_no_other_is_found(centers):
+    assert shortest_path_bound_m(np.zeros(2), np.array([3.0, 4.0]), centers, 0.2) == 5.0

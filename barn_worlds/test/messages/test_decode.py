@@ -24,11 +24,11 @@ from barn_worlds.messages import decode, encode
 from barn_worlds.messages.cdr import deserialize, make_message, serialize
 from barn_worlds.messages.encode import make_header
 
-metres = st.floats(-1e3, 1e3)
+meters = st.floats(-1e3, 1e3)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 frames = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)
-poses = st.builds(Pose2D, metres, metres, st.floats(-math.pi, math.pi))
-velocities = st.builds(Velocity2D, metres, metres)
+poses = st.builds(Pose2D, meters, meters, st.floats(-math.pi, math.pi))
+velocities = st.builds(Velocity2D, meters, meters)
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 SCAN = Scan(
@@ -178,7 +178,7 @@ def test_scans_keep_every_bit(stamp_ns, frame, values, intensities):
     assert message.angle_max == pytest.approx(-1.0 + 0.5 * (len(values) - 1))
 
 
-@given(st.tuples(st.integers(0, 9), st.integers(0, 9)), metres, metres)
+@given(st.tuples(st.integers(0, 9), st.integers(0, 9)), meters, meters)
 def test_maps(size, x, y):
     sent = OccupancyMap(
         np.arange(size[0] * size[1], dtype=np.int8).reshape(size), 0.25, x, y

@@ -1,4 +1,4 @@
-"""Encoders against messages that are filled field by field and serialised by ROS itself, and against rosbags."""
+"""Encoders against messages that are filled field by field and serialized by ROS itself, and against rosbags."""
 
 import array
 import itertools
@@ -49,9 +49,9 @@ RANGES = np.array([0.5, math.inf, -math.inf, math.nan, 29.9, 1.0, 2.0], np.float
 SCAN = Scan(STAMP, RANGES, -2.35619, 0.7, 0.1, 30.0)
 GRID = OccupancyMap(np.arange(-1, 5, dtype=np.int8).reshape(2, 3), 0.15, -4.5, 0.25)
 COVARIANCE = [{0: 0.1, 7: 0.2, 35: 0.3}.get(place, 0.0) for place in range(36)]
-COLOUR = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
+COLOR = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
 LINE = make_marker(
-    "odom", "lines", LINE_STRIP, index=3, color=tuple(COLOUR.values()), stamp_ns=STAMP
+    "odom", "lines", LINE_STRIP, index=3, color=tuple(COLOR.values()), stamp_ns=STAMP
 )
 LINE.scale.x = 0.5
 
@@ -161,7 +161,7 @@ CASES = {
                     ns="lines",
                     id=3,
                     type=Marker.LINE_STRIP,
-                    color=ColorRGBA(**COLOUR),
+                    color=ColorRGBA(**COLOR),
                     scale=geometry.Vector3(x=0.5),
                 )
             ]

@@ -188,9 +188,9 @@ def test_bytes_that_are_cut_off_are_refused_wherever_that_is(world):
 
 def test_outlines_are_those_of_the_shapes(world):
     outlines = moving_bodies(world.tracks, 3.0).outlines()
-    centres = world.tracks.at(3.0)[0]
-    assert np.hypot(*(outlines[0] - centres[0]).T) == pytest.approx(0.5)
-    cart = outlines[-1] - centres[-1]
+    centers = world.tracks.at(3.0)[0]
+    assert np.hypot(*(outlines[0] - centers[0]).T) == pytest.approx(0.5)
+    cart = outlines[-1] - centers[-1]
     turned = cart @ np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
     assert np.abs(turned).tolist() == [[pytest.approx(0.5), pytest.approx(0.25)]] * 4
 

@@ -1,4 +1,4 @@
-"""The catalogue of topics: what it says can be had, and rclpy is given just that."""
+"""The catalog of topics: what it says can be had, and rclpy is given just that."""
 
 import pytest
 

@@ -38,10 +38,10 @@ def test_cspaces_equal_the_original_ones(original_folder):
 
 
 @given(GRIDS, st.sampled_from([4, 8]))
-def test_regions_are_those_of_scipy(free, neighbours):
-    labels, sizes = label_regions(free, neighbours)
+def test_regions_are_those_of_scipy(free, neighbors):
+    labels, sizes = label_regions(free, neighbors)
     expected, count = ndimage.label(
-        free, ndimage.generate_binary_structure(2, 1 if neighbours == 4 else 2)
+        free, ndimage.generate_binary_structure(2, 1 if neighbors == 4 else 2)
     )
     assert np.array_equal(labels, expected)
     assert sizes.tolist() == [

@@ -17,14 +17,14 @@ STRAIGHT = np.stack([np.full(30, 15), np.arange(30)], axis=1)
 
 def test_cells_stand_where_the_gazebo_files_put_them():
     rows, cols = np.indices((30, 30)).reshape(2, -1)
-    centres = geometry.cell_centers(np.stack([rows, cols], axis=1), 30, 0.15)
+    centers = geometry.cell_centers(np.stack([rows, cols], axis=1), 30, 0.15)
     assert np.allclose(
-        centres,
+        centers,
         np.stack([-4.425 + 0.15 * rows, 5.175 + 0.15 * cols], axis=1),
         atol=1e-12,
     )
     assert np.array_equal(
-        geometry.containing_cells(centres, 30, 0.15), np.stack([rows, cols], axis=1)
+        geometry.containing_cells(centers, 30, 0.15), np.stack([rows, cols], axis=1)
     )
 
 

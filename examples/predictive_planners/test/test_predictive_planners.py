@@ -75,13 +75,13 @@ def tracks(
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_circle_is_found_from_an_arc_of_it(seed):
     rng = np.random.default_rng(seed)
-    centre = rng.uniform(-5.0, 5.0, 2)
+    center = rng.uniform(-5.0, 5.0, 2)
     radius = rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    points = centre + radius * directions
+    points = center + radius * directions
     center, radius_m, roundness = fit_circle(points)
-    assert center == pytest.approx(centre, abs=1e-6)
+    assert center == pytest.approx(center, abs=1e-6)
     assert (radius_m, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
 
 

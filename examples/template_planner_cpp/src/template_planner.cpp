@@ -22,13 +22,13 @@ namespace
 
 struct Point
 {
-  double x, y;  // metres as the robot sees it, x ahead
+  double x, y;  // meters as the robot sees it, x ahead
 };
 
 constexpr double kSight = 5.0;      // m
 constexpr double kHalfWidth = 0.4;  // m, of the corridor that has to be free
 
-// How far, in metres, a corridor in that direction is free of points.
+// How far, in meters, a corridor in that direction is free of points.
 double free_way(const std::vector<Point> & points, double way)
 {
   double nearest = kSight;

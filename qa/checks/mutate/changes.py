@@ -1,7 +1,7 @@
 """Small changes to a Python source, each of which a unit test should notice.
 
 Changed are comparisons, arithmetic, boolean connectives, conditions, constants, return
-values, neighbouring arguments and names that are easily confused; statements are
+values, neighboring arguments and names that are easily confused; statements are
 removed. Left alone are docstrings, annotations, type aliases, decorators, imports,
 f-strings and what an error says: they decide no result.
 """
@@ -324,7 +324,7 @@ def _is_text(node: ast.expr | None) -> TypeGuard[ast.Constant]:
 
 
 def _span(first: ast.expr, last: ast.expr) -> dict[str, Any]:
-    """Return the place of neighbouring expressions as the attributes of a node."""
+    """Return the place of neighboring expressions as the attributes of a node."""
     begin = {"lineno": first.lineno, "col_offset": first.col_offset}
     return begin | {
         "end_lineno": last.end_lineno,

@@ -22,7 +22,7 @@ function progress(state) {
 function bar(one) {
   const filled = element("span", { className: "bar" }), limits = element("span", { className: "limits" });
   filled.style.width = `${one.bar}%`;
-  filled.style.background = one.colour;
+  filled.style.background = one.color;
   limits.style.left = `${one.low}%`;
   limits.style.width = `${one.high - one.low}%`;
   return [element("span", { textContent: one.label }), element("span", { className: "track" }, filled, limits), element("span", { className: "number text", textContent: one.text })];

@@ -1,4 +1,4 @@
-/* Shared by the report and the replay: unpacking of data, colours of the page, maps and charts on canvases. */
+/* Shared by the report and the replay: unpacking of data, colors of the page, maps and charts on canvases. */
 
 const TYPES = { Uint8Array, Int16Array, Uint16Array, Int32Array, Float32Array, Float64Array };
 
@@ -16,8 +16,8 @@ async function unpack(packed) {
   return arrays;
 }
 
-/* The colour of that name on the page; a colour itself, such as a planner's, is what it is. */
-function colour(name) {
+/* The color of that name on the page; a color itself, such as a planner's, is what it is. */
+function color(name) {
   const themed = (property) => getComputedStyle(document.documentElement).getPropertyValue(property).trim();
   return name.startsWith("#") ? themed("--c-" + name.slice(1).toLowerCase()) || name : themed("--" + name);
 }
@@ -53,7 +53,7 @@ function label(value, step) {
   return (Math.abs(value) < step * 1e-6 ? 0 : value).toFixed(digits);
 }
 
-/* A plan view in metres with axes; draw in metres between `begin` and `end`. `view`: {zoom, centre} where it is not all of it. */
+/* A plan view in meters with axes; draw in meters between `begin` and `end`. `view`: {zoom, center} where it is not all of it. */
 class Scene {
   constructor(canvas, bounds, view = null) {
     this.canvas = canvas;
@@ -69,7 +69,7 @@ class Scene {
     this.scale = Math.max(1e-3, Math.min(inner.width / (right - left), inner.height / (above - below)));
     const near = this.view && this.view.zoom > 1 ? this.view : null;
     this.scale *= near ? near.zoom : 1;
-    const [middleX, middleY] = near ? near.centre : [(left + right) / 2, (below + above) / 2];
+    const [middleX, middleY] = near ? near.center : [(left + right) / 2, (below + above) / 2];
     this.originX = margin.left + inner.width / 2 - middleX * this.scale;
     this.originY = margin.top + inner.height / 2 + middleY * this.scale;
     const halfX = inner.width / 2 / this.scale, halfY = inner.height / 2 / this.scale;
@@ -90,10 +90,10 @@ class Scene {
 
   end() { this.context.restore(); }
 
-  x(metres) { return this.originX + metres * this.scale; }
-  y(metres) { return this.originY - metres * this.scale; }
+  x(meters) { return this.originX + meters * this.scale; }
+  y(meters) { return this.originY - meters * this.scale; }
 
-  /* The point in metres under a pixel of the canvas. */
+  /* The point in meters under a pixel of the canvas. */
   at(x, y) { return [(x - this.originX) / this.scale, (this.originY - y) / this.scale]; }
 
   axes() {
@@ -101,8 +101,8 @@ class Scene {
     const c = this.context;
     const step = niceStep(Math.max(right - left, above - below), Math.max(right - left, above - below) * this.scale / 60);
     c.font = "12px system-ui, sans-serif";
-    c.strokeStyle = colour("line");
-    c.fillStyle = colour("soft");
+    c.strokeStyle = color("line");
+    c.fillStyle = color("soft");
     c.lineWidth = 1;
     c.textAlign = "center";
     for (let x = Math.ceil(left / step) * step; x <= right + 1e-9; x += step) {
@@ -125,7 +125,7 @@ class Scene {
 
   line(points, name, pixels, dash) {
     const c = this.context;
-    c.strokeStyle = colour(name);
+    c.strokeStyle = color(name);
     c.lineWidth = pixels * this.pixel;
     c.setLineDash((dash || []).map((length) => length * this.pixel));
     c.beginPath();
@@ -138,10 +138,10 @@ class Scene {
     const c = this.context;
     c.beginPath();
     c.arc(x, y, radius, 0, 2 * Math.PI);
-    if (filled) { c.fillStyle = colour(name); c.fill(); } else { c.strokeStyle = colour(name); c.lineWidth = (pixels || 1) * this.pixel; c.stroke(); }
+    if (filled) { c.fillStyle = color(name); c.fill(); } else { c.strokeStyle = color(name); c.lineWidth = (pixels || 1) * this.pixel; c.stroke(); }
   }
 
-  /* The robot's outline, with a line from its centre to its front. */
+  /* The robot's outline, with a line from its center to its front. */
   robot(x, y, yaw, outline, touching, name = "robot") {
     const c = this.context;
     c.save();
@@ -154,11 +154,11 @@ class Scene {
       c.closePath();
     }
     c.globalAlpha = 0.35;
-    c.fillStyle = colour(touching ? "bad" : name);
+    c.fillStyle = color(touching ? "bad" : name);
     c.fill();
     c.globalAlpha = 1;
     c.lineWidth = (touching ? 3 : 1.6) * this.pixel;
-    c.strokeStyle = colour(touching ? "bad" : "ink");
+    c.strokeStyle = color(touching ? "bad" : "ink");
     c.stroke();
     this.line([0, 0, outline.front, 0], touching ? "bad" : "ink", touching ? 3 : 1.6);
     c.restore();
@@ -169,7 +169,7 @@ class Scene {
     const c = this.context;
     c.beginPath();
     for (let i = 0; i < points.length; i += 2) { c.moveTo(points[i] + radius, points[i + 1]); c.arc(points[i], points[i + 1], radius, 0, 2 * Math.PI); }
-    c.fillStyle = colour(name);
+    c.fillStyle = color(name);
     c.fill();
   }
 
@@ -187,7 +187,7 @@ class Scene {
       c.lineTo(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
     }
     c.closePath();
-    c.fillStyle = colour(name);
+    c.fillStyle = color(name);
     c.fill();
   }
 }
@@ -200,7 +200,7 @@ function shortened(context, text, room) {
   return `${text.slice(0, length)}…`;
 }
 
-/* A chart over time. series: {name, colour, values, dash, times if other than the common ones};
+/* A chart over time. series: {name, color, values, dash, times if other than the common ones};
    options: {title, unit, cursor, marks: [[from, to]], axis}. */
 function drawChart(canvas, times, series, options) {
   const { context: c, width, height } = prepared(canvas);
@@ -216,13 +216,13 @@ function drawChart(canvas, times, series, options) {
   const y = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
   c.font = "12px system-ui, sans-serif";
   c.lineWidth = 1;
-  c.fillStyle = colour("bad");
+  c.fillStyle = color("bad");
   c.globalAlpha = 0.18;
   for (const [from, to] of options.marks || []) c.fillRect(x(from), top, Math.max(2, x(to) - x(from)), bottom - top);
   c.globalAlpha = 1;
   const stepY = niceStep(high - low, (bottom - top) / 20), stepX = niceStep(end, (right - left) / 60);
-  c.strokeStyle = colour("line");
-  c.fillStyle = colour("soft");
+  c.strokeStyle = color("line");
+  c.fillStyle = color("soft");
   c.textAlign = "right";
   for (let v = Math.ceil(low / stepY) * stepY; v <= high; v += stepY) {
     c.beginPath(); c.moveTo(left, y(v)); c.lineTo(right, y(v)); c.stroke();
@@ -232,7 +232,7 @@ function drawChart(canvas, times, series, options) {
   for (let t = 0; t <= end + 1e-9; t += stepX) c.fillText(label(t, stepX), x(t), bottom + 15);
   c.fillText(options.axis || "time [s]", (left + right) / 2, bottom + 30);
   c.textAlign = "left";
-  c.fillStyle = colour("ink");
+  c.fillStyle = color("ink");
   const title = `${options.title} [${options.unit}]`;
   c.fillText(title, left, 13);
   let at = right;
@@ -240,15 +240,15 @@ function drawChart(canvas, times, series, options) {
   c.textAlign = "right";
   for (const one of series.length > 1 ? [...series].reverse() : []) {
     const name = shortened(c, one.name, each);
-    c.fillStyle = colour("ink");
+    c.fillStyle = color("ink");
     c.fillText(name, at, 13);
     at -= c.measureText(name).width + 4;
-    c.fillStyle = colour(one.colour);
+    c.fillStyle = color(one.color);
     c.fillText(one.dash ? "╌" : "─", at, 13);
     at -= c.measureText("─").width + 14;
   }
   for (const one of series) {
-    c.strokeStyle = colour(one.colour);
+    c.strokeStyle = color(one.color);
     c.lineWidth = 1.6;
     c.setLineDash(one.dash || []);
     c.beginPath();
@@ -263,7 +263,7 @@ function drawChart(canvas, times, series, options) {
   }
   c.setLineDash([]);
   if (options.cursor !== undefined) {
-    c.strokeStyle = colour("ink");
+    c.strokeStyle = color("ink");
     c.lineWidth = 1;
     c.beginPath(); c.moveTo(x(options.cursor), top); c.lineTo(x(options.cursor), bottom); c.stroke();
   }

@@ -1,6 +1,6 @@
 /* Moving obstacles with their recent trails, and the walls between them: in replays and in the report's view of a trial. */
 
-/* Upright cylinders and boxes from above: rows of x, y, yaw, radius (of a cylinder) and both sizes (of a box), in metres. */
+/* Upright cylinders and boxes from above: rows of x, y, yaw, radius (of a cylinder) and both sizes (of a box), in meters. */
 class Shapes {
   constructor(rows) { this.rows = rows; }
 
@@ -19,7 +19,7 @@ class Shapes {
       });
       c.closePath();
     }
-    c.fillStyle = c.strokeStyle = colour(name);
+    c.fillStyle = c.strokeStyle = color(name);
     c.lineWidth = (filled ? 1 : 2) * scene.pixel;
     if (filled) c.fill();
     c.stroke();

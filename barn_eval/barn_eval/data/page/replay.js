@@ -13,7 +13,7 @@ const LAYERS = [
   ["scan", "scan", "scan"],
   ["trail", "trail", "trail"],
 ];
-// What is left out where several drive in one scene: nobody could tell whose it is. The rest takes the planner's colour.
+// What is left out where several drive in one scene: nobody could tell whose it is. The rest takes the planner's color.
 const SOLO = ["costmap", "candidates", "local_plan", "band"];
 
 /* What one bag has: its arrays, what happened when, and how it is drawn into a scene. */
@@ -40,16 +40,16 @@ class Trial {
     return Boolean(layer in there ? there[layer] : arrays[layer + "_times"].length);
   }
 
-  /* Images of grids, which are of the theme's colours. */
+  /* Images of grids, which are of the theme's colors. */
   paint() {
     const { arrays, data } = this;
     const filled = data.scene ? "unknown" : "map", unknown = data.scene ? null : "unknown";
-    const tint = (value) => (value === 1 ? colour(filled) : value === 2 && unknown ? colour(unknown) : null);
+    const tint = (value) => (value === 1 ? color(filled) : value === 2 && unknown ? color(unknown) : null);
     this.mapImage = data.map ? this.grid(arrays.map, data.map, tint) : null;
     this.costImage = undefined;
   }
 
-  /* An image of a grid, a pixel per cell; `tint` gives a colour or null for clear. */
+  /* An image of a grid, a pixel per cell; `tint` gives a color or null for clear. */
   grid(cells, [columns, rows], tint) {
     const image = document.createElement("canvas");
     image.width = columns;
@@ -96,7 +96,7 @@ class Trial {
     }
   }
 
-  /* What there is at a time. `own`: the planner's colour, where several drive in one scene. */
+  /* What there is at a time. `own`: the planner's color, where several drive in one scene. */
   drawAt(scene, time, shown, own = null) {
     const { arrays, data } = this;
     const index = Math.max(0, indexAt(this.times, time));
@@ -109,7 +109,7 @@ class Trial {
     if (!own && shown.band) this.drawBand(scene, time);
     if (!own && shown.local_plan) this.drawLines(scene, "local_plan", time, "local", 2.4);
     if (shown.scan) this.drawScan(scene, time, x, y, yaw, tint("scan"));
-    if (shown.trail) scene.line(arrays.poses.subarray(0, 3 * index + 3).filter((_, i) => i % 3 < 2), this.trailColour(own), 2.4);
+    if (shown.trail) scene.line(arrays.poses.subarray(0, 3 * index + 3).filter((_, i) => i % 3 < 2), this.trailColor(own), 2.4);
     if (shown.world && time >= this.end - 1e-6) {
       for (let i = 0; i < arrays.pushed?.length; i += 2) scene.disc(arrays.pushed[i], arrays.pushed[i + 1], data.scene.radius, "bad", false, 1.6);
     }
@@ -118,7 +118,7 @@ class Trial {
     return index;
   }
 
-  trailColour(own) { return own || this.colour || "trail"; }
+  trailColor(own) { return own || this.color || "trail"; }
 
   markPose(scene, time) {
     const at = 3 * indexAt(this.times, time);
@@ -184,7 +184,7 @@ class Trial {
       let offset = 0;
       for (let i = 0; i < at; i++) offset += data.costmaps[i][0] * data.costmaps[i][1];
       const [columns, rows] = data.costmaps[at];
-      const paint = colour("cost");
+      const paint = color("cost");
       this.costImage = this.grid(arrays.costmap_cells.subarray(offset, offset + columns * rows), data.costmaps[at],
         (value) => (value ? paint + Math.round(20 + 9 * value).toString(16).padStart(2, "0") : null));
       this.costIndex = at;
@@ -200,7 +200,7 @@ class Trial {
     const originX = x + Math.cos(yaw) * mountX - Math.sin(yaw) * mountY;
     const originY = y + Math.sin(yaw) * mountX + Math.cos(yaw) * mountY;
     const size = 3 * scene.pixel;
-    scene.context.fillStyle = colour(tint);
+    scene.context.fillStyle = color(tint);
     for (let i = 0; i < data.scan.beams; i++) {
       const range = arrays.scan_ranges[at * data.scan.beams + i];
       if (range === data.scan.no_range) continue;
@@ -215,7 +215,7 @@ class Replay {
     this.trials = trials;
     this.many = trials.length > 1;
     this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, true]));
-    if (this.many) trials.forEach((trial) => { trial.colour = trial.data.colour; });
+    if (this.many) trials.forEach((trial) => { trial.color = trial.data.color; });
     this.view = new View(() => this.draw());
     this.scenes = trials.map((_, index) => new Scene(byId(index ? `scene-${index}` : "scene"), this.bounds()));
     this.scenes.forEach((scene) => this.view.add(scene));
@@ -249,7 +249,7 @@ class Replay {
   /* Between the shared clock and a trial's time: they are one, or the clock is how far along the path it has come. */
   timeOf(trial, clock = this.player.time) {
     if (!this.along) return Math.min(clock, trial.end);
-    const { progress } = trial.arrays, at = progress.findIndex((metres) => metres >= clock - 1e-6);
+    const { progress } = trial.arrays, at = progress.findIndex((meters) => meters >= clock - 1e-6);
     return at < 0 ? trial.end : trial.times[at];
   }
 
@@ -364,7 +364,7 @@ class Replay {
       scene.begin();
       drawn[0].drawGround(scene, this.shown);
       if (this.overlaid && this.shown.moving) this.drawMovers(scene, drawn);
-      for (const trial of drawn) trial.drawAt(scene, this.timeOf(trial), this.shown, this.overlaid ? trial.colour : null);
+      for (const trial of drawn) trial.drawAt(scene, this.timeOf(trial), this.shown, this.overlaid ? trial.color : null);
       this.view.draw(scene);
       scene.end();
     });
@@ -375,14 +375,14 @@ class Replay {
     if (this.view.length !== null) this.tell(`${this.view.length.toFixed(2)} m`);
   }
 
-  /* What moves where several drive in one scene: of those whose time still runs. Where it differs, in the planners' colours. */
+  /* What moves where several drive in one scene: of those whose time still runs. Where it differs, in the planners' colors. */
   drawMovers(scene, drawn) {
     const there = drawn.filter((trial) => trial.movers).sort((one, other) => other.end - one.end);
     const running = there.filter((trial) => this.timeOf(trial) < trial.end - 1e-6);
     const shown = running.length ? running : there.slice(0, 1);
     const places = shown.map((trial) => trial.movers.at(this.timeOf(trial)));
     const alike = places.every((one) => one.every((value, i) => Math.abs(value - places[0][i]) < 0.01));
-    for (const trial of alike ? shown.slice(0, 1) : shown) trial.movers.draw(scene, this.timeOf(trial), alike ? null : trial.colour);
+    for (const trial of alike ? shown.slice(0, 1) : shown) trial.movers.draw(scene, this.timeOf(trial), alike ? null : trial.color);
   }
 
   charts() {
@@ -395,10 +395,10 @@ class Replay {
       if (canvas.hidden) continue;
       const [only] = this.trials;
       const series = this.many
-        ? this.trials.map((trial) => ({ name: trial.data.label, colour: trial.colour, values: trial.series[name].driven, times: this.along ? trial.arrays.progress : trial.times }))
+        ? this.trials.map((trial) => ({ name: trial.data.label, color: trial.color, values: trial.series[name].driven, times: this.along ? trial.arrays.progress : trial.times }))
         : [
-          { name: "driven", colour: "trail", values: only.series[name].driven },
-          ...(only.series[name].commanded ? [{ name: "commanded", colour: "scan", values: only.series[name].commanded, dash: [5, 3] }] : []),
+          { name: "driven", color: "trail", values: only.series[name].driven },
+          ...(only.series[name].commanded ? [{ name: "commanded", color: "scan", values: only.series[name].commanded, dash: [5, 3] }] : []),
         ];
       this.toClock[name] = drawChart(canvas, only.times, series, { title, unit, axis, cursor: this.player.time, marks });
     }

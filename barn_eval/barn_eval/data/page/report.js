@@ -5,7 +5,7 @@ const FILTERS = ["search", "filter-planner", "filter-outcome", "filter-band", "f
 
 function dot(entry) {
   const made = element("span", { className: "dot" });
-  made.style.background = `var(--c-${entry.colour.slice(1).toLowerCase()}, ${entry.colour})`;
+  made.style.background = `var(--c-${entry.color.slice(1).toLowerCase()}, ${entry.color})`;
   return made;
 }
 
@@ -130,8 +130,8 @@ class TrialView {
     if (!this.dialog.open) this.dialog.showModal();
     const map = world ? await unpack(world.packed) : null;
     const track = trial.track ? await this.unpackTrack(trial.track) : null;
-    const metres = (values) => Float32Array.from(values, (value) => value * world.step);
-    this.world = world ? { ...world, cylinders: metres(map.cylinders), path: metres(map.path) } : null;
+    const meters = (values) => Float32Array.from(values, (value) => value * world.step);
+    this.world = world ? { ...world, cylinders: meters(map.cylinders), path: meters(map.path) } : null;
     this.walls = world?.moving ? new Shapes(map.box_walls) : null;
     this.movers = world?.moving && trial.phase !== undefined ? new MotionMovers(map, world.moving, trial.phase) : null;
     this.track = track;
@@ -206,13 +206,13 @@ class TrialView {
   drawCharts(time) {
     const { track } = this;
     const pair = (driven, commanded) => [
-      { name: "driven", colour: "trail", values: track[driven] },
-      { name: "commanded", colour: "scan", values: track[commanded], dash: [5, 3] },
+      { name: "driven", color: "trail", values: track[driven] },
+      { name: "commanded", color: "scan", values: track[commanded], dash: [5, 3] },
     ];
     const options = { cursor: time, marks: this.contacts };
     drawChart(byId("trial-chart-speed"), track.time, pair("speed", "command_speed"), { ...options, title: "forward speed", unit: "m/s" });
     drawChart(byId("trial-chart-turn"), track.time, pair("turn", "command_turn"), { ...options, title: "yaw rate", unit: "rad/s" });
-    this.toTime = drawChart(byId("trial-chart-clearance"), track.time, [{ name: "clearance", colour: "plan", values: track.clearance }],
+    this.toTime = drawChart(byId("trial-chart-clearance"), track.time, [{ name: "clearance", color: "plan", values: track.clearance }],
       { ...options, title: `clearance to the ${this.movers ? "nearest obstacle" : "obstacles as they stood at the start"}`, unit: "m" });
   }
 

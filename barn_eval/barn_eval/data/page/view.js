@@ -4,7 +4,7 @@ const MOST_ZOOM = 40;
 
 class View {
   constructor(redraw) {
-    Object.assign(this, { redraw, zoom: 1, centre: [0, 0], scenes: [], points: [], measuring: false, aiming: false });
+    Object.assign(this, { redraw, zoom: 1, center: [0, 0], scenes: [], points: [], measuring: false, aiming: false });
     this.fingers = new Map();
   }
 
@@ -31,7 +31,7 @@ class View {
     const fixed = x === null ? middle : scene.at(x, y);
     const zoom = Math.min(MOST_ZOOM, Math.max(1, this.zoom * factor));
     const share = this.zoom / zoom;
-    this.centre = [0, 1].map((axis) => fixed[axis] + (middle[axis] - fixed[axis]) * share);
+    this.center = [0, 1].map((axis) => fixed[axis] + (middle[axis] - fixed[axis]) * share);
     this.zoom = zoom;
     this.changed();
   }
@@ -40,15 +40,15 @@ class View {
   pan(x, y) {
     if (this.zoom <= 1) return;
     const { pixel } = this.scenes[0];
-    this.centre = [this.centre[0] - x * pixel, this.centre[1] + y * pixel];
+    this.center = [this.center[0] - x * pixel, this.center[1] + y * pixel];
     this.changed();
   }
 
-  /* Zooms until so many metres around a point are seen. */
-  lookAt(x, y, metres = 4) {
+  /* Zooms until so many meters around a point are seen. */
+  lookAt(x, y, meters = 4) {
     const [left, below, right, above] = this.scenes[0].bounds;
-    this.centre = [x, y];
-    this.zoom = Math.min(MOST_ZOOM, Math.max(1.01, this.zoom, Math.max(right - left, above - below) / metres));
+    this.center = [x, y];
+    this.zoom = Math.min(MOST_ZOOM, Math.max(1.01, this.zoom, Math.max(right - left, above - below) / meters));
     this.changed();
   }
 
@@ -59,7 +59,7 @@ class View {
 
   changed() {
     const [left, below, right, above] = this.scenes[0].bounds;
-    this.centre = [Math.min(right, Math.max(left, this.centre[0])), Math.min(above, Math.max(below, this.centre[1]))];
+    this.center = [Math.min(right, Math.max(left, this.center[0])), Math.min(above, Math.max(below, this.center[1]))];
     // One finger scrolls the page while all is seen, and moves the scene while it is not.
     for (const { canvas } of this.scenes) {
       canvas.style.touchAction = this.zoom > 1 || this.measuring ? "none" : "pan-y";
@@ -71,7 +71,7 @@ class View {
   down(scene, event) {
     scene.canvas.setPointerCapture(event.pointerId);
     this.fingers.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
-    this.travelled = this.fingers.size > 1 ? Infinity : 0;
+    this.traveled = this.fingers.size > 1 ? Infinity : 0;
   }
 
   move(scene, event) {
@@ -84,20 +84,20 @@ class View {
       this.zoomBy(apart(now) / Math.max(1, apart(before)), scene, (now.x + other.x) / 2, (now.y + other.y) / 2);
       this.pan((now.x - before.x) / 2, (now.y - before.y) / 2);
     } else if (!others.length) {
-      this.travelled += Math.hypot(now.x - before.x, now.y - before.y);
+      this.traveled += Math.hypot(now.x - before.x, now.y - before.y);
       this.pan(now.x - before.x, now.y - before.y);
     }
     this.fingers.set(event.pointerId, now);
   }
 
   up(scene, event) {
-    if (this.fingers.delete(event.pointerId) && this.measuring && this.travelled < 6 && event.type === "pointerup") {
+    if (this.fingers.delete(event.pointerId) && this.measuring && this.traveled < 6 && event.type === "pointerup") {
       this.aiming = false;
       this.put(scene.at(event.offsetX, event.offsetY));
     }
   }
 
-  /* Takes a point in metres as an end of the ruler, the third as the first of the next. */
+  /* Takes a point in meters as an end of the ruler, the third as the first of the next. */
   put(point) {
     this.points = this.points.length === 2 ? [point] : [...this.points, point];
     this.changed();
@@ -140,9 +140,9 @@ class View {
     c.font = "600 13px system-ui, sans-serif";
     c.textAlign = "center";
     const text = `${this.length.toFixed(2)} m`, width = c.measureText(text).width + 10;
-    c.fillStyle = colour("paper");
+    c.fillStyle = color("paper");
     c.fillRect(-width / 2, -27, width, 20);
-    c.fillStyle = colour("accent");
+    c.fillStyle = color("accent");
     c.fillText(text, 0, -12);
     c.restore();
   }

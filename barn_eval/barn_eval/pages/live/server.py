@@ -142,7 +142,7 @@ def _conclusion_state(source: Source) -> dict[str, Any]:
         "verdict": conclusion.short,
         "details": conclusion.details,
         "notes": list_cautions(bars.worlds),
-        "bars": [bar | {"colour": themed(bar["colour"])} for bar in bars.rows],
+        "bars": [bar | {"color": themed(bar["color"])} for bar in bars.rows],
     }
 
 

@@ -34,12 +34,12 @@ def replay_page(*recorded_trials: RecordedTrial) -> str:
         trials.append(
             {
                 "label": label,
-                "colour": color if has_colors else "",
+                "color": color if has_colors else "",
                 "subtitle": describe(recorded),
                 "notes": recorded.notes,
             }
         )
-        payloads.append(make_payload(recorded) | {"label": label, "colour": color})
+        payloads.append(make_payload(recorded) | {"label": label, "color": color})
 
     facts = [list_facts(recorded) for recorded in recorded_trials]
     fact_names = dict.fromkeys(name for trial_facts in facts for name in trial_facts)

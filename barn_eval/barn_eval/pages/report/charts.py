@@ -180,7 +180,7 @@ def _lines(data: ChartData) -> Iterator[tuple[Entry, str]]:
 
 
 @chart(
-    "Time per metre as counted in each world, from easy to difficult; from 30 worlds on"
+    "Time per meter as counted in each world, from easy to difficult; from 30 worlds on"
     " lines are running means",
     lambda _: Panels(4.4),
 )
@@ -232,7 +232,7 @@ def _bands_layout(data: ChartData) -> Panels | None:
 
 
 @chart(
-    "Metric, success and time per metre by band of difficulty, with 95 % intervals",
+    "Metric, success and time per meter by band of difficulty, with 95 % intervals",
     _bands_layout,
 )
 def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
@@ -384,7 +384,7 @@ def _sweep_layout(data: ChartData) -> Panels | None:
 
 
 @chart(
-    "Metric, success and time per metre over a parameter of a sweep or the delay of"
+    "Metric, success and time per meter over a parameter of a sweep or the delay of"
     " commands, with 95 % intervals",
     _sweep_layout,
 )
@@ -435,7 +435,7 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
 
 
 @chart(
-    "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
+    "Cumulative distributions over trials of time per meter, clearance, speed and jerk",
     lambda _: Panels(3.6, 4),
 )
 def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
@@ -466,7 +466,7 @@ def _safety_measures(data: ChartData) -> list[Measure]:
 
 
 @chart(
-    "Speed against safety: mean time per metre as counted over smallest clearance, and"
+    "Speed against safety: mean time per meter as counted over smallest clearance, and"
     " over time in contact where there was any, with 95 % intervals of both",
     lambda data: Panels(4.2, len(_safety_measures(data)), sharey=True),
 )

@@ -223,7 +223,7 @@ def trial_data(
     entry_data = [
         {
             "label": entry.label,
-            "colour": entry.color,
+            "color": entry.color,
             "folder": str(entry.source.path),
         }
         for entry in entries

@@ -134,7 +134,7 @@ def worlds_figure(findings: Findings) -> Figure:
             label="± spread of trials",
         )
         axes.plot(places, means, color=color, lw=1.2, label="mean of a world's trials")
-        label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
+        label_axes(axes, "", "time per meter [s/m]", _TITLES[name])
 
     learning = findings.learning
     place_of = {row.world: place for place, row in enumerate(rows, 1)}

@@ -168,7 +168,7 @@ def test_each_trial_is_drawn_in_its_planners_color(folder):
     ]
 
 
-def test_colours_by_speed_have_a_scale(folder):
+def test_colors_by_speed_have_a_scale(folder):
     figure = overlay([folder], 0, by="speed", planners=["dwa"])
     (line,) = collections_of(figure, LineCollection)
     assert line.get_array().max() > 0.2

@@ -171,7 +171,7 @@ def test_a_page_has_movers_in_millimeters_and_their_measures(bag):
 
 
 def violet(pixels):
-    """Which pixels have the colour of what moves."""
+    """Which pixels have the color of what moves."""
     red, green, blue = np.moveaxis(pixels, 2, 0)
     return (blue > green + 12) & (red > green)
 

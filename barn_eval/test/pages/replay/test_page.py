@@ -430,7 +430,7 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     assert moved[0] != near[0]
     page.click("#zoom-reset")
     assert pixels() == whole
-    # A ruler of two points a metre apart, and by keys one of no length.
+    # A ruler of two points a meter apart, and by keys one of no length.
     page.click("#measure")
     page.evaluate("replay.view.put([-2, 5]); replay.view.put([-2, 6])")
     assert read_status() == "1.00 m"

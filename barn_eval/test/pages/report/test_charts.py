@@ -1,4 +1,4 @@
-"""The figures of a report: of the width and type of a paper, on axes of others, in the colours of the page."""
+"""The figures of a report: of the width and type of a paper, on axes of others, in the colors of the page."""
 
 import re
 from collections import Counter
@@ -31,14 +31,14 @@ def test_trials_without_a_track_say_so(report):
     assert problems == {(True, ""): 3, (False, message): len(report.trials) - 3}
 
 
-def test_planners_have_the_colours_of_the_page_in_its_figures(report):
+def test_planners_have_the_colors_of_the_page_in_its_figures(report):
     svg = report.figures["worlds"].element
-    colour = report.entries[0].color.lower()
-    assert f"var(--c-{colour[1:]}, {colour})" in svg
+    color = report.entries[0].color.lower()
+    assert f"var(--c-{color[1:]}, {color})" in svg
     assert "currentColor" in svg
     style = color_sheet()
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
-    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
+    assert all(f"--c-{color[1:].lower()}: #" in dark for color in PLANNERS)
 
 
 def test_differences_favor_the_planner_named_on_their_side(report):
@@ -48,7 +48,7 @@ def test_differences_favor_the_planner_named_on_their_side(report):
     assert titles == [
         "challenge metric",
         "success",
-        "time per metre as counted",
+        "time per meter as counted",
         "better in a trial",
     ]
     (comparison,) = report.overview.comparisons

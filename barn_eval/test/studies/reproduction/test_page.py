@@ -92,7 +92,7 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
     findings, path = tiny
     text = path.read_text("utf-8")
     dwa = findings.trials.of("dwa").normalised_s_per_m
-    assert f"| time per metre as counted [s/m] | 3.30 | {dwa.estimate:.2f} [" in text
+    assert f"| time per meter as counted [s/m] | 3.30 | {dwa.estimate:.2f} [" in text
     assert "10 of 300 worlds, one from each of as many parts" in text
     assert (
         "| published: the paper's network | 0.10 | 0.31 | 0.42 | 0.29 | 0.60 |" in text
@@ -126,7 +126,7 @@ def test_verdicts_follow_the_numbers(tiny):
         trials = replace(findings.trials, planners=(planner, second))
         return rows(page(replace(findings, trials=trials), origin), name)[0]
 
-    mean = "time per metre as counted [s/m]"
+    mean = "time per meter as counted [s/m]"
     for low, high, within in ((3.0, 4.0, "yes"), (4.0, 5.0, "no")):
         time = replace(first.normalised_s_per_m, low=low, high=high)
         cells = ["3.30", time.text(), f"{time.estimate - 3.30:+.2f}", within]
