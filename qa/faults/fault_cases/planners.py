@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from fault_cases.kit import TESTS, Ended, Lab, Skipped, add, case, ending, hold
-from fault_cases.system import alive
+from fault_cases.system import any_lives
 
 FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
@@ -92,9 +92,10 @@ def judge(lab: Lab, outcome: str, detail: str) -> str:
 
 def end_children(lab: Lab, outcome: str) -> str:
     """Wrong if a process that the planner noted lives on."""
-    pids = [int(pid) for pid in (lab.folder / "pids").read_text().split()]
-    lab.until(lambda: not any(map(alive, pids)), f"the end of {pids}")
-    return f"{outcome}; {len(pids)} of {len(pids)} descendants ended"
+    note = (lab.folder / "pids").read_text()
+    lab.until(lambda: not any_lives(note), f"the end of {note.splitlines()}")
+    count = len(note.splitlines())
+    return f"{outcome}; {count} of {count} descendants ended"
 
 
 def _ends(what: str) -> str:

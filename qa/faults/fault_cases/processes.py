@@ -23,7 +23,7 @@ from fault_cases.kit import (
     scratch,
 )
 from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
-from fault_cases.system import alive, kill
+from fault_cases.system import any_lives, kill
 
 FAMILY = "processes"
 SIMULATOR = "barn_sim.ros.simulator"
@@ -239,8 +239,7 @@ def _kill_together(lab: Lab, guards: int) -> str:
     hold(len(guarding) >= guards, f"guards {guarding}")
     kill([run.pid, *lab.nodes("running.worker"), *sorted(guarding)[:guards]])
     run.wait()
-    pids = [int(pid) for pid in note.read_text().split()]
-    lab.until(lambda: not any(map(alive, pids)), "the end of the daemon")
+    lab.until(lambda: not any_lives(note.read_text()), "the end of the daemon")
     lab.until(lambda: not lab.processes(), "the end of all processes")
     return "nothing is left"
 

@@ -48,9 +48,10 @@ SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 
 def note(*pids: int) -> None:
-    """Leave the ids of processes."""
+    """Leave the namespace and the ids of processes."""
+    namespace = Path("/proc/self/ns/pid").readlink()
     with (FOLDER / "pids").open("a") as file:
-        file.write("".join(f"{pid}\n" for pid in pids))
+        file.write("".join(f"{namespace} {pid}\n" for pid in pids))
 
 
 def signal_suite(what: str, number: int) -> None:

@@ -22,13 +22,26 @@ def kill(pids: Sequence[int], number: int = signal.SIGKILL) -> None:
             os.kill(pid, number)
 
 
-def alive(pid: int) -> bool:
-    """Tell whether a process runs."""
-    with suppress(OSError):
-        stat = Path(f"/proc/{pid}/stat").read_text()
-        # The state follows the name, which may hold anything, parentheses too.
-        state = stat.rpartition(")")[2].split()[0]
-        return state != "Z"
+def any_lives(note: str) -> bool:
+    """Tell whether a process runs that a planner has noted.
+
+    Args:
+        note: A line per process: its PID namespace, as /proc/PID/ns/pid links to it,
+            and its number there. A planner in a namespace of its own knows no other.
+    """
+    noted = set(note.splitlines())
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            status = dict(
+                line.split(":", 1)
+                for line in (folder / "status").read_text().splitlines()
+            )
+            # The last of the numbers is that of the innermost namespace.
+            number = status["NSpid"].split()[-1]
+            namespace = (folder / "ns" / "pid").readlink()
+            is_zombie = status["State"].split()[0] == "Z"
+            if f"{namespace} {number}" in noted and not is_zombie:
+                return True
     return False
 
 
