@@ -17,6 +17,8 @@ from barn_worlds.base.types import (
 )
 
 # After a pause this long, an equal goal is a new task and no repetition of the message.
+from barn_worlds.worlds.cells import OCCUPIED
+
 _NEW_GOAL_PAUSE_NS = NANOSECONDS_PER_SECOND
 
 
@@ -117,15 +119,32 @@ class PlannerRuntime:
         """
         occupancy = None
         if self._use_map:
-            occupancy = OccupancyMap(np.zeros((60, 60), np.int8), 0.15, -4.5, -4.5)
-        self.planner.start(Task(Pose2D(3.0, 0.0, 0.0), occupancy), self.seed)
+            cells = np.zeros((60, 60), np.int8)
+            cells[30, 45] = OCCUPIED
+            occupancy = OccupancyMap(cells, 0.15, -4.5, -4.5)
+        self.planner.start(Task(Pose2D(4.0, 0.0, 0.0), occupancy), self.seed)
 
-        ranges = np.full(720, 2.0, np.float32)
-        pose = Pose2D(0.0, 0.0, 0.0)
-        for cycle in range(4):
-            stamp_ns = cycle * NANOSECONDS_PER_SECOND // 20
-            scan = Scan(stamp_ns, ranges, -2.35, 4.7 / 719, 0.1, 30.0)
-            odometry = Odometry(stamp_ns, pose, STOP)
+        # The way is free at first, then leads between walls to an obstacle before the
+        # goal. In the end the robot is turned away and shut in for long. So most
+        # branches are taken, those of recovery too. Each pose comes twice, for plans
+        # that are used again, and strides of half a meter move the costmaps along.
+        ranges = np.full(720, 5.0, np.float32)
+        stamp_ns = 0
+        for cycle in range(40):
+            stride = min(cycle // 2, 7)
+            yaw = 0.1
+            stamp_ns += NANOSECONDS_PER_SECOND // 20
+            if cycle == 8:
+                ranges[:100] = ranges[620:] = 0.5
+                ranges[200:240] = np.inf
+                ranges[340:380] = 1.0
+            if cycle >= 16:
+                ranges[:] = 0.4
+                yaw = 2.0
+                stamp_ns += 2 * NANOSECONDS_PER_SECOND
+            pose = Pose2D(0.5 * stride, 0.05 * stride, yaw)
+            scan = Scan(stamp_ns, ranges.copy(), -2.35, 4.7 / 719, 0.1, 30.0)
+            odometry = Odometry(stamp_ns, pose, Velocity2D(1.0, 0.0))
             self.planner.step(Observation(stamp_ns, odometry, scan, pose))
         self.planner.view()
 
