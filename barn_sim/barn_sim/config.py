@@ -307,10 +307,9 @@ class SimulatorNodeConfig(Checked):
         "type of commands; auto: the publisher's",
         choices=("auto", "twist", "twist_stamped"),
     )
+    # A reliable publisher serves both kinds of subscriber, a best-effort one only one.
     scan_reliability: str = quantity(
-        "auto",
-        "reliability of the scan; auto: reliable in lockstep",
-        choices=("auto", "reliable", "best_effort"),
+        "reliable", "reliability of the scan", choices=("reliable", "best_effort")
     )
     map_frame: str = quantity(FRAMES.map, "frame of the world")
     odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")

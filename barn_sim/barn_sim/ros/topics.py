@@ -155,14 +155,8 @@ class Outputs:
             config: Whether to publish the truth, and reliability of the scans.
             line: Private line to the evaluator.
         """
-        reliability = config.scan_reliability
-        if reliability == "auto":
-            reliability = "best_effort"
-            # In lockstep, the simulator would wait for the answer to a lost scan.
-            if config.lockstep:
-                reliability = "reliable"
         scan_qos = None
-        if reliability == "best_effort":
+        if config.scan_reliability == "best_effort":
             scan_qos = BEST_EFFORT
         self._scan = create_publisher(node, topics.SCAN, scan_qos)
         self._line = line

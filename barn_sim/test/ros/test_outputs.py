@@ -37,12 +37,11 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> No
     ("config", "reliable"),
     [
         (SimulatorNodeConfig(lockstep=True), True),
-        (SimulatorNodeConfig(), False),
-        (SimulatorNodeConfig(scan_reliability="reliable"), True),
+        (SimulatorNodeConfig(), True),
         (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
     ],
 )
-def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
+def test_scans_are_reliable_unless_said_otherwise(
     config: SimulatorNodeConfig, reliable: bool
 ) -> None:
     node = Mock()
