@@ -111,9 +111,9 @@ def _descriptor(
         description=description,
         additional_constraints=declaration.describe_limits(),
         read_only=read_only,
-        # So that `-p factor:=2` works for 2.0, and since an empty list of ROS has no
-        # type.
-        dynamic_typing=isinstance(value, (float, list)),
+        # So that `-p factor:=2` works for 2.0 and `-p worlds:=0` for "0", and since an
+        # empty list of ROS has no type.
+        dynamic_typing=isinstance(value, (float, str, list)),
     )
     minimum = declaration.minimum
     maximum = declaration.maximum
@@ -142,5 +142,10 @@ def _plain(value: Any, default: Any) -> Any:
         if isinstance(value, (str, bool, int, float)):
             return [value]
         return list(value or ())
+    # The command line reads `worlds:=0` and `worlds:=[0,5]` as numbers. A flag stays one,
+    # which is no text.
+    if isinstance(default, str) and not isinstance(value, (str, bool)):
+        values = [value] if isinstance(value, (int, float)) else value
+        return ",".join(map(str, values))
     # rclpy gives arrays for lists of numbers.
     return list(value) if hasattr(value, "tolist") else value

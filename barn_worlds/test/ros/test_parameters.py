@@ -48,6 +48,11 @@ def context():
     rclpy.shutdown(context=context)
 
 
+@dataclass(frozen=True)
+class Selection(Checked):
+    worlds: str = quantity("all", "worlds")
+
+
 def make(context, **overrides):
     values = [Parameter(name, value=value) for name, value in overrides.items()]
     return Node(
@@ -129,3 +134,19 @@ def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
     )
     assert declare_parameters(node, Lists()) == expected
     assert read_parameters(node, Lists()) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [("exact", "exact"), ("0", "0"), ("[0,5]", "0,5"), ("1.5", "1.5")],
+)
+def test_a_number_serves_where_a_text_is_wanted(context, value, text):
+    arguments = ["--ros-args", "-p", f"worlds:={value}"]
+    node = Node("declared", context=context, cli_args=arguments, enable_rosout=False)
+    assert declare_parameters(node, Selection()) == Selection(text)
+    assert read_parameters(node, Selection()) == Selection(text)
+
+
+def test_a_flag_is_no_text(context, refused):
+    with refused(ConfigError, "worlds must be text, got True"):
+        declare_parameters(make(context, worlds=True), Selection())
