@@ -157,7 +157,7 @@ def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
 def test_worlds_held_out_judge_weights_alone(tmp_path):
     judges = tmp_path / "judges"
     write_invented(judges, experiment_of("0-29", 2, "barn_test"))
-    (score,) = evaluate(*load_trials([judges]), load_model()).scores
+    (score,) = evaluate(*load_trials([judges]), load_model(), EvaluationConfig()).scores
     assert (score.name, score.gain, len(score.predictions)) == ("weights", None, COUNT)
 
 

@@ -28,12 +28,6 @@ class Interval:
     low: float | None = None
     high: float | None = None
 
-    def excludes(self, value: float) -> bool:
-        """Tell whether there are limits and a value lies outside of them."""
-        if self.low is None or self.high is None:
-            return False
-        return not self.low <= value <= self.high
-
     def widen_to(self, *values: float) -> "Interval":
         """Return the estimate with limits that contain some values as well.
 

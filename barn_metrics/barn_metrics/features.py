@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
 from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.world import World
 
@@ -20,28 +20,16 @@ NARROW_CLEARANCE_M = 0.55
 TURNING_WINDOW_M = 0.75
 
 
-def world_features(
-    world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M
-) -> dict[str, float]:
+def world_features(world: World) -> dict[str, float]:
     """Return the features of a world by name; cells that the path repeats count once.
 
-    Args:
-        world: Its grid, path and size of cells count.
-        narrow_clearance_m: A place with less clearance is narrow.
-
-    Raises:
-        ConfigError: If that is below 0 m.
+    Its grid, path and size of cells count.
     """
-    if not narrow_clearance_m >= 0.0:
-        raise ConfigError(
-            f"narrow_clearance_m must be at least 0 m, got {narrow_clearance_m}"
-        )
-
     path = without_repeats(world.path)
     lengths = step_lengths(path, world.resolution_m)
     length_m = float(lengths.sum())
     clearance = path_clearance(world.grid, path, world.resolution_m)
-    is_narrow = clearance < narrow_clearance_m
+    is_narrow = clearance < NARROW_CLEARANCE_M
     turning = heading_changes(path)
     turning_rad = float(np.abs(turning).sum())
     turns = turning[turning != 0.0]
@@ -202,12 +190,9 @@ def _smallest_largest_gap(centers: Floats, rows: float) -> float:
 
 def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
     """Return the number of stretches of narrow cells, and the longest in m."""
-    # 1 where a stretch begins, -1 behind its end.
-    changes = np.diff(np.concatenate([[0], is_narrow.astype(np.int64), [0]]))
-    first = np.flatnonzero(changes == 1)
-    if len(first) == 0:
-        return 0, 0.0
-    end = np.flatnonzero(changes == -1)
     places_m = np.append(0.0, np.cumsum(lengths))
-    passage_lengths = places_m[end - 1] - places_m[first]
-    return len(first), float(passage_lengths.max())
+    labels, count = ndimage.label(is_narrow)
+    longest_m = 0.0
+    for (passage,) in ndimage.find_objects(labels):
+        longest_m = max(longest_m, float(np.ptp(places_m[passage])))
+    return count, longest_m

@@ -12,38 +12,22 @@ TAN_22_5 = SQRT2 - 1.0
 # Length in cells of a step along an axis of 22.5 degrees.
 _LONG_STEP = 1.0 / math.cos(math.pi / 8.0)
 
-# (row, column) directions, 45 degrees apart; the last four oppose the first four.
-EIGHT_RAYS: Integers = np.array(
-    [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64
+# (row, column) directions around the circle, about 22.5 degrees apart: those of a
+# quadrant, and the same turned by one, two and three right angles.
+_QUADRANT: Integers = np.array([(0, 1), (1, 2), (1, 1), (2, 1)], np.int64)
+_RIGHT_ANGLE: Integers = np.array([(0, -1), (1, 0)], np.int64)
+ORDERED_RAYS: Integers = np.concatenate(
+    [_QUADRANT @ np.linalg.matrix_power(_RIGHT_ANGLE, turns) for turns in range(4)]
 )
-# Around the circle in the order of the original, which swaps (-1, -2) and (-2, -1).
-SIXTEEN_RAYS: Integers = np.array(
-    [
-        (0, 1),
-        (1, 2),
-        (1, 1),
-        (2, 1),
-        (1, 0),
-        (2, -1),
-        (1, -1),
-        (1, -2),
-        (0, -1),
-        (-2, -1),
-        (-1, -1),
-        (-1, -2),
-        (-1, 0),
-        (-2, 1),
-        (-1, 1),
-        (-1, 2),
-    ],
-    np.int64,
-)
-ORDERED_RAYS: Integers = SIXTEEN_RAYS[[*range(9), 11, 10, 9, *range(12, 16)]]
+# The original swaps (-1, -2) and (-2, -1).
+SIXTEEN_RAYS: Integers = ORDERED_RAYS[[*range(9), 11, 10, 9, *range(12, 16)]]
+# 45 degrees apart; the last four oppose the first four.
+EIGHT_RAYS: Integers = ORDERED_RAYS[::2].copy()
 # Number of sampled points on each of the sixteen rays.
-PUBLISHED_POINTS: Integers = np.array(
-    [3, 2, 3, 2, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 2], np.int64
-)
 EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
+# In the original, four of the in-between rays have a point more and reach 6 cells far.
+PUBLISHED_POINTS: Integers = EVEN_POINTS.copy()
+PUBLISHED_POINTS[[7, 9, 11, 13]] = 3
 
 # Per axis: step along rows and along columns (in cells, rounded per point), and length
 # of a step in cells.

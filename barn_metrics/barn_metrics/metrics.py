@@ -5,10 +5,8 @@ docs/metrics.md explains them.
 
 import math
 from dataclasses import astuple, dataclass
-from typing import Any, TypeGuard
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
@@ -187,8 +185,7 @@ def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
         values: `cell_metrics` (n, 4) of its cells.
         path: The cells (n, 2).
     """
-    closest, visibility, alternations, dimension = values.mean(axis=0).tolist()
-    return WorldMetrics(closest, visibility, alternations, dimension, tortuosity(path))
+    return WorldMetrics(*values.mean(axis=0).tolist(), tortuosity(path))
 
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:
@@ -204,7 +201,7 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
     return mean_metrics(world_cell_metrics(world, formula), world.path)
 
 
-def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:
+def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
     """Return `cell_metrics` (n, 4) of the path of a world.
 
     Args:
@@ -250,11 +247,13 @@ def metric_maps(
     return maps
 
 
-def _validate_cells(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
+def _validate_cells(cspace: BoolGrid, cells: Cells) -> tuple[BoolGrid, Cells]:
     """Return both as arrays that the kernels take; WorldError if they are malformed."""
-    if not _is_array(cspace, "b") or cspace.ndim != 2:
+    is_grid = isinstance(cspace, np.ndarray) and cspace.ndim == 2
+    if not is_grid or cspace.dtype != np.bool_:
         raise WorldError("C-space must be a two-dimensional array of bools")
-    if not _is_array(cells, "iu") or cells.ndim != 2 or cells.shape[1] != 2:
+    is_table = isinstance(cells, np.ndarray) and cells.shape[1:] == (2,)
+    if not is_table or cells.dtype.kind not in "iu":
         raise WorldError("path must be an array of whole rows and columns, (n, 2)")
 
     is_outside = ((cells < 0) | (cells >= np.array(cspace.shape))).any(axis=1)
@@ -264,8 +263,3 @@ def _validate_cells(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
     for cell in cells[cspace[rows, columns]]:
         raise WorldError(f"path goes through the occupied C-space cell {cell.tolist()}")
     return np.ascontiguousarray(cspace), np.ascontiguousarray(cells, np.int64)
-
-
-def _is_array(value: object, kinds: str) -> TypeGuard[npt.NDArray[Any]]:
-    """Tell whether a value is an array of one of some kinds of numbers."""
-    return isinstance(value, np.ndarray) and value.dtype.kind in kinds

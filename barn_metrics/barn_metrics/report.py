@@ -17,6 +17,12 @@ SCHEMA_VERSION = 1
 TABLE_II: dict[str, dict[str, float]] = read_package_yaml(
     "barn_metrics", "table_ii.yaml"
 )
+_SUMMARY_FUNCTIONS = {
+    "minimum": np.min,
+    "maximum": np.max,
+    "mean": np.mean,
+    "std": np.std,
+}
 # Columns of the summary for people, by their key in the summary of a metric.
 _SUMMARY_HEADINGS = {
     "cell_minimum": "Cell min.",
@@ -85,13 +91,10 @@ class MetricsTable:
         # Along the first axis of all metrics: the last bit of a sum depends on how
         # NumPy adds. Worlds without obstacles have infinite values, whose deviation is
         # NaN.
+        summary = {}
         with np.errstate(invalid="ignore"):
-            summary = {
-                "minimum": float(self.values.min(axis=0)[column]),
-                "maximum": float(self.values.max(axis=0)[column]),
-                "mean": float(self.values.mean(axis=0)[column]),
-                "std": float(self.values.std(axis=0)[column]),
-            }
+            for name, function in _SUMMARY_FUNCTIONS.items():
+                summary[name] = float(function(self.values, axis=0)[column])
         if metric in metrics.CELL_METRICS:
             summary["cell_minimum"] = float(self.cell_minimum[column])
             summary["cell_maximum"] = float(self.cell_maximum[column])

@@ -127,21 +127,9 @@ def test_an_interval_is_written_with_its_limits():
     assert Interval(2.0).scale(3.0) == Interval(6.0)
 
 
-def test_an_interval_excludes_what_lies_outside_its_limits():
-    assert Interval(1.0, 0.5, 2.0).excludes(0.4)
-    assert not Interval(1.0, 0.5, 2.0).excludes(0.5)
-    assert Interval(1.0, 0.5, 2.0).excludes(2.1)
-    assert not any(Interval(1.0, 0.5, 2.0).excludes(value) for value in (1.0, 1.5, 2.0))
-    assert not Interval(1.0).excludes(0.0)
-
-
 def test_one_limit_alone_is_none():
     for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
-        assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (
-            False,
-            False,
-            "1.00",
-        )
+        assert half.text() == "1.00"
         assert half.widen_to(0.0, 3.0) == half
 
 

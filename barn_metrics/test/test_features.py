@@ -95,15 +95,13 @@ def test_features_of_a_corridor_with_a_door():
     grid[[0, -1]] = True
     grid[1:3, 10] = grid[8:10, 10] = True
     path = np.array([[5, 0], *([5, column] for column in range(20))])
-    features = world_features(
-        World("door", grid, path, footprint_cells=3), narrow_clearance_m=0.5
-    )
+    features = world_features(World("door", grid, path, footprint_cells=3))
     assert features["path_length_m"] == pytest.approx(19 * RESOLUTION)
     assert features["tortuosity"] == 1
     assert features["lateral_shift_m"] == 0
     assert features["clearance_min_m"] == pytest.approx(2.5 * RESOLUTION)
     assert features["clearance_p50_m"] == pytest.approx(4.5 * RESOLUTION)
-    # 0.5 m are 3.33 cells: columns 8 to 12 are within 3.83 cells of the door's posts, three rows away
+    # 0.55 m are 3.67 cells: columns 8 to 12 are within 4.17 cells of the door's posts, three rows away
     assert features["narrow_passages"] == 1
     assert features["narrow_share"] == pytest.approx(5 / 20)
     assert features["longest_narrow_m"] == pytest.approx(4 * RESOLUTION)

@@ -6,7 +6,7 @@ repeated k-fold cross-validation on the same worlds.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -90,7 +90,7 @@ def evaluate(
     worlds: Mapping[int, World],
     trials: Trials,
     model: DifficultyModel,
-    config: EvaluationConfig | None = None,
+    config: EvaluationConfig,
 ) -> Evaluation:
     """Judge a model beside ridge regression, in the worlds that every planner drove.
 
@@ -106,7 +106,6 @@ def evaluate(
     Raises:
         ModelError: If a world is missing or there are too few.
     """
-    config = config or EvaluationConfig()
     worlds_driven = worlds_with_trials(worlds, trials)
     trials = trials.in_worlds(trials.world_numbers)
     inputs = inputs_of(worlds_driven)
@@ -117,6 +116,8 @@ def evaluate(
         ridge_score = score_ridge(inputs, trials, config)
 
     predicted, _ = model.difficulty(inputs)
+    std = np.array([item.std_s_per_m for item in model.predict_inputs(inputs)])
+    is_within_std = np.abs(predicted - difficulty) <= std
     trained_in = model.about.get("training_worlds")
     model_score = score_predictions(
         WEIGHTS,
@@ -125,10 +126,8 @@ def evaluate(
         predicted[None],
         difficulty,
         ridge_score,
+        float(is_within_std.mean()),
     )
-    std = np.array([item.std_s_per_m for item in model.predict_inputs(inputs)])
-    is_within = np.abs(predicted - difficulty) <= std
-    model_score = replace(model_score, within_std=float(is_within.mean()))
 
     return Evaluation(
         worlds=len(worlds_driven),
@@ -188,9 +187,7 @@ def score_ridge(inputs: Floats, trials: Trials, config: EvaluationConfig) -> Mod
         ]
 
     predicted, training_mse = cross_validate(predict, difficulty, config)
-    return score_predictions(
-        RIDGE, RIDGE_TITLE, training_mse, predicted, difficulty, None
-    )
+    return score_predictions(RIDGE, RIDGE_TITLE, training_mse, predicted, difficulty)
 
 
 def cross_validate(
@@ -257,7 +254,8 @@ def score_predictions(
     training_mse: float,
     predicted: Floats,
     measured: Floats,
-    ridge_score: ModelScore | None,
+    ridge_score: ModelScore | None = None,
+    within_std: float | None = None,
 ) -> ModelScore:
     """Score predictions against measured difficulty.
 
@@ -268,6 +266,7 @@ def score_predictions(
         predicted: (r, w) of r repeats, s/m.
         measured: (w,), s/m.
         ridge_score: Score of ridge regression on the same worlds, to compare with.
+        within_std: Share of worlds within one standard deviation of the prediction.
     """
     means = predicted.mean(axis=0)
     squared_errors = ((predicted - measured) ** 2).mean(axis=0)
@@ -298,6 +297,7 @@ def score_predictions(
         spearman=_interval(spearman, len(measured)),
         gain=gain,
         predictions=tuple(means.tolist()),
+        within_std=within_std,
     )
 
 
@@ -337,23 +337,28 @@ def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
     Returns:
         The ceiling, or None if a planner has only one trial in a world.
     """
-    times = []
-    for planner in trials.planner_names:
-        planner_trials = trials.by_planner(planner)
-        times.append(
-            [
-                planner_trials.normalized_s_per_m[planner_trials.worlds == world]
-                for world in trials.world_numbers
-            ]
-        )
-    repetitions = min(len(values) for by_world in times for values in by_world)
+    # World by world for one planner after the other.
+    times: list[Floats] = []
+    for planner_trials in map(trials.by_planner, trials.planner_names):
+        for world in trials.world_numbers:
+            is_there = planner_trials.worlds == world
+            times.append(planner_trials.normalized_s_per_m[is_there])
+    repetitions = min(map(len, times))
     if repetitions < 2:
         return None
 
     half = repetitions // 2
-    generator = np.random.default_rng(seed)
-    halves = [_split_difficulty(times, half, generator) for _ in range(_SPLITS)]
     factor = repetitions / half
+    generator = np.random.default_rng(seed)
+    # Difficulty by two halves that share no trial, (2, w) for each split.
+    halves = []
+    for _ in range(_SPLITS):
+        means = []
+        for values in times:
+            parts = generator.permutation(values)[: 2 * half].reshape(2, half)
+            means.append(parts.mean(axis=1))
+        by_planner = np.reshape(means, (len(trials.planner_names), -1, 2))
+        halves.append(by_planner.mean(axis=0).T)
 
     def reliability(rows: Integers) -> Floats:
         correlations = [
@@ -365,21 +370,6 @@ def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
         return carried
 
     return _interval(reliability, len(trials.world_numbers))
-
-
-def _split_difficulty(
-    times: list[list[Floats]], half: int, generator: np.random.Generator
-) -> Floats:
-    """Return the difficulty of each world by two halves that share no trial, (2, w)."""
-    means = []
-    for by_world in times:
-        halves = [
-            generator.permutation(values)[: 2 * half].reshape(2, half).mean(axis=1)
-            for values in by_world
-        ]
-        means.append(np.array(halves).T)
-    mean: Floats = np.mean(means, axis=0)
-    return mean
 
 
 def _interval(statistic: Statistic, world_count: int) -> Interval:

@@ -4,12 +4,13 @@ First come numbers that sum the world up, then strips of what lies beside routes
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from functools import cache
 
 import numpy as np
 
 from barn_metrics.features import world_features
-from barn_metrics.metrics import METRIC_NAMES, world_metrics
+from barn_metrics.metrics import world_metrics
 from barn_metrics.model.route import (
     ClearanceMap,
     Route,
@@ -125,11 +126,8 @@ def _summarize(
 ) -> dict[str, float]:
     """Return the numbers that sum a world up, by name."""
     # Tortuosity is a metric and a feature; the metric comes first and counts.
-    metrics = dict(
-        zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
-    )
-    summary = {**metrics, **world_features(world), **metrics}
-    summary |= _summarize_ends(clearance)
+    metrics = asdict(world_metrics(world))
+    summary = metrics | world_features(world) | metrics | _summarize_ends(clearance)
     for name in _SUMMARY_ROUTES:
         for figure, value in _summarize_route(
             routes[name], world.path_length_m

@@ -7,7 +7,6 @@ resolution.
 import heapq
 import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numba import njit
@@ -258,7 +257,6 @@ def mirror_strips(strips: Floats) -> Floats:
     return mirrored
 
 
-@cache
 def strip_names(route: str) -> tuple[str, ...]:
     """Return the names of the numbers of a route's strip, flattened."""
     channels = [f"clearance_{offset:+.3f}_m" for offset in _ACROSS_M]

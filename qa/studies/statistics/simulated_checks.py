@@ -66,7 +66,9 @@ class CheckGroup:
 
 
 def _covers(interval: Interval, truth: float) -> bool:
-    return interval.low is not None and not interval.excludes(truth)
+    if interval.low is None or interval.high is None:
+        return False
+    return interval.low <= truth <= interval.high
 
 
 def _is_clear(pair: Sequence[TrialValues]) -> bool:
