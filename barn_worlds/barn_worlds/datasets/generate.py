@@ -1,7 +1,6 @@
 """Generating worlds and whole data sets from a seed (paper, Sec. III-A)."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -150,16 +149,15 @@ def generate_world(
     Raises:
         WorldError: If none of `parameters.attempts` grids has a path through.
     """
-    last_column = parameters.cols - 1
     for _ in range(parameters.attempts):
-        grid = generate_grid(parameters, generator)
+        *_, grid = automaton_grids(parameters, generator)
         cspace = configuration_space(grid, parameters.footprint_cells)
         region = through_region(cspace)
         if region is None:
             continue
 
         ends = []
-        for column in (0, last_column):
+        for column in (0, parameters.cols - 1):
             rows = np.flatnonzero(region[:, column])
             place = int(generator.random() * len(rows))
             ends.append((int(rows[place]), column))
@@ -168,19 +166,11 @@ def generate_world(
             continue
 
         provenance = Provenance(
-            "generated",
-            parameters=as_dict(parameters),
-            seed=seed,
-            path_source="planned",
+            "generated", "", as_dict(parameters), seed, path_source="planned"
         )
-        return World(
-            name,
-            grid,
-            path,
-            parameters.resolution_m,
-            parameters.footprint_cells,
-            provenance,
-        )
+        cell_m = parameters.resolution_m
+        footprint_cells = parameters.footprint_cells
+        return World(name, grid, path, cell_m, footprint_cells, provenance)
 
     raise WorldError(
         f"no passable world in {parameters.attempts} attempts with "
@@ -203,21 +193,19 @@ def generate_dataset(
         progress: Called after each world.
     """
     worlds: list[World] = []
-    keys = itertools.product(
-        range(len(parameters.sets)), range(parameters.worlds_per_set)
-    )
-    for key in keys:
-        sequence = np.random.SeedSequence(parameters.seed, spawn_key=key)
-        set_number, number = key
-        world = generate_world(
-            parameters.sets[set_number],
-            np.random.default_rng(sequence),
-            f"{parameters.name}_{set_number}_{number}",
-            seed=(parameters.seed, *key),
-        )
-        worlds.append(world)
-        if progress is not None:
-            progress(len(worlds), parameters.world_count)
+    for set_number, world_parameters in enumerate(parameters.sets):
+        for number in range(parameters.worlds_per_set):
+            key = (set_number, number)
+            sequence = np.random.SeedSequence(parameters.seed, spawn_key=key)
+            world = generate_world(
+                world_parameters,
+                np.random.default_rng(sequence),
+                f"{parameters.name}_{set_number}_{number}",
+                seed=(parameters.seed, *key),
+            )
+            worlds.append(world)
+            if progress is not None:
+                progress(len(worlds), parameters.world_count)
     return worlds
 
 
@@ -332,19 +320,6 @@ def write_ordered(
     manifest_order = {"by": order.by, "scores": sorted(order.scores)}
     write_dataset_file(target, name, numbered, {**entries, "order": manifest_order})
     return numbered
-
-
-def generate_grid(
-    parameters: WorldParameters, generator: np.random.Generator
-) -> BoolGrid:
-    """Return a random grid (rows, cols), True where filled.
-
-    Args:
-        parameters: Fill, cellular automaton and size.
-        generator: Source of all randomness.
-    """
-    *_, grid = automaton_grids(parameters, generator)
-    return grid
 
 
 def automaton_grids(

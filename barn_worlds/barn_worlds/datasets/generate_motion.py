@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points
-from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.config import Checked, as_dict, quantity, read_presets
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.worlds.world import Provenance, World
@@ -104,35 +104,9 @@ class MotionParameters(Checked):
         )
 
 
-MOTION_CLASSES = {
-    "easy": MotionParameters(),
-    "medium": MotionParameters(
-        difficulty="medium",
-        obstacles_min=15,
-        obstacles_max=19,
-        order_min=2,
-        order_max=3,
-        points_min=3,
-        points_max=5,
-        speed_min_mps=1.0,
-        speed_max_mps=1.4,
-        spread_min_mps=0.05,
-        spread_max_mps=0.14,
-    ),
-    "hard": MotionParameters(
-        difficulty="hard",
-        obstacles_min=20,
-        obstacles_max=24,
-        order_min=3,
-        order_max=3,
-        points_min=4,
-        points_max=6,
-        speed_min_mps=1.5,
-        speed_max_mps=1.9,
-        spread_min_mps=0.05,
-        spread_max_mps=0.15,
-    ),
-}
+MOTION_CLASSES = read_presets(
+    "barn_worlds", "motion_classes.yaml", MotionParameters()
+)
 
 
 def motion_class(name: str) -> MotionParameters:
@@ -229,9 +203,7 @@ def add_motion(
     for number in range(_obstacle_count(parameters, seed, obstacles)):
         generator = _generator(seed, _MOTION_KEY, number)
         points = _polynomial_points(parameters, generator) * scale + center
-        motion = _drive_through(points, parameters, generator)
-        name = f"{parameters.difficulty}_{number}"
-        moving.append(_build_obstacle(parameters, name, motion))
+        moving.append(_drive_through(points, parameters, generator, number))
     return _add_obstacles(world, moving, parameters, (seed, _MOTION_KEY))
 
 
@@ -312,8 +284,7 @@ def _generate_profile(
 ) -> MovingObstacle:
     generator = _generator(seed, _PROFILE_KEY, number)
     points = _polynomial_points(parameters, generator)
-    motion = _drive_through(points, parameters, generator)
-    return _build_obstacle(parameters, f"{parameters.difficulty}_{number}", motion)
+    return _drive_through(points, parameters, generator, number)
 
 
 def _build_obstacle(
@@ -390,11 +361,14 @@ def _border_crossings(coefficients: Floats) -> Floats:
 
 
 def _drive_through(
-    points: Points, parameters: MotionParameters, generator: np.random.Generator
-) -> Motion:
-    """Return the motion through points (n, 2), at random speeds and from a random end.
+    points: Points,
+    parameters: MotionParameters,
+    generator: np.random.Generator,
+    number: int,
+) -> MovingObstacle:
+    """Return an obstacle that moves through points (n, 2) from a random end.
 
-    Times and places are rounded to 0.01, as in DynaBARN's files.
+    Speeds are random. Times and places are rounded to 0.01, as in DynaBARN's files.
     """
     if generator.random() < 0.5:
         points = points[::-1]
@@ -413,7 +387,8 @@ def _drive_through(
         if key_s > previous_key_s:
             keys.append((key_s, *_round_point(point)))
         previous_key_s = key_s
-    return Motion("gazebo", keys[-1][0], tuple(keys))
+    motion = Motion("gazebo", keys[-1][0], tuple(keys))
+    return _build_obstacle(parameters, f"{parameters.difficulty}_{number}", motion)
 
 
 def _round_point(point: Floats) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from itertools import starmap
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,11 @@ from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 # Schema of data sets with walls, moving obstacles or arenas, which need the arrays of
 # `_scene_arrays` as well. Others keep the first schema, which earlier versions read.
 _SCENE_SCHEMA = 2
+# Numbers of a moving obstacle in the order of its fields, which is that of the columns
+# behind the shape in the array `obstacle`.
+_OBSTACLE_NUMBERS = attrgetter(
+    "radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s"
+)
 FORMAT = NpzFormat(
     "a data set of the suite",
     "manifest.json",
@@ -124,20 +130,9 @@ class DatasetFile:
         motions = _select(arrays["obstacle_motion"], arrays["moving"], position)
         moving = []
         for name, row, index in zip(names, obstacles, motions, strict=True):
-            shape, radius_m, size_x_m, size_y_m, yaw_rad, height_m, phase_s = row
-            moving.append(
-                MovingObstacle(
-                    name,
-                    SHAPES[int(shape)],
-                    radius_m,
-                    size_x_m,
-                    size_y_m,
-                    yaw_rad,
-                    height_m,
-                    phase_s,
-                    self._build_motion(int(index)),
-                )
-            )
+            shape, *numbers = row
+            motion = self._build_motion(int(index))
+            moving.append(MovingObstacle(name, SHAPES[int(shape)], *numbers, motion))
         scene: dict[str, Any] = {
             "walls": tuple(starmap(Wall, walls)),
             "moving": tuple(moving),
@@ -267,18 +262,9 @@ def _scene_arrays(worlds: Sequence[World]) -> Arrays:
     # Equal motions are stored once.
     motions = list(dict.fromkeys(obstacle.motion for obstacle in obstacles))
     motion_indices = {motion: index for index, motion in enumerate(motions)}
-    rows = [
-        (
-            SHAPES.index(obstacle.shape),
-            obstacle.radius_m,
-            obstacle.size_x_m,
-            obstacle.size_y_m,
-            obstacle.yaw_rad,
-            obstacle.height_m,
-            obstacle.phase_s,
-        )
-        for obstacle in obstacles
-    ]
+    rows = []
+    for obstacle in obstacles:
+        rows.append((SHAPES.index(obstacle.shape), *_OBSTACLE_NUMBERS(obstacle)))
     motion_rows = [_motion_rows(motion) for motion in motions]
     not_arena = (np.nan, np.nan)
     return {

@@ -13,7 +13,6 @@ from barn_worlds.formats import map_server
 from barn_worlds.formats.gazebo import GazeboFile
 from barn_worlds.formats.npz import encode_npy, read_npy
 from barn_worlds.formats.single import build_grid_world
-from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.cspace import configuration_space
@@ -42,7 +41,7 @@ def find_world_numbers(folder: Path) -> list[int]:
     return sorted(numbers)
 
 
-def read_world(folder: Path, index: int, robot: Robot = STANDARD_ROBOT) -> World:
+def read_world(folder: Path, index: int, robot: Robot) -> World:
     """Read one world of a folder of the original layout.
 
     The grid comes from grid_files, else from world_files, the path from path_files, the
@@ -87,11 +86,7 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD_ROBOT) -> World
 
 
 def write_original(
-    folder: Path,
-    worlds: Mapping[int, World],
-    metrics: Mapping[int, Floats] | None = None,
-    *,
-    historical: bool = False,
+    folder: Path, worlds: Mapping[int, World], metrics: Mapping[int, Floats]
 ) -> None:
     """Write a new folder of the original layout, atomically.
 
@@ -99,8 +94,6 @@ def write_original(
         folder: Folder to create.
         worlds: Worlds by number.
         metrics: The five difficulty metrics (5,) of each world, for metrics_files.
-        historical: Place the obstacles in map_files one cell too near, as the original
-            data set does.
 
     Raises:
         WorldError: If the folder exists and is not empty, or cannot be written.
@@ -115,11 +108,11 @@ def write_original(
                 write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
             map_server.write_map(
-                world.occupancy_map(historical=historical),
+                world.occupancy_map(),
                 target / "map_files" / f"yaml_{index}",
                 image=f"map_pgm_{index}.pgm",
             )
-        for index, values in (metrics or {}).items():
+        for index, values in metrics.items():
             content = encode_npy(np.asarray(values, np.float64))
             write_bytes(target / "metrics_files" / f"metrics_{index}.npy", content)
 

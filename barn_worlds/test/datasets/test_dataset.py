@@ -72,7 +72,7 @@ def test_parts_of_the_layout_are_data_sets_too(layout, worlds, part):
 def test_the_originals_written_again_are_the_originals(original_folder, tmp_path):
     dataset = open_dataset(original_folder)
     some = {index: dataset.load(index) for index in dataset.world_numbers[::10]}
-    write_original(tmp_path / "again", some, historical=True)
+    write_original(tmp_path / "again", some, {})
     assert same(open_dataset(tmp_path / "again"), some)
     for index in some:
         for kind in ("grid", "cspace", "path"):
@@ -90,7 +90,7 @@ def test_footprint_and_resolution_survive_the_layout(tmp_path):
     (world,) = generate_dataset(
         DatasetParameters("coarse", worlds_per_set=1, sets=(parameters,))
     )
-    write_original(tmp_path / "coarse", {4: world})
+    write_original(tmp_path / "coarse", {4: world}, {})
     assert same(open_dataset(tmp_path / "coarse"), {4: world})
 
 
@@ -139,7 +139,8 @@ def test_only_so_many_worlds_are_kept(monkeypatch):
 
 
 def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
-    write_original(tmp_path / "other", {0: worlds[6], 6: worlds[0], 120: worlds[120]})
+    others = {0: worlds[6], 6: worlds[0], 120: worlds[120]}
+    write_original(tmp_path / "other", others, {})
     assert open_dataset(layout).checksum == open_dataset(layout / "grid_files").checksum
     assert open_dataset(layout).checksum != open_dataset(tmp_path / "other").checksum
 

@@ -19,7 +19,6 @@ from barn_worlds.datasets.generate import (
     WorldParameters,
     automaton_grids,
     generate_dataset,
-    generate_grid,
     generate_world,
     narrowness,
     renumber,
@@ -203,9 +202,6 @@ def test_iterations_are_successive_and_keep_the_side_walls(seed, parameters):
     for before, after in itertools.pairwise(grids):
         assert np.array_equal(after, smooth(before, 5, 1))
     assert all(grid[[0, -1]].all() for grid in grids)
-    assert np.array_equal(
-        generate_grid(parameters, np.random.default_rng(seed)), grids[-1]
-    )
 
 
 def test_random_fill_has_the_share_asked_for():

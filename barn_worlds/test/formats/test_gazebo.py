@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.datasets.generate import TABLE_I, generate_grid
+from barn_worlds.datasets.generate import TABLE_I, automaton_grids
 from barn_worlds.formats.gazebo import (
     GazeboFile,
     fill_hollow,
@@ -65,7 +65,8 @@ def test_filling_is_consistent_with_what_is_shown(grid):
 def test_filling_recovers_generated_worlds():
     for number, parameters in enumerate(TABLE_I):
         for k in range(20):
-            grid = generate_grid(parameters, np.random.default_rng([number, k]))
+            generator = np.random.default_rng([number, k])
+            *_, grid = automaton_grids(parameters, generator)
             assert np.array_equal(
                 fill_hollow(grid & ~geometry.hollow_cells(grid)), grid
             ), (
