@@ -185,7 +185,8 @@ def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
         values: `cell_metrics` (n, 4) of its cells.
         path: The cells (n, 2).
     """
-    return WorldMetrics(*values.mean(axis=0).tolist(), tortuosity(path))
+    means = values.mean(axis=0).tolist()
+    return WorldMetrics(*means, tortuosity=tortuosity(path))
 
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:

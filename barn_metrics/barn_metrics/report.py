@@ -1,6 +1,6 @@
 """Metrics of many worlds as a table, and what the paper publishes of its worlds."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ SCHEMA_VERSION = 1
 TABLE_II: dict[str, dict[str, float]] = read_package_yaml(
     "barn_metrics", "table_ii.yaml"
 )
-_SUMMARY_FUNCTIONS = {
+_SUMMARY_FUNCTIONS: dict[str, Callable[..., Floats]] = {
     "minimum": np.min,
     "maximum": np.max,
     "mean": np.mean,

@@ -130,9 +130,9 @@ class DatasetFile:
         motions = _select(arrays["obstacle_motion"], arrays["moving"], position)
         moving = []
         for name, row, index in zip(names, obstacles, motions, strict=True):
-            shape, *numbers = row
+            shape = SHAPES[int(row[0])]
             motion = self._build_motion(int(index))
-            moving.append(MovingObstacle(name, SHAPES[int(shape)], *numbers, motion))
+            moving.append(MovingObstacle(name, shape, *row[1:], motion=motion))
         scene: dict[str, Any] = {
             "walls": tuple(starmap(Wall, walls)),
             "moving": tuple(moving),
