@@ -420,7 +420,7 @@ def _dataset(path: Path) -> None:
 
 
 def _single(path: Path) -> None:
-    assert read_world(path)
+    assert read_world(path, load_robot("jackal"))
 
 
 def _gazebo_seeds(folder: Path) -> list[bytes]:

@@ -153,7 +153,7 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
         elif path.suffix == ".npz" and path.exists():
             dataset = _open_file(path)
         elif path.exists():
-            single.check_ending(path)
+            single.require_ending(path)
             reader = partial(single.read_world, path, robot)
             dataset = Dataset(path.name, {single.number_in(path) or 0: reader})
         else:
@@ -188,15 +188,13 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
     if len(dataset_file_paths) == 1:
         return _open_file(dataset_file_paths[0])
 
+    candidates = [
+        file for file in files if not file.name.startswith(_COMPANION_FILES)
+    ]
     world_files: list[Path] = []
     for endings in _FOLDER_KINDS:
-        files_of_kind = [file for file in files if single.ending(file) in endings]
-        if files_of_kind:
-            world_files = [
-                file
-                for file in files_of_kind
-                if not file.name.startswith(_COMPANION_FILES)
-            ]
+        world_files = [file for file in candidates if single.ending(file) in endings]
+        if world_files:
             break
 
     numbers = [single.number_in(file) for file in world_files]

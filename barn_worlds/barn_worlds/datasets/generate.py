@@ -161,7 +161,7 @@ def generate_world(
             rows = np.flatnonzero(region[:, column])
             place = int(generator.random() * len(rows))
             ends.append((int(rows[place]), column))
-        path = plan_path(cspace, ends[0], ends[1])
+        path = plan_path(cspace, *ends)
         if path is None:
             continue
 

@@ -314,16 +314,13 @@ def _polynomial_points(
         order = _integer(generator, parameters.order_min, parameters.order_max)
         count = _integer(generator, parameters.points_min, parameters.points_max)
         shape = (max(order + 1, count), 2)
-        random_points: Points = (
-            np.floor(generator.random(shape) * (SIDE_M + 1.0)) - _HALF_M
-        )
+        random_points = np.floor(generator.random(shape) * (SIDE_M + 1.0)) - _HALF_M
         # Fewer different x than coefficients do not determine the polynomial.
         if len(set(random_points[:, 0].tolist())) <= order:
             continue
 
         powers = np.vander(random_points[:, 0], order + 1)
-        solution, *_ = np.linalg.lstsq(powers, random_points[:, 1], rcond=None)
-        coefficients: Floats = solution.astype(np.float64)
+        coefficients, *_ = np.linalg.lstsq(powers, random_points[:, 1], rcond=None)
 
         samples = np.linspace(-_HALF_M, _HALF_M, parameters.samples)
         inside = samples[np.abs(np.polyval(coefficients, samples)) <= _HALF_M]
@@ -334,7 +331,7 @@ def _polynomial_points(
         along_x = np.argsort(points[:, 0], kind="stable")
         points = points[along_x]
         is_apart = np.hypot(*np.diff(points, axis=0).T) > _CLOSEST_POINTS_M
-        points = points[np.concatenate([[True], is_apart])]
+        points = points[np.append(True, is_apart)]
         length_m = np.hypot(*np.diff(points, axis=0).T).sum()
         if len(points) > 1 and length_m >= _SHORTEST_PROFILE_M:
             return points

@@ -14,7 +14,6 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.formats import map_server, moving_ai, world_yaml
 from barn_worlds.formats.gazebo import GazeboFile
 from barn_worlds.formats.npz import read_npy
-from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.course import build_world, parse_course, plan_course
@@ -36,12 +35,13 @@ def ending(path: Path) -> str:
     return max(matches, key=len, default="")
 
 
-def check_ending(path: Path) -> None:
-    """Raise WorldError if the name of a file does not have the ending of a world."""
+def require_ending(path: Path) -> str:
+    """Return the ending of a file with a world; raise WorldError if it has none."""
     if not ending(path):
         raise WorldError(
             f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}"
         )
+    return ending(path)
 
 
 def number_in(path: Path) -> int | None:
@@ -51,7 +51,7 @@ def number_in(path: Path) -> int | None:
     return int(numbers[-1]) if numbers and len(numbers[-1]) <= 9 else None
 
 
-def read_world(path: Path, robot: Robot = STANDARD_ROBOT, name: str = "") -> World:
+def read_world(path: Path, robot: Robot) -> World:
     """Read the world in a file.
 
     The path comes from path_N.npy in the same folder or in its sibling path_files,
@@ -66,14 +66,12 @@ def read_world(path: Path, robot: Robot = STANDARD_ROBOT, name: str = "") -> Wor
     Args:
         path: File with one of `ENDINGS`.
         robot: Robot that paths, starts and goals are for.
-        name: Name of the world. By default it is named after the file.
 
     Raises:
         WorldError: If the file does not hold a world.
     """
-    check_ending(path)
-    kind = ending(path)
-    name = name or path.name[: -len(kind)]
+    kind = require_ending(path)
+    name = path.name[: -len(kind)]
     if kind == world_yaml.ENDING:
         return world_yaml.read_world_yaml(path)
     if kind in GAZEBO_ENDINGS:
@@ -149,26 +147,24 @@ def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
 def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
     file = GazeboFile.read(path)
     numbers = file.course()
-    if not numbers:
-        grid, resolution_m = file.grid()
-        return _build_beside(path, grid, resolution_m, robot, name, "world_file")
+    course = parse_course(numbers, str(path)) if numbers else None
+    # Without a course, cylinders must stand as in the worlds of BARN.
+    open_grid = file.open_grid(numbers[:2]) if numbers else None
+    if open_grid is not None:
+        provenance = Provenance("world_file", str(path))
+        return build_world(name, *open_grid, robot, provenance, course)
 
-    open_grid = file.open_grid(numbers[:2])
-    course = parse_course(numbers, str(path))
-    if open_grid is None:
-        grid, resolution_m = file.grid()
-        world = _build_beside(path, grid, resolution_m, robot, name, "world_file")
-        return plan_course(world, robot, course)
-    provenance = Provenance("world_file", str(path))
-    return build_world(name, *open_grid, robot, provenance, course)
+    grid, resolution_m = file.grid()
+    world = _build_beside(path, grid, resolution_m, robot, name, "world_file")
+    return world if course is None else plan_course(world, robot, course)
 
 
 def _read_map(path: Path, robot: Robot, name: str) -> World:
     map_file = map_server.read_map_file(path)
     occupancy = map_server.read_map(path, map_file)
     course = None
-    if map_file.start:
-        numbers = (*map_file.start, *map_file.goal)
+    numbers = (*map_file.start, *map_file.goal)
+    if numbers:
         course = parse_course(numbers, f"{path}: start and goal")
 
     resolution_m = occupancy.resolution
@@ -186,9 +182,7 @@ def _read_map(path: Path, robot: Robot, name: str) -> World:
         )
     grid = validate_grid(grid, str(path))
     world = _build_beside(path, grid, resolution_m, robot, name, "map")
-    if course is None:
-        return world
-    return plan_course(world, robot, course)
+    return world if course is None else plan_course(world, robot, course)
 
 
 def _build_beside(

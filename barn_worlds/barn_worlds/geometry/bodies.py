@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -85,9 +86,6 @@ def moving_bodies(tracks: Tracks, time_s: float) -> Bodies:
 
 def wall_bodies(walls: Sequence[Wall]) -> Bodies:
     """Return walls as bodies."""
-    rows = [
-        (wall.x_m, wall.y_m, wall.yaw_rad, wall.size_x_m, wall.size_y_m, wall.height_m)
-        for wall in walls
-    ]
-    table = np.array(rows, np.float64).reshape(-1, 6)
+    numbers = attrgetter("x_m", "y_m", "yaw_rad", "size_x_m", "size_y_m", "height_m")
+    table = np.array(list(map(numbers, walls)), np.float64).reshape(-1, 6)
     return Bodies(table[:, :3], np.zeros(len(table)), table[:, 3:5], table[:, 5])

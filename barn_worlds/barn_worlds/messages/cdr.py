@@ -6,7 +6,7 @@ numbers are written into its bytes afterwards.
 """
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
@@ -83,11 +83,6 @@ class Slot(NamedTuple):
     format: str
     """Format of `struct`, without alignment."""
 
-    @property
-    def end(self) -> int:
-        """Offset of the first byte behind the field."""
-        return self.offset + struct.calcsize("<" + self.format)
-
 
 def find_slots(message: Message) -> dict[str, Slot]:
     """Return the slot of every field with numbers, by dotted name.
@@ -115,30 +110,17 @@ class Template:
         """
         self.type_name = message.__msgtype__
         self._data = bytearray(serialize(message))
-
-        # Fields that lie side by side are packed at once.
         slots = find_slots(message)
-        runs: list[list[Slot]] = []
+        self._parts = []
         for name in fields:
-            slot = slots[name]
-            if runs and runs[-1][-1].end == slot.offset:
-                runs[-1].append(slot)
-            else:
-                runs.append([slot])
-
-        self._parts: list[tuple[Callable[..., None], int, slice]] = []
-        first = 0
-        for run in runs:
-            packer = struct.Struct("<" + "".join(slot.format for slot in run))
-            values = slice(first, first + len(run))
-            self._parts.append((packer.pack_into, run[0].offset, values))
-            first += len(run)
+            offset, code = slots[name]
+            self._parts.append((struct.Struct("<" + code).pack_into, offset))
 
     def fill(self, *values: object) -> bytes:
         """Return the message with values of the varying fields; arrays are bytes."""
         data = self._data
-        for pack_into, offset, part in self._parts:
-            pack_into(data, offset, *values[part])
+        for (pack_into, offset), value in zip(self._parts, values, strict=True):
+            pack_into(data, offset, value)
         return bytes(data)
 
 

@@ -1,8 +1,9 @@
 """Where moving obstacles are at a time, all of a world at once."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 from numba import njit
@@ -14,6 +15,17 @@ from barn_worlds.moving.motion import MovingObstacle
 # and duration (m,) in s, and coefficients (m, 2, k) of all pieces; period (n,) and
 # phase (n,) in s. A tuple, since numba takes no objects.
 MotionTable = tuple[Integers, Floats, Floats, Floats, Floats, Floats]
+
+# Numbers of an obstacle that do not change with time.
+_NUMBERS = attrgetter(
+    "radius_m",
+    "height_m",
+    "yaw_rad",
+    "motion.period_s",
+    "phase_s",
+    "size_x_m",
+    "size_y_m",
+)
 
 
 class Tracks:
@@ -36,13 +48,12 @@ class Tracks:
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
         """Tabulate the motions of obstacles."""
         self.names = tuple(obstacle.name for obstacle in obstacles)
-        self.radius_m = _column(obstacle.radius_m for obstacle in obstacles)
-        self.height_m = _column(obstacle.height_m for obstacle in obstacles)
-        self.yaw_rad = _column(obstacle.yaw_rad for obstacle in obstacles)
-        sizes = [(obstacle.size_x_m, obstacle.size_y_m) for obstacle in obstacles]
-        self.size_m = np.array(sizes, np.float64).reshape(-1, 2)
-        period_s = _column(obstacle.motion.period_s for obstacle in obstacles)
-        phase_s = _column(obstacle.phase_s for obstacle in obstacles)
+        # Floats, also if all numbers are integers: kernels have one type.
+        numbers = np.array(list(map(_NUMBERS, obstacles)), np.float64)
+        # Rows of a copy are contiguous, as kernels take them.
+        columns = numbers.reshape(-1, 7).T.copy()
+        self.radius_m, self.height_m, self.yaw_rad, period_s, phase_s = columns[:5]
+        self.size_m = np.ascontiguousarray(columns[5:].T)
 
         pieces = [obstacle.motion.pieces() for obstacle in obstacles]
         counts = [len(begin_s) for begin_s, _, _ in pieces]
@@ -87,11 +98,6 @@ class Tracks:
         velocities = np.empty((len(times_s), len(self), 2))
         _evaluate_all(times_s, self.table, positions, velocities)
         return positions, velocities
-
-
-def _column(numbers: Iterable[float]) -> Floats:
-    """Return numbers as floats, also if all are integers: kernels have one type."""
-    return np.array(list(numbers), np.float64)
 
 
 def _speed_bounds(coefficients: Floats) -> Floats:

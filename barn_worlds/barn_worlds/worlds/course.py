@@ -214,8 +214,7 @@ def _plan_between(
         )
         open_cspace[around] = world.occupied[around]
 
-    first, last = ends.tolist()
-    path = plan_path(open_cspace, (first[0], first[1]), (last[0], last[1]))
+    path = plan_path(open_cspace, *ends)
     if path is None:
         side_m = robot.footprint_cells(world.resolution_m) * world.resolution_m
         raise WorldError(
@@ -250,9 +249,7 @@ def _choose_path(
         # other.
         first = _farthest(region, np.argwhere(region)[0], np.inf)
         last = _farthest(region, first, LONGEST_AUTOMATIC_M / cell_m)
-        path = plan_path(
-            cspace, (int(first[0]), int(first[1])), (int(last[0]), int(last[1]))
-        )
+        path = plan_path(cspace, first, last)
         if path is not None and len(path) > 1:
             return path
 

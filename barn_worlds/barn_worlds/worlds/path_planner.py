@@ -6,6 +6,7 @@ apart from their first cell, which occurs twice there.
 
 import heapq
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
@@ -29,7 +30,7 @@ INFLATION_WEIGHT = 5.0
 
 
 def plan_path(
-    cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int]
+    cspace: BoolGrid, start: Sequence[int] | Cells, goal: Sequence[int] | Cells
 ) -> Cells | None:
     """Plan a path of free cells with limited turns.
 
@@ -90,7 +91,7 @@ def plan_through(cspace: BoolGrid) -> Cells | None:
         rows = np.flatnonzero(region[:, column])
         middle = np.argmin(np.abs(rows - rows.mean()))
         ends.append((int(rows[middle]), column))
-    return plan_path(cspace, ends[0], ends[1])
+    return plan_path(cspace, *ends)
 
 
 def inflation(cspace: BoolGrid) -> Floats:

@@ -12,6 +12,7 @@ from barn_worlds.base.types import OccupancyMap
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import extract_grid, read_map, write_map
 from barn_worlds.formats.single import read_world
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.worlds.world import World
 
 YAML = "image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
@@ -92,7 +93,7 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
     data[[0, -1]] = 100
     data[3, :4] = -1
     write_map(OccupancyMap(data, 0.15, 3.0, 4.0), tmp_path / "room.yaml")
-    world = read_world(tmp_path / "room.yaml")
+    world = read_world(tmp_path / "room.yaml", STANDARD_ROBOT)
     assert np.array_equal(world.grid, data.T != 0)
     assert (world.corner_m, len(world.containment_m)) == ((3.0, 4.0), 0)
     assert world.bounds_m == pytest.approx((3.0, 4.0, 7.5, 7.0))
