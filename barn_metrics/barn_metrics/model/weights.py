@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
 from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, RouteNetwork
 from barn_metrics.model.route import CHANNELS
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import AnyArray, Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import Arrays, NpzFormat
@@ -205,7 +204,7 @@ class _NetworkReader:
         return ModelError(f"{self._path}: {self._prefix}{name} {problem}")
 
 
-def _checksum(arrays: Mapping[str, npt.NDArray[Any]]) -> str:
+def _checksum(arrays: Mapping[str, AnyArray]) -> str:
     """Return SHA-256 over names, types, shapes and contents."""
     digest = hashlib.sha256()
     for name in sorted(arrays):

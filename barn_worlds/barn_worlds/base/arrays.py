@@ -1,5 +1,7 @@
 """Array types of worlds and of measurements on them."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,5 +13,6 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Singles = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]  # costs of cells, flags
-ShortIntegers = npt.NDArray[np.int16]
 MediumIntegers = npt.NDArray[np.int32]
+SignedBytes = npt.NDArray[np.int8]  # cells of an occupancy grid
+AnyArray = npt.NDArray[Any]

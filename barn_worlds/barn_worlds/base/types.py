@@ -9,7 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from barn_worlds.base.arrays import Floats, Points, SignedBytes, Singles
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
 
@@ -80,14 +81,13 @@ class Pose2D:
             wrap_angle(-self.yaw),
         )
 
-    def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def transform(self, points: Points) -> Points:
         """Return points (n, 2) in the frame of this pose in its reference frame."""
         cos = math.cos(self.yaw)
         sin = math.sin(self.yaw)
         # Points are rows, so the rotation matrix stands transposed on the right.
         rotation = np.array([[cos, sin], [-sin, cos]])
-        transformed: npt.NDArray[np.float64]
-        transformed = points @ rotation + np.array([self.x, self.y])
+        transformed: Points = points @ rotation + np.array([self.x, self.y])
         return transformed
 
     def distance(self, other: "Pose2D") -> float:
@@ -140,7 +140,7 @@ class Scan:
 
     stamp_ns: int
 
-    ranges: npt.NDArray[np.float32]
+    ranges: Singles
     """Meters by beam: +inf nothing in range, -inf too close, NaN invalid (REP-117)."""
 
     angle_min: float
@@ -150,7 +150,7 @@ class Scan:
     range_min: float
     range_max: float
 
-    def angles(self) -> npt.NDArray[np.float64]:
+    def angles(self) -> Floats:
         """Return the direction of each beam in the sensor frame, (n,) radians."""
         beams = np.arange(len(self.ranges), dtype=np.float64)
         return self.angle_min + self.angle_increment * beams
@@ -160,7 +160,7 @@ class Scan:
 class OccupancyMap:
     """An occupancy grid in the layout of nav_msgs/OccupancyGrid."""
 
-    data: npt.NDArray[np.int8]
+    data: SignedBytes
     """Cells by row (along y) and column (along x): 0 free, 100 occupied, -1 unknown."""
 
     resolution: float

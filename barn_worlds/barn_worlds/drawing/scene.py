@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.patches import Circle
@@ -33,7 +32,7 @@ _LOWEST_TOP_MPS = 0.5
 
 
 def draw_discs(
-    axes: Axes, centers_m: npt.NDArray[np.floating], radius_m: float, **style: Any
+    axes: Axes, centers_m: Points, radius_m: float, **style: Any
 ) -> None:
     """Draw discs.
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
@@ -17,7 +16,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from barn_worlds.base.arrays import Points
+from barn_worlds.base.arrays import Points, Singles
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.types import Pose2D
@@ -263,7 +262,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
         yield image.quantize(palette=colors, dither=Image.Dither.NONE)
 
 
-def _tile(world: World) -> npt.NDArray[np.float32]:
+def _tile(world: World) -> Singles:
     """Return one world as colors (cols, rows, 3), the last column on top."""
     tile = np.empty((world.cols, world.rows, 3), np.float32)
     tile[:] = to_rgb(palette.WHITE)

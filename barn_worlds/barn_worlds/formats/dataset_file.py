@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import barn_worlds
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import AnyArray, Floats
 from barn_worlds.base.errors import BarnError, WorldError, format_error
 from barn_worlds.base.files import LARGEST_FILE_BYTES, write_bytes
 from barn_worlds.formats.npz import Arrays, NpzFormat
@@ -296,9 +295,7 @@ def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:
     return np.array(rows, np.float64).reshape(-1, width)
 
 
-def _select(
-    values: npt.NDArray[Any], counts: npt.NDArray[Any], position: int
-) -> npt.NDArray[Any]:
+def _select(values: AnyArray, counts: AnyArray, position: int) -> AnyArray:
     """Return the values of one world or motion.
 
     Args:

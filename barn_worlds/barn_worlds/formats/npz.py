@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from barn_worlds.base.arrays import AnyArray
 from barn_worlds.base.errors import (
     ConfigError,
     WorldError,
@@ -25,7 +25,7 @@ from barn_worlds.base.files import ZIP_ERRORS, pack_zip, read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
-Arrays = dict[str, npt.NDArray[Any]]
+Arrays = dict[str, AnyArray]
 # What NumPy raises for bytes that are no array, for a header that is no Python, and for
 # sizes that no memory has.
 _NPY_ERRORS = (
@@ -39,7 +39,7 @@ _NPY_ERRORS = (
 )
 
 
-def read_npy(path: Path) -> npt.NDArray[Any]:
+def read_npy(path: Path) -> AnyArray:
     """Return the array of a .npy file of at most 64 MB.
 
     Raises:
@@ -48,7 +48,7 @@ def read_npy(path: Path) -> npt.NDArray[Any]:
     return parse_npy(read_bytes(path, LARGEST_NPY), str(path))
 
 
-def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
+def parse_npy(content: bytes, where: str) -> AnyArray:
     """Return the array of the content of a .npy file.
 
     Args:
@@ -71,7 +71,7 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
     return array
 
 
-def encode_npy(array: npt.NDArray[Any]) -> bytes:
+def encode_npy(array: AnyArray) -> bytes:
     """Return the content of a .npy file."""
     file = io.BytesIO()
     np.lib.format.write_array(file, array, allow_pickle=False)
@@ -104,7 +104,7 @@ class NpzFormat:
         self,
         path: Path,
         header: Mapping[str, Any],
-        arrays: Mapping[str, npt.NDArray[Any]],
+        arrays: Mapping[str, AnyArray],
     ) -> str:
         """Write a file atomically; equal content gives equal bytes.
 
@@ -150,7 +150,7 @@ class NpzFormat:
         }
         return header, arrays
 
-    def array(self, arrays: Arrays, name: str, path: Path) -> npt.NDArray[Any]:
+    def array(self, arrays: Arrays, name: str, path: Path) -> AnyArray:
         """Return an array of a file.
 
         Args:

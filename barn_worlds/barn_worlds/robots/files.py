@@ -18,13 +18,13 @@ from barn_worlds.robots.urdf import read_chassis
 
 SCHEMA_VERSION = 1
 ENDINGS = (".yaml", ".yml")
-_MULTIPLIER = "wheel_separation_multiplier"
 # The defaults are those of the Jackal, which would be wrong for any other robot.
 _REQUIRED_KEYS = (
     "drive.max_speed_m_s",
     "drive.max_acceleration_m_s2",
     "drive.max_yaw_rate_rad_s",
     "drive.max_yaw_acceleration_rad_s2",
+    "drive.wheel_separation_multiplier",
     "lidar.beams",
     "lidar.angle_min_rad",
     "lidar.angle_max_rad",
@@ -80,18 +80,16 @@ def _read_robot(path: Path) -> Robot:
     if "urdf" in content:
         # Keys of the YAML file win over what the URDF gives.
         chassis = _read_urdf(content.pop("urdf"), path) | chassis
+    if chassis.get("kind") != "skid_steer":
+        # Only wheels that skid need a multiplier.
+        drive = {"wheel_separation_multiplier": 1.0, **drive}
     content["chassis"] = {"name": name, **chassis}
-    # Only wheels that skid need a multiplier.
-    content["drive"] = {_MULTIPLIER: 1.0, **drive}
+    content["drive"] = drive
     robot = from_dict(Robot, content, str(path))
 
-    sections = {"drive": drive, "lidar": content["lidar"]}
-    required_keys = list(_REQUIRED_KEYS)
-    if robot.chassis.kind == "skid_steer":
-        required_keys.append(f"drive.{_MULTIPLIER}")
-    for required_key in required_keys:
+    for required_key in _REQUIRED_KEYS:
         section, _, key = required_key.partition(".")
-        if key not in sections[section]:
+        if key not in content[section]:
             raise ConfigError(f"{path}: missing key {required_key!r}")
     return robot
 

@@ -12,10 +12,9 @@ import math
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Points
+from barn_worlds.base.arrays import BoolGrid, Cells, Points, SignedBytes
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.worlds.cspace import configuration_space
@@ -222,7 +221,7 @@ def occupy_box(
 
 @njit(cache=True)
 def _occupy_discs(
-    data: npt.NDArray[np.int8], centers: Points, radius: float, resolution: float
+    data: SignedBytes, centers: Points, radius: float, resolution: float
 ) -> None:
     """Occupy the cells of data (row along y, column along x) that discs reach into."""
     height, width = data.shape

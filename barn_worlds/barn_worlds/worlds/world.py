@@ -8,9 +8,8 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Points
+from barn_worlds.base.arrays import AnyArray, BoolGrid, Cells, Points
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.moving.motion import MovingObstacle, Wall, check_scene, scene_content
@@ -18,7 +17,7 @@ from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds import cells as geometry
 from barn_worlds.worlds.cspace import configuration_space
 
-_Array = TypeVar("_Array", bound=npt.NDArray[Any])
+_Array = TypeVar("_Array", bound=AnyArray)
 
 LARGEST_SIDE = 2000
 LONGEST_PATH = 1_000_000
