@@ -185,8 +185,8 @@ def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
         values: `cell_metrics` (n, 4) of its cells.
         path: The cells (n, 2).
     """
-    means = values.mean(axis=0).tolist()
-    return WorldMetrics(*means, tortuosity=tortuosity(path))
+    closest, visibility, alternations, dimension = values.mean(axis=0).tolist()
+    return WorldMetrics(closest, visibility, alternations, dimension, tortuosity(path))
 
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:

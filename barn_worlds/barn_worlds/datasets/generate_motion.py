@@ -320,7 +320,8 @@ def _polynomial_points(
             continue
 
         powers = np.vander(random_points[:, 0], order + 1)
-        coefficients, *_ = np.linalg.lstsq(powers, random_points[:, 1], rcond=None)
+        solution, *_ = np.linalg.lstsq(powers, random_points[:, 1], rcond=None)
+        coefficients: Floats = solution.astype(np.float64)
 
         samples = np.linspace(-_HALF_M, _HALF_M, parameters.samples)
         inside = samples[np.abs(np.polyval(coefficients, samples)) <= _HALF_M]

@@ -21,10 +21,14 @@ from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 # Schema of data sets with walls, moving obstacles or arenas, which need the arrays of
 # `_scene_arrays` as well. Others keep the first schema, which earlier versions read.
 _SCENE_SCHEMA = 2
-# Numbers of a moving obstacle in the order of its fields, which is that of the columns
-# behind the shape in the array `obstacle`.
-_OBSTACLE_NUMBERS = attrgetter(
-    "radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s"
+# Fields of a moving obstacle in the columns of the array `obstacle`, after the shape.
+_OBSTACLE_NUMBERS = (
+    "radius_m",
+    "size_x_m",
+    "size_y_m",
+    "yaw_rad",
+    "height_m",
+    "phase_s",
 )
 FORMAT = NpzFormat(
     "a data set of the suite",
@@ -129,9 +133,10 @@ class DatasetFile:
         motions = _select(arrays["obstacle_motion"], arrays["moving"], position)
         moving = []
         for name, row, index in zip(names, obstacles, motions, strict=True):
-            shape = SHAPES[int(row[0])]
+            numbers = dict(zip(_OBSTACLE_NUMBERS, row[1:], strict=True))
             motion = self._build_motion(int(index))
-            moving.append(MovingObstacle(name, shape, *row[1:], motion=motion))
+            shape = SHAPES[int(row[0])]
+            moving.append(MovingObstacle(name, shape, motion=motion, **numbers))
         scene: dict[str, Any] = {
             "walls": tuple(starmap(Wall, walls)),
             "moving": tuple(moving),
@@ -261,9 +266,10 @@ def _scene_arrays(worlds: Sequence[World]) -> Arrays:
     # Equal motions are stored once.
     motions = list(dict.fromkeys(obstacle.motion for obstacle in obstacles))
     motion_indices = {motion: index for index, motion in enumerate(motions)}
+    numbers = attrgetter(*_OBSTACLE_NUMBERS)
     rows = []
     for obstacle in obstacles:
-        rows.append((SHAPES.index(obstacle.shape), *_OBSTACLE_NUMBERS(obstacle)))
+        rows.append((SHAPES.index(obstacle.shape), *numbers(obstacle)))
     motion_rows = [_motion_rows(motion) for motion in motions]
     not_arena = (np.nan, np.nan)
     return {
