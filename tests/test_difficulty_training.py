@@ -116,7 +116,9 @@ def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):
         judge_networks(
             renamed, make_trials(renamed), EvaluationConfig(folds=2, repeats=1)
         )
-    (judged,) = evaluate(renamed, make_trials(renamed), load_model(), EvaluationConfig()).scores
+    (judged,) = evaluate(
+        renamed, make_trials(renamed), load_model(), EvaluationConfig()
+    ).scores
     assert (judged.name, judged.gain, judged.training_mse) == (
         WEIGHTS,
         None,

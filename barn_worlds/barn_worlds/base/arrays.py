@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+# Names say what an array holds. mypy checks the type of its numbers, not its shape.
 BoolGrid = npt.NDArray[np.bool_]  # (rows, cols), True where filled or occupied
 Bools = npt.NDArray[np.bool_]  # (n,)
 Cells = npt.NDArray[np.int64]  # (n, 2) row, column

@@ -43,6 +43,7 @@ _TYPE_NAMES: dict[type[Any], str] = {
     bool: "true or false",
     str: "text",
 }
+# A larger integer raises OverflowError where it becomes a float.
 _LARGEST_FLOAT = 10**308
 _LARGEST_INTEGER = 2**63 - 1
 
@@ -221,6 +222,8 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     # All fields, also optional ones that `as_dict` leaves out.
     content = cast(dict[str, Any], cattrs.unstructure(config))
     values = dict(_walk(content))
+    # `values` has the mappings inside `content` themselves, so a key that is set in one
+    # changes `content`.
     for name, value in _flatten(values, changes):
         if name not in values:
             hint = suggest(name, values)
@@ -265,6 +268,7 @@ def _reader() -> cattrs.Converter:
         build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
 
         def read(value: object, kind: object) -> Any:
+            # cattrs would fail inside generated code, with a message about indices.
             if not isinstance(value, Mapping):
                 raise TypeError(
                     f"must be a mapping of names to values, got {format_value(value)}"
@@ -359,6 +363,7 @@ def _explain(error: BaseException, prefix: str = "") -> str:
 
     if isinstance(error, ClassValidationError):
         cause = error.exceptions[0]
+        # One line names one key, so the first of several causes has to do.
         attribute = _note(cause, AttributeValidationNote)
         return _explain(cause, f"{prefix}{attribute.name}." if attribute else prefix)
 
@@ -401,6 +406,7 @@ def _check(name: str, declaration: Quantity, value: object) -> None:
             raise ConfigError(
                 f"{name} must be {limits}, got {format_value(item)}{hint}"
             )
+        # In Python a bool is an int, but limits are for numbers.
         if isinstance(item, bool) or not isinstance(item, (int, float)):
             continue
 

@@ -69,6 +69,7 @@ def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        # `strerror` is without number and path, which `subject` names.
         raise kind(f"{subject}: {error.strerror or error}") from None
 
 
@@ -99,6 +100,7 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
         "; did you mean 'dwa'?" if a name is similar, else "; known: dwa, eband".
     """
     names = _sort_names(candidates)
+    # Dozens of names of other parents would hide the few that the user can mean.
     siblings = _siblings(_shorten(name), names)
     ellipsis = ", ..." if len(siblings) > _MOST_NAMES else ""
     alternatives = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"

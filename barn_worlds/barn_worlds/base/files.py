@@ -96,6 +96,7 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
         WorldError: If the file cannot be read, is damaged or is larger.
     """
     content = read_bytes(path, largest)
+    # The magic number of gzip. Names do not tell: downloads lose or keep their .gz.
     if content[:2] != b"\x1f\x8b":
         return content
     # Unpacking stops at the limit, so a small file cannot fill the memory.
@@ -169,6 +170,7 @@ def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
     Raises:
         OSError: If the file cannot be written.
     """
+    # In the same folder: a rename is atomic within one file system only.
     handle, name = tempfile.mkstemp(
         prefix=f".{path.name}.", suffix=PARTIAL_SUFFIX, dir=path.parent
     )
@@ -209,6 +211,7 @@ def create_folder(path: Path) -> Iterator[Path]:
         WorldError: If the folder has content already or cannot be written.
     """
     with convert_os_errors(WorldError, f"{path}: cannot be written"):
+        # A rename replaces an empty folder, but none with content.
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise WorldError(
                 f"{path}: exists already; name a new folder or an empty one"

@@ -12,4 +12,5 @@ def reduce_garbage_collection() -> None:
     of libraries, which stay to the end anyway.
     """
     gc.set_threshold(10_000)
+    # What is frozen is left out of the collection at the end of the process.
     atexit.register(gc.freeze)

@@ -74,6 +74,7 @@ def read_lines(path: Path) -> Iterator[tuple[str, str]]:
     size = 0
     try:
         with open_regular(path) as file:
+            # One byte more than allowed shows that a line is too long.
             while line := file.readline(LONGEST_LINE_BYTES + 1):
                 size += len(line)
                 if len(line) > LONGEST_LINE_BYTES or size > LARGEST_LINES_BYTES:
@@ -238,6 +239,7 @@ def _check_number(value: PlainData) -> None:
 
 def _check_events(text: str | bytes) -> None:
     """Raise YAMLError for aliases and for a structure that is nested too deep."""
+    # Events come before any object is built, so a hostile file costs no memory yet.
     depth = 0
     for event in yaml.parse(text, _Loader):
         # Aliases let a file of a few bytes describe gigabytes.

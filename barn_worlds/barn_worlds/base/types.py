@@ -27,11 +27,13 @@ def nanoseconds(duration_s: float) -> int:
 
 def wrap_angle(angle: float) -> float:
     """Return the angle in [-pi, pi)."""
+    # The modulo of Python is never negative here, unlike that of C.
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
     """Return (z, w) of the quaternion of a rotation about z; x and y are zero."""
+    # A quaternion has half the angle of its rotation.
     return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 

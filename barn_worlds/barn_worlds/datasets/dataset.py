@@ -73,6 +73,7 @@ class Dataset:
             course: Other start and goal for all worlds (`worlds.course.fit_to_robot`).
         """
         readers = {
+            # Not a lambda: data sets are pickled for worker processes.
             world_number: partial(self._load_for_robot, world_number, robot, course)
             for world_number in self.readers
         }
@@ -188,10 +189,9 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
     if len(dataset_file_paths) == 1:
         return _open_file(dataset_file_paths[0])
 
-    candidates = [
-        file for file in files if not file.name.startswith(_COMPANION_FILES)
-    ]
+    candidates = [file for file in files if not file.name.startswith(_COMPANION_FILES)]
     world_files: list[Path] = []
+    # A folder of Gazebo worlds may have maps and grids of the same worlds beside them.
     for endings in _FOLDER_KINDS:
         world_files = [file for file in candidates if single.ending(file) in endings]
         if world_files:
@@ -240,6 +240,7 @@ def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
     if not numbers:
         raise WorldError("there are no worlds to select from")
 
+    # A dict keeps the order of the selection and has each number once.
     selection: dict[int, None] = {}
     try:
         for part in spec.split(","):

@@ -125,7 +125,7 @@ def cell_size_m(robot: Robot) -> float:
     It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
     the Jackal, and passages are as wide for it.
     """
-    # Rounded up, so that the robot still takes 5 x 5 cells.
+    # Rounded up to whole millimeters, so that the robot still takes 5 x 5 cells.
     scale = 1000.0 * WorldParameters().resolution_m * robot.reach_m
     return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
 
@@ -157,6 +157,7 @@ def generate_world(
             continue
 
         ends = []
+        # The order of draws is part of a data set: the grid, then start, then goal.
         for column in (0, parameters.cols - 1):
             rows = np.flatnonzero(region[:, column])
             place = int(generator.random() * len(rows))
@@ -196,6 +197,7 @@ def generate_dataset(
     for set_number, world_parameters in enumerate(parameters.sets):
         for number in range(parameters.worlds_per_set):
             key = (set_number, number)
+            # A stream of its own for each world, whatever the others draw.
             sequence = np.random.SeedSequence(parameters.seed, spawn_key=key)
             world = generate_world(
                 world_parameters,
@@ -237,6 +239,7 @@ def generate_ranked_dataset(
     worlds = generate_dataset(parameters, progress)
     scores = [narrowness(world) for world in worlds]
     if parameters.keep:
+        # Stable, so that equal scores have the same order on every machine.
         ranking = np.argsort(scores, kind="stable")
         places = np.linspace(0, len(worlds) - 1, parameters.keep).round()
         selection = ranking[places.astype(np.int64)].tolist()
@@ -317,6 +320,7 @@ def write_ordered(
         entries: More entries of the manifest, beside the order.
     """
     numbered = renumber(worlds, order)
+    # `renumber` has sorted the worlds by these scores.
     manifest_order = {"by": order.by, "scores": sorted(order.scores)}
     write_dataset_file(target, name, numbered, {**entries, "order": manifest_order})
     return numbered

@@ -104,9 +104,7 @@ class MotionParameters(Checked):
         )
 
 
-MOTION_CLASSES = read_presets(
-    "barn_worlds", "motion_classes.yaml", MotionParameters()
-)
+MOTION_CLASSES = read_presets("barn_worlds", "motion_classes.yaml", MotionParameters())
 
 
 def motion_class(name: str) -> MotionParameters:
@@ -130,6 +128,7 @@ def build_arena(
     start_row, goal_row = (
         round((x - _CORNER_M[0]) / _CELL_M - 0.5) for x in (START_M[0], GOAL_M[0])
     )
+    # DynaBARN's robot drives against x, from the highest row to the lowest.
     rows = np.arange(start_row, goal_row - 1, -1)
     columns = np.full(len(rows), _SHAPE[1] // 2)
     path = np.stack([rows, columns], axis=1)
@@ -172,6 +171,7 @@ def generate_arenas(
         for profile in shuffled[:count].tolist():
             if profile not in profiles:
                 profiles[profile] = _generate_profile(parameters, seed, profile)
+            # The same object: a data set file stores equal motions once.
             moving.append(profiles[profile])
 
         provenance = Provenance(
@@ -229,6 +229,7 @@ def add_crossings(
     moving = []
     for number in range(_obstacle_count(parameters, seed, obstacles)):
         generator = _generator(seed, _CROSSING_KEY, number)
+        # The order of draws is part of a world: place, side, speed, phase.
         place = int(generator.random() * len(path))
         x, y = path[place].tolist()
         ends = ((x, below), (x, above)) if is_along_x else ((left, y), (right, y))
@@ -319,6 +320,7 @@ def _polynomial_points(
         if len(set(random_points[:, 0].tolist())) <= order:
             continue
 
+        # Least squares; with one point more than the order it goes through all of them.
         powers = np.vander(random_points[:, 0], order + 1)
         solution, *_ = np.linalg.lstsq(powers, random_points[:, 1], rcond=None)
         coefficients: Floats = solution.astype(np.float64)
@@ -326,6 +328,7 @@ def _polynomial_points(
         samples = np.linspace(-_HALF_M, _HALF_M, parameters.samples)
         inside = samples[np.abs(np.polyval(coefficients, samples)) <= _HALF_M]
         x = np.concatenate([inside, _border_crossings(coefficients)])
+        # Rounding may put a crossing a little outside of the border.
         y = np.clip(np.polyval(coefficients, x), -_HALF_M, _HALF_M)
 
         points: Points = np.concatenate([np.stack([x, y], axis=1), random_points])
@@ -348,11 +351,13 @@ def _border_crossings(coefficients: Floats) -> Floats:
         x for x in (-_HALF_M, _HALF_M) if abs(np.polyval(coefficients, x)) <= _HALF_M
     ]
     for border in (-_HALF_M, _HALF_M):
+        # Where the polynomial is at the border, the shifted one has a root.
         shifted = coefficients.copy()
         shifted[-1] -= border
         crossings += [
             float(root.real)
             for root in np.roots(shifted)
+            # Real roots come out with an imaginary part by rounding.
             if abs(root.imag) < 1e-9 and abs(root.real) <= _HALF_M
         ]
     return np.array([min(crossings), max(crossings)] if crossings else [])
@@ -379,6 +384,7 @@ def _drive_through(
     for before, point in itertools.pairwise(points):
         speed = _speed_on_grid(mean + spread * _normal(generator), parameters)
         distance_m = float(np.hypot(*(point - before)))
+        # At least one step of the times in DynaBARN's files.
         time_s += max(distance_m / speed, 0.01)
         key_s = round(time_s, 2)
         # Keys of the same rounded time would be no motion.

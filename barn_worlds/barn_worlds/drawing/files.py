@@ -35,6 +35,7 @@ def figure_bytes(
         tight: Whether to cut off empty margins.
     """
     if kind == "png":
+        # The renderer of pixels, which needs no display.
         FigureCanvasAgg(figure)
     content = io.BytesIO()
     figure.savefig(

@@ -75,6 +75,7 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
     # Only the first wheel and caster have a label, so that the legend names each once.
     label = "wheel"
     for x, y, _ in chassis.wheels_m:
+        # From above a wheel is as long as its diameter.
         corner = (x - radius, y - 0.5 * width)
         wheel = Rectangle(
             corner,
@@ -98,6 +99,7 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
 
 def _draw_lidar(axes: Axes, robot: Robot) -> None:
     lidar = robot.lidar
+    # matplotlib takes degrees, counterclockwise from x like the suite.
     first_deg = math.degrees(lidar.angle_min_rad + lidar.mount_yaw_rad)
     last_deg = math.degrees(lidar.angle_max_rad + lidar.mount_yaw_rad)
     center = (lidar.mount_x_m, lidar.mount_y_m)

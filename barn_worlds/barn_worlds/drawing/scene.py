@@ -31,9 +31,7 @@ from barn_worlds.worlds.scene import TrialScene
 _LOWEST_TOP_MPS = 0.5
 
 
-def draw_discs(
-    axes: Axes, centers_m: Points, radius_m: float, **style: Any
-) -> None:
+def draw_discs(axes: Axes, centers_m: Points, radius_m: float, **style: Any) -> None:
     """Draw discs.
 
     Args:
@@ -130,6 +128,7 @@ def draw_trail(
         # Bright colors are visible on a dark edge.
         axes.plot(*points_m.T, color=INK, linewidth=2.8, zorder=2.9)
 
+    # A piece per pair of samples, so that each has a color of its own.
     trail = LineCollection(
         list(np.stack([points_m[:-1], points_m[1:]], axis=1)),
         linewidths=1.8,
@@ -139,6 +138,7 @@ def draw_trail(
         **style,
     )
     if speeds_mps is not None:
+        # The speed at the end of a piece; driving backwards counts as fast.
         trail.set_array(np.abs(speeds_mps[1:]))
     axes.add_collection(trail)
     return trail
@@ -196,6 +196,7 @@ def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
     is_jump = jumps(positions, velocities, float(times_s[1] - times_s[0]))
     pieces: list[Points] = []
     for k in range(len(tracks)):
+        # A piece ends at the sample before a jump.
         ends = np.flatnonzero(is_jump[:, k]) + 1
         pieces += np.split(positions[:, k], ends)
     return [piece for piece in pieces if len(piece) > 1]
@@ -228,6 +229,7 @@ def draw_arrow(
     length = math.hypot(*direction)
     if length <= 1e-6:
         return
+    # The head alone shows: a shaft of 1 cm is shorter than it.
     tip = (position + direction / length * 0.01).tolist()
     arrow = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0}
     axes.annotate(

@@ -94,6 +94,7 @@ def sheet_figure(worlds: Mapping[int, World]) -> Figure:
         raise WorldError(
             f"a sheet shows 1 to {MOST_ON_A_SHEET} worlds, got {len(worlds)}"
         )
+    # Screens are wider than high.
     across = math.ceil(math.sqrt(len(worlds) * 1.5))
     down = math.ceil(len(worlds) / across)
     largest_cols = max(world.cols for world in worlds.values())
@@ -146,11 +147,13 @@ def _draw_world(
         np.array([left, below]), np.array([right, above])
     )
 
+    # Axes of 4.2 inches across, and 1.2 inches for title and labels.
     height = 1.2 + 4.2 * (above - below) / (right - left)
     figure = Figure(figsize=(6.4, min(30.0, height)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.imshow(
+        # Rows lie along x, so an image shows the transpose.
         np.ma.masked_where(~world.cspace.T, world.cspace.T),
         cmap=ListedColormap([palette.INFLATED]),
         extent=field,
@@ -270,6 +273,7 @@ def _tile(world: World) -> Singles:
     tile[world.grid.T] = to_rgb(palette.OBSTACLE)
     rows, columns = world.path.T
     tile[columns, rows] = to_rgb(palette.ROUTE)
-    tile[world.start_cell[::-1]] = to_rgb(palette.START)
-    tile[world.goal_cell[::-1]] = to_rgb(palette.GOAL)
+    tile[columns[0], rows[0]] = to_rgb(palette.START)
+    tile[columns[-1], rows[-1]] = to_rgb(palette.GOAL)
+    # Images begin with the top row.
     return tile[::-1]

@@ -208,6 +208,7 @@ def write_dataset_file(
         "index": np.array(list(worlds), np.int32),
         "shape": np.array([world.grid.shape for world in ordered], np.int32),
         "grid": np.concatenate([np.packbits(world.grid) for world in ordered]),
+        # Sides have at most 2000 cells, so 16 bits are enough.
         "path": np.concatenate([world.path for world in ordered]).astype(np.int16),
         "path_cells": np.array([len(world.path) for world in ordered], np.int32),
         "resolution_m": np.array([world.resolution_m for world in ordered]),
@@ -223,6 +224,7 @@ def write_dataset_file(
         for entry, world in zip(manifest["worlds"], ordered, strict=True):
             entry["moving"] = [obstacle.name for obstacle in world.moving]
         manifest = {"schema": _SCENE_SCHEMA, **manifest}
+    # The copy of the manifest is for people; the suite reads the one in the file.
     text = FORMAT.write(path, manifest, arrays)
     write_bytes(path.with_suffix(".manifest.json"), text.encode())
 

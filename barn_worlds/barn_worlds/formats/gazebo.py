@@ -85,6 +85,7 @@ class GazeboFile:
         """
         centers_m, radii_m = self.cylinders
         resolution_m = self._cell_size(radii_m)
+        # The right wall of a world of BARN is at x = 0, all cells have x below.
         width = -centers_m[:, 0].min() / resolution_m
         length = centers_m[:, 1].max() / resolution_m
         rows = max(1, math.ceil(width - OFF_GRID_M / resolution_m))
@@ -184,6 +185,7 @@ class GazeboFile:
                     "all cylinders must have one radius, "
                     f"got {radius_m:g} m and {other_m:g} m"
                 )
+        # Radii in files have rounding errors of whatever wrote them.
         resolution_m = round(2.0 * radius_m, 9)
         if not 0.01 <= resolution_m <= 10.0:
             raise self._error(
@@ -202,6 +204,7 @@ class GazeboFile:
         expected = set(map(tuple, containment_cells(rows, resolution_m).tolist()))
         actual = set(map(tuple, cells.tolist()))
         problems = dict.fromkeys(sorted(actual - expected), "a cylinder stands")
+        # A file may have no containment, but not a part of one.
         if actual:
             for cell in sorted(expected - actual):
                 problems[cell] = "a cylinder of the containment is missing"
@@ -278,6 +281,7 @@ def _read_model(model: Element, where: str) -> Iterator[tuple[float, float, floa
             (radius,) = _read_numbers(text, 1, f"{where}: radius")
             if radius <= 0.0:
                 raise WorldError(f"{where}: radius must be above 0, got {radius:g}")
+            # Positions add up, because rotated poses are refused.
             yield model_x + link_x + x, model_y + link_y + y, radius
 
 

@@ -102,6 +102,7 @@ def write_map(
         goal=tuple(course[3:]),
     )
     text = yaml.safe_dump(as_dict(map_file), sort_keys=False)
+    # The image first: where there is a .yaml file, its image is there as well.
     write_bytes(path.with_name(map_file.image), _encode_pgm(grid))
     write_bytes(yaml_path, text.encode())
 
@@ -150,11 +151,13 @@ def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
     lead_in = lead_in_cells(resolution_m)
     cols = height - lead_in - margin_cells(resolution_m)
     right_m = grid.origin_x + width * resolution_m
+    # The map of a world of BARN ends at x = 0 and begins at y = 0.
     if cols < 1 or abs(right_m) >= 1e-6 or abs(grid.origin_y) >= 1e-6:
         return None
 
     candidates = []
     for historical in (False, True):
+        # Historical maps have the field one cell nearer to the start.
         first = lead_in - historical
         field: BoolGrid = np.ascontiguousarray(is_filled[first : first + cols].T)
         expected = world_map(field, resolution_m, historical=historical)

@@ -59,4 +59,5 @@ def read_grid(path: Path) -> BoolGrid:
         )
     letters = np.frombuffer(b"".join(lines), np.uint8).reshape(height, width)
     is_filled = ~np.isin(letters, list(_GROUND))
+    # The first line of a file is the top; y points up, and rows lie along x.
     return np.ascontiguousarray(is_filled[::-1].T)

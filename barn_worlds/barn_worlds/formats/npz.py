@@ -59,6 +59,7 @@ def parse_npy(content: bytes, where: str) -> AnyArray:
         WorldError: If the content is damaged or does not hold numbers.
     """
     try:
+        # A pickle could run any code.
         array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
     except _NPY_ERRORS as error:
         raise WorldError(
@@ -137,6 +138,7 @@ class NpzFormat:
         except ConfigError as error:
             raise WorldError(str(error)) from None
         version = header.get("schema") if isinstance(header, dict) else None
+        # A newer schema is read only where the format names it.
         versions = (self.schema, *self.newer)
         # In Python True is equal to 1.
         if version not in versions or isinstance(version, bool):

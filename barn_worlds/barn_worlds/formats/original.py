@@ -66,6 +66,7 @@ def read_world(folder: Path, index: int, robot: Robot) -> World:
     else:
         path = folder / "world_files" / f"world_{index}.world.gz"
         if not path.is_file():
+            # Without .gz.
             path = path.with_suffix("")
         grid, resolution_m = GazeboFile.read(path).grid()
 
@@ -104,6 +105,7 @@ def write_original(
     with create_folder(folder) as target:
         for index, world in worlds.items():
             for kind in ("grid", "cspace", "path"):
+                # The type of numbers in the original files.
                 content = encode_npy(getattr(world, kind).astype(np.int64))
                 write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")

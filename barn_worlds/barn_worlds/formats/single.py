@@ -170,6 +170,7 @@ def _read_map(path: Path, robot: Robot, name: str) -> World:
     resolution_m = occupancy.resolution
     grid = map_server.extract_grid(occupancy)
     if grid is None:
+        # Unknown cells count as filled: nobody knows that a robot fits there.
         is_filled = np.ascontiguousarray((occupancy.data != 0).T)
         return build_world(
             name,
@@ -194,12 +195,14 @@ def _build_beside(
     source: str,
 ) -> World:
     """Return the world of a grid with the path in a file beside the grid's, if any."""
+    # A path beside the file comes before one in the sibling folder.
     folders = [path.parent]
     if path.parent.name in _FOLDERS:
         folders.append(path.parent.parent / "path_files")
     path_file = None
     for folder in folders:
         file = folder / f"path_{number_in(path)}.npy"
+        # The grid itself may be called path_N.npy.
         if file != path and file.is_file():
             path_file = file
             break

@@ -165,6 +165,7 @@ def _connect(corners: tuple[tuple[int, int], ...], grid: BoolGrid) -> Cells:
                 f"got {list(last)}"
             )
         length = max(1, int(np.abs(step).max()))
+        # Exact: along a straight line a coordinate changes by 0 or 1 per cell.
         pieces.append(first + step * np.arange(1, length + 1)[:, None] // length)
     return np.concatenate(pieces)
 
@@ -175,5 +176,6 @@ def _corners(path: Cells) -> Cells:
     turns = (np.diff(steps, axis=0) != 0).any(axis=1)
     stays = (steps[1:] == 0).all(axis=1)
     is_corner = np.concatenate([[True], turns | stays, [True]])
+    # A path of one cell is both of its ends.
     corners: Cells = path[is_corner[: len(path)]]
     return corners

@@ -45,6 +45,7 @@ class Bodies(NamedTuple):
             x, y, yaw = pose
             cos = math.cos(yaw)
             sin = math.sin(yaw)
+            # Corners are rows, so the rotation stands transposed on the right.
             turn = np.array([[cos, sin], [-sin, cos]])
             outline = radius * circle if radius else (_UNIT_SQUARE * size) @ turn
             outlines.append(outline + (x, y))

@@ -33,6 +33,7 @@ class Footprint:
         self.extent_m = np.concatenate(
             [self._core.min(axis=0) - radius_m, self._core.max(axis=0) + radius_m]
         )
+        # `Rectangle` replaces all three; `_outline` is what the kernels take last.
         self._gaps: Callable[..., Floats] = kernels.gaps_to_polygon
         self._times: Callable[..., Floats] = kernels.times_to_polygon
         self._outline: tuple[Floats | float, ...] = (self._core, radius_m)

@@ -145,6 +145,7 @@ def box_gap(
     along = x * ux + y * uy
     across = y * ux - x * uy
     # Two convex shapes overlap unless an axis of one of them separates them.
+    # A turned box reaches along an axis as far as both half sides projected on it.
     cos = abs(ux)
     sin = abs(uy)
     overlap_x = abs(x) <= half_x + (cos * half_length + sin * half_width)
@@ -236,6 +237,7 @@ def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) ->
     beyond = x * x + y * y - radius * radius
     # Of the quadratic equation for the time at which the distance is the radius.
     root = along * along - square * beyond
+    # `along` is negative while the point comes closer.
     if root >= 0.0 and along < 0.0:
         return (-along - math.sqrt(root)) / square
     return math.inf
@@ -258,6 +260,7 @@ def entry_time(
     Returns:
         The time, 0 within the rectangle and inf for never.
     """
+    # Inside from the last entry between two opposite sides to the first exit.
     enter = 0.0
     leave = math.inf
     for position, velocity, half in ((px, vx, half_x), (py, vy, half_y)):
@@ -357,6 +360,7 @@ def _polygon_distance(a: Floats, b: Floats) -> float:
     if not (_separates(a, b) or _separates(b, a)):
         return 0.0
     nearest = math.inf
+    # The nearest points of two convex polygons that are apart include a corner.
     for corners, polygon in ((a, b), (b, a)):
         for k in range(len(corners)):
             gap = polygon_gap(corners[k, 0], corners[k, 1], polygon)
@@ -376,6 +380,7 @@ def _separates(a: Floats, b: Floats) -> bool:
         for j in range(len(b)):
             dx = b[j, 0] - a[k, 0]
             dy = b[j, 1] - a[k, 1]
+            # Positive to the right of a side: outside, as corners run counterclockwise.
             least = min(least, dx * sy - dy * sx)
         if least > 0.0:
             return True

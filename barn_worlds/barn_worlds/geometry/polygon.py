@@ -69,6 +69,7 @@ def convex_hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
     ordered = sorted(set(points))
     if len(ordered) < 3:
         return tuple(ordered)
+    # Andrew's monotone chain: along the lower side, then back along the upper one.
     return (*_half_hull(ordered), *_half_hull(ordered[::-1]))
 
 
@@ -80,6 +81,7 @@ def regular_polygon(radius_m: float, count: int) -> tuple[Corner, ...]:
         count: Number of sides. If it is even, two of them lie across x.
     """
     step = 2.0 * math.pi / count
+    # Sides touch the circle in their middle, so corners lie farther out.
     reach = radius_m / math.cos(0.5 * step)
     angles = [(k + 0.5) * step for k in range(count)]
     return tuple((reach * math.cos(angle), reach * math.sin(angle)) for angle in angles)

@@ -26,7 +26,9 @@ CORNERS = 32
 # Searched in a second or two; among more, the straight line is the bound.
 MOST_CYLINDERS = 2000
 _INNER_SHARE = math.cos(math.pi / CORNERS)
+# Sine of half the angle between two neighboring corners.
 _TOUCHING = math.sin(math.pi / CORNERS)
+# Discs shrink by this, so that rounding never makes the bound too long.
 _ROUNDING = 1e-9
 
 

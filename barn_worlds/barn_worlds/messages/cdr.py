@@ -162,6 +162,7 @@ class _SlotFinder:
     def _reserve(self, size: int, count: int = 1) -> int:
         """Step over numbers of one size, aligned to it, and return where they begin."""
         # An empty sequence has no padding.
+        # CDR aligns a number to its own size.
         begin = self._position
         if count:
             begin += -begin % size

@@ -157,6 +157,7 @@ def poses(data: bytes) -> Floats:
     _, end = _read_stamp(data)
     offset = _align_length(end)
     (count,) = _LENGTH.unpack_from(data, offset)
+    # There is no padding behind the length of an empty sequence.
     if not count:
         return np.empty((0, 7))
     first = _align_double(offset + _LENGTH.size)
@@ -228,6 +229,7 @@ def markers(data: bytes) -> Markers:
     lines = []
     for marker in message.markers:
         frame = frame or marker.header.frame_id
+        # All other actions take markers away.
         if marker.action != ADD:
             continue
         pose = planar_pose(marker.pose)

@@ -168,6 +168,7 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
     """
 
     def __init__(self, names: Sequence[str]) -> None:
+        # Efforts stay empty: nobody measures them.
         zeros = np.zeros(len(names))
         super().__init__(
             "sensor_msgs/msg/JointState",
@@ -371,6 +372,7 @@ def encode_clock(stamp_ns: int) -> bytes:
 
 def encode_twist(velocity: Velocity2D) -> bytes:
     """Return geometry_msgs/Twist."""
+    # x of the linear and z of the angular velocity; the four between them are zero.
     return _LITTLE_ENDIAN + struct.pack("<d32xd", velocity.linear, velocity.angular)
 
 

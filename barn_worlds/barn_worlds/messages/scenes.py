@@ -97,6 +97,7 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
             disc = _make_marker(_STATIC_COLORS, name, kind, stamp_ns)
             disc.scale.x = size_m
             disc.scale.y = size_m
+            # Flat, so that a robot on it stays visible.
             disc.scale.z = _DISC_HEIGHT_M
             place(disc.pose, pose.x, pose.y, pose.yaw)
             markers.append(disc)
@@ -123,6 +124,7 @@ def decode_scene(data: bytes) -> TrialScene:
     start = _read_poses(markers[_START])
     goal = _read_poses(markers[_GOAL])
     goal_distance_m = 0.5 * markers[_GOAL][0].scale.x if len(goal) else 0.0
+    # Bags come from anyone, and pages draw what they hold.
     if not all(
         np.isfinite(part).all() for part in (path, start, goal, goal_distance_m)
     ):
@@ -222,6 +224,7 @@ def trail_segments(world: World, time_s: float) -> Points:
         Start and end (2 n, 2) of each segment, in m. Jumps are left out.
     """
     steps = round(TRAIL_S / _TRAIL_STEP_S)
+    # Backward from now, so that a trail begins at its obstacle.
     times_s = time_s - _TRAIL_STEP_S * np.arange(steps + 1.0)
     positions, _ = world.tracks.over(times_s)
     lengths_m = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0))
@@ -314,6 +317,7 @@ def _read_bodies(name: str, markers: list[Message], most: int) -> Bodies:
     rows = []  # radius of a cylinder, sides of a box, height
     for marker in markers:
         scale = marker.scale
+        # An ellipse is no body of the suite.
         if marker.type == CYLINDER and scale.x == scale.y:
             rows.append((0.5 * scale.x, 0.0, 0.0, scale.z))
         elif marker.type == CUBE:

@@ -95,8 +95,10 @@ class Motion(Checked):
         begin_s = table[:, 0]
         points = table[:, 1:]
         steps = np.diff(points, axis=0)
+        # Linear: from the key by its step.
         powers = [points[:-1], steps]
         if self.kind == "gazebo":
+            # Hermite's cubic from key to key, by powers of the share.
             tangents = _spline_tangents(points)
             first = tangents[:-1]
             last = tangents[1:]
@@ -169,6 +171,7 @@ def _spline_tangents(points: Floats) -> Floats:
     tangents = np.empty_like(points)
     tangents[1:-1] = (points[2:] - points[:-2]) * 0.5
     if np.all(np.abs(points[0] - points[-1]) <= _SAME_POINT_M):
+        # Closed: the last but one point comes before the first.
         tangents[[0, -1]] = (points[1] - points[-2]) * 0.5
     else:
         tangents[0] = (points[1] - points[0]) * 0.5

@@ -15,6 +15,6 @@ def contact_footprint(chassis: Chassis) -> Footprint:
     That is the hull of the footprint. Where the file of the robot gives a smaller box
     for the body, it is the rectangle around that box and the wheels.
     """
-    if chassis.is_rectangular or any(chassis.body_m):
+    if chassis.is_rectangular:
         return Rectangle(chassis.contact_extent_m)
     return Footprint(np.array(chassis.hull_m), chassis.footprint_radius_m)

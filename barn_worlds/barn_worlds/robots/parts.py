@@ -47,6 +47,7 @@ class LidarConfig(Checked):
     """
 
     beams: int = quantity(720, "number of beams", "", 1, 20000)
+    # 270 degrees, as in the driver of the UST-10LX.
     angle_min_rad: float = quantity(
         -2.35619, "direction of the first beam", "rad", -math.pi, math.pi
     )

@@ -116,6 +116,7 @@ class Chassis(Checked):
     def is_rectangular(self) -> bool:
         """Whether the hull is a rectangle along x and y: a box to the physics."""
         x_min, y_min, x_max, y_max = self.extent_m
+        # Exact comparison will do: a hull has the very numbers of the footprint.
         rectangle = set(product((x_min, x_max), (y_min, y_max)))
         return not self.is_round and set(self.hull_m) == rectangle
 
@@ -172,6 +173,7 @@ class Chassis(Checked):
         """Centers of the wheels, left before right, the front axle before the rear."""
         half_track = 0.5 * self.track_m
         half_base = 0.5 * self.wheelbase_m
+        # One axle, unless there is a wheelbase.
         axles = [self.axle_x_m]
         if self.wheelbase_m:
             axles = [self.axle_x_m + half_base, self.axle_x_m - half_base]
@@ -181,6 +183,7 @@ class Chassis(Checked):
 
     def _wheel_corners(self) -> list[Corner]:
         """Return the corners of all wheels, seen from above."""
+        # From above a wheel is a rectangle as long as its diameter.
         half_x = self.wheel_radius_m
         half_y = 0.5 * self.wheel_width_m
         return [
@@ -248,6 +251,7 @@ class Chassis(Checked):
 
     def _check_wheels(self) -> None:
         gap_m = self.wheel_z_m + self.base_height_m - self.wheel_radius_m
+        # Where the centers would be if the wheels stood on the ground.
         resting_z_m = self.wheel_radius_m - self.base_height_m
         self.require(
             abs(gap_m) <= _TOLERANCE_M,

@@ -81,6 +81,7 @@ def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
         yaw: Third rotation, about z, in radians.
     """
     matrix = np.eye(3)
+    # Axes are fixed, so each further rotation multiplies from the left.
     for axis, angle in enumerate((roll, pitch, yaw)):
         i = (axis + 1) % 3
         j = (axis + 2) % 3
@@ -110,6 +111,7 @@ def _read_links(root: Element) -> dict[str, Link]:
         pose = _pose_in_root(name, joints)
         # base_link need not be the root of the tree.
         in_base = Transform(
+            # The transpose of a rotation is its inverse.
             base.rotation.T @ (pose.offset - base.offset),
             base.rotation.T @ pose.rotation,
         )
@@ -185,6 +187,7 @@ def _read_wheels(links: dict[str, Link]) -> dict[str, Any]:
         "wheelbase_m": front - rear,
         "axle_x_m": 0.5 * (front + rear),
     }
+    # Wheels are alike; the first with a collision cylinder gives their size.
     for wheel in wheels:
         cylinder = wheel.element.find("collision/geometry/cylinder")
         if cylinder is not None:

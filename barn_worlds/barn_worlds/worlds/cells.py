@@ -90,6 +90,7 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
         cells += [(row, column) for row in sorted({0, rows - 1})]
 
     containment = np.array(cells, np.int64).reshape(-1, 2)
+    # The cache hands out one array to all.
     containment.flags.writeable = False
     return containment
 
@@ -137,6 +138,7 @@ def world_map(
         origin = (-rows * cell_m, 0.0)
         front = lead_in_cells(cell_m)
         length = front + cols + margin_cells(cell_m)
+        # Occupied cells move; the containment is where it really is.
         if historical:
             cells = cells - np.array([0, 1])
         cells = np.concatenate([cells, containment_cells(rows, cell_m)])
@@ -169,6 +171,7 @@ def _map_shape(length_m: float, width_m: float, resolution_m: float) -> tuple[in
             f"got {resolution_m}"
         )
 
+    # The last cells may reach beyond the world.
     height = math.ceil(length_m / resolution_m - 1e-6)
     width = math.ceil(width_m / resolution_m - 1e-6)
     if height * width > LARGEST_MAP:

@@ -53,6 +53,7 @@ def parse_course(numbers: Sequence[float], where: str) -> Course:
         )
 
     x, y, yaw, goal_x, goal_y, *goal_yaw = map(float, numbers)
+    # Away from the start, so that the robot need not turn when it arrives.
     heading = goal_yaw[0] if goal_yaw else math.atan2(goal_y - y, goal_x - x)
     return Pose2D(x, y, yaw), Pose2D(goal_x, goal_y, heading)
 

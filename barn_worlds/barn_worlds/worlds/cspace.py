@@ -47,6 +47,7 @@ def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
     rows, cols = grid.shape
     near = np.empty((rows, cols), np.bool_)
     for column in range(cols):
+        # As if the last filled cell were just out of reach.
         rows_since_filled = 2 * reach + 1
         for row in range(rows + reach):
             if row < rows and grid[row, column]:
@@ -109,6 +110,7 @@ def _label(free: BoolGrid, neighbors: int) -> tuple[Integers, Integers]:
     sizes = np.zeros(rows * cols + 1, np.int64)
     stack = np.empty(rows * cols, np.int64)
     count = 0
+    # In reading order, which makes labels rise in it.
     for seed in range(rows * cols):
         row = seed // cols
         column = seed % cols

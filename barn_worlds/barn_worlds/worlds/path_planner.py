@@ -191,6 +191,7 @@ def search(
             direction[target_state] = turn
             valid_entry[target_state] = entries
             priority = new_cost + remaining + penalty[target // cols, target % cols]
+            # Of equal priorities the older entry comes first.
             heapq.heappush(heap, (priority, entries, target_state))
             entries += 1
     return np.empty((0, 2), np.int64)

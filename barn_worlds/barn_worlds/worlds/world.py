@@ -126,16 +126,6 @@ class World:
         return _read_only(configuration_space(self.grid, self.footprint_cells))
 
     @property
-    def start_cell(self) -> tuple[int, int]:
-        """(row, column) of the path's first cell."""
-        return int(self.path[0, 0]), int(self.path[0, 1])
-
-    @property
-    def goal_cell(self) -> tuple[int, int]:
-        """(row, column) of the path's last cell."""
-        return int(self.path[-1, 0]), int(self.path[-1, 1])
-
-    @property
     def cylinder_radius_m(self) -> float:
         """Radius of every cylinder: half a cell."""
         return self.resolution_m / 2.0

@@ -101,7 +101,7 @@ def test_single_files_and_where_their_path_comes_from(layout, worlds, tmp_path):
     write_sdf(worlds[6], tmp_path / "alone.sdf", "gz")
     alone = open_dataset(tmp_path / "alone.sdf").load(0)
     assert alone.provenance.path_source == "planned"
-    assert (alone.name, alone.start_cell[1], alone.goal_cell[1]) == ("alone", 0, 29)
+    assert (alone.name, *alone.path[[0, -1], 1]) == ("alone", 0, 29)
     assert np.array_equal(alone.grid, worlds[6].grid)
     turtle = open_dataset(tmp_path / "alone.sdf", ROBOTS["turtlebot3_burger"]).load(0)
     assert (alone.footprint_cells, turtle.footprint_cells) == (5, 3)

@@ -54,7 +54,7 @@ def test_generated_worlds_can_be_passed(seed, parameters):
     assert world.grid.shape == (parameters.rows, parameters.cols)
     assert world.grid[[0, -1]].all()
     assert not world.cspace[world.path[:, 0], world.path[:, 1]].any()
-    assert (world.start_cell[1], world.goal_cell[1]) == (0, parameters.cols - 1)
+    assert world.path[[0, -1], 1].tolist() == [0, parameters.cols - 1]
     assert (world.resolution_m, world.footprint_cells) == (
         parameters.resolution_m,
         parameters.footprint_cells,

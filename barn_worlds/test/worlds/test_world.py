@@ -75,7 +75,7 @@ def test_arrays_are_copies_that_cannot_be_written():
     grid[3] = True
     path[0] = 0
     assert not world.grid.any()
-    assert world.start_cell == (15, 0)
+    assert world.path[0].tolist() == [15, 0]
     for array in (
         world.grid,
         world.path,
