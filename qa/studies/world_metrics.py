@@ -30,7 +30,8 @@ from barn_metrics.metrics import (
 )
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.drawing.files import write_png
+from barn_worlds.base.files import write_bytes
+from barn_worlds.drawing.files import figure_bytes
 from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE
 from barn_worlds.worlds.world import World
 
@@ -52,7 +53,7 @@ def new_figure(height_px: int) -> Figure:
 
 def save(figure: Figure, file: Path) -> None:
     """Write a figure of that width as PNG; WorldError if that fails."""
-    write_png(figure, file, _DOTS_PER_INCH, tight=False)
+    write_bytes(file, figure_bytes(figure, dots_per_inch=_DOTS_PER_INCH))
 
 
 def show_cells(axes: Axes, filled: BoolGrid, cspace: BoolGrid | None = None) -> None:

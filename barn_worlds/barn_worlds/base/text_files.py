@@ -13,7 +13,12 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from barn_worlds.base.errors import ConfigError, format_error, format_value
+from barn_worlds.base.errors import (
+    ConfigError,
+    convert_os_errors,
+    format_error,
+    format_value,
+)
 from barn_worlds.base.files import open_regular, read_at_most
 
 LARGEST_JSON_BYTES = 64 * 1024 * 1024
@@ -191,10 +196,8 @@ def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> st
 
 
 def _read(path: Path, largest: int) -> bytes:
-    try:
+    with convert_os_errors(ConfigError, path):
         return read_at_most(path, largest)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
 def _refuse_constant(name: str) -> None:
@@ -222,19 +225,16 @@ def _check(content: PlainData, *, numbers: bool = True) -> None:
             elif isinstance(value, str):
                 # Raises UnicodeEncodeError for lone surrogates, which no file can hold.
                 value.encode()
-            elif numbers:
-                _check_number(value)
+            elif numbers and isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
+                raise ValueError(
+                    f"integers must be of 64 bits, got {format_value(value)}"
+                )
+            elif numbers and isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"numbers must be finite, got {value}")
         if not next_level:
             return
         level = next_level
     raise ValueError(f"nested more than {DEEPEST} deep")
-
-
-def _check_number(value: PlainData) -> None:
-    if isinstance(value, int) and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER:
-        raise ValueError(f"integers must be of 64 bits, got {format_value(value)}")
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"numbers must be finite, got {value}")
 
 
 def _check_events(text: str | bytes) -> None:

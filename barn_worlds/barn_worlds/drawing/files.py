@@ -48,18 +48,14 @@ def figure_bytes(
     return content.getvalue()
 
 
-def write_png(
-    figure: Figure, path: Path, dots_per_inch: float = 120, *, tight: bool = True
-) -> None:
-    """Write a figure as PNG, atomically.
+def write_png(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG without empty margins, atomically.
 
     Args:
-        figure: Saved in its own size in inches.
+        figure: Its content decides the size.
         path: File to write; its ending does not matter.
-        dots_per_inch: Resolution.
-        tight: Whether to cut off empty margins.
     """
-    write_bytes(path, figure_bytes(figure, dots_per_inch=dots_per_inch, tight=tight))
+    write_bytes(path, figure_bytes(figure, tight=True))
 
 
 def gif_bytes(frames: Iterator[Image.Image], frames_per_s: float) -> bytes:

@@ -1,7 +1,6 @@
 """A picture of a robot from above: outline, wheels, casters, mass and lidar."""
 
 import math
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -55,18 +54,18 @@ def robot_figure(robot: Robot) -> Figure:
 
 def _draw_body(axes: Axes, robot: Robot) -> None:
     chassis = robot.chassis
-    style: dict[str, Any] = {
+    outline: Patch
+    if chassis.is_round:
+        outline = Circle((0.0, 0.0), chassis.footprint_radius_m)
+    else:
+        outline = Polygon(chassis.footprint_m)
+    outline.set(
         # Translucent, so that the lidar's field of view stays visible.
-        "facecolor": palette.WHITE + "b0",
-        "edgecolor": palette.OBSTACLE,
-        "linewidth": 1.5,
-        "label": "footprint",
-        "zorder": 2,
-    }
-    outline: Patch = (
-        Circle((0.0, 0.0), chassis.footprint_radius_m, **style)
-        if chassis.is_round
-        else Polygon(chassis.footprint_m, **style)
+        facecolor=palette.WHITE + "b0",
+        edgecolor=palette.OBSTACLE,
+        linewidth=1.5,
+        label="footprint",
+        zorder=2,
     )
     axes.add_patch(outline)
 

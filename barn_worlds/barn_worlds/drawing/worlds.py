@@ -14,9 +14,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.transforms import Affine2D
 from PIL import Image
 
-from barn_worlds.base.arrays import Points, Singles
+from barn_worlds.base.arrays import Singles
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.types import Pose2D
@@ -199,45 +200,39 @@ def _draw_motion(
         arrows: Number of arrows on each track.
     """
 
-    def to_axes(points: Points) -> Points:
-        return points if tile is None else _to_tile(world, tile, points)
-
-    walls = [to_axes(outline) for outline in wall_bodies(world.walls).outlines()]
-    axes.add_collection(PolyCollection(walls, facecolor=palette.WALL))
+    style: dict[str, Any] = {}
+    if tile is not None:
+        # From meters to cells of the sheet, whose rows run downward.
+        scale = 1.0 / world.resolution_m
+        to_tile = Affine2D().translate(-world.bounds_m[0], -world.bounds_m[3])
+        to_tile = to_tile.scale(scale, -scale).translate(tile[0] - 0.5, tile[1] - 0.5)
+        style["transform"] = to_tile + axes.transData
+    walls = wall_bodies(world.walls).outlines()
+    axes.add_collection(PolyCollection(walls, facecolor=palette.WALL, **style))
 
     for obstacle in world.moving:
         tracks = Tracks([obstacle])
         length_s = min(obstacle.motion.period_s, _LONGEST_TRACK_S)
         count = max(2, math.ceil(length_s / _TRACK_STEP_S))
         times_s = np.linspace(0.0, length_s, count, endpoint=False)
-        pieces = [to_axes(piece) for piece in motion_paths(tracks, times_s)]
-        draw_motion_paths(axes, pieces, alpha=0.6)
+        draw_motion_paths(axes, motion_paths(tracks, times_s), alpha=0.6, **style)
         # Evenly spread, but not at the very ends.
         places = np.linspace(0, len(times_s) - 1, arrows + 2).astype(int)
         for time_s in times_s[places[1:-1]].tolist():
             positions, velocities = tracks.at(time_s)
             draw_arrow(axes, positions[0], velocities[0], mutation_scale=9.0)
 
-    outlines = moving_bodies(world.tracks, 0.0).outlines()
     obstacles = PolyCollection(
-        [to_axes(outline) for outline in outlines],
+        moving_bodies(world.tracks, 0.0).outlines(),
         facecolor=palette.MOVER_ON_TRACK,
         edgecolor=palette.MOVER,
         alpha=0.85,
         zorder=3,
         label="moving obstacle" if world.moving else "",
+        **style,
     )
     axes.add_collection(obstacles)
     return obstacles
-
-
-def _to_tile(world: World, tile: tuple[int, int], points: Points) -> Points:
-    """Return points (n, 2) in meters as cells of a sheet, whose rows run downward."""
-    corner = np.array([world.bounds_m[0], world.bounds_m[3]])
-    cells = (points - corner) / world.resolution_m * [1.0, -1.0]
-    left, top = tile
-    on_sheet: Points = cells + [left - 0.5, top - 0.5]
-    return on_sheet
 
 
 def _frames(world: World) -> Iterator[Image.Image]:

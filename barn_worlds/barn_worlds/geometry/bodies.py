@@ -11,6 +11,8 @@ from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.moving.motion import Wall
 from barn_worlds.moving.tracks import Tracks
 
+# Of the outline of a cylinder, the last of which is the first again.
+_CIRCLE_POINTS = 40
 _UNIT_SQUARE = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 
 
@@ -30,13 +32,9 @@ class Bodies(NamedTuple):
         """Return the bodies with other centers (n, 2) and the same headings."""
         return self._replace(poses=np.column_stack([centers_m, self.poses[:, 2]]))
 
-    def outlines(self, points: int = 40) -> list[Points]:
-        """Return the outline (k, 2) of each body from above in m.
-
-        Args:
-            points: Number of points on the circle of a cylinder.
-        """
-        angles = np.linspace(0.0, 2.0 * math.pi, points)
+    def outlines(self) -> list[Points]:
+        """Return the outline (k, 2) of each body from above in m."""
+        angles = np.linspace(0.0, 2.0 * math.pi, _CIRCLE_POINTS)
         circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         outlines = []
         for pose, radius, size in zip(

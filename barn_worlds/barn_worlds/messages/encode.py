@@ -412,7 +412,7 @@ def make_marker(
     *,
     index: int = 0,
     action: int = ADD,
-    color: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    color: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
     """Return visualization_msgs/Marker as an object.

@@ -3,13 +3,14 @@
 They are for people and pages that look at the bag. A planner never gets them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import MessageError
+from barn_worlds.base.text_files import read_package_yaml
 from barn_worlds.base.types import Pose2D, quaternion_from_yaw
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.messages import decode
@@ -47,20 +48,11 @@ _START = "start"
 _GOAL = "goal"
 _TRAILS = "trails"
 
-# Red, green, blue and opacity by namespace.
-Colors = Mapping[str, tuple[float, float, float, float]]
-_STATIC_COLORS = {
-    _OBSTACLES: (0.2, 0.22, 0.24, 1.0),
-    _WALLS: (0.55, 0.57, 0.6, 1.0),
-    _PATH: (0.55, 0.57, 0.6, 0.8),
-    _START: (0.0, 0.45, 0.7, 1.0),
-    _GOAL: (0.0, 0.62, 0.45, 0.5),
-}
-_MOVING_COLORS = {
-    _OBSTACLES: (0.84, 0.37, 0.0, 1.0),
-    _TRAILS: (0.84, 0.37, 0.0, 0.6),
-    _WALLS: (0.55, 0.57, 0.6, 1.0),
-}
+# Colors by namespace. A message has no other namespaces than those with a color.
+Colors = Mapping[str, Sequence[float]]
+_COLORS: Mapping[str, Colors] = read_package_yaml("barn_worlds", "marker_colors.yaml")
+_STATIC_COLORS = _COLORS["static"]
+_MOVING_COLORS = _COLORS["moving"]
 
 
 def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:

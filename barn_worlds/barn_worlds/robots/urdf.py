@@ -14,7 +14,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, format_error
+from barn_worlds.base.errors import ConfigError, convert_os_errors, format_error
 from barn_worlds.base.files import read_at_most
 
 LARGEST_URDF_BYTES = 1024 * 1024
@@ -58,8 +58,10 @@ def read_chassis(path: Path) -> dict[str, Any]:
     Raises:
         ConfigError: If the file cannot be read or is no URDF of a robot.
     """
+    with convert_os_errors(ConfigError, path):
+        content = read_at_most(path, LARGEST_URDF_BYTES)
     try:
-        links = _read_links(fromstring(read_at_most(path, LARGEST_URDF_BYTES)))
+        links = _read_links(fromstring(content))
         fields = _read_inertia(links) | _read_wheels(links)
         if "base_footprint" in links:
             fields["base_height_m"] = -float(links["base_footprint"].pose.offset[2])
@@ -68,8 +70,6 @@ def read_chassis(path: Path) -> dict[str, Any]:
         raise ConfigError(
             f"{path}: not a URDF that can be used: {format_error(error)}"
         ) from None
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
