@@ -44,7 +44,6 @@ EIGHT_AXES: Floats = np.array(
     ],
     np.float64,
 )
-FOUR_AXES: Floats = EIGHT_AXES[:4]
 
 
 @njit(cache=True)
@@ -185,7 +184,7 @@ def characteristic_dimension(occupied: BoolGrid, cells: Cells, axes: Floats) -> 
     Args:
         occupied: (rows, cols).
         cells: Free cells (n, 2).
-        axes: As `FOUR_AXES`.
+        axes: As `EIGHT_AXES`.
 
     Returns:
         (n,), in cells.

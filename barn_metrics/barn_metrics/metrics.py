@@ -142,7 +142,7 @@ def cell_metrics(
     points = kernels.EVEN_POINTS
     if formula.dispersion == "published":
         points = kernels.PUBLISHED_POINTS
-    axes = kernels.EIGHT_AXES if formula.axes == 8 else kernels.FOUR_AXES
+    axes = kernels.EIGHT_AXES[: formula.axes]
 
     values = np.empty((len(cells), len(CELL_METRICS)))
     rows, columns = cells.T

@@ -216,7 +216,7 @@ def _number(axes: Axes, cell: Cell, angle: float, number: int) -> None:
 def _draw_axes(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
     """Draw the four axes through a cell, the shortest in front, with lengths."""
     lengths = []
-    for down, right, step in kernels.FOUR_AXES:
+    for down, right, step in kernels.EIGHT_AXES[:4]:
         ends = [
             _ray(cspace, cell, sign * np.array([down, right]))[0] for sign in (1, -1)
         ]

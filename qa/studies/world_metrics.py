@@ -29,8 +29,8 @@ from barn_metrics.metrics import (
     world_metrics,
 )
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
-from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.base.files import write_bytes
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import figure_bytes
 from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE
 from barn_worlds.worlds.world import World

@@ -6,6 +6,7 @@ resolution.
 
 import heapq
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,8 +66,8 @@ class ClearanceMap:
     width_m: Floats
     cell_m: float
     # Row and column of the start and goal of the paper's trials.
-    start: tuple[int, int]
-    goal: tuple[int, int]
+    start: Sequence[int]
+    goal: Sequence[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ def clearance_map(world: World) -> ClearanceMap:
     )
     cells = np.floor((ends_m - corner_m) / cell_m).astype(np.int64)
     cells = np.clip(cells, 1, np.array(clearance.shape) - 2)
-    start, goal = ((int(row), int(column)) for row, column in cells)
+    start, goal = cells.tolist()
     return ClearanceMap(clearance, width, cell_m, start, goal)
 
 
@@ -133,10 +134,8 @@ def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
 
     count = max(int(length_m / _SAMPLE_M), _SMOOTHING) + 1
     samples_m = np.linspace(0.0, length_m, count)
-    rows, columns = (
-        _smooth(np.interp(samples_m, places_m, cells[:, axis])) for axis in (0, 1)
-    )
-    points = np.stack([rows, columns], axis=1)
+    smoothed = [_smooth(np.interp(samples_m, places_m, line)) for line in cells.T]
+    points = np.stack(smoothed, axis=1)
     heading = np.unwrap(np.arctan2(*np.diff(points, axis=0).T))
 
     last_cell = np.array(clearance.clearance_m.shape) - 1

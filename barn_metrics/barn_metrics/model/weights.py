@@ -58,10 +58,12 @@ class _Header(Checked):
         )
         self.require(1 <= len(self.members) <= 64, "members", "must be from 1 to 64")
         self.require(1 <= len(self.planners) <= 16, "planners", "must be from 1 to 16")
-        share = 1.0 / len(self.members)
-        for member in self.members:
-            has_share = abs(member.weight - share) < 1e-6 * share
-            self.require(has_share, "members", "must weigh the same and add up to 1")
+        weights = [member.weight for member in self.members]
+        self.require(
+            np.allclose(weights, 1.0 / len(weights), rtol=1e-6, atol=0.0),
+            "members",
+            "must weigh the same and add up to 1",
+        )
 
 
 def default_weights() -> Path:

@@ -199,7 +199,6 @@ def _draw_motion(
         tile: Left column and top row of the world on a sheet.
         arrows: Number of arrows on each track.
     """
-
     style: dict[str, Any] = {}
     if tile is not None:
         # From meters to cells of the sheet, whose rows run downward.

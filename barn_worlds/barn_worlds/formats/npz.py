@@ -5,7 +5,6 @@ Both are bounded in size, and nothing in them is executed.
 
 import io
 import json
-import tokenize
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,17 +25,6 @@ from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, AnyArray]
-# What NumPy raises for bytes that are no array, for a header that is no Python, and for
-# sizes that no memory has.
-_NPY_ERRORS = (
-    ValueError,
-    TypeError,
-    MemoryError,
-    RecursionError,
-    SyntaxError,
-    OverflowError,
-    tokenize.TokenError,
-)
 
 
 def read_npy(path: Path) -> AnyArray:
@@ -61,7 +49,9 @@ def parse_npy(content: bytes, where: str) -> AnyArray:
     try:
         # A pickle could run any code.
         array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-    except _NPY_ERRORS as error:
+    # NumPy raises errors of any kind: for bytes that are no array, for a header that is
+    # no Python, and for sizes that no memory has.
+    except Exception as error:
         raise WorldError(
             f"{where}: not a .npy file of numbers: {format_error(error)}"
         ) from None

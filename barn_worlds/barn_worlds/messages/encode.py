@@ -5,7 +5,6 @@ An encoder keeps the bytes of its last message and writes only what changes.
 
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -307,7 +306,7 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
 def encode_fixed_transforms(
     parent: str,
     children: Mapping[str, tuple[float, float, float]],
-    yaws: Mapping[str, float] = MappingProxyType({}),
+    yaws: Mapping[str, float],
 ) -> bytes:
     """Return tf2_msgs/TFMessage with fixed frames.
 
@@ -426,7 +425,6 @@ def make_marker(
         color: Red, green, blue and opacity, from 0 to 1.
         stamp_ns: Stamp of the header.
     """
-    red, green, blue, opacity = color
     message = make_message(
         "visualization_msgs/msg/Marker",
         header=make_header(frame, stamp_ns),
@@ -434,7 +432,9 @@ def make_marker(
         id=index,
         type=kind,
         action=action,
-        color=make_message("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=opacity),
+        color=make_message(
+            "std_msgs/msg/ColorRGBA", **dict(zip("rgba", color, strict=True))
+        ),
     )
     message.pose.orientation.w = 1.0
     return message

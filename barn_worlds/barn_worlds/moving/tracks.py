@@ -93,7 +93,6 @@ class Tracks:
 
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return positions and velocities (m, n, 2) in m and m/s at m times."""
-        times_s = np.asarray(times_s, np.float64)
         positions = np.empty((len(times_s), len(self), 2))
         velocities = np.empty((len(times_s), len(self), 2))
         _evaluate_all(times_s, self.table, positions, velocities)

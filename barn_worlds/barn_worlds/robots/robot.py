@@ -259,28 +259,19 @@ class Chassis(Checked):
             f"must let the wheels touch the ground, {gap_m:+.3f} m away: "
             f"wheel_radius_m - base_height_m is {resting_z_m:.4g}",
         )
-        if self.kind == "differential":
-            self.require(
-                self.wheelbase_m == 0.0,
-                "wheelbase_m",
-                "must be 0 for a differential drive, which has one axle",
-            )
-            self.require(
-                bool(self.casters_m),
-                "casters_m",
-                "must say where the casters of a differential drive are",
-            )
-        else:
-            self.require(
-                self.wheelbase_m > 0.0,
-                "wheelbase_m",
-                f"must be above 0 for {self.kind}",
-            )
-            self.require(
-                not self.casters_m,
-                "casters_m",
-                f"are for a differential drive, not for {self.kind}",
-            )
+        is_differential = self.kind == "differential"
+        self.require(
+            (self.wheelbase_m == 0.0) == is_differential,
+            "wheelbase_m",
+            "must be 0 for a differential drive, which has one axle, and above 0 for "
+            "skid_steer",
+        )
+        self.require(
+            bool(self.casters_m) == is_differential,
+            "casters_m",
+            "must say where the casters of a differential drive are; skid_steer has "
+            "none",
+        )
         self.require(
             len(self.casters_m) <= MOST_CASTERS,
             "casters_m",

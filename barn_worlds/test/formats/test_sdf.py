@@ -141,11 +141,12 @@ def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_pat
     assert len(colored(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
     sheet = sheet_figure({0: world, 1: small_world})
     (axes,) = sheet.axes
-    collections = [
-        0.5 * (path.vertices.min(axis=0) + path.vertices.max(axis=0))
-        for collection in axes.collections
-        for path in collection.get_paths()
-    ]
+    collections = []
+    for collection in axes.collections:
+        to_axes = collection.get_transform() - axes.transData
+        for path in collection.get_paths():
+            vertices = to_axes.transform(path.vertices)
+            collections.append(0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
     places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [
         -0.5,
         5.5,

@@ -202,7 +202,7 @@ def transforms_of(data: bytes):
 
 def test_fixed_transforms():
     (transform,) = transforms_of(
-        encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)})
+        encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)}, {})
     )
     assert (
         transform.header.frame_id,

@@ -125,8 +125,8 @@ WRONG = {
     ),
     "wheels outside": ({"chassis.wheel_width_m": 0.12}, "footprint_m must enclose the wheels"),
     "upside down": ({"chassis.body_height_m": 0.1}, "body_height_m must be above ground_clearance_m = 0.13"),
-    "one axle": ({"chassis.wheelbase_m": 0.0}, "wheelbase_m must be above 0 for skid_steer"),
-    "casters": ({"chassis.casters_m": [[0.1, 0.1]]}, "casters_m are for a differential drive"),
+    "one axle": ({"chassis.wheelbase_m": 0.0}, "which has one axle, and above 0 for skid_steer"),
+    "casters": ({"chassis.casters_m": [[0.1, 0.1]]}, "casters_m must say where .*; skid_steer has none"),
     "lidar in the ground": (
         {"lidar.mount_z_m": -0.2},
         r"lidar.mount_z_m must be above the ground, -0.13228 m in base_link, got -0.2",
