@@ -145,5 +145,6 @@ def _most_similar(name: str, names: list[str], cutoff: float) -> list[str]:
     """Return the name with the most similar last part, an empty list if none is."""
     by_last_part = {candidate.rpartition(".")[2]: candidate for candidate in names}
     last_part = name.rpartition(".")[2]
+    # Parents are long and alike; the last part of a name is what users mistype.
     matches = difflib.get_close_matches(last_part, by_last_part, n=1, cutoff=cutoff)
     return [by_last_part[match] for match in matches]

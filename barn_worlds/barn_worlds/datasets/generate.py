@@ -293,6 +293,7 @@ def write_dataset(
         entries["keep"] = parameters.keep
     if parameters.robot:
         entries["robot"] = parameters.robot
+    # A later planner may find other paths through the same grids.
     entries["path_planner"] = {
         "search": "original",
         "largest_turn_steps": LARGEST_TURN,

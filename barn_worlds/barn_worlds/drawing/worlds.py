@@ -254,6 +254,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
         clock.set_text(f"{time_s:5.1f} s")
         axes.draw_artist(obstacles)
         axes.draw_artist(clock)
+        # A GIF has no transparency that would be of use here.
         image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         colors = colors or image.quantize(64)
         yield image.quantize(palette=colors, dither=Image.Dither.NONE)

@@ -220,6 +220,7 @@ def write_dataset_file(
     if any(
         world.walls or world.moving or world.corner_m is not None for world in ordered
     ):
+        # Data sets without these arrays stay readable for earlier versions.
         arrays |= _scene_arrays(ordered)
         for entry, world in zip(manifest["worlds"], ordered, strict=True):
             entry["moving"] = [obstacle.name for obstacle in world.moving]

@@ -173,6 +173,7 @@ def _encode_pgm(grid: OccupancyMap) -> bytes:
     gray = np.select(
         [grid.data == 0, grid.data > 0], [_FREE_GRAY, _OCCUPIED_GRAY], _UNKNOWN_GRAY
     )
+    # Images begin with the top row.
     pixels = gray[::-1].astype(np.uint8).tobytes()
     return f"P5\n{width} {height}\n255\n".encode() + pixels
 

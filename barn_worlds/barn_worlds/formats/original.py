@@ -112,6 +112,7 @@ def write_original(
             map_server.write_map(
                 world.occupancy_map(),
                 target / "map_files" / f"yaml_{index}",
+                # As the original data set names it.
                 image=f"map_pgm_{index}.pgm",
             )
         for index, values in metrics.items():

@@ -77,6 +77,7 @@ def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) ->
 
 @cache
 def _template() -> jinja2.Template:
+    # Names of worlds and obstacles are texts of users, so they are escaped.
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_worlds", "data/formats"),
         autoescape=True,

@@ -145,6 +145,7 @@ def world_yaml(world: World) -> str:
     # aliases.
     plain = json.loads(json.dumps(as_dict(world_file)))
     content = {"schema_version": SCHEMA_VERSION, **plain}
+    # The style None writes lists of numbers on one line and mappings a key per line.
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
 
 

@@ -59,6 +59,7 @@ def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) ->
         slack_m: How far outside the point may be, to allow for rounding.
     """
     return all(
+        # Twice the area of a triangle is its side times its height over it.
         _turn(start, end, point) >= -slack_m * math.dist(start, end)
         for start, end in _sides(corners)
     )

@@ -74,6 +74,7 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
 
     def wrap(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
         @wraps(read)
+        # Bytes of others may end anywhere: reading past the end says so.
         def read_checked(data: bytes) -> T:
             _check_encoding(data, type_name)
             try:

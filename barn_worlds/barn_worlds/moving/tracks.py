@@ -104,6 +104,7 @@ def _speed_bounds(coefficients: Floats) -> Floats:
 
     A polynomial stays within the convex hull of its Bernstein coefficients.
     """
+    # Coefficients of the derivative by the share of a piece.
     slopes = coefficients[:, :, 1:] * np.arange(1, coefficients.shape[2])
     degree = slopes.shape[2] - 1
     bounds: Floats = np.zeros(len(coefficients))

@@ -63,6 +63,7 @@ def load_robot(robot: str | Path) -> Robot:
 def robot_yaml(robot: Robot) -> str:
     """Return a robot as YAML, from which `load_robot` makes an equal one."""
     content = as_dict(robot)
+    # A file has the name at its top, a robot in its chassis.
     name = content["chassis"].pop("name")
     content = {"schema_version": SCHEMA_VERSION, "name": name, **content}
     return yaml.safe_dump(content, sort_keys=False)

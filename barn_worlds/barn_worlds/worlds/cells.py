@@ -17,6 +17,7 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Cells, Points, SignedBytes
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
+from barn_worlds.moving.motion import Wall
 from barn_worlds.worlds.cspace import configuration_space
 
 # From the outside of the back wall to the first column.
@@ -182,36 +183,31 @@ def _map_shape(length_m: float, width_m: float, resolution_m: float) -> tuple[in
     return height, width
 
 
-def occupy_box(
-    occupancy_map: OccupancyMap,
-    center: tuple[float, float],
-    size: tuple[float, float],
-    yaw: float,
-) -> None:
-    """Occupy the cells of a map that a box reaches into.
+def occupy_wall(occupancy_map: OccupancyMap, wall: Wall) -> None:
+    """Occupy the cells of a map that a wall reaches into.
 
     Args:
         occupancy_map: The map, which is changed.
-        center: x and y of the box in the map frame.
-        size: Sides along the box's own x and y in m.
-        yaw: Heading of the box's own x in rad.
+        wall: Seen from above, a turned rectangle.
     """
     height, width = occupancy_map.data.shape
     resolution = occupancy_map.resolution
     columns = (np.arange(width) + 0.5)[None, :]
     rows = (np.arange(height) + 0.5)[:, None]
-    dx = occupancy_map.origin_x + resolution * columns - center[0]
-    dy = occupancy_map.origin_y + resolution * rows - center[1]
+    dx = occupancy_map.origin_x + resolution * columns - wall.x_m
+    dy = occupancy_map.origin_y + resolution * rows - wall.y_m
 
-    # A box that only touches a cell's border does not reach into it.
+    # A wall that only touches a cell's border does not reach into it.
     half = resolution / 2.0 * (1.0 - 1e-9)
-    half_length = size[0] / 2.0
-    half_width = size[1] / 2.0
-    cos = abs(math.cos(yaw))
-    sin = abs(math.sin(yaw))
+    half_length = wall.size_x_m / 2.0
+    half_width = wall.size_y_m / 2.0
+    cos = math.cos(wall.yaw_rad)
+    sin = math.sin(wall.yaw_rad)
+    along = np.abs(dx * cos + dy * sin)
+    across = np.abs(dy * cos - dx * sin)
+    cos = abs(cos)
+    sin = abs(sin)
     corner = half * (cos + sin)
-    along = np.abs(dx * math.cos(yaw) + dy * math.sin(yaw))
-    across = np.abs(dy * math.cos(yaw) - dx * math.sin(yaw))
 
     # Two rectangles overlap unless a side of one of them separates them.
     inside_x = np.abs(dx) < half + half_length * cos + half_width * sin

@@ -48,6 +48,7 @@ class TrialScene(NamedTuple):
             cylinders_m: Centers (k, 2) in the order of `World.cylinders_m`.
         """
         count = len(self.obstacles_m)
+        # Obstacles of the grid come first in `World.cylinders_m`.
         return self._replace(
             obstacles_m=cylinders_m[:count], walls_m=cylinders_m[count:]
         )

@@ -232,12 +232,7 @@ class World:
             corner_m=self.corner_m,
         )
         for wall in self.walls:
-            geometry.occupy_box(
-                occupancy_map,
-                (wall.x_m, wall.y_m),
-                (wall.size_x_m, wall.size_y_m),
-                wall.yaw_rad,
-            )
+            geometry.occupy_wall(occupancy_map, wall)
         return occupancy_map
 
     @property
