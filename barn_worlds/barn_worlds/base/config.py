@@ -396,8 +396,7 @@ def _format_limit(limit: float | None) -> str:
 
 def _check(name: str, declaration: Quantity, value: object) -> None:
     """Raise ConfigError if a value, or an item of a tuple, is not allowed."""
-    plain = value.value if isinstance(value, Enum) else value
-    items = plain if isinstance(plain, tuple) else (plain,)
+    items = value if isinstance(value, tuple) else (value,)
     choices = declaration.choices
     limits = declaration.describe_limits()
     for item in items:

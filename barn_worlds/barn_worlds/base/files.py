@@ -7,7 +7,6 @@ import errno
 import gzip
 import io
 import os
-import shutil
 import stat
 import tempfile
 import zipfile
@@ -217,13 +216,14 @@ def create_folder(path: Path) -> Iterator[Path]:
                 f"{path}: exists already; name a new folder or an empty one"
             )
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-        try:
+        with tempfile.TemporaryDirectory(
+            prefix=f".{path.name}.", dir=path.parent, ignore_cleanup_errors=True
+        ) as name:
+            temporary = Path(name)
             yield temporary
             temporary.chmod(0o777 & ~_read_umask())
+            # Nothing is left under the old name, which the cleanup does not mind.
             temporary.replace(path)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _read_umask() -> int:
