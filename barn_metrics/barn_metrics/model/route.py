@@ -14,6 +14,7 @@ from numba import njit
 from scipy.ndimage import distance_transform_edt, map_coordinates, maximum_filter
 
 from barn_worlds.base.arrays import Cells, Floats
+from barn_worlds.worlds.path_planner import trace
 from barn_worlds.worlds.world import World
 
 WIDTH_REACH_M = 0.4
@@ -204,15 +205,7 @@ def _search(
                 remaining = math.hypot(r - goal_row, c - goal_column)
                 heapq.heappush(heap, (new_total + remaining, target))
 
-    # Numba infers the type of the list from its first entry, which is dropped below.
-    route = [(0, 0)]
-    cell = goal
-    while cell >= 0:
-        route.append((cell // cols, cell % cols))
-        cell = parent[cell]
-    # From the start to the goal.
-    cells = np.array(route[:0:-1])
-    return total[goal], cells
+    return total[goal], trace(parent, goal, 1, cols)
 
 
 def route_strip(clearance: ClearanceMap, route: Route) -> Floats:

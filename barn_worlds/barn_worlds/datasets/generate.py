@@ -15,12 +15,12 @@ from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
 from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.cspace import configuration_space, through_region
+from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import (
     INFLATION_CELLS,
     INFLATION_WEIGHT,
     LARGEST_TURN,
-    plan_path,
+    plan_through,
 )
 from barn_worlds.worlds.world import Provenance, World
 
@@ -152,17 +152,8 @@ def generate_world(
     for _ in range(parameters.attempts):
         *_, grid = automaton_grids(parameters, generator)
         cspace = configuration_space(grid, parameters.footprint_cells)
-        region = through_region(cspace)
-        if region is None:
-            continue
-
-        ends = []
         # The order of draws is part of a data set: the grid, then start, then goal.
-        for column in (0, parameters.cols - 1):
-            rows = np.flatnonzero(region[:, column])
-            place = int(generator.random() * len(rows))
-            ends.append((int(rows[place]), column))
-        path = plan_path(cspace, *ends)
+        path = plan_through(cspace, lambda rows: int(generator.random() * len(rows)))
         if path is None:
             continue
 

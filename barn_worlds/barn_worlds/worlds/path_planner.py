@@ -6,7 +6,7 @@ apart from their first cell, which occurs twice there.
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numba import njit
@@ -70,14 +70,22 @@ def plan_path(
     return None
 
 
-def plan_through(cspace: BoolGrid) -> Cells | None:
+def choose_middle(rows: Integers) -> int:
+    """Return the place of the row in the middle of some (n,), the lower one of two."""
+    return int(np.argmin(np.abs(rows - rows.mean())))
+
+
+def plan_through(
+    cspace: BoolGrid, choose: Callable[[Integers], int] = choose_middle
+) -> Cells | None:
     """Plan a path from the first to the last column.
 
-    It begins and ends at the middle of the region that leads through; of two equally
-    close cells it takes the lower row.
+    It begins and ends in the region that leads through.
 
     Args:
         cspace: (rows, cols), True where occupied.
+        choose: Takes the rows (n,) of the region in the first column, then those in the
+            last, and returns the place of one of them. By default it is in the middle.
 
     Returns:
         Cells (n, 2), or None if there is no path.
@@ -89,8 +97,7 @@ def plan_through(cspace: BoolGrid) -> Cells | None:
     ends = []
     for column in (0, cspace.shape[1] - 1):
         rows = np.flatnonzero(region[:, column])
-        middle = np.argmin(np.abs(rows - rows.mean()))
-        ends.append((int(rows[middle]), column))
+        ends.append((int(rows[choose(rows)]), column))
     return plan_path(cspace, *ends)
 
 
@@ -167,7 +174,7 @@ def search(
         done[state] = True
         cell = state // states_per_cell
         if cell == goal:
-            return _trace(parent, state, states_per_cell, cols)
+            return trace(parent, state, states_per_cell, cols)
 
         previous = direction[state]
         for turn in _STRAIGHT_FIRST:
@@ -226,8 +233,15 @@ def _remaining(cell: int, goal: int, cols: int, octile: bool) -> float:
 
 
 @njit(cache=True)
-def _trace(parent: Integers, last: int, states_per_cell: int, cols: int) -> Cells:
-    """Return the cells (n, 2) from the start to the state `last`."""
+def trace(parent: Integers, last: int, states_per_cell: int, cols: int) -> Cells:
+    """Return the cells (n, 2) from the start of a search to a state.
+
+    Args:
+        parent: The state before each state, below 0 for the first one.
+        last: State to go back from.
+        states_per_cell: States that each cell has; they follow each other.
+        cols: Columns of the grid, whose cells are numbered row by row.
+    """
     # Numba infers the type of the list from its first entry, which is dropped below.
     path = [(0, 0)]
     state = last
