@@ -347,45 +347,30 @@ def _flatten(
             yield name, value
 
 
-def _explain(error: BaseException, prefix: str = "") -> str:
-    """Describe the innermost first cause of a conversion error.
+def _explain(error: BaseException) -> str:
+    """Describe the innermost first cause of what cattrs or a check raised."""
+    # Dotted name of the field that the error concerns, with a dot at its end.
+    prefix = ""
+    while isinstance(error, (ClassValidationError, IterableValidationError)):
+        # One line names one key, so the first of several causes has to do. cattrs notes
+        # where each is; a wrong number of items concerns no single one.
+        error = error.exceptions[0]
+        for note in getattr(error, "__notes__", ()):
+            if isinstance(note, AttributeValidationNote):
+                prefix += f"{note.name}."
+            elif isinstance(note, IterableValidationNote):
+                prefix = f"{prefix.removesuffix('.')}[{note.index}]."
 
-    Args:
-        error: What cattrs or a check of a configuration raised.
-        prefix: Dotted name of the field that the error concerns, with a dot at its end;
-            empty for the configuration itself.
-    """
     name = prefix.removesuffix(".")
     if isinstance(error, ForbiddenExtraKeysError):
         key = prefix + min(error.extra_fields)
         allowed = [prefix + item.name for item in dataclasses.fields(error.cl)]
         return f"unknown key {format_value(key)}{suggest(key, allowed)}"
-
-    if isinstance(error, ClassValidationError):
-        cause = error.exceptions[0]
-        # One line names one key, so the first of several causes has to do.
-        attribute = _note(cause, AttributeValidationNote)
-        return _explain(cause, f"{prefix}{attribute.name}." if attribute else prefix)
-
-    if isinstance(error, IterableValidationError):
-        cause = error.exceptions[0]
-        item = _note(cause, IterableValidationNote)
-        # A wrong number of items concerns no single one.
-        return _explain(cause, f"{name}[{item.index}]." if item else prefix)
-
     if isinstance(error, KeyError):
         return f"missing key {name!r}"
     if isinstance(error, ConfigError):
         return f"{prefix}{error}"
     return f"{name} {error}".lstrip()
-
-
-def _note(error: BaseException, kind: type[T]) -> T | None:
-    """Return what cattrs noted about an error, None if it noted nothing of the kind."""
-    for note in getattr(error, "__notes__", ()):
-        if isinstance(note, kind):
-            return note
-    return None
 
 
 def _format_limit(limit: float | None) -> str:

@@ -6,7 +6,7 @@ numbers are written into its bytes afterwards.
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
@@ -85,9 +85,16 @@ def find_slots(message: Message) -> dict[str, Slot]:
     are "name.0", "name.1". The slots are valid for all messages of the type whose texts
     and sequences have the same lengths.
     """
-    finder = _SlotFinder()
-    finder.visit(message, (Nodetype.NAME, message.__msgtype__), "")
-    return finder.slots
+    slots = {}
+    position = 0
+    for run in _runs(message, (Nodetype.NAME, message.__msgtype__), ""):
+        # CDR aligns numbers to their own size. An empty sequence has no padding.
+        if run.count:
+            position += -position % run.size
+        if run.format:
+            slots[run.name] = Slot(position + ENCAPSULATION_BYTES, run.format)
+        position += run.size * run.count
+    return slots
 
 
 class Template:
@@ -118,56 +125,48 @@ class Template:
         return bytes(data)
 
 
-class _SlotFinder:
-    """Walks over a message in the order of its bytes."""
+class _Run(NamedTuple):
+    """Numbers of one size that follow each other in a serialized message."""
 
-    def __init__(self) -> None:
-        self.slots: dict[str, Slot] = {}
-        self._position = 0
+    size: int
+    count: int = 1
+    # Of the field that they are; lengths and texts have no name and no format.
+    name: str = ""
+    format: str = ""
 
-    def visit(self, value: Any, kind: Any, name: str) -> None:
-        """Add the slots of a value.
 
-        Args:
-            value: Message, text, number or sequence.
-            kind: Its type as rosbags describes it: a node type and its details.
-            name: Dotted name of the field, empty for the whole message.
-        """
-        node, detail = kind
-        number = _number_format(kind)
-        if number is not None:
-            self.slots[name] = Slot(self._reserve(struct.calcsize(number)), number)
-        elif node == Nodetype.NAME:
-            for field, field_kind in jazzy_types().fielddefs[detail][1]:
-                field_name = f"{name}.{field}" if name else field
-                self.visit(getattr(value, field), field_kind, field_name)
-        elif node == Nodetype.BASE:
-            # A text is its length, its bytes and a zero.
-            self._reserve(4)
-            self._reserve(1, len(value.encode()) + 1)
+def _runs(value: Any, kind: Any, name: str) -> Iterator[_Run]:
+    """Yield the numbers of a value in the order of its bytes.
+
+    Args:
+        value: Message, text, number or sequence.
+        kind: Its type as rosbags describes it: a node type and its details.
+        name: Dotted name of the field, empty for the whole message.
+    """
+    node, detail = kind
+    number = _number_format(kind)
+    if number is not None:
+        yield _Run(struct.calcsize(number), 1, name, number)
+    elif node == Nodetype.NAME:
+        for field, field_kind in jazzy_types().fielddefs[detail][1]:
+            field_name = f"{name}.{field}" if name else field
+            yield from _runs(getattr(value, field), field_kind, field_name)
+    elif node == Nodetype.BASE:
+        # A text is its length, its bytes and a zero.
+        yield _Run(4)
+        yield _Run(1, len(value.encode()) + 1)
+    else:
+        # Only a sequence has its length in front of its items.
+        if node == Nodetype.SEQUENCE:
+            yield _Run(4)
+        item_kind = detail[0]
+        number = _number_format(item_kind)
+        if number is None:
+            for index, item in enumerate(value):
+                yield from _runs(item, item_kind, f"{name}.{index}")
         else:
-            # Only a sequence has its length in front of its items.
-            if node == Nodetype.SEQUENCE:
-                self._reserve(4)
-            item_kind = detail[0]
-            number = _number_format(item_kind)
-            if number is None:
-                for index, item in enumerate(value):
-                    self.visit(item, item_kind, f"{name}.{index}")
-                return
             size = struct.calcsize(number)
-            offset = self._reserve(size, len(value))
-            self.slots[name] = Slot(offset, f"{size * len(value)}s")
-
-    def _reserve(self, size: int, count: int = 1) -> int:
-        """Step over numbers of one size, aligned to it, and return where they begin."""
-        # An empty sequence has no padding.
-        # CDR aligns a number to its own size.
-        begin = self._position
-        if count:
-            begin += -begin % size
-        self._position = begin + size * count
-        return begin + ENCAPSULATION_BYTES
+            yield _Run(size, len(value), name, f"{size * len(value)}s")
 
 
 def _number_format(kind: Any) -> str | None:
