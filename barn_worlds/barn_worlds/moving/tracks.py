@@ -55,19 +55,18 @@ class Tracks:
         self.radius_m, self.height_m, self.yaw_rad, period_s, phase_s = columns[:5]
         self.size_m = np.ascontiguousarray(columns[5:].T)
 
-        pieces = [obstacle.motion.pieces() for obstacle in obstacles]
-        counts = [len(begin_s) for begin_s, _, _ in pieces]
-        first = np.cumsum([0, *counts], dtype=np.int64)
-        # The empty array stands for a world without moving obstacles.
-        begins = [begin for begin, _, _ in pieces]
-        durations = [duration for _, duration, _ in pieces]
-        begin_s = np.concatenate([np.empty(0), *begins])
-        duration_s = np.concatenate([np.empty(0), *durations])
+        # No pieces come first, for worlds without moving obstacles.
+        pieces = [(np.empty(0), np.empty(0), np.empty((0, 2, 1)))]
+        pieces += [obstacle.motion.pieces() for obstacle in obstacles]
+        begins, durations, tables = zip(*pieces, strict=True)
+        first = np.cumsum(list(map(len, begins)), dtype=np.int64)
+        begin_s = np.concatenate(begins)
+        duration_s = np.concatenate(durations)
 
         # Pieces of lower order get zeros for the higher powers.
-        powers = max((table.shape[2] for _, _, table in pieces), default=1)
+        powers = max(table.shape[2] for table in tables)
         coefficients = np.zeros((len(begin_s), 2, powers))
-        for place, (_, _, table) in zip(first.tolist(), pieces, strict=False):
+        for place, table in zip(first[:-1].tolist(), tables[1:], strict=True):
             coefficients[place : place + len(table), :, : table.shape[2]] = table
 
         speeds_mps = _speed_bounds(coefficients) / duration_s
