@@ -144,13 +144,15 @@ def cell_metrics(
         points = kernels.PUBLISHED_POINTS
     axes = kernels.EIGHT_AXES[: formula.axes]
 
-    values = np.empty((len(cells), len(CELL_METRICS)))
     rows, columns = cells.T
-    values[:, 0] = closest_obstacle(occupied)[rows, columns]
-    values[:, 1] = visibility(occupied, cells)
-    values[:, 2] = kernels.dispersion(occupied, cells, rays, points)
-    values[:, 3] = kernels.characteristic_dimension(occupied, cells, axes)
-    return values
+    return np.column_stack(
+        [
+            closest_obstacle(occupied)[rows, columns],
+            visibility(occupied, cells),
+            kernels.dispersion(occupied, cells, rays, points),
+            kernels.characteristic_dimension(occupied, cells, axes),
+        ]
+    )
 
 
 def closest_obstacle(cspace: BoolGrid) -> Floats:
@@ -237,15 +239,12 @@ def metric_maps(
     Returns:
         Maps (rows, cols), NaN in occupied cells.
     """
+    maps = np.full((len(CELL_METRICS), *cspace.shape), np.nan)
     # Metrics of occupied cells are undefined.
     free = np.argwhere(~cspace)
-    values = cell_metrics(cspace, free, formula)
-    maps = {}
-    for column, metric in enumerate(CELL_METRICS):
-        metric_map = np.full(cspace.shape, np.nan)
-        metric_map[free[:, 0], free[:, 1]] = values[:, column]
-        maps[metric.name] = metric_map
-    return maps
+    maps[:, ~cspace] = cell_metrics(cspace, free, formula).T
+    names = [metric.name for metric in CELL_METRICS]
+    return dict(zip(names, maps, strict=True))
 
 
 def _validate_cells(cspace: BoolGrid, cells: Cells) -> tuple[BoolGrid, Cells]:

@@ -20,7 +20,6 @@ from barn_metrics.model.route import (
     strip_names,
 )
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
 # Stands for infinity: a metric of a world without obstacles.
@@ -95,15 +94,10 @@ def inputs_of(worlds: Iterable[World]) -> Floats:
     """Return the inputs of worlds, (n, d).
 
     Raises:
-        ModelError: If one of them is an arena.
+        WorldError: If one of them is an arena, or its path meets the C-space.
     """
     rows = []
     for world in worlds:
-        if world.corner_m is not None:
-            raise ModelError(
-                f"{world.name}: is an arena; models are of worlds whose obstacles "
-                "stand on a grid"
-            )
         clearance = clearance_map(world)
         routes = _find_routes(clearance)
         summary = list(_summarize(world, clearance, routes).values())

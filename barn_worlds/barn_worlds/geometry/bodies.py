@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.types import Pose2D
 from barn_worlds.moving.motion import Wall
 from barn_worlds.moving.tracks import Tracks
 
@@ -40,13 +41,10 @@ class Bodies(NamedTuple):
         for pose, radius, size in zip(
             self.poses.tolist(), self.radius_m, self.size_m, strict=True
         ):
-            x, y, yaw = pose
-            cos = math.cos(yaw)
-            sin = math.sin(yaw)
-            # Corners are rows, so the rotation stands transposed on the right.
-            turn = np.array([[cos, sin], [-sin, cos]])
-            outline = radius * circle if radius else (_UNIT_SQUARE * size) @ turn
-            outlines.append(outline + (x, y))
+            if radius:
+                outlines.append(radius * circle + pose[:2])
+            else:
+                outlines.append(Pose2D(*pose).transform(_UNIT_SQUARE * size))
         return outlines
 
     def shapes(self) -> Floats:

@@ -85,12 +85,12 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
         Rows and columns; the columns are negative.
     """
     front = lead_in_cells(resolution_m)
-    cells = [(row, -front) for row in range(rows)]
-    for column in range(1 - front, 0):
-        # A world of one row has one side wall.
-        cells += [(row, column) for row in sorted({0, rows - 1})]
-
-    containment = np.array(cells, np.int64).reshape(-1, 2)
+    # Column by column, the back wall first. A world of one row has one side wall.
+    is_wall = np.zeros((front, rows), np.bool_)
+    is_wall[0] = True
+    is_wall[:, [0, -1]] = True
+    cells = np.argwhere(is_wall)[:, ::-1] - np.array([0, front])
+    containment = np.ascontiguousarray(cells)
     # The cache hands out one array to all.
     containment.flags.writeable = False
     return containment
