@@ -89,11 +89,11 @@ def find_slots(message: Message) -> dict[str, Slot]:
     position = 0
     for run in _runs(message, (Nodetype.NAME, message.__msgtype__), ""):
         # CDR aligns numbers to their own size. An empty sequence has no padding.
-        if run.count:
+        if run.length:
             position += -position % run.size
         if run.format:
             slots[run.name] = Slot(position + ENCAPSULATION_BYTES, run.format)
-        position += run.size * run.count
+        position += run.size * run.length
     return slots
 
 
@@ -129,7 +129,7 @@ class _Run(NamedTuple):
     """Numbers of one size that follow each other in a serialized message."""
 
     size: int
-    count: int = 1
+    length: int = 1
     # Of the field that they are; lengths and texts have no name and no format.
     name: str = ""
     format: str = ""
