@@ -66,7 +66,8 @@ class Tracks:
         # Pieces of lower order get zeros for the higher powers.
         powers = max(table.shape[2] for table in tables)
         coefficients = np.zeros((len(begin_s), 2, powers))
-        for place, table in zip(first[:-1].tolist(), tables[1:], strict=True):
+        places = first[:-1].tolist()
+        for place, table in zip(places, tables[1:], strict=True):
             coefficients[place : place + len(table), :, : table.shape[2]] = table
 
         speeds_mps = _speed_bounds(coefficients) / duration_s

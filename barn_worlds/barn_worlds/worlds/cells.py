@@ -89,8 +89,8 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
     is_wall = np.zeros((front, rows), np.bool_)
     is_wall[0] = True
     is_wall[:, [0, -1]] = True
-    cells = np.argwhere(is_wall)[:, ::-1] - np.array([0, front])
-    containment = np.ascontiguousarray(cells)
+    columns, wall_rows = np.argwhere(is_wall).T
+    containment = np.column_stack([wall_rows, columns - front])
     # The cache hands out one array to all.
     containment.flags.writeable = False
     return containment

@@ -72,7 +72,8 @@ def plan_path(
 
 def choose_middle(rows: Integers) -> int:
     """Return the place of the row in the middle of some (n,), the lower one of two."""
-    return int(np.argmin(np.abs(rows - rows.mean())))
+    distances = np.abs(rows - rows.mean())
+    return int(distances.argmin())
 
 
 def plan_through(
@@ -97,7 +98,8 @@ def plan_through(
     ends = []
     for column in (0, cspace.shape[1] - 1):
         rows = np.flatnonzero(region[:, column])
-        ends.append((int(rows[choose(rows)]), column))
+        place = choose(rows)
+        ends.append((int(rows[place]), column))
     return plan_path(cspace, *ends)
 
 
