@@ -38,12 +38,14 @@ class Trial:
         names = [
             f"{channel}_{unit}" for channel, unit in zip(CHANNELS, _UNITS, strict=True)
         ]
-        if self.track is None:
-            columns = {name: np.empty(0) for name in names}
-            return pd.DataFrame(columns | {"contact": np.empty(0, np.bool_)})
-        _, track = parse_track_line(self.track, self.result.trial_id)
-        columns = dict(zip(names, track.samples.T, strict=True))
-        return pd.DataFrame(columns | {"contact": track.contact})
+        samples = np.empty((0, len(names)))
+        contact = np.empty(0, np.bool_)
+        if self.track is not None:
+            _, track = parse_track_line(self.track, self.result.trial_id)
+            samples = track.samples
+            contact = track.contact
+        columns = dict(zip(names, samples.T, strict=True))
+        return pd.DataFrame(columns | {"contact": contact})
 
     def to_tum(self, path: str | Path) -> Path:
         """Write the trajectory in the format of the TUM RGB-D benchmark, for evo.
@@ -62,20 +64,10 @@ class Trial:
         if trajectory.empty:
             raise ConfigError(f"{self.result.trial_id}: has no trajectory")
         half_yaw = trajectory["yaw_rad"].to_numpy() / 2.0
-        zero = np.zeros(len(trajectory))
-        rows = np.column_stack(
-            [
-                trajectory["time_s"],
-                trajectory["x_m"],
-                trajectory["y_m"],
-                zero,
-                zero,
-                zero,
-                np.sin(half_yaw),
-                np.cos(half_yaw),
-            ]
+        # The robot stays on the ground and turns about the vertical axis only.
+        poses = trajectory[["time_s", "x_m", "y_m"]].assign(
+            z=0.0, qx=0.0, qy=0.0, qz=np.sin(half_yaw), qw=np.cos(half_yaw)
         )
-        lines = [" ".join(f"{value:.9g}" for value in row) for row in rows.tolist()]
-        text = "".join(f"{line}\n" for line in lines)
+        text = poses.to_csv(sep=" ", float_format="%.9g", header=False, index=False)
         write_durably(Path(path), text.encode())
         return Path(path)

@@ -71,20 +71,16 @@ class FittedTable:
     def _divide(self, width: int) -> Iterator[list[int]]:
         """Yield the places of the columns of each table, without the keys."""
         min_widths = [_min_width(column) for column in self.columns]
-        places = list(range(self.keys, len(self.columns)))
-        while True:
-            count = len(places)
-            while count > 1:
-                part = [*range(self.keys), *places[:count]]
-                if _total_width([min_widths[place] for place in part]) <= width:
-                    break
-                count -= 1
-            # One column has to go, even if it is too wide.
-            count = max(count, 1)
-            yield places[:count]
-            places = places[count:]
-            if not places:
-                return
+        places: list[int] = []
+        for place in range(self.keys, len(self.columns)):
+            part = [*range(self.keys), *places, place]
+            total = _total_width([min_widths[place] for place in part])
+            # A table has one column besides the keys, even if it is too wide.
+            if places and total > width:
+                yield places
+                places = []
+            places.append(place)
+        yield places
 
 
 def table(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -33,46 +33,42 @@ class TrialTopics(NamedTuple):
         return self.clock, self.scan, self.odometry, self.truth, self.collision
 
 
+@dataclass
 class TrialAdapter:
     """Does with messages what a direct trial does in its loop.
 
     The readings of a tick are judged first, then the commands that answer them.
     """
 
-    def __init__(
-        self,
-        topics: TrialTopics,
-        trial: RunningTrial,
-        origin_ns: int,
-        command_type: str,
-        plan_frame: str = "odom",
-    ) -> None:
-        """Prepare for the first tick.
+    topics: TrialTopics
 
-        Args:
-            topics: Names of the topics.
-            trial: Receives readings, commands, plans and the planner's status.
-            origin_ns: Simulated time at which the trial begins; its times count from
-                there.
-            command_type: ROS type of the commands.
-            plan_frame: Frame in which plans count; others are left out.
-        """
-        self.trial = trial
+    # Receives readings, commands, plans and the planner's status.
+    trial: RunningTrial
+
+    # Simulated time at which the trial begins; its times count from there.
+    origin_ns: int
+
+    # ROS type of the commands.
+    command_type: str
+
+    # Frame in which plans count; others are left out.
+    plan_frame: str = "odom"
+
+    # Wall-clock times from scans to the commands that answer them, and their sum.
+    response_times_s: list[float] = field(default_factory=list)
+    waited_s: float = 0.0
+
+    # Simulated times at which commands came.
+    commands_ns: list[int] = field(default_factory=list)
+
+    _odometry: Odometry | None = None
+    _truth: Odometry | None = None
+    _collision: bool = False
+    _unanswered_scan_ns: int | None = None
+
+    def __post_init__(self) -> None:
         # The simulated time now.
-        self.now_ns = origin_ns
-        # Wall-clock times from scans to the commands that answer them, and their sum.
-        self.response_times_s: list[float] = []
-        self.waited_s = 0.0
-        # Simulated times at which commands came.
-        self.commands_ns: list[int] = []
-        self._topics = topics
-        self._origin_ns = origin_ns
-        self._command_type = command_type
-        self._plan_frame = plan_frame
-        self._odometry: Odometry | None = None
-        self._truth: Odometry | None = None
-        self._collision = False
-        self._unanswered_scan_ns: int | None = None
+        self.now_ns = self.origin_ns
 
     def take(self, tick: Tick) -> list[Message]:
         """Feed a tick to the trial.
@@ -90,7 +86,7 @@ class TrialAdapter:
         self.now_ns = tick.stamp_ns
         for message in tick.messages:
             # A command answers the reading before it, which may end the trial.
-            if message.topic == self._topics.command and self._judge_reading():
+            if message.topic == self.topics.command and self._judge_reading():
                 continue
             self._take_message(message)
             trial_messages.append(message)
@@ -98,27 +94,29 @@ class TrialAdapter:
         return trial_messages
 
     def _take_message(self, message: Message) -> None:
-        topics = self._topics
-        if message.topic == topics.odometry:
-            self._odometry = self._decode_odometry(message)
-        elif message.topic == topics.truth:
-            # A tick has two readings where /clock ticks less often than the robot is
-            # measured.
-            self._judge_reading()
-            self._truth = self._decode_odometry(message)
-        elif message.topic == topics.collision:
-            # A contact stands until it is judged, even if a later message denies it.
-            self._collision = decode.boolean(message.data) or self._collision
-        elif message.topic == topics.scan:
-            self._unanswered_scan_ns = message.sent_ns
-        elif message.topic == topics.diagnostics:
-            status = decode_planner_status(message.data)
-            if status:
-                self.trial.report(status)
-        elif message.topic == topics.plan:
-            self._take_plan(message)
-        elif message.topic == topics.command:
-            self._take_command(message)
+        topics = self.topics
+        match message.topic:
+            case topics.odometry:
+                self._odometry = self._decode_odometry(message)
+            case topics.truth:
+                # A tick has two readings where /clock ticks less often than the robot
+                # is measured.
+                self._judge_reading()
+                self._truth = self._decode_odometry(message)
+            case topics.collision:
+                # A contact stands until it is judged, even if a later message denies
+                # it.
+                self._collision = decode.boolean(message.data) or self._collision
+            case topics.scan:
+                self._unanswered_scan_ns = message.sent_ns
+            case topics.diagnostics:
+                status = decode_planner_status(message.data)
+                if status:
+                    self.trial.report(status)
+            case topics.plan:
+                self._take_plan(message)
+            case topics.command:
+                self._take_command(message)
 
     def _take_command(self, message: Message) -> None:
         self.commands_ns.append(self.now_ns)
@@ -127,16 +125,17 @@ class TrialAdapter:
             self.response_times_s.append(max(0.0, response_s))
             self.waited_s += self.response_times_s[-1]
             self._unanswered_scan_ns = None
-        self.trial.command(decode.command(message.data, self._command_type))
+        self.trial.command(decode.command(message.data, self.command_type))
 
     def _take_plan(self, message: Message) -> None:
         # A planner may publish something that is no path there.
         with suppress(MessageError):
             header = decode.header(message.data)
             # Frames of ROS 1 began with a slash, and some nodes still send it.
-            if header.frame.lstrip("/") == self._plan_frame:
-                stamp_ns = header.stamp_ns - self._origin_ns
-                self.trial.plan(decode.path(message.data), stamp_ns)
+            if header.frame.lstrip("/") == self.plan_frame:
+                self.trial.plan(
+                    decode.path(message.data), header.stamp_ns - self.origin_ns
+                )
 
     def _judge_reading(self) -> bool:
         """Hand a complete reading to the trial, and return whether that is over."""
@@ -152,7 +151,7 @@ class TrialAdapter:
 
     def _decode_odometry(self, message: Message) -> Odometry:
         odometry = decode.odometry(message.data)
-        return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)
+        return replace(odometry, stamp_ns=odometry.stamp_ns - self.origin_ns)
 
 
 def count_missed_periods(

@@ -13,7 +13,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import rclpy
@@ -103,29 +103,26 @@ def _run_assignment(
     node: Node, config: EvaluatorConfig, supervisor: EventChannel
 ) -> None:
     """Run what the supervisor has assigned, and send it the results."""
-    content = read_json(Path(config.assignment))
-    assignment = from_dict(Assignment, content, config.assignment)
-    dataset = assignment.run.dataset
-    context = RunContext(node, config, supervisor, dataset, assignment.robot)
+    assignment = from_dict(
+        Assignment, read_json(Path(config.assignment)), config.assignment
+    )
+    config = replace(config, dataset=assignment.run.dataset, robot=assignment.robot)
+    context = RunContext(node, config, supervisor)
     loop = context.loop
 
     def send_record(record: TrialRecord) -> None:
-        row = to_json_line(record.result)
         loop.report(
             "result",
-            row=row,
+            row=to_json_line(record.result),
             track=record.track or "",
             commands=record.commands or "",
         )
 
     if assignment.look_first:
-        domain = os.environ.get("ROS_DOMAIN_ID", "")
-        context.integrity.require_alone(loop, domain)
+        context.integrity.require_alone(loop, os.environ.get("ROS_DOMAIN_ID", ""))
         for name in (SIMULATOR, PLANNER):
             loop.report("start", name=name)
-    runner = TrialRunner(
-        context, assignment.store, send_record, isolated=assignment.isolated
-    )
+    runner = TrialRunner(context, assignment.store, send_record, assignment.isolated)
     runner.run(assignment.specs())
     loop.report("done")
 
@@ -150,38 +147,31 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
     with ResultsFolder.open(
         out, run, ExecutionConfig(workers=1), specs, isolation=isolation
     ) as folder:
-        context = RunContext(node, config, None, config.dataset, config.robot)
+        context = RunContext(node, config, None)
         runner = TrialRunner(context, BagStore(out, config.bags), folder.append)
         runner.run(folder.remaining)
         folder.complete()
 
 
+@dataclass
 class TrialRunner:
     """Runs trial after trial, and restarts the other processes after a fault."""
 
-    def __init__(
-        self,
-        context: RunContext,
-        store: BagStore,
-        keep: Callable[[TrialRecord], None],
-        *,
-        isolated: bool = True,
-    ) -> None:
-        """Prepare a run.
+    # What all trials share.
+    context: RunContext
 
-        Args:
-            context: What all trials share.
-            store: Where bags go.
-            keep: Takes row and track of each trial once its bag is in the store.
-            isolated: Whether the planner cannot have ended another process. Nodes that
-                are started by hand count as isolated.
-        """
-        self._context = context
-        self._store = store
-        self._keep = keep
-        self._isolated = isolated
-        self._failed_attempts = 0
-        self._driven_trials = 0
+    # Where bags go.
+    store: BagStore
+
+    # Takes row and track of each trial once its bag is in the store.
+    keep: Callable[[TrialRecord], None]
+
+    # Whether the planner cannot have ended another process. Nodes that are started by
+    # hand count as isolated.
+    isolated: bool = True
+
+    _failed_attempts: int = 0
+    _driven_trials: int = 0
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
         """Run all trials.
@@ -195,18 +185,20 @@ class TrialRunner:
 
     def _attempt(self, spec: TrialSpec) -> bool:
         """Run a trial once, and return False if it has to be repeated."""
-        loop = self._context.loop
-        loop.report("trial", id=spec.trial_id)
+        self.context.loop.report("trial", id=spec.trial_id)
         start_s = time.monotonic()
-        with self._store.recorder(spec.trial_id) as recorder:
+        with self.store.recorder(spec.trial_id) as recorder:
             # Simulator and planner have just been started.
             first = self._driven_trials == 0 or self._failed_attempts > 0
-            trial = RosTrial(self._context, spec, recorder, first=first)
+            trial = RosTrial(self.context, spec, recorder, first=first)
             verdict = trial.run()
             is_others_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
-            if trial.released and is_others_fault and not self._isolated:
-                detail = f"{verdict.detail}; {PLANNER_SUSPECTED}"
-                verdict = replace(verdict, detail=detail, culprit=PLANNER)
+            if trial.released and is_others_fault and not self.isolated:
+                verdict = replace(
+                    verdict,
+                    detail=f"{verdict.detail}; {PLANNER_SUSPECTED}",
+                    culprit=PLANNER,
+                )
 
             missed_cycles = self._settle(verdict)
             if trial.released:
@@ -216,7 +208,7 @@ class TrialRunner:
 
             duration_s = time.monotonic() - start_s
             wall_clock = self._wall_clock(trial, verdict, duration_s, missed_cycles)
-            remarks = [wall_clock.remark, self._context.integrity.remarks]
+            remarks = [wall_clock.remark, self.context.integrity.remarks]
             finished = finish_trial(
                 spec,
                 "ros",
@@ -229,12 +221,12 @@ class TrialRunner:
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
-        self._keep(self._store.make_record(finished))
+        self.keep(self.store.make_record(finished))
         return True
 
     def _must_repeat(self, verdict: Verdict, trial: RosTrial) -> bool:
         """Return whether to repeat a trial: not begun, or ended by another's fault."""
-        loop = self._context.loop
+        loop = self.context.loop
         # A planner may end between two trials, for instance because it has reached its
         # goal: its successor drives.
         never_began = verdict.outcome is Outcome.PLANNER_DIED and not trial.released
@@ -246,8 +238,9 @@ class TrialRunner:
         self._failed_attempts += 1
         if self._failed_attempts < _MAX_ATTEMPTS:
             if trial.released:
-                reason = f"{verdict.outcome.value}, {verdict.detail}"
-                loop.report("repeated", reason=reason)
+                loop.report(
+                    "repeated", reason=f"{verdict.outcome.value}, {verdict.detail}"
+                )
             return True
         self._failed_attempts = 0
         if self._driven_trials == 0:
@@ -258,19 +251,19 @@ class TrialRunner:
 
     def _settle(self, verdict: Verdict) -> int:
         """Stop the simulator, restart doubtful processes, and return missed cycles."""
-        loop = self._context.loop
+        loop = self.context.loop
         doubtful = _DOUBTFUL_PROCESS.get(verdict.outcome)
         missed_cycles = 0
         if doubtful != SIMULATOR:
             try:
-                missed_cycles = self._context.simulator.pause()
+                missed_cycles = self.context.simulator.pause()
             except TrialEnded as end:
                 loop.node.get_logger().warning(f"after the verdict: {end}")
                 doubtful = SIMULATOR
 
         if doubtful == SIMULATOR:
             loop.restart(SIMULATOR, _RESTART_LIMIT_S)
-        policy = self._context.config.restart_planner
+        policy = self.context.config.restart_planner
         if policy == "each_trial" or (policy == "on_fault" and doubtful == PLANNER):
             loop.restart(PLANNER, _RESTART_LIMIT_S)
         return missed_cycles
@@ -289,7 +282,7 @@ class TrialRunner:
 
         spec = trial.trial.spec
         period_s = spec.simulator.scan_steps * spec.simulator.control_period_s
-        rate_hz = self._context.config.planner_rate_hz
+        rate_hz = self.context.config.planner_rate_hz
         if rate_hz:
             period_s = 1.0 / rate_hz
         period_ns = nanoseconds(period_s)

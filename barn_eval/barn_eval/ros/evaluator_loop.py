@@ -94,29 +94,29 @@ class EvaluatorLoop:
 
         self.poll()
         if self.supervisor is not None:
-            self._read_exits(self.supervisor)
+            # The supervisor sends nothing but the exits of processes.
+            for event in self.supervisor.receive():
+                name = event["name"]
+                self._exits[name] = event
+                self._on_exit(name)
+                self.report("start", name=name)
+            if self.supervisor.closed:
+                raise StopRequested
 
         previous_s = self._last_spin_s
         self._last_spin_s = time.monotonic()
         self.now_s += min(_LONGEST_TURN_S, self._last_spin_s - previous_s)
-
-    def _read_exits(self, supervisor: EventChannel) -> None:
-        # The supervisor sends nothing but the exits of processes.
-        for event in supervisor.receive():
-            name = event["name"]
-            self._exits[name] = event
-            self._on_exit(name)
-            self.report("start", name=name)
-        if supervisor.closed:
-            raise StopRequested
 
     def require_alive(self, *processes: str) -> None:
         """Raise TrialEnded if one of the processes has ended since the trial began."""
         for name in processes:
             if name in self._exits:
                 event = self._exits[name]
-                detail = f"the {name} {event['how']}"
-                raise TrialEnded(_OUTCOME_OF_END[name], detail, event["culprit"])
+                raise TrialEnded(
+                    _OUTCOME_OF_END[name],
+                    f"the {name} {event['how']}",
+                    event["culprit"],
+                )
 
     def wait(
         self, condition: Callable[[], T], limit_s: float, *processes: str

@@ -48,9 +48,8 @@ class TopicGoal:
         self._view = view
         self._limit_s = config.patience.service_s
         self._publisher = create_publisher(loop.node, GOAL_POSE)
-        topic = self._publisher.topic_name
         # The publisher, as an endpoint that inputs of the planner are compared with.
-        self.offered = [Endpoint(topic, GOAL_POSE.type_name, b"")]
+        self.offered = [Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
         """Publish a serialized PoseStamped once all subscriptions are connected.
@@ -64,8 +63,10 @@ class TopicGoal:
             return bool(self._publisher.get_subscription_count() >= subscriptions)
 
         if not self._loop.wait(is_connected, self._limit_s, PLANNER):
-            detail = f"no connection to the subscription to {topic}"
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, detail)
+            raise TrialEnded(
+                Outcome.PLANNER_NOT_READY,
+                f"no connection to the subscription to {topic}",
+            )
         self.repeat(goal)
 
     def repeat(self, goal: bytes) -> None:

@@ -52,11 +52,11 @@ class GraphView:
             (len(node.get_service_names_and_types()), _MAX_SERVICES, "services"),
             (len(node.get_node_names()), _MAX_NODES, "nodes"),
         )
-        texts = []
-        for count, limit, kind in limits:
-            if count > limit:
-                texts.append(f"{count} {kind} are on the graph, more than {limit}")
-        return "; ".join(texts)
+        return "; ".join(
+            f"{count} {kind} are on the graph, more than {limit}"
+            for count, limit, kind in limits
+            if count > limit
+        )
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""
@@ -107,23 +107,6 @@ class GraphView:
                 for client in self._endpoints(service, infos):
                     names.add(client.node or _UNNAMED)
         return sorted(names)
-
-    def count_endpoints(self, topic: str, type_name: str) -> tuple[int, int]:
-        """Count the endpoints of a topic, the evaluator's and the dead included.
-
-        Args:
-            topic: Resolved name.
-            type_name: ROS type; endpoints of other types do not count.
-
-        Returns:
-            Number of publishers and number of subscriptions.
-        """
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        subscriptions = self._node.get_subscriptions_info_by_topic(topic)
-        return (
-            sum(info.topic_type == type_name for info in publishers),
-            sum(info.topic_type == type_name for info in subscriptions),
-        )
 
     def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
         """Leave out what a process that has ended still has on the graph.

@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 
 from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.goals import ActionGoal, TopicGoal
@@ -135,8 +135,7 @@ class PlannerClient:
 
     def await_active(self) -> None:
         """Wait until all managed nodes are active."""
-        limit_s = self._patience.lifecycle_s
-        self._wait(self.inactive_nodes, limit_s, "managed nodes: ")
+        self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float) -> Finding:
         """Wait until a planner has all that it needs for a time.
@@ -201,16 +200,15 @@ class PlannerClient:
     def _read_parameters(self, name: str, deadline_s: float) -> dict[str, str]:
         if len(self.parameters) >= _MAX_PARAMETERS:
             return {}
-        node = RemoteNode(self._loop, name, PLANNER)
-        try:
-            # RuntimeError: a value of a type that rclpy does not know.
-            with suppress(ServiceTimeout, RuntimeError):
-                if node.offers("list_parameters"):
-                    remaining_s = deadline_s - self._loop.now_s
-                    return node.read_parameters(min(_NODE_PARAMETERS_S, remaining_s))
-            return {}
-        finally:
-            node.close()
+        # RuntimeError: a value of a type that rclpy does not know.
+        with (
+            closing(RemoteNode(self._loop, name, PLANNER)) as node,
+            suppress(ServiceTimeout, RuntimeError),
+        ):
+            if node.offers("list_parameters"):
+                remaining_s = deadline_s - self._loop.now_s
+                return node.read_parameters(min(_NODE_PARAMETERS_S, remaining_s))
+        return {}
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Give the planner seed, map and goal, and wait for ~/ready where it offers it.
@@ -221,8 +219,9 @@ class PlannerClient:
         """
         self._reset(spec)
         if spec.map is not None and self._map_publisher is not None:
-            message = encode_map(spec.map, stamp_ns, self._config.map_frame)
-            self._map_publisher.publish(message)
+            self._map_publisher.publish(
+                encode_map(spec.map, stamp_ns, self._config.map_frame)
+            )
         self.goal.begin(self._encode_goal(spec, stamp_ns))
         if not self._node.offers("ready"):
             return
@@ -249,10 +248,6 @@ class PlannerClient:
         """
         self.goal.repeat(self._encode_goal(spec, stamp_ns))
 
-    def publishes(self) -> bool:
-        """Return whether the planner's publisher of commands is on the graph."""
-        return bool(self._view.publishers(self._needs.command_topic))
-
     def clock_problem(self) -> str:
         """Return in words whether the planner ignores simulated time, else empty."""
         if self.parameters.get(f"{self._node.name} use_sim_time") == "False":
@@ -269,8 +264,9 @@ class PlannerClient:
             subject, lambda: self._view.crowd() or describe_missing(), limit_s, PLANNER
         )
         if missing:
-            detail = f"{missing} (waited {limit_s:g} s)"
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, detail)
+            raise TrialEnded(
+                Outcome.PLANNER_NOT_READY, f"{missing} (waited {limit_s:g} s)"
+            )
 
     def _encode_goal(self, spec: TrialSpec, stamp_ns: int) -> bytes:
         config = self._config

@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,14 @@ from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import LATCHED, RELIABLE, OutgoingMessage, Qos, Topic
+from barn_worlds.messages.topics import (
+    BEST_EFFORT,
+    LATCHED,
+    RELIABLE,
+    OutgoingMessage,
+    Qos,
+    Topic,
+)
 from barn_worlds.ros.topics import create_optional_publisher
 
 
@@ -124,8 +132,9 @@ class Recording:
             if (topic, message.sent_ns) in self._written:
                 continue
             profile = self._profiles.get(topic, Qos())
-            bag_name = self._bag_names.get(topic, "")
-            recorder.add_topic(topic, types[topic], profile, bag_name)
+            recorder.add_topic(
+                topic, types[topic], profile, self._bag_names.get(topic, "")
+            )
             recorder.write(topic, message.data, stamp_ns)
 
     def show(
@@ -240,12 +249,7 @@ def common_profile(infos: Collection[TopicEndpointInfo]) -> Qos:
     is_latched = all(
         profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles
     )
-    reliability = "best_effort"
-    if is_reliable:
-        reliability = "reliable"
-    durability = "transient_local"
-    depth = 1
-    if not is_latched:
-        durability = "volatile"
-        depth = max(1, *(profile.depth for profile in profiles))
-    return Qos(reliability, durability, depth)
+    profile = RELIABLE if is_reliable else BEST_EFFORT
+    if is_latched:
+        return replace(profile, durability=LATCHED.durability, depth=1)
+    return replace(profile, depth=max(1, *(profile.depth for profile in profiles)))

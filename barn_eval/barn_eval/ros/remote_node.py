@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from lifecycle_msgs.srv import GetState
@@ -28,6 +29,7 @@ class ServiceRefused(Exception):
     """A service answered that it does not do what it was asked, and why."""
 
 
+@dataclass
 class RemoteNode:
     """Another node, called by its full name.
 
@@ -36,23 +38,21 @@ class RemoteNode:
     successor is about to come.
     """
 
-    def __init__(self, loop: EvaluatorLoop, name: str, process: str) -> None:
-        """Prepare calls to a node.
+    # Spends the time of waits.
+    loop: EvaluatorLoop
 
-        Args:
-            loop: Spends the time of waits.
-            name: Full name of the node.
-            process: Supervised process whose end ends any wait for the node.
-        """
-        self.name = name
-        self._loop = loop
-        self._process = process
-        # Clients are made once for each service.
-        self._clients: dict[str, Client] = {}
+    # Full name of the node.
+    name: str
+
+    # Supervised process whose end ends any wait for the node.
+    process: str
+
+    # Clients are made once for each service.
+    _clients: dict[str, Client] = field(default_factory=dict)
 
     def offers(self, service: str) -> bool:
         """Return whether the node has a service now, by its name under the node's."""
-        services = self._loop.node.get_service_names_and_types()
+        services = self.loop.node.get_service_names_and_types()
         return f"{self.name}/{service}" in (name for name, _ in services)
 
     def await_services(self, services: Sequence[str], limit_s: float) -> None:
@@ -70,8 +70,8 @@ class RemoteNode:
             missing = [name for name in services if not self.offers(name)]
             return ", ".join(f"{self.name}/{name}" for name in missing)
 
-        missing = self._loop.wait_for_missing(
-            "the service ", describe_missing, limit_s, self._process
+        missing = self.loop.wait_for_missing(
+            "the service ", describe_missing, limit_s, self.process
         )
         if missing:
             raise ServiceTimeout(f"no service {missing} within {limit_s:g} s")
@@ -94,8 +94,7 @@ class RemoteNode:
             ServiceRefused: If the answer is no success.
             ServiceTimeout: If no answer comes.
         """
-        request = Trigger.Request()
-        answer = self.call(service, Trigger, request, limit_s, call_period_s)
+        answer = self.call(service, Trigger, Trigger.Request(), limit_s, call_period_s)
         return _require_success(answer)
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
@@ -113,8 +112,9 @@ class RemoteNode:
             ServiceRefused: If the answer is no success.
             ServiceTimeout: If no answer comes.
         """
-        request = SetBool.Request(data=on)
-        return _require_success(self.call(service, SetBool, request, limit_s))
+        return _require_success(
+            self.call(service, SetBool, SetBool.Request(data=on), limit_s)
+        )
 
     def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
         """Set parameters, all of them or none.
@@ -155,9 +155,10 @@ class RemoteNode:
         subject = f"the lifecycle node {self.name}"
         if not self.offers("get_state"):
             return f"{subject} is not there"
-        request = GetState.Request()
         try:
-            answer = self.call("get_state", GetState, request, _STATE_LIMIT_S)
+            answer = self.call(
+                "get_state", GetState, GetState.Request(), _STATE_LIMIT_S
+            )
         except ServiceTimeout:
             return f"{subject} does not answer"
 
@@ -191,17 +192,17 @@ class RemoteNode:
         """
         path = f"{self.name}/{service}"
         if service not in self._clients:
-            self._clients[service] = self._loop.node.create_client(service_type, path)
+            self._clients[service] = self.loop.node.create_client(service_type, path)
         client = self._clients[service]
 
-        deadline_s = self._loop.now_s + limit_s
-        if not self._loop.wait(client.service_is_ready, limit_s, self._process):
+        deadline_s = self.loop.now_s + limit_s
+        if not self.loop.wait(client.service_is_ready, limit_s, self.process):
             raise ServiceTimeout(f"no service {path} within {limit_s:g} s")
 
-        while (remaining_s := deadline_s - self._loop.now_s) > 0.0:
+        while (remaining_s := deadline_s - self.loop.now_s) > 0.0:
             future = client.call_async(request)
             period_s = min(remaining_s, call_period_s)
-            if self._loop.wait(future.done, period_s, self._process):
+            if self.loop.wait(future.done, period_s, self.process):
                 return future.result()
             # Otherwise the client would keep the call for ever.
             client.remove_pending_request(future)
@@ -210,7 +211,7 @@ class RemoteNode:
     def close(self) -> None:
         """Destroy the clients: each of them makes every spin longer."""
         for client in self._clients.values():
-            self._loop.node.destroy_client(client)
+            self.loop.node.destroy_client(client)
         self._clients.clear()
 
 

@@ -56,8 +56,8 @@ class TickSequencer:
                 only that ticks up to `acknowledge` are complete.
         """
         self._scan_topic = scan_topic
-        self._fenced = fenced
-        self._acknowledged_ns = -math.inf
+        # Without a fence, every tick counts as acknowledged.
+        self._acknowledged_ns = -math.inf if fenced else math.inf
         self._open: deque[Tick] = deque()
         self._early: list[Message] = []
 
@@ -119,7 +119,7 @@ class TickSequencer:
     def _first_is_complete(self) -> bool:
         for tick, next_tick in pairwise(islice(self._open, 1, None)):
             if any(message.topic == self._scan_topic for message in tick.messages):
-                return not self._fenced or next_tick.stamp_ns <= self._acknowledged_ns
+                return next_tick.stamp_ns <= self._acknowledged_ns
         return False
 
     def _settle(self) -> None:

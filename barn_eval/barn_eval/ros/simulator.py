@@ -1,10 +1,11 @@
 """The simulator as the evaluator leads it: by the private line or by services."""
 
 import json
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from barn_eval.ros.remote_node import (
 )
 from barn_eval.ros.sequencer import Message
 from barn_eval.trials.outcome import PLANNER, SIMULATOR, Outcome
-from barn_eval.trials.ros_config import WaitLimits
+from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import BarnError
@@ -154,32 +155,6 @@ class SimulatorServices(RemoteNode):
         return ""
 
 
-@dataclass(frozen=True)
-class SimulatorStatus:
-    """Counts from a simulator's answer to a pause; None for those it does not tell."""
-
-    # Cycles of the trial in which the simulator waited in vain for a command.
-    missed_commands: int | None
-    scan_subscriptions: int | None
-    command_publishers: int | None
-
-    @classmethod
-    def parse(cls, text: str) -> "SimulatorStatus":
-        """Read the JSON of a simulator of this suite; another may answer any text."""
-        try:
-            content = json.loads(text)
-        except ValueError:
-            content = None
-        if not isinstance(content, dict) or content.get("version") != _STATUS_VERSION:
-            content = {}
-
-        return cls(
-            content.get("missed_commands"),
-            content.get("scan_subscriptions"),
-            content.get("command_publishers"),
-        )
-
-
 class SimulatorClient:
     """Sets up, resets, pauses and releases the simulator.
 
@@ -190,27 +165,22 @@ class SimulatorClient:
         self,
         loop: EvaluatorLoop,
         request: Callable[..., str],
-        patience: WaitLimits,
-        dataset: str,
-        robot: str,
+        config: EvaluatorConfig,
     ) -> None:
         """Prepare requests.
 
         Args:
             loop: Spends the time of waits.
             request: Asks the simulator, as `SimulatorChannel.ask` does.
-            patience: Limits of waits.
-            dataset: Name or path of the data set of all trials.
-            robot: Name or file of the robot of all trials.
+            config: Limits of waits, and robot and data set of all trials.
         """
         self._loop = loop
         self._request = request
-        self._patience = patience
+        self._patience = config.patience
+        self._robot = config.robot
         # The simulator may run in another working directory.
-        dataset_path = Path(dataset)
-        if dataset_path.exists():
-            dataset = str(dataset_path.resolve())
-        self._run_parameters = {"robot": robot, "dataset": dataset}
+        dataset = Path(config.dataset)
+        self._dataset = str(dataset.resolve() if dataset.exists() else dataset)
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
         """Put the robot of a trial at its start, with time stopped.
@@ -226,10 +196,11 @@ class SimulatorClient:
         values: dict[str, Any] = {
             name: value for name, _, value in fields_of(spec.simulator)
         }
-        values |= self._run_parameters
         for name, _, value in fields_of(spec.compute):
             values[f"compute.{name}"] = value
         values |= {
+            "robot": self._robot,
+            "dataset": self._dataset,
             "world": spec.world_number,
             "seed": spec.simulator_seed,
             "compute_seed": spec.planner_seed,
@@ -268,10 +239,8 @@ class SimulatorClient:
         while True:
             # To pause once more changes nothing, and the answer tells the connections.
             status = self._pause(True)
-            scans = status.scan_subscriptions
-            commands = status.command_publishers
-            if scans is None or commands is None:
-                return True
+            scans = status.get("scan_subscriptions", math.inf)
+            commands = status.get("command_publishers", math.inf)
             if scans >= scan_subscriptions and commands >= command_publishers:
                 return True
             if self._loop.now_s > deadline_s:
@@ -284,11 +253,18 @@ class SimulatorClient:
 
     def pause(self) -> int:
         """Stop simulated time and return how many commands the simulator missed."""
-        return self._pause(True).missed_commands or 0
+        # Cycles of the trial in which it waited in vain for one.
+        return self._pause(True).get("missed_commands", 0)
 
-    def _pause(self, on: bool) -> SimulatorStatus:
+    def _pause(self, on: bool) -> dict[str, int]:
+        """Stop time or let it run, and return the counts in the simulator's answer."""
         text = self._ask("pause", self._patience.service_s, on=on)
-        return SimulatorStatus.parse(text)
+        # Another simulator than the suite's may answer any text, which has no counts.
+        with suppress(ValueError):
+            status = json.loads(text)
+            if isinstance(status, dict) and status.get("version") == _STATUS_VERSION:
+                return status
+        return {}
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:
         try:

@@ -5,6 +5,7 @@ quarter of what the executor's callbacks would, and that processor time belongs 
 simulator and the planner.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -127,23 +128,12 @@ class Subscriber:
         """Return the types of all topics by their names."""
         return {name: topic.type_name for name, topic in self._topics.items()}
 
-    def find_unmatched(self, publishers: dict[str, int]) -> list[str]:
-        """Return the topics on which fewer publishers are connected than on the graph.
-
-        Args:
-            publishers: Number of publishers on the graph by the topic's name.
-
-        Returns:
-            Names of topics.
-        """
-        names = []
-        for name, count in publishers.items():
-            topic = self._topics.get(name)
-            if topic is None or topic.subscription is None:
-                continue
-            if topic.subscription.get_publisher_count() < count:
-                names.append(name)
-        return names
+    def count_publishers(self, name: str) -> float:
+        """Return how many publishers are connected; inf without a subscription."""
+        topic = self._topics.get(name)
+        if topic is None or topic.subscription is None:
+            return math.inf
+        return float(topic.subscription.get_publisher_count())
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over the messages that have arrived, topic by topic.

@@ -69,8 +69,6 @@ class RunContext:
         node: Node,
         config: EvaluatorConfig,
         supervisor: EventChannel | None,
-        dataset: str,
-        robot: str,
     ) -> None:
         """Create everything that lasts longer than a trial.
 
@@ -78,8 +76,6 @@ class RunContext:
             node: The evaluator node.
             config: Parameters of the evaluator.
             supervisor: Channel to the process that started the other nodes, if any.
-            dataset: Name or path of the data set of all trials.
-            robot: Name or file of the robot of all trials.
         """
         self.config = config
         self._simulator_name = resolve_node_name(node, config.simulator_node)
@@ -93,23 +89,24 @@ class RunContext:
         # Brings the simulator's readings; None where they come by topics.
         self.channel = self._subscribe_to_readings()
 
-        evaluator_topics = [node.resolve_topic_name(topic.name) for topic in TOPICS]
         self.integrity = Integrity(
             self.view,
             self.channel,
             self._simulator_name,
             self.topics,
-            evaluator_topics,
+            [node.resolve_topic_name(topic.name) for topic in TOPICS],
         )
-        required = (self.topics.scan, self.topics.diagnostics, self.topics.plan)
-        self.recording = Recording(node, self.subscriber, config.bag_exclude, required)
+        self.recording = Recording(
+            node,
+            self.subscriber,
+            config.bag_exclude,
+            (self.topics.scan, self.topics.diagnostics, self.topics.plan),
+        )
 
         simulator = self.channel or SimulatorServices(
             self.loop, self._simulator_name, SIMULATOR
         )
-        self.simulator = SimulatorClient(
-            self.loop, simulator.ask, config.patience, dataset, robot
-        )
+        self.simulator = SimulatorClient(self.loop, simulator.ask, config)
         self.planner = PlannerClient(self.loop, self.view, config)
 
     def _subscribe_to_readings(self) -> SimulatorChannel | None:
@@ -126,8 +123,9 @@ class RunContext:
                 self.subscriber.subscribe(name, topic.type_name)
         if not is_private:
             return None
-        line = PrivateLine(self.config.simulator_fd)
-        return SimulatorChannel(self.loop, line, topic_names)
+        return SimulatorChannel(
+            self.loop, PrivateLine(self.config.simulator_fd), topic_names
+        )
 
     def _forget_process(self, process: str) -> None:
         """Leave out what a process had on the graph.
@@ -291,8 +289,9 @@ class RosTrial:
             outcome = Outcome.ENVIRONMENT_FAILED
             if {topics.command, topics.diagnostics}.issuperset(silent):
                 outcome = Outcome.PLANNER_NOT_READY
-            detail = f"no connection to {', '.join(silent)} within {limit_s:g} s"
-            raise TrialEnded(outcome, detail)
+            raise TrialEnded(
+                outcome, f"no connection to {', '.join(silent)} within {limit_s:g} s"
+            )
 
         # The bag does without topics that are not connected after a time.
         if not loop.wait(
@@ -302,12 +301,16 @@ class RosTrial:
             silent = self._find_unmatched(subscriber.topics())
             loop.note(f"no connection to {', '.join(silent)}")
 
+        # The simulator counts all connections of its types, so the evaluator's own
+        # endpoints and those of dead processes count here, too.
         types = subscriber.topics()
-        _, scans = context.view.count_endpoints(topics.scan, types[topics.scan])
-        commands, _ = context.view.count_endpoints(
-            topics.command, types[topics.command]
-        )
-        if not context.simulator.await_connections(scans, commands):
+        scan_infos = loop.node.get_subscriptions_info_by_topic(topics.scan)
+        command_infos = loop.node.get_publishers_info_by_topic(topics.command)
+        scans = [info.topic_type for info in scan_infos]
+        commands = [info.topic_type for info in command_infos]
+        if not context.simulator.await_connections(
+            scans.count(types[topics.scan]), commands.count(types[topics.command])
+        ):
             loop.note(
                 "not all subscriptions to the scan are connected with the simulator"
             )
@@ -316,9 +319,12 @@ class RosTrial:
         """Return topics with more publishers than are connected, new ones included."""
         context = self._context
         context.recording.discover(everything=self._recorder is not None)
-        return context.subscriber.find_unmatched(
-            {topic: len(context.view.publishers(topic)) for topic in topics}
-        )
+        return [
+            topic
+            for topic in topics
+            if context.subscriber.count_publishers(topic)
+            < len(context.view.publishers(topic))
+        ]
 
     def _follow(self, queue: TrialQueue) -> Verdict:
         """Judge and record until there is a verdict."""
@@ -355,17 +361,16 @@ class RosTrial:
     def _look_at_graph(self, watchdog: Watchdog, now_s: float) -> None:
         context = self._context
         context.integrity.require(context.loop)
-        if context.planner.publishes():
+        if context.view.publishers(context.topics.command):
             watchdog.publisher_seen(now_s)
         if self._recorder is not None:
             context.recording.discover(everything=True)
 
     def _require_progress(self, watchdog: Watchdog, now_s: float) -> None:
         simulated_s = 0.0
-        if self._latest_ns is not None:
-            simulated_s = seconds(self._latest_ns - self._origin_ns)
         waited_s = 0.0
         if self.adapter is not None:
+            simulated_s = seconds(self.adapter.now_ns - self._origin_ns)
             waited_s = self.adapter.waited_s
         fault = watchdog.judge(
             now_s,
@@ -382,8 +387,9 @@ class RosTrial:
         self._origin_ns = origin_ns
         if self._recorder is not None:
             context.recording.begin(self._recorder, origin_ns)
-            scene = initial_scene(self._spec, origin_ns)
-            context.recording.show([scene], origin_ns, self._recorder)
+            context.recording.show(
+                [initial_scene(self._spec, origin_ns)], origin_ns, self._recorder
+            )
 
         command_type = context.subscriber.topics()[context.topics.command]
         frame = context.config.odom_frame
@@ -404,10 +410,13 @@ class RosTrial:
             recording = self._context.recording
             recording.write(self._recorder, messages, stamp_ns)
             if not is_over:
-                scene = moving_obstacle_scene(
-                    self._spec, stamp_ns - self._origin_ns, stamp_ns
+                recording.show(
+                    moving_obstacle_scene(
+                        self._spec, stamp_ns - self._origin_ns, stamp_ns
+                    ),
+                    stamp_ns,
+                    self._recorder,
                 )
-                recording.show(scene, stamp_ns, self._recorder)
         self._latest_ns = stamp_ns
         self._show_score()
 

@@ -64,10 +64,11 @@ class RosWork(Work):
             for planner in planners:
                 for number in range(self.workers):
                     share = set(block_worlds[number :: self.workers])
-                    specs = []
-                    for spec in trials:
-                        if spec.planner == planner.name and spec.world_number in share:
-                            specs.append(spec)
+                    specs = [
+                        spec
+                        for spec in trials
+                        if spec.planner == planner.name and spec.world_number in share
+                    ]
                     if not specs:
                         continue
                     key = planner.name

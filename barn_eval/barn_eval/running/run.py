@@ -2,7 +2,13 @@
 
 import signal
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import (
+    ExitStack,
+    closing,
+    contextmanager,
+    nullcontext,
+)
+from dataclasses import dataclass
 from pathlib import Path
 
 from barn_eval.results.folder import ResultsFolder
@@ -77,22 +83,17 @@ def open_run(
         yield Run(request, folder, reporter, work, pool)
 
 
+@dataclass(frozen=True)
 class Run:
     """A run whose results folder is open."""
 
-    def __init__(
-        self,
-        request: RunRequest,
-        folder: ResultsFolder,
-        reporter: Reporter,
-        work: Work,
-        pool: WorkerPool | None,
-    ) -> None:
-        self._request = request
-        self._folder = folder
-        self._reporter = reporter
-        self._work = work
-        self._pool = pool
+    request: RunRequest
+    folder: ResultsFolder
+    reporter: Reporter
+    work: Work
+
+    # Pool shared with other runs, if any.
+    pool: WorkerPool | None
 
     def drive(self, worlds: Collection[int] | None = None) -> list[TrialResult]:
         """Execute missing trials; write the tables once no trial is missing.
@@ -109,25 +110,30 @@ class Run:
         """
         trials = [
             spec
-            for spec in self._folder.remaining
+            for spec in self.folder.remaining
             if worlds is None or spec.world_number in worlds
         ]
         if trials:
-            completed = self._folder.results()
+            completed = self.folder.results()
             total = len(completed) + len(trials)
-            progress = RunProgress(total, completed, self._reporter)
-            execution = self._request.execution
+            progress = RunProgress(total, completed, self.reporter)
+            execution = self.request.execution
+            pool_context = (
+                nullcontext(self.pool)
+                if self.pool is not None
+                else closing(make_pool(execution, self.work))
+            )
             with (
-                self._open_pool() as pool,
-                self._reporter.show_progress(progress),
+                pool_context as pool,
+                self.reporter.show_progress(progress),
                 closing(
                     run_trials(
-                        self._folder,
+                        self.folder,
                         trials,
                         pool,
                         execution,
-                        self._work,
-                        self._request.config.mode,
+                        self.work,
+                        self.request.config.mode,
                     )
                 ) as events,
             ):
@@ -135,11 +141,11 @@ class Run:
                     progress.take(event)
 
         # Tables need all trials; until then the rows are in results.jsonl alone.
-        is_partial = bool(self._folder.remaining)
-        results = self._folder.results() if is_partial else self._folder.complete()
+        is_partial = bool(self.folder.remaining)
+        results = self.folder.results() if is_partial else self.folder.complete()
         warning = describe_unscored(results)
         if warning:
-            self._reporter.warn(warning)
+            self.reporter.warn(warning)
         return results
 
     def drive_scored(self, worlds: Sequence[int]) -> list[TrialResult]:
@@ -157,14 +163,6 @@ class Run:
                     " command runs it again"
                 )
         return results
-
-    @contextmanager
-    def _open_pool(self) -> Iterator[WorkerPool]:
-        if self._pool is not None:
-            yield self._pool
-            return
-        with closing(make_pool(self._request.execution, self._work)) as pool:
-            yield pool
 
 
 def make_pool(execution: ExecutionConfig, work: Work) -> WorkerPool:

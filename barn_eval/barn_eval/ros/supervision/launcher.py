@@ -87,8 +87,7 @@ def main(arguments: list[str]) -> int:
     _end_with(first, signal.SIGTERM)
     _become_subreaper()
     descriptor, kind, _, *command = arguments
-    launcher = _Launcher(socket.socket(fileno=int(descriptor)), wake)
-    launcher.run(command, kind)
+    _Launcher(socket.socket(fileno=int(descriptor)), wake).run(command, kind)
     return 0
 
 
@@ -155,8 +154,12 @@ def _mount_views(results: str) -> bool:
     folder = os.fsencode(results)
     if results and _LIBC.mount(folder, folder, None, _MS_BIND, None) == 0:
         # A bind mount becomes read-only only when it is mounted again.
-        locked_flags = os.statvfs(results).f_flag & _LOCKED_MOUNT_FLAGS
-        flags = _MS_BIND | _MS_REMOUNT | _MS_RDONLY | locked_flags
+        flags = (
+            _MS_BIND
+            | _MS_REMOUNT
+            | _MS_RDONLY
+            | (os.statvfs(results).f_flag & _LOCKED_MOUNT_FLAGS)
+        )
         _require_success(
             _LIBC.mount(None, folder, None, flags, None),
             f"{results} cannot be made read-only",
@@ -322,8 +325,9 @@ class _Launcher:
             _end_with(parent, signal.SIGKILL)
             if kind != SUITE:
                 with suppress(OSError):
-                    score_file = Path("/proc/self/oom_score_adj")
-                    score_file.write_text(_OUT_OF_MEMORY_SCORE, "ascii")
+                    Path("/proc/self/oom_score_adj").write_text(
+                        _OUT_OF_MEMORY_SCORE, "ascii"
+                    )
             if kind == ISOLATED:
                 # The user root could otherwise undo the mounts.
                 _LIBC.prctl(_PR_CAPBSET_DROP, _CAP_SYS_ADMIN, 0, 0, 0)
@@ -464,9 +468,7 @@ def _reap_and_list(child: _Child) -> list[int]:
 
 def _living_descendants() -> list[int]:
     parents = {}
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit():
-            continue
+    for entry in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             # The name of the command, in parentheses, may hold anything.
             fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()

@@ -15,8 +15,8 @@ from barn_eval.running.planner_choices import split_command
 from barn_eval.trials.ros_config import PlannerLink, RosConfig
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_sim.config import SimulatorConfig, robot_of
-from barn_worlds.base.config import as_dict
+from barn_sim.config import SimulatorConfig, SimulatorNodeConfig, robot_of
+from barn_worlds.base.config import Checked, as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
 from barn_worlds.robots.files import ROBOTS, robot_yaml
@@ -63,8 +63,10 @@ class NodeProcess:
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
         with convert_os_errors(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
-        ros_arguments = ["--ros-args", *self.arguments, "--params-file", str(path)]
-        return [*self.command, *ros_arguments]
+        return [
+            *self.command,
+            *["--ros-args", *self.arguments, "--params-file", str(path)],
+        ]
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,8 @@ class Assignment:
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
-        specs = []
-        for spec in self.run.trials(self.worlds):
-            if spec.trial_id in self.trials:
-                specs.append(spec)
-        return specs
+        specs = self.run.trials(self.worlds)
+        return [spec for spec in specs if spec.trial_id in self.trials]
 
 
 def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
@@ -115,15 +114,9 @@ def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
         "robot": robot,
         "start_paused": True,
         "evaluator_fd": line,
-        "lockstep": setup.lockstep,
-        "command_type": setup.command_type,
+        **_parameters_of(setup, SimulatorNodeConfig),
         "real_time_factor": setup.real_time_factor,
         "command_wait_s": setup.command_wait_s,
-        "ground_truth": setup.ground_truth,
-        "map_frame": setup.map_frame,
-        "odom_frame": setup.odom_frame,
-        "base_frame": setup.base_frame,
-        "lidar_frame": setup.lidar_frame,
     }
     return _suite_node("simulator", "barn_sim.ros.simulator:main", parameters, setup)
 
@@ -171,10 +164,10 @@ def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
         "preset": planner_setup.preset,
         "use_map": run.protocol.map_given,
         "use_sim_time": True,
-        "command_type": command_type,
         "map_frame": setup.map_frame,
         "odom_frame": setup.odom_frame,
         "base_frame": setup.base_frame,
+        "command_type": command_type,
         **planner_setup.overrides,
     }
     return _suite_node("planner", "barn_planners.ros.planner:main", parameters, setup)
@@ -194,14 +187,19 @@ def evaluator(
     Returns:
         The process to start.
     """
-    names = {field.name for field in fields(PlannerLink)}
-    parameters = {key: value for key, value in as_dict(setup).items() if key in names}
-    parameters |= {
+    parameters = {
+        **_parameters_of(setup, PlannerLink),
         "assignment": str(assignment),
         "supervisor_fd": supervisor,
         "simulator_fd": simulator,
     }
     return _suite_node("evaluator", "barn_eval.ros.evaluator:main", parameters, setup)
+
+
+def _parameters_of(setup: RosConfig, node_config: type[Checked]) -> dict[str, Any]:
+    """Return the settings of a run that a node has as parameters of the same names."""
+    names = {field.name for field in fields(node_config)}
+    return {key: value for key, value in as_dict(setup).items() if key in names}
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
@@ -280,5 +278,6 @@ def _suite_node(
     arguments: list[str] = []
     for rule in rules:
         arguments += ["-r", rule]
-    command = (sys.executable, start.__file__, entry)
-    return NodeProcess(name, command, parameters, tuple(arguments))
+    return NodeProcess(
+        name, (sys.executable, start.__file__, entry), parameters, tuple(arguments)
+    )

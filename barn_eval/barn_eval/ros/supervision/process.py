@@ -218,9 +218,7 @@ def _find_marked(mark: str) -> list[int]:
     """Return living processes of this user that were started with a mark."""
     pids = []
     variable = f"{_MARK}={mark}".encode()
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit():
-            continue
+    for entry in Path("/proc").glob("[0-9]*"):
         # The environment of a process that has ended is empty.
         with suppress(OSError):
             if variable in (entry / "environ").read_bytes().split(b"\0"):

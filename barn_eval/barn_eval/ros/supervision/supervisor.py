@@ -9,7 +9,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -98,28 +98,29 @@ def run_ros_trials(
             supervisor.stop()
 
 
+@dataclass
 class _Supervisor:
     """Keeps the three processes running until the evaluator has run all trials."""
 
-    def __init__(
-        self,
-        run: RunConfig,
-        trials: Sequence[TrialSpec],
-        store: BagStore,
-        logs: Path,
-        environment: Mapping[str, str],
-        notice: Callable[[str], None],
-        look_first: bool,
-    ) -> None:
-        planner = next(
-            planner for planner in run.planners if planner.name == trials[0].planner
-        )
-        self._planner_name = planner.name
+    config: RunConfig
+    trials: Sequence[TrialSpec]
+    store: BagStore
+    logs: Path
+    environment: Mapping[str, str]
+    notice: Callable[[str], None]
+
+    # Whether the evaluator looks for other nodes before any of these starts.
+    look_first: bool
+
+    def __post_init__(self) -> None:
         # Trials without a result.
-        self._trials = {spec.trial_id: spec for spec in trials}
-        self._logs = logs
-        self._environment = environment
-        self._notice = notice
+        self._trials = {spec.trial_id: spec for spec in self.trials}
+        planner_name = self.trials[0].planner
+        planner = next(
+            planner for planner in self.config.planners if planner.name == planner_name
+        )
+        # Evaluator and planner node know no other planners of the run.
+        self.config = replace(self.config, planners=(planner,))
         self._evaluator: EventChannel | None = None
         self._processes: dict[str, SupervisedProcess] = {}
         # Monotonic times at which processes are to be started, and were last.
@@ -128,7 +129,7 @@ class _Supervisor:
         self._quoted_logs: set[str] = set()
         self._parameters_kept = False
         self._lost_evaluators = 0
-        self._isolated = run.ros.isolate and can_isolate()
+        self._isolated = self.config.ros.isolate and can_isolate()
         self._done = False
 
         # The trial in progress, whether its robot drives, and why trials are repeated
@@ -136,7 +137,7 @@ class _Supervisor:
         # begins, the run before ended in its midst.
         self._trial = ""
         self._driving = False
-        self._driving_file = logs / "released"
+        self._driving_file = self.logs / "released"
         self._repeats: dict[str, list[str]] = {}
         if self._driving_file.exists():
             interrupted = self._driving_file.read_text("utf-8")
@@ -146,26 +147,17 @@ class _Supervisor:
         # Both ends stay open here, for a simulator or an evaluator that is started in
         # place of one that has ended.
         self._simulator_line, self._evaluator_line = private_line.create_ends()
-        robot = nodes.name_robot(run.simulator, logs)
+        self._robot = nodes.name_robot(self.config.simulator, self.logs)
         line = self._simulator_line.fileno()
         self._nodes = {
-            SIMULATOR: nodes.simulator(run.ros, line, robot),
-            PLANNER: nodes.planner(planner, run),
+            SIMULATOR: nodes.simulator(self.config.ros, line, self._robot),
+            PLANNER: nodes.planner(planner, self.config),
         }
-        _copy_planner_files(planner, logs)
-        self._assignment = Assignment(
-            replace(run, planners=(planner,)),
-            (),
-            (),
-            str(store.folder),
-            robot,
-            look_first,
-            self._isolated,
-        )
+        _copy_planner_files(planner, self.logs)
 
     def run(self) -> Iterator[TrialRecord]:
         """Yield records as they come, until there is one of each trial."""
-        if not self._assignment.look_first:
+        if not self.look_first:
             for name in self._nodes:
                 self._schedule_start(name)
         self._schedule_start(EVALUATOR)
@@ -241,21 +233,25 @@ class _Supervisor:
 
     def _start_evaluator(self) -> None:
         specs = self._trials.values()
-        assignment = replace(
-            self._assignment,
-            trials=tuple(self._trials),
-            worlds=tuple(dict.fromkeys(spec.world_number for spec in specs)),
+        assignment = Assignment(
+            self.config,
+            tuple(self._trials),
+            tuple(dict.fromkeys(spec.world_number for spec in specs)),
+            str(self.store.folder),
+            self._robot,
+            self.look_first,
+            self._isolated,
         )
         # The next evaluator finds the nodes of this run.
-        self._assignment = replace(self._assignment, look_first=False)
-        path = self._logs / "assignment.json"
+        self.look_first = False
+        path = self.logs / "assignment.json"
         write_durably(path, json.dumps(as_dict(assignment)).encode())
 
         supervisor_end, evaluator_end = socket.socketpair()
         with evaluator_end:
             node = nodes.evaluator(
                 path,
-                assignment.run.ros,
+                self.config.ros,
                 evaluator_end.fileno(),
                 self._evaluator_line.fileno(),
             )
@@ -264,9 +260,9 @@ class _Supervisor:
 
     def _start(self, node: NodeProcess, sockets: Sequence[socket.socket]) -> None:
         name = node.name
-        command = node.write_parameters(self._logs)
+        command = node.write_parameters(self.logs)
         self._started_s[name] = time.monotonic()
-        environment = self._environment
+        environment = self.environment
         if node.foreign:
             environment = nodes.foreign_environment(environment)
 
@@ -274,7 +270,7 @@ class _Supervisor:
         if name == PLANNER:
             kind = launcher.PLANNER
             if self._isolated:
-                kind = f"{launcher.ISOLATED}:{self._assignment.out}"
+                kind = f"{launcher.ISOLATED}:{self.store.folder}"
         self._processes[name] = SupervisedProcess(
             name, command, environment, self._log(name), sockets, kind
         )
@@ -291,9 +287,13 @@ class _Supervisor:
             case {"event": "repeated", "reason": reason}:
                 self._repeat(reason)
             case {"event": "note", "text": text}:
-                self._notice(text)
-            case {"event": "parameters", "text": text}:
-                self._keep_parameters(text)
+                self.notice(text)
+            case {"event": "parameters", "text": text} if not self._parameters_kept:
+                # Planners that start again report again; one trial is enough.
+                self._parameters_kept = True
+                folder = self.store.folder / LOGS
+                (planner,) = self.config.planners
+                write_node_parameters(folder, self.logs, planner.name, text)
             case {"event": "stop", "name": name} if name in self._processes:
                 self._processes[name].ask_to_stop()
             case {"event": "start", "name": name} if name not in self._processes:
@@ -302,13 +302,6 @@ class _Supervisor:
                 raise self._refusal(reason)
             case {"event": "done"}:
                 self._done = True
-
-    def _keep_parameters(self, text: str) -> None:
-        """Keep what the planner's nodes tell once, at the first trial."""
-        if not self._parameters_kept:
-            self._parameters_kept = True
-            folder = Path(self._assignment.out) / LOGS
-            write_node_parameters(folder, self._logs, self._planner_name, text)
 
     def _refusal(self, reason: str) -> ProcessError:
         """Return the evaluator's reason to end the run, with a log that explains it."""
@@ -320,7 +313,7 @@ class _Supervisor:
     def _repeat(self, reason: str) -> None:
         """Note why a trial is repeated that had begun."""
         self._repeats.setdefault(self._trial, []).append(reason)
-        self._notice(f"{self._trial} is repeated: {reason}")
+        self.notice(f"{self._trial} is repeated: {reason}")
 
     def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
         """Replace a process that has ended; yield the trial that this costs, if any."""
@@ -328,7 +321,7 @@ class _Supervisor:
         end = process.end or ""
         # The evaluator may want a planner of its own for each trial: no news. Asked
         # before the process is stopped, which counts as stopping whatever went before.
-        policy = self._assignment.run.ros.restart_planner
+        policy = self.config.ros.restart_planner
         is_expected = name == PLANNER and process.stopping and policy == "each_trial"
 
         del self._processes[name]
@@ -356,7 +349,7 @@ class _Supervisor:
         if process.name not in self._quoted_logs:
             self._quoted_logs.add(process.name)
             text += f"; {last_lines(process.log)}"
-        self._notice(text)
+        self.notice(text)
 
     def _handle_lost_evaluator(
         self, process: SupervisedProcess
@@ -390,20 +383,19 @@ class _Supervisor:
 
     def _interference(self, reason: str) -> TrialResult:
         """Return the result of a trial whose evaluator the planner may have ended."""
-        detail = f"{reason}; {PLANNER_SUSPECTED}"
-        verdict = Verdict(Outcome.INTERFERENCE, detail, None, 0.0, 0.0)
-        trajectory = TrajectoryLog().trajectory()
+        verdict = Verdict(
+            Outcome.INTERFERENCE, f"{reason}; {PLANNER_SUSPECTED}", None, 0.0, 0.0
+        )
         return finish_trial(
-            self._trials[self._trial], "ros", verdict, trajectory
+            self._trials[self._trial], "ros", verdict, TrajectoryLog().trajectory()
         ).result
 
     def _schedule_start(self, name: str) -> None:
         if name not in self._due_s:
-            last_start_s = self._started_s.get(name, -math.inf)
-            self._due_s[name] = last_start_s + _START_PERIOD_S
+            self._due_s[name] = self._started_s.get(name, -math.inf) + _START_PERIOD_S
 
     def _log(self, name: str) -> Path:
-        return self._logs / f"{name}.log"
+        return self.logs / f"{name}.log"
 
 
 def _copy_planner_files(planner: PlannerChoice, logs: Path) -> None:
