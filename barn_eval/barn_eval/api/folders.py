@@ -1,12 +1,12 @@
 """What folders of results show together: comparisons, boards, reports, replays."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
 import pandas as pd
 
-from barn_eval.analysis.compare import compare_folders
+from barn_eval.analysis.compare import Comparison, compare_folders
 from barn_eval.analysis.leaderboard import board_rows
 from barn_eval.analysis.leaderboard import make_boards as rank_folders
 from barn_eval.analysis.pandas_tables import pandas_table
@@ -73,11 +73,14 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
     Raises:
         BarnError: If they are not of the same task, or have no world in common.
     """
-    comparisons = compare_folders(*folder_paths([a, b]))
-    rows = []
-    for comparison in comparisons:
-        rows += comparison.columns()
-    return pandas_table(rows)
+    return comparisons_frame(compare_folders(*folder_paths([a, b])))
+
+
+def comparisons_frame(comparisons: Iterable[Comparison]) -> pd.DataFrame:
+    """Return the table of `compare`."""
+    return pandas_table(
+        row for comparison in comparisons for row in comparison.columns()
+    )
 
 
 def leaderboard(

@@ -33,6 +33,7 @@ from barn_eval.api.folders import (
     Folder,
     check,
     compare,
+    comparisons_frame,
     leaderboard,
     overlay,
     replay,
@@ -94,9 +95,7 @@ def load(folder: str | Path, planners: Planners | None = None) -> "Results":
     Raises:
         BarnError: If the folder has no results.
     """
-    planner_objects: dict[str, PlannerObject] = {}
-    if planners is not None:
-        _, planner_objects = split_planner_objects(planners)
+    _, planner_objects = split_planner_objects(planners or [])
     return Results(Path(folder), planner_objects)
 
 
@@ -192,10 +191,7 @@ class Results:
                 f"{self.folder}: has one planner only; give other results to compare"
                 " with"
             )
-        rows = []
-        for comparison in comparisons:
-            rows += comparison.columns()
-        return pandas_table(rows)
+        return comparisons_frame(comparisons)
 
     def verdict(self) -> str:
         """Return in words which planner is better by the ranking measure.

@@ -206,12 +206,10 @@ def generate_moving(
     if out is not None:
         path = Path(out).with_suffix(".npz")
         _require_new(path)
-    values = dict(parameters or {})
-    motions = []
-    for name in classes:
-        motions.append(
-            replace_dotted(motion_class(name), values, "parameters of a class")
-        )
+    motions = [
+        replace_dotted(motion_class(name), parameters or {}, "parameters of a class")
+        for name in classes
+    ]
     worlds: dict[int, World] = {}
     if source is None:
         if crossing or obstacles is not None:

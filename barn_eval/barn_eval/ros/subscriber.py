@@ -202,7 +202,6 @@ class TrialQueue:
         self._channel = channel
         self._reset_ns = reset_ns
         self._released = False
-        self._limit_reported = False
         self._sequencer = TickSequencer(topics.scan, fenced=channel is not None)
         # Latest tick that came by DDS, and the last acknowledgment to the simulator.
         self._dds_tick_ns = 0
@@ -215,24 +214,24 @@ class TrialQueue:
         self._clock_lag_ns = 0
 
     def require_bounded(self) -> None:
-        """Raise TrialEnded, once, for floods of messages and clocks that are behind."""
+        """Raise TrialEnded for floods of messages and clocks that are behind."""
         is_flooded = (
             self._waiting_bytes > _WAITING_BYTES
             or self._topic_bytes.total() > _TRIAL_BYTES
             or self._subscriber.full_reads > _MAX_FULL_READS
         )
-        if self._limit_reported or not (is_flooded or self._clock_lag_ns):
-            return
-        self._limit_reported = True
         if is_flooded:
             topic, size = self._topic_bytes.most_common(1)[0]
-            detail = f"{size / 1e6:.0f} MB on {topic}, more than can be kept up with"
-        else:
-            lag_s = seconds(self._clock_lag_ns)
-            detail = (
-                f"commands are stamped by a clock that is {lag_s:.0f} s or more behind"
+            raise TrialEnded(
+                Outcome.INTERFERENCE,
+                f"{size / 1e6:.0f} MB on {topic}, more than can be kept up with",
             )
-        raise TrialEnded(Outcome.INTERFERENCE, detail)
+        if self._clock_lag_ns:
+            lag_s = seconds(self._clock_lag_ns)
+            raise TrialEnded(
+                Outcome.INTERFERENCE,
+                f"commands are stamped by a clock that is {lag_s:.0f} s or more behind",
+            )
 
     def read(self) -> None:
         """Take in what has arrived.

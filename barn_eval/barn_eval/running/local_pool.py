@@ -66,13 +66,15 @@ class LocalPool(WorkerPool):
             path = os.pathsep.join(map(os.path.abspath, sys.path))
             self._environment["PYTHONPATH"] = path
         self._limit_s = trial_limit_s or float("inf")
-        self._workers: list[_Worker | None] = [None] * workers
+        # At most one worker for each slot; it is started at its first job.
+        self._slots = workers
+        self._workers: dict[int, _Worker] = {}
         self._last_look_s = time.monotonic()
 
     @property
     def slots(self) -> int:
         """Number of workers."""
-        return len(self._workers)
+        return self._slots
 
     def submit(self, key: str, job: object) -> None:
         """Hand a job to an idle worker.
@@ -81,11 +83,9 @@ class LocalPool(WorkerPool):
             key: Key of the job, which its reports carry.
             job: What `Work.run` takes.
         """
-        slot, worker = next(
-            (slot, worker)
-            for slot, worker in enumerate(self._workers)
-            if worker is None or worker.key is None
-        )
+        busy = {slot for slot, worker in self._workers.items() if worker.key}
+        slot = min(set(range(self._slots)) - busy)
+        worker = self._workers.get(slot)
         if worker is not None:
             if worker.submit(key, job):
                 return
@@ -99,8 +99,8 @@ class LocalPool(WorkerPool):
         """Return reports of workers, and losses of those that died or took too long."""
         busy = {
             worker.connection: worker
-            for worker in self._workers
-            if worker is not None and worker.key is not None
+            for worker in self._workers.values()
+            if worker.key is not None
         }
         deadline_s = min((worker.deadline_s for worker in busy.values()), default=0.0)
         timeout_s = min(limit_s, deadline_s - time.monotonic())
@@ -120,22 +120,21 @@ class LocalPool(WorkerPool):
                 reports.append(worker.receive())
             elif time.monotonic() >= worker.deadline_s and not worker.extend():
                 reports.append(worker.give_up())
-        for slot, slot_worker in enumerate(self._workers):
-            if slot_worker is not None and slot_worker.is_dead:
-                self._workers[slot] = None
+        for slot, worker in list(self._workers.items()):
+            if worker.is_dead:
+                del self._workers[slot]
         return reports
 
     def close(self) -> None:
         """Ask all workers to end, and kill those that do not within `GRACE_S`."""
         # All are asked before any is waited for, so that they end at the same time.
-        workers = [worker for worker in self._workers if worker is not None]
-        self._workers = [None] * len(self._workers)
-        for worker in workers:
+        for worker in self._workers.values():
             worker.request_end()
         deadline_s = time.monotonic() + GRACE_S
-        for worker in workers:
+        for worker in self._workers.values():
             worker.join(max(0.0, deadline_s - time.monotonic()))
             worker.kill()
+        self._workers.clear()
 
 
 class _Worker:

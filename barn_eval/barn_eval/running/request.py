@@ -111,7 +111,7 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
             f"{where}out must name a folder for the results, got {format_value(out)}"
         )
     out = Path(out)
-    execution = _read_mapping(content.pop("execution", None), f"{where}execution")
+    execution = _pop_mapping(content, "execution", where)
     for key in _EXECUTION_KEYS:
         if key in content:
             execution[key] = content.pop(key)
@@ -181,15 +181,15 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
         raise ConfigError(
             f"{where}robot must be a name or a YAML file, got {format_value(robot)}"
         )
-    simulator = _read_mapping(content.pop("simulator", None), f"{where}simulator")
-    ros = _read_mapping(content.pop("ros", None), f"{where}ros")
+    simulator = _pop_mapping(content, "simulator", where)
+    ros = _pop_mapping(content, "ros", where)
     if "bags" in ros:
         raise ConfigError(f"{where}ros.bags is given by bags (--bags)")
 
     planners = read_planners(
         content.pop("planners", None), content.pop("planner_command", None), where
     )
-    parameters = _read_mapping(content.pop("settings", None), f"{where}settings")
+    parameters = _pop_mapping(content, "settings", where)
     config = from_dict(RunConfig, content, where.rstrip(": ") or "options")
     return replace(
         config,
@@ -260,10 +260,11 @@ def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
     return parameters
 
 
-def _read_mapping(value: Any, key: str) -> dict[str, Any]:
-    if not isinstance(value or {}, Mapping):
+def _pop_mapping(content: dict[str, Any], key: str, where: str) -> dict[str, Any]:
+    value = content.pop(key, None) or {}
+    if not isinstance(value, Mapping):
         raise ConfigError(
-            f"{key} must be a mapping of parameters to values,"
+            f"{where}{key} must be a mapping of parameters to values,"
             f" got {format_value(value)}"
         )
-    return dict(value or {})
+    return dict(value)
