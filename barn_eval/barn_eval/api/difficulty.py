@@ -55,6 +55,7 @@ def predict_rows(
     dataset = open_dataset(source)
     rows = []
     for number, prediction in model.predict_dataset(dataset, select).items():
+        # Predictions know worlds by number only.
         name = dataset.load(number).name
         rows.append({"world": number, "name": name, **prediction.columns()})
     return model, dataset.name, rows

@@ -112,6 +112,7 @@ def leaderboard(
         BarnError: If there are no results, or the measure is not known.
     """
     boards = rank_folders(folder_paths(folders), by, worlds)
+    # The table has no room for notes and titles, the file has.
     if out is not None:
         write_boards(boards, Path(out))
     return pandas_table(board_rows(boards), tied="bool", better_than="object")
@@ -160,6 +161,7 @@ def report(
     )
     page = Path(out)
     links = replay_links(content, page, Path(replays) if replays else None)
+    # Names of folders tell one report from another in a list of tabs.
     heading = title or f"Navigation benchmark: {', '.join(content.names)}"
     write_page(page, report_page(content, heading, links))
     if assets is not None:
@@ -191,6 +193,7 @@ def replay(
     Raises:
         BarnError: If a bag cannot be read, or the file cannot be written.
     """
+    # A text is a sequence, too, but of characters.
     bags = [bag] if isinstance(bag, str | Path) else bag
     paths = write_replay(
         [Path(path) for path in bags],
@@ -244,6 +247,7 @@ def overlay(
     Raises:
         BarnError: If there is no such trial, or the folders differ in the world.
     """
+    # Type and colors of reports, whatever the notebook has set for matplotlib.
     with style():
         figure = draw_overlay(
             folder_paths(folders), world, by=by, planners=planners, outcome=outcome
@@ -261,6 +265,7 @@ def folder_paths(folders: Folders) -> list[Path]:
         folders = [folders]
     paths = []
     for item in folders:
+        # `Results` are not imported here: their module imports this one.
         path = getattr(item, "folder", item)
         if not isinstance(path, str | Path):
             raise ConfigError(

@@ -231,6 +231,7 @@ class Results:
         Raises:
             BarnError: If planners or measure are unknown, or there are too few trials.
         """
+        # Before the estimate, which takes one planner or two.
         rows_by_planner = select_planners(
             self.folder, group_by_planner(self.trials), planners
         )
@@ -329,6 +330,7 @@ class Results:
                 another number of panels.
         """
         panels = plot(what, entries_of([self._source]), ax, width_mm)
+        # The axes are part of a figure of the user, who saves and shows it.
         if ax is not None:
             return panels
         return Plot(figure_of(panels), CHARTS[what].about)
@@ -358,9 +360,11 @@ class Results:
         )  # raises for an unknown format before the trial is driven
         bag = self._source.bag(trial)
         if not bag.is_dir():
+            # An earlier replay may have driven the trial again.
             bag = folder / BAGS / trial
         if not bag.is_dir():
             logger.warning("no bag of %s was kept: it is driven once more", trial)
+            # Into a folder of its own, since the run has decided to keep no bag.
             new_result = self._drive(result, folder, "all")
             if new_result.repeatable() != result.repeatable():
                 logger.warning(
@@ -412,6 +416,7 @@ class Results:
             BarnError: If there is no such trial, or its planner is not at hand.
         """
         result = self._result(trial)
+        # Mode ros writes its logs somewhere, even without a bag.
         with TemporaryDirectory() as folder:
             new_result = self._drive(result, Path(folder), "none")
         return describe_difference(result, new_result)
@@ -424,9 +429,11 @@ class Results:
             out: Folder for its bag.
             bags: Whether there is a bag, "all" or "none".
         """
+        # From run.json, with which the row was made, not from options of today.
         config = replace(RunFile.read(self.folder).run_config(), bags=bags)
         name = result.planner
         choice = next(planner for planner in config.planners if planner.name == name)
+        # Code of a Python object is not in the folder, only its hash.
         if choice.source:
             if name not in self._planner_objects:
                 raise ConfigError(
@@ -463,6 +470,7 @@ class Results:
 
     def _result(self, trial: str | int) -> TrialResult:
         """Return the row of a trial, by its name or its place."""
+        # A negative number is no place: below, it fails as an unknown name.
         if isinstance(trial, int) and 0 <= trial < len(self.trials):
             return self.trials[trial]
         results = {row.trial_id: row for row in self.trials}
@@ -486,6 +494,7 @@ class Results:
     def __repr__(self) -> str:
         """Return folder, number of trials and planners in one line."""
         planned = self._source.planned
+        # Notebooks show this line, so it says whether trials are missing.
         count = str(len(self))
         if planned and planned > len(self):
             count += f" of {planned}"

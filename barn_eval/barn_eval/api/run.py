@@ -100,6 +100,7 @@ def run(
     )
     if dry_run:
         return estimate_run(request, overwrite=overwrite)
+    # Results are read from the folder: it has those of earlier sessions, too.
     run_request(request, make_reporter(progress), overwrite=overwrite)
     return Results(request.out, request.planner_objects)
 
@@ -143,6 +144,7 @@ def sweep(
 
 
 def _read_request(file: str | Path | None, options: RunOptions) -> RunRequest:
+    # As a function does with a wrong keyword, before any value is looked at.
     unknown = options.keys() - RunOptions.__annotations__.keys()
     if unknown:
         raise TypeError(f"a run has no option {min(unknown)!r}")

@@ -81,6 +81,7 @@ def info() -> dict[str, Any]:
     """Return versions, ROS, optional parts, planners, data sets and machine."""
     states: dict[str, str] = {}
     for name, (_, remedy) in OPTIONAL.items():
+        # The only one that is a program and no module.
         if name == "ffmpeg":
             is_installed = shutil.which(name) is not None
         else:
@@ -89,6 +90,7 @@ def info() -> dict[str, Any]:
         problem = ""
         if not is_installed:
             problem = f"{name} is not installed"
+        # It may be installed, but for another Python.
         elif name == "rclpy":
             problem = ros_problem()
         states[name] = "on"
@@ -105,6 +107,7 @@ def info() -> dict[str, Any]:
 def _describe_ros() -> dict[str, str]:
     """Return ROS's variables, its middleware, and how planners are kept apart."""
     description = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
+    # Without ROS there is no middleware to ask for.
     if not ros_problem():
         description["middleware"] = _find_middleware()
     warning = isolation_warning(RosConfig())
@@ -126,6 +129,7 @@ def _find_middleware() -> str:
     if process.returncode == 0:
         return process.stdout.strip()
     reason = f"exit code {process.returncode}"
+    # The last line of a traceback is the exception.
     lines = process.stderr.strip().splitlines()
     if lines:
         reason = lines[-1]

@@ -38,6 +38,7 @@ class Trial:
         names = [
             f"{channel}_{unit}" for channel, unit in zip(CHANNELS, _UNITS, strict=True)
         ]
+        # A trial in which nothing was driven has the same columns without rows.
         samples = np.empty((0, len(names)))
         contact = np.empty(0, np.bool_)
         if self.track is not None:

@@ -64,6 +64,7 @@ __all__ = [
 ]
 
 Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "png"]
+# The type for users of Python and the choices of the command are the same.
 FORMATS: tuple[Form, ...] = get_args(Form)
 
 
@@ -160,6 +161,7 @@ def _parameter_sets(
     """Return parameter sets, with cells in the size of a robot by default."""
     sets = TABLE_I
     if changes:
+        # Changes make one set of their own; Table I stays as it is printed.
         sets = (replace_dotted(WorldParameters(), changes, "world parameters"),)
     # The generator thinks in cells: as many to a robot, whatever its size.
     sizes: dict[str, float] = {}
@@ -204,6 +206,7 @@ def generate_moving(
     """
     path = None
     if out is not None:
+        # The original layout has no place for moving obstacles.
         path = Path(out).with_suffix(".npz")
         _require_new(path)
     motions = [
@@ -227,6 +230,7 @@ def generate_moving(
             f" got {len(motions)}"
         )
     else:
+        # Each world has a seed of its own, whatever other worlds are selected.
         add_obstacles = add_crossings if crossing else add_motion
         for number, world in load(source, select).items():
             worlds[number] = add_obstacles(world, motions[0], seed + number, obstacles)
@@ -262,6 +266,7 @@ def save(
     """
     if form not in FORMATS:
         raise ConfigError(f"unknown format {form!r}{suggest(form, FORMATS)}")
+    # A map or a picture says nothing about what can be pushed.
     if movable and not form.startswith("sdf"):
         raise ConfigError(f"movable obstacles are for Gazebo worlds, not for {form}")
     path = Path(out)
@@ -287,6 +292,7 @@ def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
                 f"{world.name}: the original layout has no place for walls and moving"
                 " obstacles"
             )
+    # The original data set has its metrics by the published formula.
     published_metrics = {
         number: world_metrics(world, PUBLISHED).as_array()
         for number, world in worlds.items()
@@ -347,6 +353,7 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
 def _with_footprint(world: World, robot: Robot) -> World:
     """Return a world with a robot's footprint, and with a path for it."""
     cells = robot.footprint_cells(world.resolution_m)
+    # The path of a data set is kept where it can be: a new one may differ.
     if cells == world.footprint_cells:
         return world
     path = plan_grid_path(world.grid, cells, world.name)
@@ -402,6 +409,7 @@ def metrics_table(
         robot: As for `metrics`.
     """
     dataset = open_dataset(source)
+    # By default, each world is measured for the robot that it was made for.
     other_robot = load_robot(robot) if robot else None
 
     def read(number: int) -> World:
@@ -442,6 +450,7 @@ def draw(
             raise ConfigError("a course is drawn in one world, not in several")
         return Plot(sheet_figure(worlds), f"{len(worlds)} worlds")
     world = fit_to_robot(worlds, load_robot(robot), course)
+    # A corner in meters makes a world an arena, whose course is DynaBARN's.
     protocol = DYNABARN if world.corner_m is not None else CHALLENGE
     ends = protocol.course(world)
     figure = world_figure(world, ends.start, ends.goal, protocol.goal_distance_m)

@@ -16,6 +16,7 @@ from barn_eval.commands.options import (
 from barn_eval.studies.ab import ab
 from barn_worlds.base.config import as_dict
 
+# Not 3, which says that trials have no score.
 WORSE = 4
 """Exit code if HEAD is worse."""
 
@@ -57,6 +58,7 @@ def command(
     since is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD
     is worse.
     """
+    # What --run gives wins: it may name the same keys as the options.
     options = {"worlds": worlds, "out": out} | run
     result = ab(base, head, planner_command, options, reporter)
     base_folder, head_folder = result.folders
@@ -74,5 +76,6 @@ def command(
         )
     else:
         click.echo(result.markdown())
+    # To standard error, so that a job can post the output as it is.
     print_notes(f"BASE in {base_folder}, HEAD in {head_folder}")
     return WORSE if result.decision == "worse" else 0

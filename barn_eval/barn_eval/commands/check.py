@@ -61,11 +61,13 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     """
     with notes.status("checking"):
         check = check_folder(folder, sample=sample)
+    # None in the JSON output says that no trial was to be run again.
     is_reproduced = None
     if rerun is not None and not check.problems:
         difference = _rerun(Results(folder), rerun)
         is_reproduced = not difference
         if difference:
+            # As any other problem, a difference decides the exit code.
             check.problems.append(f"{folder}: {rerun} is not reproduced: {difference}")
 
     if as_json:
@@ -112,6 +114,7 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 
     It holds rows, tracks, commands, parameter files, versions and machine.
     """
+    # resolve() gives "." a name.
     path = out or Path(f"{folder.resolve().name}.barn.zip")
     with notes.status("checking"):
         check = write_submission(folder, path, container)
@@ -134,6 +137,7 @@ def verify(file: Path, out: Path | None, as_json: bool) -> None:
     cannot be is wrong here, too. Exit code 1 if anything is, with a line for each, and
     then --out is not written.
     """
+    # What does not hold must not be left in a folder that others then rank.
     with TemporaryDirectory() if out is None else create_folder(out) as folder:
         with notes.status("verifying"):
             check, submission = verify_submission(file, Path(folder))

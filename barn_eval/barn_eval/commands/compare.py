@@ -80,6 +80,7 @@ def command(
     """
     measures = require_measures(split_names(columns))
     margins = [Margin.parse(text) for text in margin_texts]
+    # A margin is judged even if its measure is not among the columns.
     keys = dict.fromkeys(measures or COMPARED)
     keys |= dict.fromkeys(margin.measure for margin in margins)
     with progress_bar("comparing") as progress:
@@ -92,6 +93,7 @@ def command(
     first = comparisons[0]
     content: list[object] = []
     renderables: list[object] = [task_line(first.protocol, first.task, first.robot)]
+    # One pair of planners that is worse decides the exit code of all.
     outcomes: set[str] = set()
     for comparison in comparisons:
         decisions = [decide_margin(comparison, margin) for margin in margins]
@@ -181,6 +183,7 @@ def precision(
         measure_key="".join(measures),
         repetitions=repetitions,
     )
+    # All planners of a run have the same protocol and task.
     row = next(iter(rows_by_planner.values()))[0]
     print_output(
         as_json,

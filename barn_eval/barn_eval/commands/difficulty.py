@@ -35,6 +35,7 @@ def predict(source: str, select: str, weights: Path | None, as_json: bool) -> No
     """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, maps of one's own included."""
     model, name, predictions = predict_rows(source, select, weights)
     planner_columns = []
+    # Each model knows its own planners, so columns come from the prediction.
     for column in predictions[0]:
         if column.endswith("_s_per_m") and column not in _COLUMNS:
             planner_columns.append(column)

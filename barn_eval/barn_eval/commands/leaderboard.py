@@ -46,6 +46,7 @@ def command(
     """
     with notes.status("ranking"):
         boards = make_boards(folders, by or "", worlds)
+    # With --out, a table is for the file and not for the terminal as well.
     if as_json or not out:
         conclusions = []
         renderables: list[object] = []

@@ -29,6 +29,7 @@ MORE = {name: (example, page) for name, (_, example, page) in _ENTRIES.items()}
 """Example and page of each subcommand."""
 
 # Other commands are the attribute `command` of the module of their name.
+# Commands that share a module have their own names there.
 _MODULES = {
     "demo": "run",
     "precision": "compare",
@@ -60,12 +61,14 @@ class LazyGroup(click.Group):
         Raises:
             click.UsageError: If there is no such subcommand.
         """
+        # The command had this name before, and scripts still use it.
         name = "run" if cmd_name == "campaign" else cmd_name
         if name in COMMANDS:
             module = import_module(f"{__package__}.{_MODULES.get(name, name)}")
             attribute = name if name in _MODULES else "command"
             command = cast(click.Command, getattr(module, attribute))
             example, page = MORE[name]
+            # click shows an epilog below the options, as an example should be.
             command.epilog = (
                 f"Example: {example}\n\nMore: {page} in the suite's repository"
             )
@@ -118,7 +121,9 @@ def _summaries() -> list[tuple[str, str]]:
 
 def _print_version(ctx: click.Context, _: click.Parameter, is_requested: bool) -> None:
     """Print the version and, in a repository, the commit."""
+    # Completion parses half a line and must not print or leave.
     if is_requested and not ctx.resilient_parsing:
+        # Only here: to ask git takes longer than to print any help.
         commit = import_module("barn_eval.results.provenance").commit()
         version = f"barn {__version__}"
         if commit:
@@ -161,6 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _run(arguments: Sequence[str] | None) -> int:
     """Run the command and return its exit code."""
     try:
+        # By itself, click would print errors its own way and exit with its codes.
         result = cli.main(args=arguments, prog_name="barn", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
@@ -180,6 +186,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         MemoryError,
         ImportError,
     ) as error:
+        # Messages of YAML and libraries may have several lines.
         click.echo("error: " + " ".join(_describe(error).split()), err=True)
         return 1
     return result if isinstance(result, int) else 0

@@ -31,6 +31,7 @@ def command(
     """
     metrics = metrics_table(source, select, formula, robot=robot or "")
     headings, rows = metrics.summary_cells()
+    # All columns but the first are numbers.
     columns = [headings[0], *(f">{heading}" for heading in headings[1:])]
     title = f"{len(metrics.worlds)} worlds, {formula}"
     print_output(as_json, metrics.as_json(), table(columns, rows, title=title))

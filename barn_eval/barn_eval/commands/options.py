@@ -19,6 +19,7 @@ from barn_worlds.base.text_files import make_json_safe
 Command = TypeVar("Command", bound=Callable[..., Any])
 Decorator = Callable[[Command], Command]
 
+# Output goes to standard output alone, so that it can be piped.
 console = Console()
 notes = Console(stderr=True)
 reporter = ConsoleReporter(notes)
@@ -49,11 +50,13 @@ def field_option(config: object, name: str, default: str = "") -> Decorator[Any]
         for field, quantity, value in fields_of(config)
         if field == name
     )
+    # click reads numbers and texts by the type of the default.
     kind: Any = type(value)
     if quantity.choices:
         kind = click.Choice(quantity.choices)
     elif kind is int and quantity.minimum is not None and quantity.maximum is not None:
         kind = click.IntRange(int(quantity.minimum), int(quantity.maximum))
+    # Descriptions also end sentences of other tables, so they begin small.
     meaning = quantity.description[:1].upper() + quantity.description[1:]
     help_text = f"{meaning} [default: {default or value}]."
     return click.option(f"--{name}", type=kind, help=help_text)
@@ -79,6 +82,7 @@ def parameters_option(
     help_text = f"{meaning}; repeatable."
     if config is not None:
         keys = ", ".join(key for key, _, _ in fields_of(config))
+        # Only names: their meanings would fill a page of help.
         help_text += f" Keys: {keys}."
 
     def parse(
@@ -99,6 +103,7 @@ def _parse_run_options(
     parameters = parse_parameters(texts, "--run")
     for key, value in parameters.items():
         group, _dot, name = key.partition(".")
+        # Only these two are nested. Other dots belong to planner parameters.
         if name and group in ("ros", "simulator"):
             if group in parameters:
                 raise ConfigError(f"--run {key}: {group} is given as a whole, too")
@@ -131,6 +136,7 @@ def _parse_course(
         numbers = tuple(float(number) for number in (*start_texts, *goal_texts))
     except ValueError:
         numbers = ()
+    # A sixth number is the yaw at the goal.
     if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
             f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal,"
@@ -176,6 +182,7 @@ def print_output(as_json: bool, content: object, *renderables: object) -> None:
 @contextmanager
 def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal; yield a function that takes the completed share."""
+    # A bar in a file or pipe would be noise.
     with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task(text, total=1.0)
         yield lambda share: bar.update(task, completed=share)
@@ -184,4 +191,5 @@ def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
 def print_notes(*lines: object) -> None:
     """Print lines beside the output of a command, such as paths, to standard error."""
     for line in lines:
+        # A path in a message may have brackets, and must stay one line to copy.
         notes.print(str(line), markup=False, soft_wrap=True)

@@ -39,6 +39,7 @@ def command(
     and aligns them in progress along the path. Nothing but the bags is needed. One that
     is cut off is shown as far as it goes.
     """
+    # A page or a picture takes no time to draw, but its bags do to read.
     has_frames = any(path.suffix in (".gif", ".mp4") for path in out)
     with progress_bar("drawing" if has_frames else "reading") as progress:
         paths = write_replay(

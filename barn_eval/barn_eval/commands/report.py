@@ -60,6 +60,7 @@ def command(
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set
     width_mm=88 fits a column.
     """
+    # Before the report is computed, which takes minutes for a large run.
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     settings = from_dict(ReportSettings, parameters, "--set")
@@ -78,6 +79,7 @@ def command(
             hardest=settings.hardest,
             replays=replays_folder,
             columns=split_names(settings.columns),
+            # None lets figures keep the width of the page.
             width_mm=settings.width_mm or None,
             progress=progress,
         )

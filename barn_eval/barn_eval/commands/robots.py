@@ -26,6 +26,7 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
         _print_list(as_json)
         return
 
+    # A file of the user is shown like a robot of the suite.
     details = load_robot(robot)
     if out is not None:
         draw(details).save(out)
@@ -55,6 +56,7 @@ def _print_list(as_json: bool) -> None:
         }
         for robot in ROBOTS.values()
     ]
+    # Numbers are aligned to the right; these two are texts.
     columns = []
     for key in entries[0]:
         if key in ("robot", "drive"):

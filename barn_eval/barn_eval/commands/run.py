@@ -146,9 +146,11 @@ def command(
     if latency and sweep:
         raise click.UsageError("--latency is a sweep of its own, without --sweep")
     if latency:
+        # A latency study is a sweep over one key that no planner has.
         sweep = (f"{LATENCY}={latency}",)
 
     request = read_request(file, options)
+    # A sweep of the file counts as well.
     parameters = read_sweep(file, sweep)
     if parameters:
         if dry_run or view:
@@ -175,6 +177,7 @@ def execute(
         as_json: Print JSON instead of tables.
         view: Serve the trials to viewers, from a process beside the run.
     """
+    # The viewer starts before the run, so it shows the first trial.
     viewer = serve_view(request.out, request.config.bags) if view else nullcontext()
     try:
         with viewer:
@@ -215,9 +218,11 @@ def _run_settings(
 
 def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
     """Print trials unless they are many, what they show, and where the rest is."""
+    # A trial that failed by no fault of its planner says nothing about it.
     scored = [row for row in results if row.is_scored]
     summary = summarize_run(scored) if scored else None
     renderables: list[object] = []
+    # A table of thousands of trials would push the summary away.
     if len(results) <= MAX_TRIAL_LINES:
         renderables.append(rich_table(trials_table(results, _title(request))))
     content: dict[str, Any] = {"planners": [], "comparisons": [], "verdict": ""}
@@ -287,6 +292,7 @@ def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own.
     Earlier results in the folder are replaced.
     """
+    # By place in the order, since a data set need not be numbered from 0.
     numbers = open_dataset(dataset).world_numbers
     worlds = ",".join(
         str(numbers[len(numbers) * percentage // 100])
@@ -302,6 +308,7 @@ def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
             "out": out,
             "bags": "all",
             "workers": 1,
+            # A slow machine may compile kernels for longer than any limit.
             "trial_limit_s": 0.0,
         },
     )

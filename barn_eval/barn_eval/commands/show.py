@@ -75,9 +75,11 @@ def command(
         print_notes(path)
         return
 
+    # Without trials these options would be ignored in silence.
     for option, value in (("by", by), ("planners", planners), ("outcome", outcome)):
         if value:
             raise click.UsageError(f"--{option} needs --trials")
+    # A file or folder may have a name that begins with a digit.
     are_numbers = worlds == "all" or (
         worlds[:1].isdecimal() and not Path(worlds).exists()
     )

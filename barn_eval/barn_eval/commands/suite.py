@@ -76,6 +76,7 @@ def bench(
     earlier_figures = read_figures(against) if against is not None else []
     # Empty names stay, so that they are refused.
     names = [name.strip() for name in planners.split(",")]
+    # `bench` measures while it is iterated over.
     with notes.status("measuring") as status:
         figures = list(suite.bench(names, settings, note=status.update))
     figure_changes = {
@@ -124,7 +125,8 @@ def bench(
 def info(as_json: bool) -> None:
     """Show what is installed, which ROS there is, and which optional parts are off and why."""
     content = suite.info()
-    # The full hash does not fit a terminal; --json has it.
+    # The full hash does not fit a terminal; --json has it. What follows a plus says
+    # that files differ from the commit.
     commit, plus, changes_text = content["commit"].partition("+")
     versions = [
         *content["versions"].items(),
@@ -135,6 +137,7 @@ def info(as_json: bool) -> None:
         (suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()
     ]
     for name, value in content["ros"].items():
+        # A path of ROS may have dozens of folders.
         folders = value.split(":") if name.endswith("_PATH") else [value]
         state = value or "not set"
         if len(folders) > 1:

@@ -14,6 +14,7 @@ from barn_eval.analysis.text_table import TextTable
 
 _GAP = 2  # spaces between two columns
 _MARGINS = 2  # spaces left and right of a table
+# textwrap does not break lines here, nor does it appear in output.
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 # A heading and its cells.
@@ -63,6 +64,7 @@ class FittedTable:
             justify: JustifyMethod = "left"
             if self.right[place]:
                 justify = "right"
+            # Widths are already fitted: rich must not break words of its own accord.
             rendered.add_column(Text(column[0]), justify=justify, no_wrap=True)
         for cells in list(zip(*columns, strict=True))[1:]:
             rendered.add_row(*map(Text, cells))
@@ -98,6 +100,7 @@ def table(
         title: Line above the table.
         caption: Line below the table.
     """
+    # zip makes columns of rows, each below its heading.
     headings = [heading.removeprefix(">") for heading in columns]
     cells = [map(str, row) for row in rows]
     return FittedTable(
@@ -128,6 +131,7 @@ def _fit(columns: Sequence[Column], width: int) -> list[Column]:
     ]
     min_widths = [_min_width(column) for column in columns]
     # One space at a time, so that the columns end up about as wide as each other.
+    # Wrapped cells have lines of their own below each other.
     while _total_width([_width(column) for column in fitted]) > width:
         widths = [_width(column) for column in fitted]
         wide_places = []
@@ -174,6 +178,7 @@ def _longest_word(text: str) -> int:
 
 def _wrap(column: Column, width: int) -> Column:
     """Return a column in lines of a width at most; only longer words are broken."""
+    # Hyphens are part of names and of negative numbers.
     wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
     # Cells may have line breaks of their own, which stay.
     wrapped = []

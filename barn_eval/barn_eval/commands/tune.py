@@ -72,6 +72,7 @@ def command(
     seen, against the default. By several measures, those are kept that no other is as
     good as by each. Parameters ready to use go to OUT.
     """
+    # Asked first, so that a missing extra does not look like a bad option.
     if find_spec("optuna") is None:
         raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna")
     # Optuna is an optional extra.
@@ -116,6 +117,7 @@ def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
         means.append(setting.seen)
 
     rows = []
+    # Parameters first, then what they lead to.
     for key in tuning.default:
         rows.append((key, *(_format(column[key]) for column in values)))
     for key in tuning.default_seen:

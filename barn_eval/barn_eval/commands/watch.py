@@ -18,6 +18,7 @@ from barn_eval.results.run_file import RUN_FILE
 from barn_worlds.base.errors import ConfigError
 
 _PORTS = click.IntRange(0, 65535)
+# Between two looks for a folder that a run is about to make.
 _LOOK_PERIOD_S = 0.5
 
 
@@ -47,6 +48,7 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
     or run on another machine that shares the folder. The live view needs bags, and
     foxglove-sdk.
     """
+    # It is never set: waiting for it leaves the thread to Ctrl-C.
     forever = threading.Event()
     with ExitStack() as servers:
         if live is not None:
@@ -77,6 +79,7 @@ def serve_view(folder: Path, bags: str) -> Iterator[None]:
         raise ConfigError(
             "--view needs bags, which it reads: --bags all or --bags failed, got none"
         )
+    # Before the process starts: its failure would not stop the run.
     require_sdk()
     module = "barn_eval.commands.watch"
     words = [sys.executable, "-m", module, str(folder), "--live", "--wait"]
@@ -91,6 +94,7 @@ def serve_view(folder: Path, bags: str) -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
+    # The pipe closes with the process that started this one, even if that is killed.
     sys.stdin.read()
     os._exit(0)
 

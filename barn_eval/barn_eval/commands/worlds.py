@@ -99,6 +99,7 @@ def convert(
     yaml and png write a file per world into the folder TARGET.
     """
     if form is None:
+        # As `generate` decides it.
         form = "npz" if target.suffix == ".npz" else "original"
     converted = worlds.load(source, select, robot=robot)
     path = worlds.save(converted, target, form)
@@ -111,6 +112,7 @@ def convert(
 @json_option
 def show_list(source: str | None, select: str, as_json: bool) -> None:
     """List the data sets that come with the suite, or the worlds of SOURCE."""
+    # Keys are the headings of the table and the names in JSON.
     entries: list[dict[str, Any]] = []
     if source is None:
         for dataset in map(open_dataset, worlds.datasets()):

@@ -130,6 +130,8 @@ def _run_assignment(
 def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
     """Run what the parameters say, with nodes that somebody else starts."""
     protocol = load_protocol(config.protocol)
+    # No planner has this configuration: somebody else starts it, so only its name
+    # counts.
     run = RunConfig(
         dataset=config.dataset,
         worlds=config.worlds,
@@ -275,6 +277,7 @@ class TrialRunner:
         duration_s: float,
         missed_cycles: int,
     ) -> WallClock:
+        # Only the drive counts: the waits before it say nothing about the speed.
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         adapter = trial.adapter
         if adapter is None:
@@ -282,6 +285,7 @@ class TrialRunner:
 
         spec = trial.trial.spec
         period_s = spec.simulator.scan_steps * spec.simulator.control_period_s
+        # A planner slower than the scans misses none of its own periods.
         rate_hz = self.context.config.planner_rate_hz
         if rate_hz:
             period_s = 1.0 / rate_hz

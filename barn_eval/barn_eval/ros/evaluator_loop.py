@@ -77,6 +77,7 @@ class EvaluatorLoop:
 
     def begin_trial(self) -> None:
         """Forget earlier exits: from here on, the end of a process ends the trial."""
+        # Processes that ended in between have been started again by now.
         self._exits.clear()
 
     def spin(self) -> None:
@@ -185,6 +186,7 @@ class EvaluatorLoop:
             process: "planner" or "simulator".
             limit_s: Longest wait for its end, by `now_s`.
         """
+        # A process that has ended already is about to be started anyway.
         if self.supervisor is not None and process not in self._exits:
             self.supervisor.send("stop", name=process)
             self.wait(lambda: process in self._exits, limit_s)

@@ -103,6 +103,7 @@ class ActionGoal:
     @property
     def action_result(self) -> str | None:
         """The last goal's state: sent, rejected, executing or how it ended; or None."""
+        # Before the first goal, and after `end`.
         if self._handle is None:
             return None
         if not self._handle.done():
@@ -190,6 +191,7 @@ def _describe_result(answer: Any) -> str:
     """Return how an action ended, with the code and message that some results have."""
     state = _RESULT_STATES.get(answer.status, f"status {answer.status}")
     details = []
+    # Not every action of ROS has the code and message that Nav2 gives.
     code = getattr(answer.result, "error_code", 0)
     if code:
         details.append(f"error {code}")

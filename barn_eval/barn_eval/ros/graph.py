@@ -96,6 +96,7 @@ class GraphView:
         Of nodes with one name, one of which may have died, DDS only tells apart the
         writers of requests.
         """
+        # A node counts once, however many clients it has.
         names = set()
         for service, _ in self._node.get_service_names_and_types():
             if service.rpartition("/")[0] == node_name:
@@ -194,6 +195,7 @@ class Integrity:
 
     def begin(self) -> None:
         """Forget what was before a trial."""
+        # Remarks belong to a row, and so to one trial.
         self._remarks.clear()
         if self.channel is not None:
             self.channel.interference.clear()
@@ -245,6 +247,7 @@ class Integrity:
 
     def _foreign_publisher(self) -> str:
         """Return who publishes for the simulator or the evaluator."""
+        # By hand, the simulator is known by its name only, which anybody may take.
         participants = set()
         for endpoint in self._publishers_to_protect():
             is_simulated = endpoint.topic in self.topics.of_simulator

@@ -23,6 +23,7 @@ def ros_problem() -> str:
     folder = Path(next(iter(spec.submodule_search_locations)))
     extensions = folder.glob("_rclpy_pybind11.*")
     endings = sorted(path.name.partition(".")[2] for path in extensions)
+    # Without such a file the import itself says what is wrong.
     if not endings or any(f".{ending}" in EXTENSION_SUFFIXES for ending in endings):
         return ""
     return (

@@ -260,6 +260,7 @@ class PlannerClient:
         limit_s: float,
         subject: str = "the planner: ",
     ) -> None:
+        # A crowded graph is told first: a look at all of it would take too long.
         missing = self._loop.wait_for_missing(
             subject, lambda: self._view.crowd() or describe_missing(), limit_s, PLANNER
         )
@@ -270,6 +271,7 @@ class PlannerClient:
 
     def _encode_goal(self, spec: TrialSpec, stamp_ns: int) -> bytes:
         config = self._config
+        # A planner that is given a map is localized in it, others have odometry alone.
         frame = config.map_frame if spec.protocol.map_given else config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 

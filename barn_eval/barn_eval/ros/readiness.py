@@ -152,6 +152,7 @@ def _command_problems(
     accepted = COMMAND_TYPES[needs.command_type]
     if not types:
         text = f"no publisher on {topic}"
+        # Velocities on another topic are most often a remapping that was forgotten.
         velocities = []
         for endpoint in graph.publishers:
             if endpoint.type_name in (TWIST, TWIST_STAMPED):
@@ -185,6 +186,8 @@ def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
             yield _Problem(f"no subscription to {topic}{hint}")
             continue
 
+        # A subscription of another type gets nothing, but shows that the planner is
+        # there.
         typed_readers = [reader for reader in readers if reader.type_name == type_name]
         if not typed_readers:
             types = _short_types({short_type(reader.type_name) for reader in readers})
@@ -359,6 +362,7 @@ class Watchdog:
         """Return how slow the planner was in a full window, empty if fast enough."""
         start = self._window
         duration_s = now.time_s - start.time_s
+        # Over a short time, a first compilation of kernels would look like slowness.
         if duration_s < _PACE_WINDOW_S:
             return ""
         self._window = now

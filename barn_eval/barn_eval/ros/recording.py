@@ -109,6 +109,7 @@ class Recording:
             stamp_ns: Simulated time at which the trial begins.
         """
         latched = self._subscriber.read_latched()
+        # Nothing counts as written before, or the latched messages would be left out.
         self._written = set()
         self.write(recorder, latched, stamp_ns)
         self._written = {(message.topic, message.sent_ns) for message in latched}
@@ -197,6 +198,7 @@ def register_type(type_name: str) -> str:
         if name in type_store.fielddefs or name in new_types:
             continue
         package, kind, short_name = name.split("/")
+        # Their definitions are parts of other files, which rosbags does not read.
         if kind != "msg":
             return (
                 f"{name} is not a message of its own, but a part of a service or an"

@@ -52,6 +52,7 @@ class RemoteNode:
 
     def offers(self, service: str) -> bool:
         """Return whether the node has a service now, by its name under the node's."""
+        # The graph is asked each time: a node may offer services late.
         services = self.loop.node.get_service_names_and_types()
         return f"{self.name}/{service}" in (name for name, _ in services)
 
@@ -141,6 +142,7 @@ class RemoteNode:
         """Return the first 1000 parameters as texts, long ones shortened."""
         request = ListParameters.Request()
         answer = self.call("list_parameters", ListParameters, request, limit_s)
+        # In a fixed order, so that two starts of a node report alike.
         names = sorted(answer.result.names)[:_MAX_PARAMETERS]
 
         request = GetParameters.Request(names=names)

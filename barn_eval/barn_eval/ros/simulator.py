@@ -144,6 +144,8 @@ class SimulatorServices(RemoteNode):
         Returns:
             The message of the answer.
         """
+        # A call that may be repeated is repeated; a reset must not be, it begins a
+        # trial.
         if action == "pause":
             return self.switch("pause", on, limit_s)
         if action == "reset":
@@ -192,6 +194,8 @@ class SimulatorClient:
         Returns:
             Wall-clock time in ns just before the reset was requested.
         """
+        # The simulator has the world only: where the robot begins follows from the
+        # protocol.
         start = spec.course.start
         values: dict[str, Any] = {
             name: value for name, _, value in fields_of(spec.simulator)

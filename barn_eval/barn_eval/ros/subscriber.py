@@ -101,6 +101,7 @@ class Subscriber:
 
         if topic is not None and topic.subscription is not None:
             self._node.destroy_subscription(topic.subscription)
+        # What is only recorded may be large, such as costmaps, so fewer messages wait.
         depth = _JUDGED_DEPTH if judged else _RECORDED_DEPTH
         # rclpy's stubs do not know raw subscriptions.
         options: dict[str, Any] = {"raw": True, "callback_group": self._group}
@@ -261,6 +262,7 @@ class TrialQueue:
     def release(self) -> None:
         """Note that from now on simulated time runs."""
         self.read()
+        # What waits until here was sent before simulated time ran.
         self._released = True
         self.origin_ns = self._sequencer.latest_ns
 

@@ -79,6 +79,7 @@ class RunContext:
         """
         self.config = config
         self._simulator_name = resolve_node_name(node, config.simulator_node)
+        # Before the loop, which leaves out what a process had on the graph.
         self.view = GraphView(node)
         self.loop = EvaluatorLoop(node, supervisor, self._forget_process)
         judged = (*_READINGS, CMD_VEL, SCAN, DIAGNOSTICS, PLAN)
@@ -244,6 +245,7 @@ class RosTrial:
 
         reset_ns = simulator.prepare(self._spec, simulator_limit_s)
         planner.await_node(planner_limit_s)
+        # A node that is active already must not lose the time of a second reset.
         if planner.inactive_nodes():
             # Many a node needs time to pass, and transforms, to become active.
             if context.channel is not None:
@@ -257,6 +259,7 @@ class RosTrial:
         self._queue = queue
 
         finding = planner.await_presence(planner_limit_s)
+        # A reliable subscription hears nothing of a best-effort publisher.
         qos = RELIABLE if finding.command_reliable else BEST_EFFORT
         context.subscriber.subscribe(context.topics.command, finding.command_type, qos)
         self._await_connections()

@@ -71,6 +71,7 @@ class RosWork(Work):
                     ]
                     if not specs:
                         continue
+                    # The key names the folder of logs, so it says no more than it must.
                     key = planner.name
                     if self.workers > 1:
                         key += f"_{number}"
@@ -98,6 +99,7 @@ class RosWork(Work):
         planner = next(choice for choice in planners if choice.name == spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
+        # Several workers on one domain would hear each other's simulators.
         environment = dict(os.environ)
         if self.workers > 1:
             environment.pop("ROS_DOMAIN_ID", None)

@@ -29,6 +29,7 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
     """
     paths: dict[str, Path] = {}
     for word in words:
+        # An option or a remapping names its file behind the last equals sign.
         for name in (word, word.rpartition("=")[2]):
             paths[name] = Path(name)
     if len(words) > 3 and words[1] == "launch":
@@ -48,6 +49,7 @@ def hash_folder(folder: Path) -> str:
     """
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
+        # Bytecode differs from one Python to the next, the code does not.
         if path.is_file() and "__pycache__" not in path.parts:
             line = f"{path.relative_to(folder)}\0{_hash_file(path)}\n"
             digest.update(line.encode())
@@ -104,6 +106,7 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
                 f" {planner!r}: parameter {key} was {format_value(earlier[key])} there,"
                 f" is {format_value(value)} now; use another folder"
             )
+    # By content, so that equal parameters of many trials are kept once.
     digest = hashlib.sha256(text.encode()).hexdigest()
     write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
 
@@ -123,6 +126,7 @@ def _hash_file(path: Path) -> str:
         convert_os_errors(ConfigError, f"planner command: {path}"),
         path.open("rb") as file,
     ):
+        # Of the open file: its path could meanwhile name another one.
         if os.fstat(file.fileno()).st_size > _MAX_BYTES:
             raise ConfigError(
                 f"planner command: {path}: more than the allowed {_MAX_BYTES} bytes"

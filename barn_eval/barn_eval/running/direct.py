@@ -161,6 +161,7 @@ class _DirectTrial:
                 # A planner answers scans, here as over ROS. In between, its last
                 # command stays in force.
                 has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
+                # None leaves the last command in force.
                 command: Velocity2D | None = None
                 delay_ns = 0
                 if has_scan and is_free and not is_over:
@@ -187,6 +188,7 @@ class _DirectTrial:
 
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
         """Return the planner's command, None without one, and its delay [ns]."""
+        # Without a map a planner has nothing to be localized in.
         pose = sensors.odometry.pose
         if self._spec.protocol.map_given:
             pose = sensors.localization
@@ -203,6 +205,7 @@ class _DirectTrial:
                         f"command must be a Velocity2D or None, got {answer.command!r}"
                     )
                 return answer
+            # A cycle that raises has taken its time as well.
             finally:
                 self.answer_times_s.append(stopwatch.elapsed_s())
 

@@ -68,6 +68,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
     """
     config = request.config
     trials = request.trials()
+    # In the order of the schedule; each world comes once.
     checksums = {spec.world_number: spec.world.checksum for spec in trials}
     run_file = RunFile.for_run(request.out, config, checksums)
     completed = find_completed(run_file, trials, overwrite=overwrite).results
@@ -102,6 +103,7 @@ def _mean_trial_s(request: RunRequest, completed: Rows) -> float:
     if completed:
         return fmean(row.wall_clock.duration_s for row in completed)
     ros = request.config.ros
+    # Without lockstep, time passes as fast as the user has asked.
     if request.config.mode == "ros" and not ros.lockstep and ros.real_time_factor:
         return SIMULATED_S / ros.real_time_factor
     return TRIAL_S[request.config.mode]

@@ -63,6 +63,7 @@ class LocalPool(WorkerPool):
             ) from None
         self._environment = os.environ | ENVIRONMENT
         if work.needs_import_path:
+            # A worker runs no main script whose folder would be in its path.
             path = os.pathsep.join(map(os.path.abspath, sys.path))
             self._environment["PYTHONPATH"] = path
         self._limit_s = trial_limit_s or float("inf")
@@ -103,6 +104,7 @@ class LocalPool(WorkerPool):
             if worker.key is not None
         }
         deadline_s = min((worker.deadline_s for worker in busy.values()), default=0.0)
+        # A worker that exceeds its limit sends nothing that would end the wait.
         timeout_s = min(limit_s, deadline_s - time.monotonic())
         ready = wait(list(busy), max(0.0, timeout_s))
 
@@ -198,6 +200,7 @@ class _Worker:
             report: Report = self.connection.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             self.kill()
+            # `kill` leaves a process that has ended by itself its own exit code.
             code = self.process.returncode
             end = f"ended with exit code {code}"
             if code < 0:
@@ -233,6 +236,7 @@ class _Worker:
         """
         wait_s = processor_wait_s(self.process.pid) - self._processor_wait_s
         is_slow = wait_s >= 0.5 * self._limit_s or self._excused_s >= self._limit_s
+        # Once only: a planner that hangs must not profit from a slow machine for ever.
         if self._is_extended or not is_slow:
             return False
         self._is_extended = True
@@ -257,6 +261,7 @@ class _Worker:
 
     def request_end(self) -> None:
         """Let an idle worker return, and interrupt a busy one."""
+        # An idle worker waits for a message, a busy one would not read it.
         if self.key is None:
             with suppress(OSError):
                 self.connection.send(None)

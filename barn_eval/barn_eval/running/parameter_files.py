@@ -81,6 +81,7 @@ def change_command(
         changed[path.absolute()] = file
     for path, file in changed.items():
         words[file.word] = str(path)
+    # Several parameters of one file change in one copy.
     contents = {
         path: yaml.safe_dump(file.content, sort_keys=False).encode()
         for path, file in changed.items()
@@ -103,6 +104,7 @@ def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
     """
     files = _read_parameter_files(split_command(command))
     values: dict[str, Any] = {}
+    # Without a file, the values are only in the node itself.
     for key in keys if files else ():
         _, parameter = _find_parameter(files, key)
         values[key] = parameter.group[parameter.key]
@@ -125,6 +127,7 @@ def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
     """Return the only parameter "NAME" or "NODE.NAME", and its last file."""
+    # For the hint at a similar name.
     names: set[str] = set()
     # ROS lets a later file override an earlier one.
     for file in reversed(files):

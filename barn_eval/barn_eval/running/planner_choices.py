@@ -53,6 +53,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
             name, command = parse_planner_command(text)
         else:
             name, command = planners[0].name, text
+        # Nobody could tell which planner such a command belongs to.
         if command == text and (len(planners) > 1 or len(texts) > 1):
             raise ConfigError(
                 f"planner command {format_value(text)}: give it as NAME=COMMAND where"
@@ -130,11 +131,13 @@ def name_planner(command: str) -> str:
     ]
     if re.fullmatch(r"python[\d.]*", program) and arguments:
         scripts = (word for word in arguments if word.endswith(".py"))
+        # Options of Python come before its script, those of the planner behind.
         program = next(scripts, arguments[0])
     elif program == "ros2" and arguments[1:]:
         # ros2 run PACKAGE NODE, ros2 launch PACKAGE FILE or ros2 launch FILE
         program = arguments[:3][-1]
 
+    # The name becomes a part of file names and of trial IDs.
     stem = Path(program).name.partition(".")[0]
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
     if name in planner_names():
@@ -204,6 +207,7 @@ def _find_planner(
     if isinstance(value, Mapping) and (key in names or len(names) > 1):
         return key, value
 
+    # Names may have dots, so the first part of a key need not be the whole name.
     prefix = next((name for name in names if key.startswith(f"{name}.")), "")
     if len(names) == 1 and (not prefix or _has_parameter(names[0], key)):
         return names[0], {key: value}

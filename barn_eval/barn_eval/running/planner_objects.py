@@ -84,6 +84,7 @@ class FunctionPlanner(Planner):
         if answer is None or isinstance(answer, Velocity2D):
             return Decision(answer)
         try:
+            # Numbers of numpy and torch count as numbers.
             forward, turn = map(float, answer)
         except (TypeError, ValueError):
             raise TypeError(
@@ -118,6 +119,7 @@ def split_planner_objects(
             continue
         _require_planner(source)
         planner = PlannerObject(name or _default_name(source), source)
+        # Results of two planners under one name would be compared as one.
         if planner.name in planner_names():
             raise ConfigError(
                 f"planner {planner.name!r}: is one of the registry's; give yours"

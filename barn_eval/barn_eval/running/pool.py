@@ -183,6 +183,7 @@ def run_job(
 
     def emit(result: object) -> None:
         nonlocal started_at
+        # What is no text is a result: works emit nothing else.
         if isinstance(result, str):
             send(Notice(key, worker, result))
         else:

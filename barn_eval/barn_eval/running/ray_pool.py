@@ -52,11 +52,13 @@ class RayPool(WorkerPool):
         self._running: dict[Any, tuple[str, float]] = {}
         self._connect(address)
         self._work = self._ray.put(work)
+        # Retries are counted and recorded by the run, not by Ray.
         self._task = self._ray.remote(num_cpus=1, max_retries=0)(_run_task)
 
     @property
     def slots(self) -> int:
         """Number of processors of the cluster now, at most the number of workers."""
+        # Nodes may join and leave a cluster at any time.
         processors = int(self._call(self._ray.cluster_resources).get("CPU", 0))
         return min(processors, self._workers or processors)
 
@@ -72,6 +74,7 @@ class RayPool(WorkerPool):
 
     def wait(self, limit_s: float) -> list[Report]:
         """Return reports of the cluster, and losses of jobs that take too long."""
+        # There is nothing to wait for, and callers would otherwise spin.
         if not self._running:
             time.sleep(min(limit_s, 0.1))
             return []
@@ -90,6 +93,7 @@ class RayPool(WorkerPool):
 
         for reference, (key, deadline_s) in list(self._running.items()):
             if time.monotonic() >= deadline_s:
+                # Its result may still come; it must not count besides the loss.
                 del self._running[reference]
                 self._ray.cancel(reference, force=True)
                 reason = f"no result within {self._limit_s:g} s of wall-clock time"
@@ -128,6 +132,7 @@ class RayPool(WorkerPool):
             ) from None
 
     def _receive(self, reference: object) -> Report:
+        # Whatever comes of it, the job is over.
         key, _ = self._running.pop(reference)
         errors = self._ray.exceptions
         try:
@@ -164,6 +169,7 @@ def _require_answer(address: str) -> None:
 
     Ray itself would try for minutes.
     """
+    # Names of clusters that Ray itself resolves are left to it.
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not (host and port.isdigit()):
         return

@@ -61,6 +61,7 @@ class ConsoleReporter(Reporter):
         # Notebooks need widgets for a bar; without them, they get lines.
         if self._console.is_jupyter:
             return find_spec("ipywidgets") is not None
+        # A log file would get every state of the bar.
         return self._console.is_terminal
 
     def notify(self, text: str) -> None:
@@ -179,9 +180,11 @@ class RunProgress:
     def text(self) -> str:
         """Return rate, real-time factor, remaining time and outcomes."""
         # Rates are those of this session: earlier ones may have had other workers.
+        # A first trial may end in the instant in which the session begins.
         elapsed_s = max(time.monotonic() - self._start_s, 0.001)
         session_count = self.count - self._earlier_count
         parts = ["starting; new kernels are compiled first"]
+        # Without a trial there is no rate to go by.
         if session_count:
             rate = session_count / elapsed_s
             remaining = self.total - self.count

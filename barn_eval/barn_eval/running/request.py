@@ -52,6 +52,7 @@ class RunRequest:
     planner_objects: Mapping[str, PlannerObject] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        # The system refuses such a path with an error that names no option.
         if "\0" in str(self.out):
             raise ConfigError(
                 f"out {format_value(str(self.out))}: a path cannot hold a NUL"
@@ -97,12 +98,14 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
         changes["planners"] = _reuse_commands(
             changes["planners"], content.get("planners"), where
         )
+    # Later ones win: the default, then the file, then the options.
     content = {"out": default_folder()} | content | changes
     for key in content:
         if key not in _KEYS:
             raise ConfigError(
                 f"{where}unknown key {format_value(key)}{suggest(key, _KEYS)}"
             )
+    # `read_sweep` reads it: it makes several requests of this one.
     content.pop("sweep", None)
 
     out = content.pop("out")
@@ -145,6 +148,7 @@ def _take_objects(
     plain: dict[str, Any] = {
         key: value for key, value in options.items() if value is not None
     }
+    # Configuration is plain data, as run.json keeps it.
     for key in ("dataset", "protocol"):
         if isinstance(plain.get(key), Path):
             plain[key] = str(plain[key])
@@ -172,6 +176,7 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
             f"{where}protocol must be a name or a YAML file,"
             f" got {format_value(protocol)}"
         )
+    # A changed protocol under a known name would be ranked with the real one.
     check_protocol_name(protocol, f"{where}protocol ")
 
     robot = content.pop("robot", None)
@@ -224,6 +229,7 @@ def _read_worlds(worlds: object) -> tuple[str, dict[int, World] | None]:
         numbers = []
     else:
         numbers = list(items) if isinstance(items, Iterable) else []
+        # Worlds that come without numbers are numbered in their order.
         by_number = dict(enumerate(numbers))
 
     if by_number and all(

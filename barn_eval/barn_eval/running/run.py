@@ -114,6 +114,7 @@ class Run:
             if worlds is None or spec.world_number in worlds
         ]
         if trials:
+            # Those of earlier sessions count in the progress, but not in the rates.
             completed = self.folder.results()
             total = len(completed) + len(trials)
             progress = RunProgress(total, completed, self.reporter)
@@ -157,6 +158,7 @@ class Run:
         numbers = set(worlds)
         results = [row for row in self.drive(numbers) if row.world in numbers]
         for row in results:
+            # A decision between planners needs all of their trials.
             if not row.is_scored:
                 raise BarnError(
                     f"{row.trial_id} failed by no fault of the planner; the same"

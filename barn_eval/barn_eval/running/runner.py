@@ -116,6 +116,7 @@ class _Loop:
         else:
             # Mode ros ends a job without a result: all were partial.
             if report.result is not None:
+                # Any result shows that machine and run are in order.
                 self.losses_in_a_row = 0
                 yield from self._keep_traceback(report.result)
                 yield self._keep_result(report)
@@ -183,6 +184,7 @@ class _Loop:
 
     def _give_up(self, spec: TrialSpec, loss: JobLoss, attempt: int) -> TrialResult:
         """Write and return the result of a trial whose last attempt was lost."""
+        # In this order: a machine that stands still also makes a job exceed its time.
         if loss.is_stall:
             outcome = Outcome.ENVIRONMENT_FAILED
         elif loss.is_overtime:

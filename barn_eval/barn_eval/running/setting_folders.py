@@ -26,6 +26,7 @@ def parse_folder_name(folder: Path) -> dict[str, float | str]:
     values: dict[str, float | str] = {}
     for part in folder.name.split(","):
         match = _VALUE.fullmatch(part)
+        # One part that is no value makes the folder one of something else.
         if match is None:
             return {}
         values[match[1]] = _parse_value(match[2])

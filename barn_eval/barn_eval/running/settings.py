@@ -93,6 +93,7 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
             twice, or there are more than `MAX_SETTINGS` combinations.
     """
     _require_values(sweep)
+    # A delay is no parameter of a planner, so it applies to several alike.
     if list(sweep) == [LATENCY]:
         return [_make_delayed(base, delay_s) for delay_s in _delays_s(sweep[LATENCY])]
 
@@ -220,6 +221,7 @@ def _require_values(sweep: Sweep) -> None:
                     f"sweep of {format_value(key)}: a value must be a number, a text,"
                     f" true or false, got {value!r}"
                 )
+    # Before any setting is made: a typing error may ask for millions.
     count = math.prod(len(values) for values in sweep.values())
     if count > MAX_SETTINGS:
         raise ConfigError(
@@ -230,6 +232,7 @@ def _require_values(sweep: Sweep) -> None:
 def _short_names(keys: Sequence[str]) -> list[str]:
     """Return the last parts of dotted names, or whole names if those are not unique."""
     last_parts = [key.rpartition(".")[2] for key in keys]
+    # Two groups may have a parameter of the same name.
     if len(set(last_parts)) == len(keys):
         return last_parts
     return [key.replace("=", "_") for key in keys]

@@ -32,6 +32,7 @@ def serve(connection: Connection, name: str) -> None:
     # A terminal sends these signals to all processes; the parent decides what they end.
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
+    # The parent has blocked it for the start of this process.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     signal.signal(signal.SIGTERM, _exit)
     threading.Thread(
@@ -78,9 +79,11 @@ def _exit(_signal: int, _frame: FrameType | None) -> None:
 def _end_with_parent(descriptor: int) -> None:
     """End this worker, even within a job, when the parent closes the socket."""
     poll = select.poll()
+    # No events asked for: only a hang-up ends the wait, and a job stays unread.
     poll.register(descriptor, 0)
     poll.poll()
     os.kill(os.getpid(), signal.SIGTERM)
+    # The signal ends ROS nodes in order. A job that ignores it ends here.
     time.sleep(GRACE_S)
     os._exit(1)
 

@@ -56,6 +56,7 @@ class NodeProcess:
         Raises:
             ConfigError: If the file cannot be written.
         """
+        # A planner of the user takes its parameters from its own command.
         if not self.parameters:
             return list(self.command)
         path = folder / f"{self.name}.yaml"
@@ -154,6 +155,7 @@ def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
         command = tuple(split_command(choice.command))
         return NodeProcess("planner", command, {}, foreign=True)
 
+    # The node would not find presets of the protocol and changes by the robot itself.
     planner_setup = run.resolve_planner(choice)
     # The suite's planners cannot find out which type a simulator takes.
     command_type = "twist"
@@ -271,6 +273,8 @@ def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
 def _suite_node(
     name: str, entry: str, parameters: Mapping[str, Any], setup: RosConfig
 ) -> NodeProcess:
+    # The user's remappings are for simulator, evaluator and planners of the suite
+    # alike.
     rules = list(setup.remap)
     namespace = setup.namespace.strip("/")
     if namespace:

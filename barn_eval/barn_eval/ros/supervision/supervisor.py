@@ -228,6 +228,7 @@ class _Supervisor:
             if name == EVALUATOR:
                 self._start_evaluator()
             else:
+                # The planner gets no socket: it must not reach the private line.
                 sockets = [self._simulator_line] if name == SIMULATOR else []
                 self._start(self._nodes[name], sockets)
 
@@ -266,6 +267,7 @@ class _Supervisor:
         if node.foreign:
             environment = nodes.foreign_environment(environment)
 
+        # Only the planner is isolated: simulator and evaluator are trusted.
         kind = launcher.SUITE
         if name == PLANNER:
             kind = launcher.PLANNER
