@@ -10,8 +10,8 @@ from barn_eval.commands.options import (
     COUNT,
     FILE,
     FOLDER,
-    PATH,
     console,
+    folder_argument,
     json_option,
     notes,
     print_json,
@@ -38,7 +38,7 @@ _SUBMISSION_KEYS = (
 
 
 @click.command("check")
-@click.argument("folder", type=PATH)
+@folder_argument
 @click.option(
     "--rerun",
     metavar="TRIAL",
@@ -75,7 +75,7 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     else:
         print_check(check)
         if is_reproduced:
-            console.print(f"{rerun} is reproduced", highlight=False)
+            console.print(f"{rerun} is reproduced")
     return 1 if check.problems else 0
 
 
@@ -93,13 +93,13 @@ def print_check(check: FolderCheck) -> None:
         f" {check.bags} bags, {check.driven} driven again"
     )
     for line in (counts, *check.unchecked):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        console.print(line, soft_wrap=True)
     for line in check.problems:
         click.echo(line, err=True)
 
 
 @click.command("submit")
-@click.argument("folder", type=PATH)
+@folder_argument
 @click.option(
     "--out", type=FILE, help="File to write [default: the folder's name, .barn.zip]."
 )
@@ -146,14 +146,9 @@ def verify(file: Path, out: Path | None, as_json: bool) -> None:
             print_json({"holds": is_valid, **submission, **as_dict(check)})
         else:
             for key in _SUBMISSION_KEYS:
-                console.print(
-                    f"{key}: {submission[key]}",
-                    highlight=False,
-                    markup=False,
-                    soft_wrap=True,
-                )
+                console.print(f"{key}: {submission[key]}", soft_wrap=True)
             print_check(check)
-            console.print("holds" if is_valid else "does not hold", highlight=False)
+            console.print("holds" if is_valid else "does not hold")
         # Leaving the context by an exception keeps the folder from being created.
         if not is_valid:
             click.get_current_context().exit(1)

@@ -19,6 +19,7 @@ from barn_eval.commands.options import (
     COUNT,
     FILE,
     PATH,
+    folders_argument,
     json_option,
     print_notes,
     print_output,
@@ -122,7 +123,7 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 
 @click.command("precision")
-@click.argument("folders", nargs=-1, required=True, type=PATH)
+@folders_argument
 @click.option(
     "--half-width",
     type=_ABOVE_ZERO,

@@ -8,6 +8,7 @@ from barn_eval.analysis.leaderboard import RANKINGS, board_rows, make_boards
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     PATH,
+    folders_argument,
     json_option,
     notes,
     print_notes,
@@ -18,7 +19,7 @@ from barn_eval.pages.report.leaderboard import board_table, write_boards
 
 
 @click.command("leaderboard")
-@click.argument("folders", nargs=-1, required=True, type=PATH)
+@folders_argument
 @click.option(
     "--by",
     type=click.Choice(tuple(RANKINGS)),

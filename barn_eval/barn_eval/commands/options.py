@@ -20,7 +20,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 Decorator = Callable[[Command], Command]
 
 # Output goes to standard output alone, so that it can be piped.
-console = Console()
+# Texts may have brackets and numbers, which rich would take for markup or color.
+console = Console(markup=False, highlight=False)
 notes = Console(stderr=True)
 reporter = ConsoleReporter(notes)
 
@@ -32,6 +33,8 @@ COUNT = click.IntRange(1)
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of tables."
 )
+folder_argument = click.argument("folder", type=PATH)
+folders_argument = click.argument("folders", nargs=-1, required=True, type=PATH)
 worlds_option = click.option(
     "--worlds", "select", default="all", help="Which, such as 0-49."
 )
@@ -176,7 +179,7 @@ def print_output(as_json: bool, content: object, *renderables: object) -> None:
     if as_json:
         print_json(content)
     else:
-        console.print(*renderables, sep="\n", markup=False, highlight=False)
+        console.print(*renderables, sep="\n")
 
 
 @contextmanager

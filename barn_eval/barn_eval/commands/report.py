@@ -9,6 +9,7 @@ import click
 from barn_eval.api.folders import report
 from barn_eval.commands.options import (
     PATH,
+    folders_argument,
     parameters_option,
     print_notes,
     progress_bar,
@@ -33,7 +34,7 @@ class ReportSettings(Checked):
 
 
 @click.command("report")
-@click.argument("folders", nargs=-1, required=True, type=PATH)
+@folders_argument
 @click.option("--out", default="report.html", type=PATH, help="The page.")
 @click.option(
     "--assets/--no-assets",

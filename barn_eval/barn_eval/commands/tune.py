@@ -90,17 +90,14 @@ def command(
     if tuning.given_up:
         title += f", {tuning.given_up} of them given up early"
     if not tuning.tuned:
-        console.print(
-            f"{title}: none is better there than the default", highlight=False
-        )
+        console.print(f"{title}: none is better there than the default")
         return 0
     console.print(_settings_table(tuning, title))
     console.print(
-        f"In {count_noun(tuning.unseen, 'world')} that no setting was chosen by:",
-        highlight=False,
+        f"In {count_noun(tuning.unseen, 'world')} that no setting was chosen by:"
     )
     for setting in tuning.tuned:
-        console.print(setting.verdict, markup=False, highlight=False)
+        console.print(setting.verdict)
         console.print(rich_table(comparison_table(setting.unseen)))
         print_notes(*setting.files)
     return 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import PATH, print_notes
+from barn_eval.commands.options import folder_argument, print_notes
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
 from barn_eval.pages.live.foxglove import FoxgloveStream, require_sdk
 from barn_eval.pages.live.server import PageServer
@@ -23,7 +23,7 @@ _LOOK_PERIOD_S = 0.5
 
 
 @click.command("watch")
-@click.argument("folder", type=PATH)
+@folder_argument
 @click.option(
     "--port", default=PAGE_PORT, type=_PORTS, help="Of the page; 0 takes a free one."
 )

@@ -39,6 +39,13 @@ class TrialEnded(Exception):
         self.culprit = culprit
 
 
+class PlannerNotReady(TrialEnded):
+    """The planner has not done its part before the trial begins."""
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(Outcome.PLANNER_NOT_READY, detail)
+
+
 class StopRequested(Exception):
     """The process that started the evaluator wants it to end."""
 

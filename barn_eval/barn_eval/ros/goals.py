@@ -9,10 +9,10 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, PlannerNotReady, TrialEnded
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import Endpoint
-from barn_eval.trials.outcome import PLANNER, Outcome
+from barn_eval.trials.outcome import PLANNER
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.trial import MAX_TEXT_LENGTH
 from barn_worlds.base.errors import ConfigError
@@ -63,10 +63,7 @@ class TopicGoal:
             return bool(self._publisher.get_subscription_count() >= subscriptions)
 
         if not self._loop.wait(is_connected, self._limit_s, PLANNER):
-            raise TrialEnded(
-                Outcome.PLANNER_NOT_READY,
-                f"no connection to the subscription to {topic}",
-            )
+            raise PlannerNotReady(f"no connection to the subscription to {topic}")
         self.repeat(goal)
 
     def repeat(self, goal: bytes) -> None:
@@ -122,7 +119,7 @@ class ActionGoal:
         patience = self._patience
         # A server that ~/reset has taken down may be starting again.
         if not self._loop.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
-            raise self._not_ready(f"no connection to the action {self._name}")
+            raise PlannerNotReady(f"no connection to the action {self._name}")
 
         # A planner that is still starting may refuse goals. The attempts span the time
         # that it is given to become ready.
@@ -131,11 +128,11 @@ class ActionGoal:
             if not self._loop.wait(
                 lambda: self.action_result != "sent", patience.service_s, PLANNER
             ):
-                raise self._not_ready(f"no answer from the action {self._name}")
+                raise PlannerNotReady(f"no answer from the action {self._name}")
             if self.action_result != "rejected":
                 return
             self._loop.sleep(_RETRY_PERIOD_S, PLANNER)
-        raise self._not_ready(f"the action {self._name} has refused the goal")
+        raise PlannerNotReady(f"the action {self._name} has refused the goal")
 
     def repeat(self, goal: bytes) -> None:
         """Send the goal, or again if the planner has given it up."""
@@ -157,10 +154,6 @@ class ActionGoal:
             self._loop.wait(future.done, self._patience.vanished_s, PLANNER)
         except TrialEnded as end:
             self._loop.node.get_logger().info(f"while the goal was canceled: {end}")
-
-    @staticmethod
-    def _not_ready(detail: str) -> TrialEnded:
-        return TrialEnded(Outcome.PLANNER_NOT_READY, detail)
 
 
 def action_class(type_name: str) -> Any:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 from contextlib import closing, suppress
 
-from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, PlannerNotReady, TrialEnded
 from barn_eval.ros.goals import ActionGoal, TopicGoal
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.readiness import Finding, Needs, inspect
@@ -233,7 +233,7 @@ class PlannerClient:
             lambda: self._node.trigger("ready", self._patience.service_s)
         ):
             if loop.now_s > deadline_s:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, refusal)
+                raise PlannerNotReady(refusal)
             if loop.now_s > next_goal_s:
                 next_goal_s += _GOAL_PERIOD_S
                 self.repeat_goal(spec, stamp_ns)
@@ -265,9 +265,7 @@ class PlannerClient:
             subject, lambda: self._view.crowd() or describe_missing(), limit_s, PLANNER
         )
         if missing:
-            raise TrialEnded(
-                Outcome.PLANNER_NOT_READY, f"{missing} (waited {limit_s:g} s)"
-            )
+            raise PlannerNotReady(f"{missing} (waited {limit_s:g} s)")
 
     def _encode_goal(self, spec: TrialSpec, stamp_ns: int) -> bytes:
         config = self._config
@@ -294,7 +292,7 @@ class PlannerClient:
         if node.offers("reset"):
             refusal = self._refusal(lambda: node.trigger("reset", limit_s, limit_s))
             if refusal:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, refusal)
+                raise PlannerNotReady(refusal)
 
     def _refusal(self, call: Callable[[], object]) -> str:
         """Call a service of the planner and return its reason to refuse, if it does."""
@@ -303,5 +301,5 @@ class PlannerClient:
         except ServiceRefused as error:
             return f"{self._node.name} says: {error}"
         except ServiceTimeout as error:
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
+            raise PlannerNotReady(str(error)) from None
         return ""

@@ -41,18 +41,17 @@ class PlannerObject:
         Raises:
             BarnError: If the class cannot be instantiated.
         """
-        planner: Planner | Function
-        if isinstance(self.source, type):
+        source = self.source
+        if isinstance(source, type):
             try:
-                planner = self.source()
+                planner: Planner = source()
+                return planner
             except Exception as error:
                 raise BarnError(
                     f"planner {self.name!r} cannot be made:"
                     f" {type(error).__name__}: {error}"
                 ) from error
-        else:
-            planner = self.source
-        return planner if isinstance(planner, Planner) else FunctionPlanner(planner)
+        return source if isinstance(source, Planner) else FunctionPlanner(source)
 
 
 class FunctionPlanner(Planner):

@@ -105,23 +105,24 @@ class _Loop:
 
     def take(self, report: Report) -> Iterator[Event]:
         """Handle a report and yield its events."""
-        if isinstance(report, Notice):
-            yield report
-        elif isinstance(report, JobRefusal):
-            raise RunError(f"{report.key}: {report.message}")
-        elif isinstance(report, JobLoss):
-            job = self.running.pop(report.key)
-            if job.trials:
-                yield from self._retry(job, report)
-        else:
-            # Mode ros ends a job without a result: all were partial.
-            if report.result is not None:
-                # Any result shows that machine and run are in order.
-                self.losses_in_a_row = 0
-                yield from self._keep_traceback(report.result)
-                yield self._keep_result(report)
-            if isinstance(report, JobResult):
-                del self.running[report.key]
+        match report:
+            case Notice():
+                yield report
+            case JobRefusal():
+                raise RunError(f"{report.key}: {report.message}")
+            case JobLoss():
+                job = self.running.pop(report.key)
+                if job.trials:
+                    yield from self._retry(job, report)
+            case PartialResult() | JobResult():
+                # Mode ros ends a job without a result: all were partial.
+                if report.result is not None:
+                    # Any result shows that machine and run are in order.
+                    self.losses_in_a_row = 0
+                    yield from self._keep_traceback(report.result)
+                    yield self._keep_result(report)
+                if isinstance(report, JobResult):
+                    del self.running[report.key]
 
     def _retry(self, job: Job, loss: JobLoss) -> Iterator[Event]:
         """Put a lost job back, from its first trial without a result.
