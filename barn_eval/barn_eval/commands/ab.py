@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from barn_eval.commands.options import (
-    FOLDER,
+    folder_option,
     json_option,
     print_json,
     print_notes,
@@ -34,10 +34,9 @@ WORSE = 4
     "--worlds", default="0:300:3", help="Which, at most; it stops earlier where it can."
 )
 @run_option
-@click.option(
+@folder_option(
     "--out",
     default="out/ab",
-    type=FOLDER,
     help="Folder of all that was driven, kept for next time.",
 )
 @json_option

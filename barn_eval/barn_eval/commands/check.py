@@ -7,11 +7,12 @@ import click
 
 from barn_eval.api.results import Results
 from barn_eval.commands.options import (
-    COUNT,
     FILE,
-    FOLDER,
     console,
+    count_option,
+    file_option,
     folder_argument,
+    folder_option,
     json_option,
     notes,
     print_json,
@@ -44,9 +45,8 @@ _SUBMISSION_KEYS = (
     metavar="TRIAL",
     help="Run a trial again, by its name or number from 1, and compare.",
 )
-@click.option(
+@count_option(
     "--sample",
-    type=COUNT,
     help="Drive the commands of so many trials again [default: of all].",
 )
 @json_option
@@ -100,9 +100,7 @@ def print_check(check: FolderCheck) -> None:
 
 @click.command("submit")
 @folder_argument
-@click.option(
-    "--out", type=FILE, help="File to write [default: the folder's name, .barn.zip]."
-)
+@file_option("--out", help="File to write [default: the folder's name, .barn.zip].")
 @click.option(
     "--container",
     default="",
@@ -124,9 +122,8 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 
 @click.command("verify")
 @click.argument("file", type=FILE)
-@click.option(
+@folder_option(
     "--out",
-    type=FOLDER,
     help="Folder to unpack into what holds, such as for `barn leaderboard`.",
 )
 @json_option

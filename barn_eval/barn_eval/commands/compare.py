@@ -16,11 +16,12 @@ from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.tables import comparison_table, paper_table
 from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
-    COUNT,
-    FILE,
-    PATH,
+    count_option,
+    file_option,
+    flag_option,
     folders_argument,
     json_option,
+    path_argument,
     print_notes,
     print_output,
     progress_bar,
@@ -40,17 +41,16 @@ NOT_SHOWN = 5
 
 
 @click.command("compare")
-@click.argument("a", type=PATH)
-@click.argument("b", type=PATH, required=False)
+@path_argument("a")
+@path_argument("b", required=False)
 @click.option(
     "--columns",
     default="",
     show_default=False,
     help="Measures, such as success,challenge.",
 )
-@click.option(
+@file_option(
     "--latex",
-    type=FILE,
     help="Write the planners as a table of a paper, the best in bold.",
 )
 @click.option(
@@ -142,12 +142,9 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
     help="A column of the results, with --ranking repeatable [default: the metric of"
     " the protocol].",
 )
-@click.option(
-    "--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10]."
-)
-@click.option(
+@count_option("--repetitions", help="Trials per world [default: 1, 2, 3, 5 and 10].")
+@flag_option(
     "--ranking",
-    is_flag=True,
     help="Say how many worlds bring planners into the right order; many FOLDERS.",
 )
 @json_option

@@ -6,7 +6,7 @@ import click
 
 from barn_eval.api.difficulty import predict_rows
 from barn_eval.commands.options import (
-    FILE,
+    file_option,
     json_option,
     print_output,
     worlds_option,
@@ -29,7 +29,7 @@ def command() -> None:
 @command.command()
 @click.argument("source", default="barn300")
 @worlds_option
-@click.option("--weights", type=FILE, help="Weights [default: the shipped ones].")
+@file_option("--weights", help="Weights [default: the shipped ones].")
 @json_option
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
     """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, maps of one's own included."""

@@ -7,10 +7,10 @@ import click
 from barn_eval.analysis.leaderboard import RANKINGS, board_rows, make_boards
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
-    PATH,
     folders_argument,
     json_option,
     notes,
+    path_option,
     print_notes,
     print_output,
 )
@@ -25,9 +25,8 @@ from barn_eval.pages.report.leaderboard import board_table, write_boards
     type=click.Choice(tuple(RANKINGS)),
     help="What is ranked by [default: the protocol's metric].",
 )
-@click.option(
+@path_option(
     "--out",
-    type=PATH,
     multiple=True,
     help="File ending in .md or .html, repeatable [default: printed].",
 )

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,13 +29,16 @@ reporter = ConsoleReporter(notes)
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
-COUNT = click.IntRange(1)
 
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON instead of tables."
-)
-folder_argument = click.argument("folder", type=PATH)
-folders_argument = click.argument("folders", nargs=-1, required=True, type=PATH)
+path_argument = partial(click.argument, type=PATH)
+path_option = partial(click.option, type=PATH)
+file_option = partial(click.option, type=FILE)
+folder_option = partial(click.option, type=FOLDER)
+flag_option = partial(click.option, is_flag=True)
+count_option = partial(click.option, type=click.IntRange(1))
+folder_argument = path_argument("folder")
+folders_argument = path_argument("folders", nargs=-1, required=True)
+json_option = flag_option("--json", "as_json", help="Print JSON instead of tables.")
 worlds_option = click.option(
     "--worlds", "select", default="all", help="Which, such as 0-49."
 )

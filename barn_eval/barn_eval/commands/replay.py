@@ -4,16 +4,20 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, PATH, print_notes, progress_bar
+from barn_eval.commands.options import (
+    file_option,
+    path_argument,
+    print_notes,
+    progress_bar,
+)
 from barn_eval.pages.replay.files import write_replay
 from barn_sim.drawing.camera import CAMERAS
 
 
 @click.command("replay")
-@click.argument("bags", type=PATH, nargs=-1, required=True)
-@click.option(
+@path_argument("bags", nargs=-1, required=True)
+@file_option(
     "--out",
-    type=FILE,
     multiple=True,
     help="A page (.html), the end as a picture (.png), an animation (.gif) or a film"
     " (.mp4, needs ffmpeg), repeatable [default: NAME.html].",

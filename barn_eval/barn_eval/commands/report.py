@@ -8,9 +8,10 @@ import click
 
 from barn_eval.api.folders import report
 from barn_eval.commands.options import (
-    PATH,
+    flag_option,
     folders_argument,
     parameters_option,
+    path_option,
     print_notes,
     progress_bar,
     split_names,
@@ -35,15 +36,14 @@ class ReportSettings(Checked):
 
 @click.command("report")
 @folders_argument
-@click.option("--out", default="report.html", type=PATH, help="The page.")
+@path_option("--out", default="report.html", help="The page.")
 @click.option(
     "--assets/--no-assets",
     default=True,
     help="Write figures and tables into OUT_assets as well.",
 )
-@click.option(
+@flag_option(
     "--replays",
-    is_flag=True,
     help="Draw the replay of each bag into OUT_replays and link to it.",
 )
 @parameters_option(

@@ -7,7 +7,12 @@ from typing import Any
 import click
 
 from barn_eval.api.robots import draw
-from barn_eval.commands.options import FILE, json_option, print_notes, print_output
+from barn_eval.commands.options import (
+    file_option,
+    json_option,
+    print_notes,
+    print_output,
+)
 from barn_eval.commands.tables import table
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.robots.files import ROBOTS, load_robot
@@ -16,7 +21,7 @@ from barn_worlds.robots.robot import Robot
 
 @click.command("robots")
 @click.argument("robot", required=False)
-@click.option("--out", type=FILE, help="Draw it from above, as .png, .svg or .pdf.")
+@file_option("--out", help="Draw it from above, as .png, .svg or .pdf.")
 @json_option
 def command(robot: str | None, out: Path | None, as_json: bool) -> None:
     """List the robots that come with the suite, or show all numbers of ROBOT, a name or a YAML file, with sources."""

@@ -14,9 +14,10 @@ from barn_eval.analysis.tables import comparison_table, summary_table, trials_ta
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     FILE,
-    FOLDER,
     course_option,
     field_option,
+    flag_option,
+    folder_option,
     json_option,
     parameters_option,
     print_notes,
@@ -103,22 +104,17 @@ _EXECUTION = ExecutionConfig()
 )
 @field_option(_EXECUTION, "workers", default="as processors")
 @field_option(_RUN, "bags")
-@click.option(
+@folder_option(
     "--out",
-    type=FOLDER,
     help="Folder of the results [default: a new one under out/, named by the time].",
 )
-@click.option(
+@flag_option(
     "--view",
-    is_flag=True,
     help="Serve the trials to Foxglove, and a page, as they run; needs bags.",
 )
-@click.option(
-    "--overwrite", is_flag=True, help="Remove other results from that folder first."
-)
-@click.option(
+@flag_option("--overwrite", help="Remove other results from that folder first.")
+@flag_option(
     "--dry-run",
-    is_flag=True,
     help="Say what would run, how long and how large; run nothing.",
 )
 @json_option
@@ -284,7 +280,7 @@ _DEMO_PERCENTAGES = (5, 40, 70)
 @click.option(
     "--mode", type=click.Choice(MODES), default="ros", help="One process or ROS nodes."
 )
-@click.option("--out", default="out/demo", type=FOLDER, help="Results.")
+@folder_option("--out", default="out/demo", help="Results.")
 @json_option
 def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
     """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.

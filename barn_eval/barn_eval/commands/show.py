@@ -7,9 +7,9 @@ import click
 from barn_eval.api import worlds as api_worlds
 from barn_eval.api.results import overlay
 from barn_eval.commands.options import (
-    FILE,
-    PATH,
     course_option,
+    file_option,
+    path_option,
     print_notes,
     split_names,
 )
@@ -20,17 +20,15 @@ from barn_eval.commands.options import (
 @click.option(
     "--dataset", default="barn300", help="Data set that numbers are looked up in."
 )
-@click.option(
+@file_option(
     "--out",
-    type=FILE,
     help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif"
     " [default: named after WORLDS].",
 )
 @course_option
-@click.option(
+@path_option(
     "--trials",
     multiple=True,
-    type=PATH,
     help="Draw the trials of this folder in it; repeatable.",
 )
 @click.option(

@@ -8,8 +8,9 @@ import click
 
 from barn_eval.api import suite
 from barn_eval.commands.options import (
-    FILE,
-    FOLDER,
+    file_option,
+    flag_option,
+    folder_option,
     json_option,
     notes,
     parameters_option,
@@ -24,14 +25,12 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 
 
 @click.command("reproduce")
-@click.option(
+@flag_option(
     "--quick",
-    is_flag=True,
     help="Part of the worlds, spread over their order by difficulty; minutes.",
 )
-@click.option(
+@folder_option(
     "--out",
-    type=FOLDER,
     help="Folder of trials and page [default: out/results, or out/results_quick].",
 )
 @parameters_option("--set", "settings", "What is run", ReproduceConfig())
@@ -42,7 +41,7 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
     show_default=False,
     help="Trials at a time [default: as processors].",
 )
-@click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
+@folder_option("--docs", help="Write the page into this folder as well.")
 def reproduce(**options: Any) -> None:
     """Run the paper's 3000 trials and write all of it up.
 
@@ -58,9 +57,8 @@ def reproduce(**options: Any) -> None:
     "--planners", default="dwa,eband", help="Planners to measure, joined by commas."
 )
 @parameters_option("--set", "settings", "What is measured", suite.BenchSetup())
-@click.option(
+@file_option(
     "--against",
-    type=FILE,
     help="Earlier result of --json from this machine: print how many times as good"
     " figures are.",
 )

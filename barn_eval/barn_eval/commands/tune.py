@@ -9,9 +9,9 @@ from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.commands.options import (
-    COUNT,
-    FOLDER,
     console,
+    count_option,
+    folder_option,
     json_option,
     print_json,
     print_notes,
@@ -29,10 +29,9 @@ if TYPE_CHECKING:
 
 @click.command("tune")
 @click.argument("ranges")
-@click.option(
+@count_option(
     "--settings",
     default=30,
-    type=COUNT,
     help="Settings to try, the default among them.",
 )
 @click.option("--worlds", default="0:300:10", help="Which settings are chosen by.")
@@ -50,10 +49,9 @@ if TYPE_CHECKING:
     help="Measures, such as challenge,min_clearance_m.",
 )
 @run_option
-@click.option(
+@folder_option(
     "--out",
     default="out/tune",
-    type=FOLDER,
     help="Folder of all that was driven; the same command resumes.",
 )
 @json_option

@@ -10,7 +10,11 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import folder_argument, print_notes
+from barn_eval.commands.options import (
+    flag_option,
+    folder_argument,
+    print_notes,
+)
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
 from barn_eval.pages.live.foxglove import FoxgloveStream, require_sdk
 from barn_eval.pages.live.server import PageServer
@@ -39,7 +43,7 @@ _LOOK_PERIOD_S = 0.5
     help="Serve the trial that is being recorded to Foxglove as well [default port:"
     f" {LIVE_PORT}].",
 )
-@click.option("--wait", is_flag=True, help="Wait for the folder to be there.")
+@flag_option("--wait", help="Wait for the folder to be there.")
 def command(folder: Path, port: int, host: str, live: int | None, wait: bool) -> None:
     """Serve a page that shows how the run in FOLDER stands, until Ctrl-C.
 

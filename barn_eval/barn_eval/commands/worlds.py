@@ -8,10 +8,10 @@ import click
 from barn_eval.api import worlds
 from barn_eval.api.worlds import FORMATS, Form
 from barn_eval.commands.options import (
-    COUNT,
-    PATH,
+    count_option,
     json_option,
     parameters_option,
+    path_argument,
     print_notes,
     print_output,
     progress_bar,
@@ -34,14 +34,14 @@ def command() -> None:
 
 
 @command.command()
-@click.argument("target", type=PATH)
+@path_argument("target")
 @click.option(
     "--seed",
     default=2020,
     type=click.IntRange(0, 2**62),
     help="All randomness comes from it.",
 )
-@click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
+@count_option("--per-set", default=25, help="Worlds per parameter set.")
 @parameters_option(
     "--set", "parameters", "One parameter set of your own", WorldParameters()
 )
@@ -80,7 +80,7 @@ def generate(
 
 @command.command()
 @click.argument("source")
-@click.argument("target", type=PATH)
+@path_argument("target")
 @click.option(
     "--format",
     "form",
