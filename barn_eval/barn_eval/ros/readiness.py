@@ -153,10 +153,11 @@ def _command_problems(
     if not types:
         text = f"no publisher on {topic}"
         # Velocities on another topic are most often a remapping that was forgotten.
-        velocities = []
-        for endpoint in graph.publishers:
-            if endpoint.type_name in (TWIST, TWIST_STAMPED):
-                velocities.append((endpoint.topic, endpoint.type_name))
+        velocities = [
+            (endpoint.topic, endpoint.type_name)
+            for endpoint in graph.publishers
+            if endpoint.type_name in (TWIST, TWIST_STAMPED)
+        ]
         if velocities:
             other_topic, type_name = min(velocities)
             kind = short_type(type_name)

@@ -158,7 +158,7 @@ def _take_objects(
         plain["worlds"], worlds = _read_worlds(plain["worlds"])
 
     planner_objects: dict[str, PlannerObject] = {}
-    if not isinstance(plain.get("planners", ""), str):
+    if "planners" in plain:
         plain["planners"], planner_objects = split_planner_objects(plain["planners"])
     # One worker needs no other process, so that a debugger reaches the planner.
     if planner_objects and plain.get("workers") == 1:
@@ -205,19 +205,18 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
     )
 
 
-def _reuse_commands(planners: object, file_planners: object, where: str) -> object:
+def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> list[Any]:
     """Let names in the options stand for planners that the file starts by a command."""
-    names = planners.split(",") if isinstance(planners, str) else planners
-    if not isinstance(names, (list, tuple)) or not isinstance(file_planners, list):
-        return planners
+    if not isinstance(file_planners, list):
+        return entries
     commands: dict[object, object] = {}
     for entry in file_planners:
         if isinstance(entry, dict) and "command" in entry:
             planner = read_planner(entry, where)
             commands[planner.name] = planner
     return [
-        commands.get(name.strip(), name) if isinstance(name, str) else name
-        for name in names
+        commands.get(entry.strip(), entry) if isinstance(entry, str) else entry
+        for entry in entries
     ]
 
 
