@@ -33,6 +33,7 @@ MORE = {name: (example, page) for name, (_, example, page) in _ENTRIES.items()}
 _MODULES = {
     "demo": "run",
     "precision": "compare",
+    "metrics": "worlds",
     "submit": "check",
     "verify": "check",
     "reproduce": "suite",

@@ -1,4 +1,4 @@
-"""`barn worlds`: generate, convert and list worlds."""
+"""`barn worlds`: generate, convert and list worlds; `barn metrics`: measure them."""
 
 from pathlib import Path
 from typing import Any
@@ -142,3 +142,33 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 
 def _format(value: object) -> object:
     return f"{value:.2f}" if isinstance(value, float) else value
+
+
+@click.command("metrics")
+@click.argument("source", default="barn300")
+@worlds_option
+@click.option(
+    "--formula",
+    default="corrected",
+    help="corrected, published (the numbers in print) or paper_text.",
+)
+@click.option(
+    "--robot",
+    help="Whose C-space and path are measured: a name or a YAML file [default: the"
+    " worlds' own].",
+)
+@json_option
+def metrics(
+    source: str, select: str, formula: str, robot: str | None, as_json: bool
+) -> None:
+    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
+
+    Under protocol challenge they order worlds better than the learned difficulty does,
+    under paper2020 less well.
+    """
+    content = worlds.metrics_table(source, select, formula, robot=robot or "")
+    headings, rows = content.summary_cells()
+    # All columns but the first are numbers.
+    columns = [headings[0], *(f">{heading}" for heading in headings[1:])]
+    title = f"{len(content.worlds)} worlds, {formula}"
+    print_output(as_json, content.as_json(), table(columns, rows, title=title))
