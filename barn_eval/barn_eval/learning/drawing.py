@@ -3,14 +3,13 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from barn_eval.learning.episodes import Episodes
 from barn_eval.results.bags.messages import trial_scene
 from barn_eval.results.bags.movers import TRAIL_S
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.arrays import Points
+from barn_worlds.base.arrays import Bytes, Points
 from barn_worlds.base.types import Pose2D, seconds
 from barn_worlds.drawing.palette import (
     FAINT,
@@ -62,7 +61,7 @@ class TopView:
         """Extend the trail to where the robot is."""
         self._trail += self._to_pixels(episodes.readings.truths[:1, :2])
 
-    def draw(self, episodes: Episodes) -> npt.NDArray[np.uint8]:
+    def draw(self, episodes: Episodes) -> Bytes:
         """Return the picture (height, width, 3) of this instant."""
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)

@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.drawing import TopView
-from barn_eval.learning.episodes import CachedWorld, Episodes, final_info
+from barn_eval.learning.episodes import Episodes, Info, final_info
 from barn_eval.learning.reward import path_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
@@ -20,15 +20,13 @@ from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import ACTIONS, Vector
 from barn_planners.robots import fit_to_robot, lidar_mount_changes
 from barn_sim.config import robot_of
+from barn_worlds.base.arrays import Bytes
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
-from barn_worlds.base.types import seconds
 from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
 
 RENDER_MODES = ("rgb_array",)
-# Worlds that stay in memory, with their paths.
-_MAX_CACHED_WORLDS = 2000
 # Outcomes that the learner's actions cause. All others truncate an episode.
 _TERMINAL_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
 _RESET_OPTIONS = ("world", "campaign_seed", "repetition")
@@ -62,7 +60,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         Args:
             config: What the environment is; the default is `EnvConfig()`.
             render_mode: None, or "rgb_array" for pictures from above.
-            loaded_dataset: The data set of `config`, if it is open already.
+            loaded_dataset: The data set of `config` for its robot, if it is open
+                already.
             **changes: Fields of `config` by dotted name, so that `gymnasium.make` takes
                 them: `make(name, worlds="0:100", **{"reward.success": 20.0})`.
 
@@ -76,8 +75,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
-        dataset = loaded_dataset or open_dataset(self.config.dataset)
-        self._dataset = dataset.for_robot(robot)
+        dataset = loaded_dataset or open_dataset(self.config.dataset).for_robot(robot)
+        self._dataset = dataset
         # Numbers of the worlds that episodes are drawn from, evenly.
         self.worlds = tuple(
             sorted(select_worlds(self.config.worlds, self._dataset.world_numbers))
@@ -119,7 +118,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Vector, dict[str, Any]]:
+    ) -> tuple[Vector, Info]:
         """Begin an episode.
 
         Args:
@@ -140,7 +139,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         if self._episodes is None:
             self._episodes = self.make_episodes()
         episodes = self._episodes
-        spec, path = self._draw_trial(_check_options(options), episodes.cached_worlds)
+        spec = self._draw_trial(_check_options(options))
+        along = self.config.reward.progress_along
+        path = path_points(spec.world, spec.course, along)
         episodes.begin(self._index, spec, path)
         if self._is_in_batch:
             return np.zeros(self.config.observation.size, np.float32), {}
@@ -154,7 +155,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
     def step(
         self, action: npt.NDArray[np.floating]
-    ) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+    ) -> tuple[Vector, float, bool, bool, Info]:
         """Drive for one control period.
 
         Args:
@@ -197,7 +198,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         verdict = self._episodes.trial(self._index).verdict
         return verdict is not None and verdict.outcome in _TERMINAL_OUTCOMES
 
-    def render(self) -> npt.NDArray[np.uint8] | None:
+    def render(self) -> Bytes | None:
         """Return a picture (height, width, 3); None without a render mode."""
         if self._episodes is None or self._top_view is None:
             return None
@@ -210,10 +211,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._episodes = None
         self._top_view = None
 
-    def _draw_trial(
-        self, options: Mapping[str, int], cached_worlds: dict[int, CachedWorld]
-    ) -> CachedWorld:
-        """Return a trial and its path; draw what the options do not give."""
+    def _draw_trial(self, options: Mapping[str, int]) -> TrialSpec:
+        """Return a trial; draw what the options do not give."""
         # Always in this order, so that equal seeds draw equal trials.
         world_number = options.get("world")
         if world_number is None:
@@ -222,30 +221,19 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         run_seed = options.get("campaign_seed")
         if run_seed is None:
             run_seed = int(self.np_random.integers(2**62))
-        repetition = options.get("repetition", 0)
-
-        cached = cached_worlds.get(world_number)
-        if cached is not None:
-            return CachedWorld(cached.spec.with_seed(run_seed, repetition), cached.path)
-        if len(cached_worlds) >= _MAX_CACHED_WORLDS:
-            cached_worlds.clear()
-        world = self._dataset.load(world_number)
-        spec = TrialSpec(
+        return TrialSpec(
             dataset=self._dataset.name,
             world_number=world_number,
-            world=world,
+            world=self._dataset.load(world_number),
             planner="policy",
             preset="",
             overrides={},
             protocol=self.protocol,
             simulator=self.simulator_config,
             run_seed=run_seed,
-            repetition=repetition,
+            repetition=options.get("repetition", 0),
             declared_mps=self.config.action.cap_mps,
         )
-        path = path_points(world, spec.course, self.config.reward.progress_along)
-        cached_worlds[world_number] = CachedWorld(spec, path)
-        return cached_worlds[world_number]
 
     def _fit_safety(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
         """Return the collision check for the robot and the mount of its lidar."""
@@ -262,12 +250,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         changes = fit_to_robot(safety, robot) | lidar_mount_changes(safety, robot.lidar)
         return replace_dotted(safety, changes, "safety")
 
-    def _info(self, episodes: Episodes) -> dict[str, Any]:
-        info = {
-            "world": int(episodes.worlds[0]),
-            "time_s": seconds(int(episodes.readings.stamps_ns[0])),
-            "way_left_m": float(episodes.distances_left_m[0]),
-        }
+    def _info(self, episodes: Episodes) -> Info:
+        columns = episodes.info_columns()
+        info = {name: values[0].item() for name, values in columns.items()}
         return info | final_info(episodes.trial(0))
 
 

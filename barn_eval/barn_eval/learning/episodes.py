@@ -4,7 +4,7 @@ A step is a few compiled calls for all robots. Python runs only for robots near 
 obstacle, trials that may have ended, the collision check, and poses in a map.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -26,14 +26,15 @@ from barn_sim.config import SimulatorConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    Pose2D,
+    Scan,
+    Velocity2D,
+)
 
-
-class CachedWorld(NamedTuple):
-    """What is computed once for each world."""
-
-    spec: TrialSpec  # its first trial
-    path: Floats  # (n, 3) as of `path_points`
+# What Gymnasium returns beside an observation.
+Info: TypeAlias = dict[str, Any]
 
 
 class Episodes:
@@ -62,7 +63,6 @@ class Episodes:
         self.distances_left_m = np.zeros(count)
         self.worlds = np.zeros(count, np.int64)
         self.running = np.zeros(count, np.bool_)
-        self.cached_worlds: dict[int, CachedWorld] = {}
 
         self._config = config
         self._safety = safety
@@ -77,6 +77,14 @@ class Episodes:
         self._paths = np.zeros((count, 0, 3))
         self._path_lengths = np.zeros(count, np.int64)
         self._states = np.zeros(count, rules.STATE)
+
+    def info_columns(self) -> dict[str, npt.NDArray[Any]]:
+        """Return what every `info` holds, by name, for all robots."""
+        return {
+            "world": self.worlds,
+            "time_s": self.readings.stamps_ns / NANOSECONDS_PER_SECOND,
+            "way_left_m": self.distances_left_m,
+        }
 
     def trial(self, index: int) -> RunningTrial:
         """Return the current or the last trial of a robot."""
@@ -292,7 +300,7 @@ class Episodes:
         self.batch.close()
 
 
-def final_info(trial: RunningTrial) -> dict[str, Any]:
+def final_info(trial: RunningTrial) -> Info:
     """Return what `info` holds in addition at the end of an episode; empty before."""
     verdict = trial.verdict
     scores = trial.scores

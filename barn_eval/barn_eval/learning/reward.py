@@ -6,6 +6,7 @@ is (Ng, Harada and Russell, "Policy invariance under reward transformations", IC
 """
 
 import math
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -25,6 +26,8 @@ _ROUNDING = 1.0 + 1e-12
 RewardWeights: TypeAlias = tuple[float, float, float, float, float]
 
 
+# Learners meet the same worlds again and again.
+@lru_cache(maxsize=2000)
 def path_points(world: World, course: Course, along: str) -> Floats:
     """Return points on the path to the goal.
 

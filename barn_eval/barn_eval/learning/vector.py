@@ -15,16 +15,16 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv
-from barn_eval.learning.episodes import final_info
+from barn_eval.learning.episodes import Info, final_info
 from barn_planners.policy.space import ACTIONS
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.robots.files import load_robot
 
 # `info` of some environments, by their indices.
-_Infos: TypeAlias = dict[int, dict[str, Any]]
+_Infos: TypeAlias = dict[int, Info]
 
 
 class JackalVectorEnv(SyncVectorEnv):
@@ -50,7 +50,8 @@ class JackalVectorEnv(SyncVectorEnv):
             **changes: Fields of `config` by dotted name.
         """
         config = replace_dotted(config or EnvConfig(), changes, "environment")
-        dataset = open_dataset(config.dataset)
+        # All environments share its worlds in memory.
+        dataset = open_dataset(config.dataset).for_robot(load_robot(config.robot))
         make_env = partial(JackalEnv, config, loaded_dataset=dataset)
         super().__init__([make_env] * num_envs, autoreset_mode=autoreset_mode)
         self._jackals = [cast(JackalEnv, env.unwrapped) for env in self.envs]
@@ -64,7 +65,7 @@ class JackalVectorEnv(SyncVectorEnv):
         *,
         seed: int | list[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+    ) -> tuple[npt.NDArray[Any], Info]:
         """Begin episodes.
 
         Args:
@@ -86,7 +87,7 @@ class JackalVectorEnv(SyncVectorEnv):
 
     def step(
         self, actions: npt.NDArray[np.floating]
-    ) -> tuple[npt.NDArray[Any], Floats, Bools, Bools, dict[str, Any]]:
+    ) -> tuple[npt.NDArray[Any], Floats, Bools, Bools, Info]:
         """Drive all robots for one control period.
 
         Args:
@@ -125,7 +126,7 @@ class JackalVectorEnv(SyncVectorEnv):
             self._terminations[index] = self._jackals[index].is_terminal()
             self._truncations[index] = not self._terminations[index]
 
-        infos: dict[str, Any] = {}
+        infos: Info = {}
         # Taken before any reset, which puts another trial in the place of the one that
         # has ended.
         end_infos = {index: final_info(self._episodes.trial(index)) for index in ended}
@@ -159,26 +160,17 @@ class JackalVectorEnv(SyncVectorEnv):
             for index in self._episodes.judge(started)
         }
 
-    def _columns(self) -> dict[str, npt.NDArray[Any]]:
-        """Return what every `info` holds, by name, for all environments."""
-        stamps_ns = self._episodes.readings.stamps_ns
-        return {
-            "world": self._episodes.worlds,
-            "time_s": stamps_ns / NANOSECONDS_PER_SECOND,
-            "way_left_m": self._episodes.distances_left_m,
-        }
-
-    def _step_infos(self, mask: Bools) -> dict[str, Any]:
+    def _step_infos(self, mask: Bools) -> Info:
         """Return infos in Gymnasium's format: values, and for whom they hold."""
-        infos: dict[str, Any] = {}
-        for name, values in self._columns().items():
+        infos: Info = {}
+        for name, values in self._episodes.info_columns().items():
             infos[name] = np.where(mask, values, 0)
             infos[f"_{name}"] = mask.copy()
         return infos
 
-    def _last_infos(self, end_infos: _Infos) -> dict[str, Any]:
+    def _last_infos(self, end_infos: _Infos) -> Info:
         """Return infos with the last observations and infos of episodes that ended."""
-        columns = self._columns()
+        columns = self._episodes.info_columns()
         last: _Infos = {}
         for index, info in end_infos.items():
             step_info = {name: values[index] for name, values in columns.items()}
@@ -188,7 +180,7 @@ class JackalVectorEnv(SyncVectorEnv):
             }
         return self._merge({}, last)
 
-    def _merge(self, infos: dict[str, Any], additions: _Infos) -> dict[str, Any]:
+    def _merge(self, infos: Info, additions: _Infos) -> Info:
         """Return infos of all environments with those of some of them added."""
         for index, info in additions.items():
             infos = self._add_info(infos, info, index)
