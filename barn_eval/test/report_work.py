@@ -11,7 +11,7 @@ import barn_eval as barn
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.results.provenance import provenance
-from barn_eval.results.rows import TrackFile, seal_line, unseal_line
+from barn_eval.results.rows import read_tracks, seal_line, unseal_line
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import thin_samples
 from barn_eval.trials import identity
@@ -107,7 +107,7 @@ def campaign(
     of_rules = {"protocol": protocol.name, "metric": protocol.metric, "task": task}
     dataset = open_dataset(rules["dataset"])
     path.mkdir()
-    track = json.loads(next(iter(TrackFile(run).read().values())))
+    track = json.loads(next(iter(read_tracks(run).values())))
     lines = []
     tracks = []
     left = bags
@@ -157,7 +157,7 @@ def campaign(
         "started_at": "2026-01-01T00:00:00+00:00",
         "execution": as_dict(ExecutionConfig()),
     } | provenance()
-    replace(RunFile.for_run(path, experiment, {}), sessions=(session,)).write()
+    replace(RunFile.for_run(path, experiment, []), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
     (path / "tracks.jsonl").write_text("".join(tracks))
     return path

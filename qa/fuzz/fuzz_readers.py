@@ -32,7 +32,7 @@ from barn_eval.results.commands import commands_line, parse_commands_line
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.rows import (
     RowFile,
-    TrackFile,
+    read_tracks,
     results_table,
     seal_line,
     timing_table,
@@ -198,6 +198,8 @@ def _experiment(folder: Path) -> Path:
                 np.full((40, 2), 0.5),
                 np.full((40, 2), 0.5),
                 np.zeros(40, bool),
+                np.full(40, np.nan),
+                np.ones(40, np.int64),
             )
             finished = finish_trial(
                 spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
@@ -227,7 +229,7 @@ def _rows(path: Path) -> None:
 
 
 def _tracks(path: Path) -> None:
-    for line in TrackFile(path.parent).read().values():
+    for line in read_tracks(path.parent).values():
         assert parse_track_line(line, "")[1].packed
 
 

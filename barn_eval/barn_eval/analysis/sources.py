@@ -11,7 +11,7 @@ from typing import Any
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.results.bags import BAGS
 from barn_eval.results.folder import read_results, select_scored
-from barn_eval.results.rows import TrackFile
+from barn_eval.results.rows import read_tracks
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.setting_folders import expand_sweeps
 from barn_eval.trials.identity import first_difference
@@ -114,9 +114,9 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
     tracks: Mapping[str, str] = {}
     if rows is None:
         results = read_results(path)
-        tracks = TrackFile(path).read()
+        tracks = read_tracks(path)
     else:
-        results = select_scored(run_file, path, rows)
+        results = select_scored(run_file, rows)
 
     planners = _planner_names(run_file.config)
     kind = "campaign" if len(planners) > 1 else "run"

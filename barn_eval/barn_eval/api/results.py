@@ -62,7 +62,7 @@ from barn_eval.running.pool import Job
 from barn_eval.running.request import RunRequest
 from barn_eval.trials.result import RowsByPlanner, TrialResult, unpack_delays
 from barn_eval.trials.run_config import ExecutionConfig
-from barn_eval.verification.check import describe_difference
+from barn_eval.verification.plausibility import find_difference
 from barn_eval.verification.submission import submit, verify
 from barn_worlds.base.errors import ConfigError, suggest
 
@@ -419,7 +419,9 @@ class Results:
         # Mode ros writes its logs somewhere, even without a bag.
         with TemporaryDirectory() as folder:
             new_result = self._drive(result, Path(folder), "none")
-        return describe_difference(result, new_result)
+        # This version may write another schema than the one that wrote the row.
+        new_result = replace(new_result, schema_version=result.schema_version)
+        return next(find_difference(result, new_result.repeatable(), "now"), "")
 
     def _drive(self, result: TrialResult, out: Path, bags: str) -> TrialResult:
         """Drive a trial again, alone, and return its new result.

@@ -4,14 +4,13 @@ import json
 
 import numpy as np
 
-from barn_eval.results.tracks import pack_arrays, unpack_arrays
+from barn_eval.results.tracks import pack_arrays, parse_trial_line, unpack_arrays
 from barn_eval.trials.result import REAL_TIME, TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import nanoseconds
 
 # A trial with more readings keeps no commands. At 20 Hz these are 37 minutes, and even
@@ -66,9 +65,9 @@ def _are_exact(finished: FinishedTrial) -> bool:
     row = finished.result
     if row.mode == "direct":
         return True
-    counts = finished.trajectory.command_counts
-    if row.compute == REAL_TIME or counts is None:
+    if row.compute == REAL_TIME:
         return False
+    counts = finished.trajectory.command_counts
     stamps_ns = finished.trajectory.stamps_ns
     cycles = PlannerCycles(finished.spec)
     for stamp_ns, count in zip(stamps_ns[:-1] - stamps_ns[0], counts, strict=False):
@@ -90,10 +89,7 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
     Raises:
         ConfigError: The line holds no commands.
     """
-    content = parse_json(line, where)
-    trial_id = content.get("trial_id") if isinstance(content, dict) else None
-    if not isinstance(trial_id, str):
-        raise ConfigError(f"{where}: not the commands of a trial")
+    trial_id, content = parse_trial_line(line, where, "commands")
     try:
         commands = unpack_arrays(content, _MAX_BYTES).get("commands", np.empty(0))
         if commands.dtype != np.float64:

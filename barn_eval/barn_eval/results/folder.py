@@ -34,9 +34,9 @@ from barn_eval.results.rows import (
     ROWS_FILE,
     TABLE_FILES,
     TRACKS_FILE,
-    CommandFile,
     RowFile,
-    TrackFile,
+    append_line,
+    arrange_tracks,
     write_tables,
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
@@ -67,8 +67,6 @@ class ResultsFolder:
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows) -> None:
         self.path = path
         self._rows = RowFile(path)
-        self._tracks = TrackFile(path)
-        self._commands = CommandFile(path)
         self._places = {spec.trial_id: place for place, spec in enumerate(specs)}
         self.completed = self._in_order(results)
         self._completed_ids = {result.trial_id for result in results}
@@ -108,8 +106,7 @@ class ResultsFolder:
                 anything else; or another process works in it.
             StoreError: The folder cannot be written.
         """
-        checksums = {spec.world_number: spec.world.checksum for spec in specs}
-        run_file = RunFile.for_run(path, config, checksums)
+        run_file = RunFile.for_run(path, config, specs)
         find_completed(run_file, specs, overwrite=overwrite)
         with _lock(path):
             remove_partial_files(path)
@@ -157,9 +154,9 @@ class ResultsFolder:
         if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} has a result already")
         if record.commands is not None:
-            self._commands.append(record.commands)
+            append_line(self.path / COMMANDS_FILE, record.commands)
         if record.track is not None:
-            self._tracks.append(record.track)
+            append_line(self.path / TRACKS_FILE, record.track)
         self._rows.append(record.result)
         self._completed_ids.add(trial_id)
 
@@ -191,7 +188,7 @@ class ResultsFolder:
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
-        self._tracks.arrange(list(self._places))
+        arrange_tracks(self.path, self._places)
         return results
 
 
@@ -264,11 +261,8 @@ def find_completed(
     path = run_file.path.parent
     if not run_file.path.exists():
         # A kill may leave a file of which only the beginning was written.
-        for file in path.iterdir() if path.is_dir() else ():
-            is_partial = file.name.startswith(".") and file.name.endswith(
-                PARTIAL_SUFFIX
-            )
-            if file.name != _LOCK and not is_partial:
+        for file in path.glob("*"):
+            if file.name != _LOCK and not file.match(f".*{PARTIAL_SUFFIX}"):
                 raise ConfigError(f"{path}: is not empty and holds no run")
         return CompletedTrials()
 
@@ -354,15 +348,14 @@ def read_results(path: Path) -> list[TrialResult]:
     rows = RowFile(path).read()
     if not any(row.is_scored for row in rows):
         raise ConfigError(f"{path}: holds no results of a run")
-    return select_scored(RunFile.read(path), path, rows)
+    return select_scored(RunFile.read(path), rows)
 
 
-def select_scored(run_file: RunFile, path: Path, rows: Rows) -> list[TrialResult]:
+def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
     """Return the rows of a folder that are not to be run again.
 
     Args:
         run_file: The folder's run.json.
-        path: The folder, which messages name.
         rows: Rows of the folder.
 
     Raises:
@@ -371,7 +364,7 @@ def select_scored(run_file: RunFile, path: Path, rows: Rows) -> list[TrialResult
     results = [row for row in rows if row.is_scored]
     task = run_file.task_fingerprint()
     for result in results:
-        _require_task(result, task, path)
+        _require_task(result, task, run_file.path.parent)
     return results
 
 

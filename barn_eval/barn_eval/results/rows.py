@@ -5,7 +5,7 @@ import os
 import re
 import typing
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from barn_eval.results.run_file import RUN_FILE, RunFile
+from barn_eval.results.tracks import parse_trial_line
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Scores
 from barn_eval.trials.result import (
@@ -29,7 +30,7 @@ from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import parse_json, read_lines
+from barn_worlds.base.text_files import as_mapping, parse_json, read_lines
 
 ROWS_FILE = "results.jsonl"
 TRACKS_FILE = "tracks.jsonl"
@@ -58,7 +59,7 @@ class RowFile:
         Raises:
             StoreError: That failed; the rows are as they were.
         """
-        _append_line(self.path, to_json_line(result))
+        append_line(self.path, to_json_line(result))
 
     def replace(self, results: Rows) -> None:
         """Keep these rows and no others; errors as `append`."""
@@ -72,8 +73,8 @@ class RowFile:
         """
         rows: dict[str, TrialResult] = {}
         parser = RowParser(self.path.parent)
-        for where, line in read_lines(self.path):
-            row = parser.parse(unseal_line(line, where), where)
+        for where, line in _read_sealed_lines(self.path):
+            row = parser.parse(line, where)
             if row.trial_id in rows:
                 raise ConfigError(f"{where}: trial {row.trial_id} is there already")
             rows[row.trial_id] = row
@@ -103,7 +104,7 @@ class RowParser:
             ConfigError: The line is no result that this version reads.
         """
         content = parse_json(line, where)
-        scores = content.get("scores") if isinstance(content, dict) else None
+        scores = as_mapping(content).get("scores")
         # The first rows of schema 2 did not have it.
         if (
             isinstance(scores, dict)
@@ -120,54 +121,33 @@ class RowParser:
             raise ConfigError(f"{error}{note}") from None
 
 
-class CommandFile:
-    """The commands of one folder, in the order of trials' ends; it has one writer.
+def read_tracks(folder: Path) -> dict[str, str]:
+    """Return the lines of a folder's tracks by trial.
 
-    Only what drives trials again reads them.
+    A last line that a kill cut off is left out.
     """
+    tracks = {}
+    for where, line in _read_sealed_lines(folder / TRACKS_FILE):
+        # A trial that a kill left without a row was run again: its last track counts.
+        trial_id, _ = parse_trial_line(line, where, "track")
+        tracks[trial_id] = line
+    return tracks
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / COMMANDS_FILE
 
-    def append(self, line: str) -> None:
-        """Add the line of a trial's commands; errors as `RowFile.append`."""
-        _append_line(self.path, line)
+def arrange_tracks(folder: Path, trial_ids: Iterable[str]) -> None:
+    """Bring a folder's tracks into an order of trials, one of each.
 
+    So the file no longer tells which trial ended when.
 
-class TrackFile:
-    """The tracks of one folder; it has one writer.
-
-    A trial that a kill left without a row is run again, so its last track counts.
+    Args:
+        folder: Folder of a complete run.
+        trial_ids: Names of its trials in their order.
     """
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / TRACKS_FILE
-
-    def append(self, line: str) -> None:
-        """Add the line of a track; errors as `RowFile.append`."""
-        _append_line(self.path, line)
-
-    def read(self) -> dict[str, str]:
-        """Return the lines by trial, without a last line that a kill cut off."""
-        lines = {}
-        for where, sealed_line in read_lines(self.path):
-            line = unseal_line(sealed_line, where)
-            content = parse_json(line, where)
-            trial_id = content.get("trial_id") if isinstance(content, dict) else None
-            if not isinstance(trial_id, str):
-                raise ConfigError(f"{where}: not the track of a trial")
-            lines[trial_id] = line
-        return lines
-
-    def arrange(self, trial_ids: Sequence[str]) -> None:
-        """Bring the lines into an order of trials, one of each.
-
-        So the file no longer tells which trial ended when.
-        """
-        tracks = self.read()
-        lines = [seal_line(tracks[name]) for name in trial_ids if name in tracks]
-        if lines != [line for _, line in read_lines(self.path)]:
-            _write_lines(self.path, lines)
+    tracks = read_tracks(folder)
+    lines = [seal_line(tracks[name]) for name in trial_ids if name in tracks]
+    path = folder / TRACKS_FILE
+    if lines != [line for _, line in read_lines(path)]:
+        _write_lines(path, lines)
 
 
 def seal_line(line: str) -> str:
@@ -198,12 +178,22 @@ def unseal_line(line: str, where: str) -> str:
     return content
 
 
+def _read_sealed_lines(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield place and content of each line, without a last one that a kill cut off."""
+    for where, line in read_lines(path):
+        yield where, unseal_line(line, where)
+
+
 def _write_lines(path: Path, lines: Sequence[str]) -> None:
     write_durably(path, "".join(f"{line}\n" for line in lines).encode())
 
 
-def _append_line(path: Path, line: str) -> None:
-    """Add a sealed line to a file and see it onto the disk.
+def append_line(path: Path, line: str) -> None:
+    """Add a line with its seal to a file and see it onto the disk.
+
+    Args:
+        path: File of rows, tracks or commands, which has one writer.
+        line: One line of JSON without its end.
 
     Raises:
         StoreError: That failed; the file holds the whole lines that it had.

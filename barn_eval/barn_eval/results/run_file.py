@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -12,11 +12,11 @@ from barn_eval.results.provenance import commit, provenance
 from barn_eval.trials import identity
 from barn_eval.trials.result import SCHEMA_VERSION, require_schema
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.files import name_unless_standard
+from barn_worlds.base.text_files import as_mapping, read_json
 
 RUN_FILE = "run.json"
 # As `barn_eval.results.provenance.commit` returns it. Messages have no other text.
@@ -57,31 +57,29 @@ class RunFile:
         if config.get("dataset") == WORLDS and (folder / WORLDS).is_file():
             config["dataset"] = str((folder / WORLDS).absolute())
 
-        worlds = content.get("worlds")
-        code_versions = content.get("code_versions")
         return cls(
             path,
             config,
-            worlds if isinstance(worlds, dict) else {},
+            as_mapping(content.get("worlds")),
             str(content.get("robot", "")),
-            code_versions if isinstance(code_versions, dict) else {},
+            as_mapping(content.get("code_versions")),
             sessions,
             content["schema_version"],
         )
 
     @classmethod
     def for_run(
-        cls, folder: Path, config: RunConfig, checksums: Mapping[int, str]
+        cls, folder: Path, config: RunConfig, specs: Iterable[TrialSpec]
     ) -> "RunFile":
         """Return what the folder of a run is to say before its first session.
 
         Args:
             folder: Folder of the results.
             config: Configuration of the run.
-            checksums: Checksum of each world by its number in the data set.
+            specs: Trials of the run.
         """
         plain_config = json.loads(json.dumps(as_dict(config)))
-        worlds = {str(number): checksum for number, checksum in checksums.items()}
+        worlds = {str(spec.world_number): spec.world.checksum for spec in specs}
         robot = identity.robot_sha256(config.simulator.chassis)
         path = folder / RUN_FILE
         return cls(path, plain_config, worlds, robot, identity.CODE_VERSIONS)
@@ -95,23 +93,12 @@ class RunFile:
 
     def task(self) -> dict[str, Any]:
         """Return what decides the task; ConfigError as `run_config`."""
-        config = self.run_config()
-        protocol = as_dict(config.protocol)
-        simulator = as_dict(config.simulator)
-        return identity.plain_task(protocol, simulator, self.robot, self.code_versions)
-
-    def robot_name(self) -> str:
-        """Return the robot's name, empty for the standard one."""
-        return name_unless_standard(self.run_config().simulator.chassis)
+        config = as_dict(self.run_config())
+        return identity.plain_task(config, self.robot, self.code_versions)
 
     def task_fingerprint(self) -> str:
         """Return the fingerprint of the task as it was written, which its rows have."""
-        content = identity.plain_task(
-            self.config.get("protocol"),
-            self.config.get("simulator"),
-            self.robot,
-            self.code_versions,
-        )
+        content = identity.plain_task(self.config, self.robot, self.code_versions)
         return identity.fingerprint(content)
 
     def origin_note(self) -> str:
@@ -183,7 +170,7 @@ class RunFile:
 
 
 def _read_sessions(content: Any) -> tuple[Mapping[str, Any], ...]:
-    sessions = content.get("sessions") if isinstance(content, dict) else None
+    sessions = as_mapping(content).get("sessions")
     if not isinstance(sessions, list):
         return ()
     return tuple(session for session in sessions if isinstance(session, dict))

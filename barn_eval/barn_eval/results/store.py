@@ -63,10 +63,7 @@ class BagStore:
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
         return TrialRecord(
-            result,
-            track_line(finished),
-            commands_line(finished),
-            finished.traceback,
+            result, track_line(finished), commands_line(finished), finished.traceback
         )
 
     def _bag(self, trial_id: str) -> Path:

@@ -21,7 +21,7 @@ from barn_eval.trials.trajectory import Trajectory, compute_clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, format_value
-from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.text_files import as_mapping, parse_json
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.robots.contact import contact_footprint
 
@@ -235,6 +235,24 @@ def track_line(finished: FinishedTrial) -> str | None:
     return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
 
+def parse_trial_line(line: str, where: str, what: str) -> tuple[str, dict[str, Any]]:
+    """Return a trial's name and the plain data of a line of JSON.
+
+    Args:
+        line: The line without its checksum.
+        where: File and line, with which messages begin.
+        what: What the line holds of the trial, for messages.
+
+    Raises:
+        ConfigError: The line names no trial.
+    """
+    content = parse_json(line, where)
+    trial_id = as_mapping(content).get("trial_id")
+    if not isinstance(trial_id, str):
+        raise ConfigError(f"{where}: no {what}: trial_id is missing")
+    return trial_id, content
+
+
 def parse_track_line(line: str, where: str) -> tuple[str, Track]:
     """Return a trial's name and track from a line of JSON.
 
@@ -245,16 +263,14 @@ def parse_track_line(line: str, where: str) -> tuple[str, Track]:
     Raises:
         ConfigError: The line is no track.
     """
-    content = parse_json(line, where)
+    trial_id, content = parse_trial_line(line, where, "track")
     try:
-        return _read_track(content)
+        return trial_id, _read_track(content)
     except ValueError as error:
         raise ConfigError(f"{where}: no track: {error}") from None
 
 
-def _read_track(content: object) -> tuple[str, Track]:
-    if not isinstance(content, dict) or not isinstance(content.get("trial_id"), str):
-        raise ValueError("trial_id is missing")
+def _read_track(content: Mapping[str, Any]) -> Track:
     version = content.get("schema_version")
     if version != SCHEMA_VERSION:
         raise ValueError(
@@ -267,8 +283,10 @@ def _read_track(content: object) -> tuple[str, Track]:
     has_types = samples.dtype == np.int16 and contact.dtype == np.uint8
     if not has_types or samples.size != len(CHANNELS) * contact.size:
         raise ValueError("samples and contact do not fit together")
-    steps = content.get("steps")
-    if not contact.size or not _are_steps(steps):
+    # The bound keeps products with steps finite.
+    steps = np.array(content.get("steps"))
+    are_numbers = steps.shape == (len(CHANNELS),) and steps.dtype.kind in "if"
+    if not contact.size or not are_numbers or np.abs(steps).max() > _LARGEST_STEP:
         raise ValueError(
             "there are no samples, or steps are not one finite number per channel of at"
             f" most {_LARGEST_STEP:g}"
@@ -276,20 +294,8 @@ def _read_track(content: object) -> tuple[str, Track]:
 
     differences = samples.reshape(len(CHANNELS), -1)
     whole = np.cumsum(differences, axis=1, dtype=np.int16).T
-    values = np.where(whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, float))
+    values = np.where(whole == MISSING_SAMPLE, np.nan, whole * steps.astype(np.float64))
     note = content.get("note")
     if not isinstance(note, str):
         note = ""
-    track = Track(values, contact.astype(np.bool_), note)
-    return content["trial_id"], track
-
-
-def _are_steps(values: object) -> bool:
-    return (
-        isinstance(values, list)
-        and len(values) == len(CHANNELS)
-        and all(
-            isinstance(value, (int, float)) and abs(value) <= _LARGEST_STEP
-            for value in values
-        )
-    )
+    return Track(values, contact.astype(np.bool_), note)

@@ -157,9 +157,7 @@ class Recording:
             if publisher is not None and publisher.get_subscription_count():
                 publisher.publish(data)
             if recorder is not None and topic.path not in self._bag_exclude:
-                is_latched = topic.qos.durability == LATCHED.durability
-                profile = LATCHED if is_latched else RELIABLE
-                recorder.add_topic(topic.path, topic.type_name, profile)
+                recorder.announce(topic)
                 recorder.write(topic.path, data, stamp_ns)
 
 

@@ -68,9 +68,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
     """
     config = request.config
     trials = request.trials()
-    # In the order of the schedule; each world comes once.
-    checksums = {spec.world_number: spec.world.checksum for spec in trials}
-    run_file = RunFile.for_run(request.out, config, checksums)
+    run_file = RunFile.for_run(request.out, config, trials)
     completed = find_completed(run_file, trials, overwrite=overwrite).results
 
     remaining = len(trials) - len(completed)
@@ -84,7 +82,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
     return DryRun(
         out=str(request.out),
         mode=config.mode,
-        worlds=tuple(checksums),
+        worlds=tuple(dict.fromkeys(spec.world_number for spec in trials)),
         planners=tuple(planner.name for planner in config.planners),
         repetitions=config.repetitions,
         workers=workers,

@@ -10,7 +10,7 @@ from barn_eval.trials.protocol import Protocol
 from barn_eval.trials.trajectory import Trajectory, compute_clearances
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
-from barn_worlds.geometry.bodies import shape_rows, wall_bodies
+from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.worlds.world import World
 
@@ -67,9 +67,11 @@ def measure_encounters(
     positions, velocities = world.tracks.over(times_s)
     gaps = np.empty(positions.shape[:2])
     waits = np.empty_like(gaps)
+    # Obstacles move without turning, so only the centers of their shapes change.
+    shapes = moving_bodies(world.tracks, phase_s).shapes()
     for k, (x, y, yaw) in enumerate(trajectory.truth.tolist()):
         speed = trajectory.velocity[k, 0]
-        shapes = _moving_shapes(world, positions[k])
+        shapes[:, :2] = positions[k]
         gaps[k] = outline.gaps(shapes, x, y, yaw)
         waits[k] = outline.times_to_contact(shapes, velocities[k], x, y, yaw, speed)
 
@@ -93,12 +95,6 @@ def measure_encounters(
         time_over_straight=time_ratio,
         **_first_hit(trajectory, world, times_s, gaps, outline),
     )
-
-
-def _moving_shapes(world: World, positions: Floats) -> Floats:
-    """Return moving obstacles at positions (n, 2) as shapes of `geometry.kernels`."""
-    tracks = world.tracks
-    return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
 
 
 def _first_hit(
@@ -127,7 +123,7 @@ def _first_hit(
 
     positions, velocities = world.tracks.at(float(times_s[before]))
     position = positions[obstacle]
-    shape = _moving_shapes(world, positions)[obstacle]
+    shape = moving_bodies(world.tracks, float(times_s[before])).shapes()[obstacle]
     x, y, yaw = trajectory.truth[before].tolist()
     speed, yaw_rate = trajectory.velocity[before].tolist()
     base = np.array([x, y])

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any
@@ -26,33 +27,33 @@ def robot_sha256(chassis: Chassis) -> str:
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
-def task_content(
-    protocol: Protocol, simulator: SimulatorConfig, robot: str = ""
-) -> dict[str, Any]:
+def task_content(protocol: Protocol, simulator: SimulatorConfig) -> dict[str, Any]:
     """Return what decides a task apart from its world, resolved, as plain data.
 
     Args:
         protocol: Rules of the trials.
         simulator: Configuration of the simulator.
-        robot: SHA-256 of the robot's description, by default the simulator's.
     """
-    robot = robot or robot_sha256(simulator.chassis)
-    plain_simulator = as_dict(simulator)
-    return plain_task(as_dict(protocol), plain_simulator, robot, CODE_VERSIONS)
+    config = {"protocol": as_dict(protocol), "simulator": as_dict(simulator)}
+    return plain_task(config, robot_sha256(simulator.chassis), CODE_VERSIONS)
 
 
 def plain_task(
-    protocol: Any, simulator: Any, robot: str, code_versions: Mapping[str, Any]
+    config: Mapping[str, Any], robot: str, code_versions: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what decides a task from plain data, such as run.json has.
 
     Args:
-        protocol: Rules of the trials, as `as_dict` gives them.
-        simulator: Configuration of the simulator, likewise.
+        config: Configuration with protocol and simulator; what else it has does not
+            decide the task.
         robot: SHA-256 of the robot's description.
         code_versions: `CODE_VERSIONS` of the suite that drove the trials.
     """
-    content = {"protocol": protocol, "simulator": simulator, "robot": robot}
+    content = {
+        "protocol": config.get("protocol"),
+        "simulator": config.get("simulator"),
+        "robot": robot,
+    }
     # The versions come from a file: a key among them must not stand for the protocol.
     return dict(code_versions) | content
 
@@ -76,13 +77,18 @@ def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str
 
 
 def first_difference(
-    a: Mapping[str, Any], b: Mapping[str, Any]
+    a: Mapping[str, Any],
+    b: Mapping[str, Any],
+    tolerance: float = 0.0,
+    ignored: tuple[str, ...] = (),
 ) -> tuple[str, Any, Any] | None:
     """Return the first key by which plain data differ, with both values.
 
     Args:
         a: Plain data.
         b: Plain data, whose keys come first.
+        tolerance: How far apart numbers count as equal, absolutely and relatively.
+        ignored: Beginnings of dotted keys that may differ.
 
     Returns:
         The dotted key, the value in `a` and the value in `b`, NOT_SET for one that is
@@ -93,7 +99,12 @@ def first_difference(
     for key in values_b | values_a:
         value_a = values_a.get(key, NOT_SET)
         value_b = values_b.get(key, NOT_SET)
-        if value_a != value_b:
+        is_equal = value_a == value_b
+        if isinstance(value_a, float) and isinstance(value_b, float):
+            is_equal = math.isclose(
+                value_a, value_b, rel_tol=tolerance, abs_tol=tolerance
+            )
+        if not is_equal and not key.startswith(ignored):
             return key, value_a, value_b
     return None
 

@@ -16,14 +16,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from barn_worlds.base.arrays import Points
-from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.base.config import (
+    Checked,
+    optional,
+    quantity,
+    read_presets,
+    replace_dotted,
+)
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.text_files import read_package_yaml, read_yaml
+from barn_worlds.base.text_files import read_yaml
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
@@ -173,26 +178,24 @@ class Protocol(Checked):
         "measure that planners are ranked by",
         choices=METRICS,
     )
-    clipped: bool = quantity(
-        True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True
+    clipped: bool = optional(
+        True, "the time in the challenge metric is clipped to 2 T to 8 T"
     )
-    look_period_s: float = quantity(
+    look_period_s: float = optional(
         0.0,
         "simulated time between two looks at the robot, by which a trial is judged; 0:"
         " each reading",
         "s",
         0.0,
         10.0,
-        optional=True,
     )
-    arena: bool = quantity(
-        False, "made for arenas, worlds without the containment of BARN", optional=True
+    arena: bool = optional(
+        False, "made for arenas, worlds without the containment of BARN"
     )
-    random_phase: bool = quantity(
+    random_phase: bool = optional(
         True,
         "moving obstacles begin at a time of their motions drawn from the trial's seed,"
         " not at 0",
-        optional=True,
     )
 
     def __post_init__(self) -> None:
@@ -315,15 +318,22 @@ def load_protocol(source: str) -> Protocol:
             " (or a .yaml file)"
         )
     content = read_yaml(path, SCHEMA_VERSION)
-    required = ["name"]
-    hint = ""
-    if not content.get("base"):
-        required = ["goal", "name", "start"]
-        hint = f" (or a base: {', '.join(PROTOCOLS)})"
+    base = content.pop("base", None)
+    standard = Protocol()
+    required = ["goal", "name", "start"]
+    hint = f" (or a base: {', '.join(PROTOCOLS)})"
+    if base is not None:
+        if not isinstance(base, str) or base not in PROTOCOLS:
+            raise ConfigError(
+                f"{source}: unknown base {format_value(base)}{suggest(base, PROTOCOLS)}"
+            )
+        standard = PROTOCOLS[base]
+        required = ["name"]
+        hint = ""
     for key in required:
         if key not in content:
             raise ConfigError(f"{source}: missing key {key!r}{hint}")
-    protocol = from_dict(Protocol, _merge_base(content, source), source)
+    protocol = replace_dotted(standard, content, source)
     check_protocol_name(protocol, f"{source}: ")
     return protocol
 
@@ -344,30 +354,13 @@ def check_protocol_name(protocol: Protocol, where: str = "") -> None:
             )
 
 
-def _merge_base(content: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return what a protocol says with what it takes over from its base."""
-    base = content.pop("base", None)
-    if base is None:
-        return content
-    if not isinstance(base, str) or base not in PROTOCOLS:
-        raise ConfigError(
-            f"{where}: unknown base {format_value(base)}{suggest(base, PROTOCOLS)}"
-        )
-    merged = as_dict(PROTOCOLS[base])
-    for key, value in content.items():
-        # A start or a goal may change some of its fields only.
-        if key in ("start", "goal") and isinstance(value, dict):
-            merged[key] |= value
-        else:
-            merged[key] = value
-    return merged
-
-
-PROTOCOLS: dict[str, Protocol] = {}
-# A protocol may build on those above it in the file.
-for _name, _content in read_package_yaml("barn_eval", "protocols.yaml").items():
-    _content["name"] = _name
-    PROTOCOLS[_name] = from_dict(Protocol, _merge_base(_content, _name), _name)
+# By name. A built-in protocol may have one above it in the file as its base.
+PROTOCOLS = {
+    name: replace(protocol, name=name)
+    for name, protocol in read_presets(
+        "barn_eval", "protocols.yaml", Protocol()
+    ).items()
+}
 # In the order of the file.
 CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = (
     PROTOCOLS.values()

@@ -15,7 +15,7 @@ from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome, Scores
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
-from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.text_files import as_mapping, parse_json
 
 # Compute modes: what a trial charges for a planner's computing, in simulated time.
 DECLARED = "declared"
@@ -275,7 +275,7 @@ def require_schema(content: Any, where: str) -> None:
         content: Plain data.
         where: Beginning of the message.
     """
-    version = content.get("schema_version") if isinstance(content, dict) else None
+    version = as_mapping(content).get("schema_version")
     if version not in READABLE_SCHEMAS:
         readable = " or ".join(map(str, READABLE_SCHEMAS))
         raise ConfigError(

@@ -20,39 +20,47 @@ CLOCK_BACK = 5
 ODOMETRY_LOST = 6
 TRUTH_LOST = 7
 
-# A trial in numbers. The first ten follow from its protocol and course.
-STATE = np.dtype(
-    (
-        np.record,
-        [
-            ("clock_start_m", np.float64),  # distances that start the clock
-            ("goal_m", np.float64),  # and end the trial
-            ("goal_x", np.float64),
-            ("goal_y", np.float64),
-            ("first_motion_ns", np.int64),  # longest time until the clock starts
-            ("limit_ns", np.int64),  # longest time on the clock
-            ("look_ns", np.int64),  # between two looks, 0 to look at each reading
-            ("contact_ends", np.bool_),
-            ("clock_by_truth", np.bool_),
-            ("goal_by_truth", np.bool_),
-            ("code", np.int64),
-            ("stamp_ns", np.int64),  # of the last reading, even a faulty one
-            ("first_ns", np.int64),  # of the first reading
-            ("last_ns", np.int64),  # of the last reading that was taken
-            ("clock_ns", np.int64),  # when the clock started
-            ("contact_ns", np.int64),  # time in contact
-            ("next_look_ns", np.int64),
-            ("from_x", np.float64),  # where the motion that starts the clock begins
-            ("from_y", np.float64),
-            ("x", np.float64),  # true position
-            ("y", np.float64),
-            ("left_m", np.float64),  # distance to the goal
-            ("has_reading", np.bool_),
-            ("clock_started", np.bool_),
-            ("touched", np.bool_),  # whether there was a contact so far
-        ],
-    )
+# A trial in numbers, by their type. The first of each follow from protocol and course.
+_FLOATS = (
+    "clock_start_m",  # distances that start the clock
+    "goal_m",  # and end the trial
+    "goal_x",
+    "goal_y",
+    # From reading to reading:
+    "from_x",  # where the motion that starts the clock begins
+    "from_y",
+    "x",  # true position
+    "y",
+    "left_m",  # distance to the goal
 )
+_INTEGERS = (
+    "first_motion_ns",  # longest time until the clock starts
+    "limit_ns",  # longest time on the clock
+    "look_ns",  # between two looks, 0 to look at each reading
+    # From reading to reading:
+    "code",  # how the trial stands
+    "stamp_ns",  # of the last reading, even a faulty one
+    "first_ns",  # of the first reading
+    "last_ns",  # of the last reading that was taken
+    "clock_ns",  # when the clock started
+    "contact_ns",  # time in contact
+    "next_look_ns",
+)
+_FLAGS = (
+    "contact_ends",
+    "clock_by_truth",
+    "goal_by_truth",
+    # From reading to reading:
+    "has_reading",
+    "clock_started",
+    "touched",  # whether there was a contact so far
+)
+_TYPES = (
+    dict.fromkeys(_FLOATS, np.float64)
+    | dict.fromkeys(_INTEGERS, np.int64)
+    | dict.fromkeys(_FLAGS, np.bool_)
+)
+STATE = np.dtype((np.record, list(_TYPES.items())))
 States = npt.NDArray[np.void]
 
 

@@ -20,7 +20,14 @@ from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
 from barn_planners.robots import fit_parameters, lidar_mount_changes
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import NO_COMPUTE, Compute
-from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
+from barn_worlds.base.config import (
+    OPTIONAL,
+    Checked,
+    as_dict,
+    fields_of,
+    optional,
+    quantity,
+)
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
@@ -33,12 +40,10 @@ UNKNOWN_SOURCE = "unknown"
 COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
 
-def _compute_quantity(name: str) -> float:
+def _compute_quantity(name: str) -> Any:
     """Return a field of `Compute` that overrides what the registry declares."""
     about = next(about for key, about, _ in fields_of(NO_COMPUTE) if key == name)
-    return quantity(
-        0.0, about.description, "s", about.minimum, about.maximum, optional=True
-    )
+    return optional(0.0, about.description, "s", about.minimum, about.maximum)
 
 
 @dataclass(frozen=True)
@@ -59,14 +64,13 @@ class PlannerChoice(Checked):
     source: str = quantity(
         "", "of a planner given as a Python object: SHA-256 of its source, or unknown"
     )
-    max_speed_mps: float = quantity(
+    max_speed_mps: float = optional(
         0.0,
         "of a planner with a command or a source: the highest speed that it commands,"
         " and is held to; 0: the robot's",
         "m/s",
         0.0,
         100.0,
-        optional=True,
     )
     delay_s: float = _compute_quantity("delay_s")
     delay_p95_s: float = _compute_quantity("delay_p95_s")
@@ -141,19 +145,17 @@ class RunConfig(Checked):
     seed: int = quantity(0, "seed of everything random", "", 0, 2**62)
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     bags: str = quantity("none", "which trials are recorded", choices=BAGS)
-    compute: str = quantity(
+    compute: str = optional(
         DECLARED,
         "what trials charge for a planner's computing: what it declares, if it does,"
         " or what is measured, at this machine's pace",
         choices=(DECLARED, MEASURED),
-        optional=True,
     )
     ros: RosConfig = field(default_factory=RosConfig)
-    course: tuple[float, ...] = quantity(
+    course: tuple[float, ...] = optional(
         (),
         "start x, y, yaw and goal x, y of all its worlds, in m and rad, in place of"
         " their own",
-        optional=True,
     )
 
     def __post_init__(self) -> None:

@@ -142,15 +142,6 @@ class TrialSpec:
             return None
         return _planner_map(self.protocol, self.world, self.course)
 
-    def with_seed(self, run_seed: int, repetition: int) -> "TrialSpec":
-        """Return the same trial with another seed.
-
-        Args:
-            run_seed: Seed that those of simulator and planner come from.
-            repetition: Number of the trial among those in its world, from 0.
-        """
-        return replace(self, run_seed=run_seed, repetition=repetition)
-
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial, resolved, as plain data."""
         planner: dict[str, Any] = {

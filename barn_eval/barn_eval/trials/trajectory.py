@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import (
@@ -28,14 +27,13 @@ _BLOCK = 64
 class Trajectory:
     """The readings of a trial, one row per instant."""
 
-    stamps_ns: npt.NDArray[np.int64]  # (n,)
+    stamps_ns: Integers  # (n,)
     truth: Floats  # (n, 3) x, y m, yaw rad in the map frame
     velocity: Floats  # (n, 2) true forward speed m/s and yaw rate rad/s
     command: Floats  # (n, 2) answer to each reading, NaN where there was none
     contact: Bools  # (n,)
-    # (n,) from the planner's last plan, NaN without one; None if plans were not taken.
-    off_plan_m: Floats | None = None
-    command_counts: Integers | None = None  # (n,) commands that answer each reading
+    off_plan_m: Floats  # (n,) from the planner's last plan, NaN without one
+    command_counts: Integers  # (n,) commands that answer each reading
 
 
 class TrajectoryLog:
@@ -196,10 +194,7 @@ def measure_trajectory(
         variation = np.abs(steps).sum(axis=0).tolist()
         rms_step = np.sqrt((steps**2).mean(axis=0)).tolist()
 
-    off_plan_m = None
-    if trajectory.off_plan_m is not None:
-        distances_m = trajectory.off_plan_m[~np.isnan(trajectory.off_plan_m)]
-        off_plan_m = float(distances_m.mean()) if distances_m.size else None
+    distances_m = trajectory.off_plan_m[~np.isnan(trajectory.off_plan_m)]
 
     return Measures(
         driven_m=driven_m,
@@ -219,7 +214,7 @@ def measure_trajectory(
         turn_variation_radps=variation[1],
         rms_speed_step_mps=rms_step[0],
         rms_turn_step_radps=rms_step[1],
-        off_plan_m=off_plan_m,
+        off_plan_m=float(distances_m.mean()) if distances_m.size else None,
     )
 
 

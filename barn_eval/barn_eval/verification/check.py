@@ -3,7 +3,7 @@
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import randbits
 from typing import TypeVar
@@ -25,7 +25,7 @@ from barn_eval.results.rows import (
     unseal_line,
 )
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.tracks import parse_track_line
+from barn_eval.results.tracks import parse_track_line, parse_trial_line
 from barn_eval.running.local_pool import LocalPool
 from barn_eval.running.pool import (
     InlinePool,
@@ -34,7 +34,7 @@ from barn_eval.running.pool import (
     JobResult,
     WorkerPool,
 )
-from barn_eval.trials.identity import CODE_VERSIONS, first_difference
+from barn_eval.trials.identity import CODE_VERSIONS
 from barn_eval.trials.protocol import check_protocol_name
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
@@ -42,7 +42,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.verification.rerun import CheckWork, TrialCheck, TrialEvidence
 from barn_worlds.base.errors import BarnError, ConfigError, format_error
 from barn_worlds.base.files import read_at_most
-from barn_worlds.base.text_files import parse_json, read_lines
+from barn_worlds.base.text_files import read_lines
 
 T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28
@@ -54,7 +54,7 @@ SUBMISSION_FILE = "submission.json"
 
 @dataclass
 class FolderCheck:
-    """What the check of a folder has found."""
+    """What is wrong with a folder, and how much of it was checked."""
 
     trials: int = 0  # of the run
     rows: int = 0
@@ -84,33 +84,15 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     return _Checker(folder, run_file, config).check(sample)
 
 
-def describe_difference(row: TrialResult, again: TrialResult) -> str:
-    """Return the first difference between a row and its trial run again.
-
-    Args:
-        row: The row as it was written.
-        again: The row of the same trial, run again.
-
-    Returns:
-        The difference in words, empty if there is none.
-    """
-    again = replace(again, schema_version=row.schema_version)
-    difference = first_difference(row.repeatable(), again.repeatable())
-    if difference is None:
-        return ""
-    key, value, now = difference
-    return f"{key} is {value!r} in the row, {now!r} now"
-
-
 class _Checker:
-    """Checks one folder, and collects what it finds."""
+    """Checks one folder, and collects what is wrong with it."""
 
     def __init__(self, folder: Path, run_file: RunFile, config: RunConfig) -> None:
         self._folder = folder
         self._run_file = run_file
         self._config = config
         self._parser = RowParser(folder)
-        self._found = FolderCheck()
+        self._result = FolderCheck()
         self._specs = {spec.trial_id: spec for spec in self._read_specs()}
         self._task = run_file.task_fingerprint()
         # The trials of a run have one task. Where run.json has another, another version
@@ -121,31 +103,24 @@ class _Checker:
         )
 
     def check(self, sample: int | None) -> FolderCheck:
-        found = self._found
-        found.trials = len(self._specs)
+        result = self._result
+        result.trials = len(self._specs)
         self._check_worlds()
         rows = self._read_rows()
-        tracks_path = self._folder / TRACKS_FILE
-        tracks = {
-            trial_id: track
-            for _, trial_id, track in self._read(tracks_path, parse_track_line)
-        }
-        found.rows = len(rows)
-        found.tracks = len(tracks)
+        tracks = self._read_trials(TRACKS_FILE, parse_track_line)
+        commands = self._read_trials(COMMANDS_FILE, _name_trial)
+        result.rows = len(rows)
+        result.tracks = len(tracks)
 
         is_submission = (self._folder / SUBMISSION_FILE).exists()
-        commands_path = self._folder / COMMANDS_FILE
-        commands = {
-            trial_id: line
-            for _, trial_id, line in self._read(commands_path, _name_trial)
-        }
-        drawn = rows.keys() if sample is None else _draw(sorted(rows), sample)
+        sampled_ids = rows.keys() if sample is None else _sample(sorted(rows), sample)
         trials = []
         for trial_id, row in rows.items():
             bag = self._folder / BAGS / trial_id
             has_bag = bag.is_dir()
+            result.bags += has_bag
             if not has_bag and not is_submission and self._keeps_bag(row):
-                found.problems.append(
+                result.problems.append(
                     f"{bag}: is missing, bags of {self._config.bags} trials are kept"
                 )
             evidence = TrialEvidence(
@@ -154,54 +129,51 @@ class _Checker:
                 tracks.get(trial_id),
                 bag if has_bag else None,
                 commands.get(trial_id, ""),
-                trial_id in drawn,
+                trial_id in sampled_ids,
             )
             trials.append(evidence)
         self._check_trials(trials)
         self._check_task()
 
-        if len(rows) == len(self._specs):
-            for trial_id in tracks.keys() - rows.keys():
-                found.problems.append(
-                    f"{tracks_path}: {trial_id} has a track and no row"
+        has_tables = (self._folder / f"{RESULTS}.parquet").exists()
+        if len(rows) == len(self._specs) and (has_tables or not is_submission):
+            ordered_rows = [rows[trial_id] for trial_id in self._specs]
+            table_problems = list(_compare_tables(self._folder, ordered_rows))
+            if not self._is_other_task:
+                result.problems += table_problems
+            elif table_problems:
+                self._report(
+                    f"{self._folder}: its tables are not those that this version"
+                    " makes of its rows"
                 )
-            has_tables = (self._folder / f"{RESULTS}.parquet").exists()
-            if has_tables or not is_submission:
-                ordered_rows = [rows[trial_id] for trial_id in self._specs]
-                table_problems = list(_compare_tables(self._folder, ordered_rows))
-                if not self._is_other_task:
-                    found.problems += table_problems
-                elif table_problems:
-                    self._report(
-                        f"{self._folder}: its tables are not those that this version"
-                        " makes of its rows",
-                        is_old=True,
-                    )
-        return found
+        return result
 
     def _read_specs(self) -> list[TrialSpec]:
         """Return the trials of the run, also of planners not installed here."""
         try:
             return self._config.trials()
         except ConfigError as error:
-            self._found.unchecked.append(
+            self._result.unchecked.append(
                 f"parameters and speed caps are as stated: {error}"
             )
             return self._config.trials(started_by_hand=True)
 
     def _check_task(self) -> None:
         """Compare the task of run.json with the one that its configuration gives."""
-        if self._is_other_task:
-            run_file = self._run_file
-            is_old = (
-                run_file.schema_version < SCHEMA_VERSION
-                or run_file.code_versions != CODE_VERSIONS
-            )
-            self._report(
-                f"{run_file.path}: describes task {self._task}, which is"
-                f" {next(iter(self._specs.values())).task} here",
-                is_old=is_old,
-            )
+        if not self._is_other_task:
+            return
+        run_file = self._run_file
+        problem = (
+            f"{run_file.path}: describes task {self._task}, which is"
+            f" {next(iter(self._specs.values())).task} here"
+        )
+        has_other_versions = run_file.code_versions != CODE_VERSIONS
+        if has_other_versions or run_file.schema_version < SCHEMA_VERSION:
+            self._report(problem)
+        else:
+            # The same version gives the same configuration the same task, so run.json
+            # was changed.
+            self._result.problems.append(problem)
 
     def _check_worlds(self) -> None:
         checksums = {
@@ -211,17 +183,14 @@ class _Checker:
             if self._run_file.worlds.get(str(number), checksum) != checksum:
                 self._report(
                     f"{self._run_file.path}: world {number} of {self._config.dataset}"
-                    " is not the one it names",
-                    is_old=self._is_other_task,
+                    " is not the one it names"
                 )
 
     def _read_rows(self) -> dict[str, TrialResult]:
         rows: dict[str, TrialResult] = {}
-        for where, trial_id, row in self._read(
-            self._folder / ROWS_FILE, self._parse_row
-        ):
+        for where, trial_id, row in self._read(ROWS_FILE, self._parse_row):
             if trial_id in rows:
-                self._found.problems.append(
+                self._result.problems.append(
                     f"{where}: trial {trial_id} is there already"
                 )
             try:
@@ -230,13 +199,13 @@ class _Checker:
                 )
                 self._require_mode(row)
             except BarnError as error:
-                self._report(str(error), is_old=self._is_other_task)
+                self._report(str(error))
             else:
                 rows[trial_id] = row
         return rows
 
     def _require_mode(self, row: TrialResult) -> None:
-        # Over ROS, commands may be missing.
+        # A row of mode direct must have commands, one over ROS may lack them.
         if row.mode != self._config.mode:
             raise ConfigError(
                 f"{self._folder}: {row.trial_id} has mode {row.mode!r}, must have"
@@ -247,16 +216,22 @@ class _Checker:
         row = self._parser.parse(line, where)
         return row.trial_id, row
 
+    def _read_trials(
+        self, name: str, parse: Callable[[str, str], tuple[str, T]]
+    ) -> dict[str, T]:
+        """Return the contents of a file's lines by trial; the last of a trial counts."""
+        return {trial_id: content for _, trial_id, content in self._read(name, parse)}
+
     def _read(
-        self, path: Path, parse: Callable[[str, str], tuple[str, T]]
+        self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> Iterator[tuple[str, str, T]]:
         """Yield place, trial and content of each line of a file.
 
         A damaged line is a problem, and left out.
         """
-        problems = self._found.problems
+        problems = self._result.problems
         try:
-            for where, line in read_lines(path):
+            for where, line in read_lines(self._folder / name):
                 try:
                     trial_id, content = parse(unseal_line(line, where), where)
                 except BarnError as error:
@@ -275,44 +250,43 @@ class _Checker:
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
 
-    def _report(self, problem: str, *, is_old: bool) -> None:
-        """Report a problem; of an old folder, as what could not be checked.
+    def _report(self, problem: str) -> None:
+        """Report a problem; of another task, as what could not be checked.
 
         Versions may differ in what they compute, so an old row that differs is no
         forgery.
         """
-        if is_old:
-            self._found.unchecked.append(f"{problem}{self._run_file.origin_note()}")
+        if self._is_other_task:
+            self._result.unchecked.append(f"{problem}{self._run_file.origin_note()}")
         else:
-            self._found.problems.append(problem)
+            self._result.problems.append(problem)
 
     def _check_trials(self, trials: Sequence[TrialEvidence]) -> None:
-        found = self._found
+        result = self._result
         unchecked: Counter[str] = Counter()
         old_count = 0
         # Workers end in any order; problems are listed in the order of trials.
         checks = {check.trial_id: check for check in _check_all(trials)}
         for trial in trials:
-            check = checks[trial.row.trial_id]
-            found.bags += check.has_bag
-            found.driven += check.was_driven
+            trial_id = trial.row.trial_id
+            check = checks[trial_id]
+            result.driven += check.was_driven
             if check.problems and self._is_other_task:
                 old_count += 1
             else:
-                where = f"{self._folder}: {check.trial_id}"
-                found.problems += [f"{where}: {problem}" for problem in check.problems]
-            where = f"{self._folder / BAGS / check.trial_id}"
-            found.problems += [f"{where}: {problem}" for problem in check.bag_problems]
+                where = f"{self._folder}: {trial_id}"
+                result.problems += [f"{where}: {text}" for text in check.problems]
+            if check.bag_problem:
+                result.problems.append(f"{trial.bag}: {check.bag_problem}")
             if check.unchecked:
                 unchecked[check.unchecked] += 1
-        found.unchecked += [
+        result.unchecked += [
             f"{count} trials: {reason}" for reason, count in unchecked.items()
         ]
         if old_count:
             self._report(
                 f"{old_count} trials: differ from what this version computes, which may"
-                " be the version's doing",
-                is_old=True,
+                " be the version's doing"
             )
 
 
@@ -347,17 +321,16 @@ def _failed_check(trial_id: str, reason: str) -> TrialCheck:
     return TrialCheck(trial_id, (f"cannot be checked: {reason}",))
 
 
-def _draw(trial_ids: list[str], count: int) -> set[str]:
+def _sample(trial_ids: list[str], count: int) -> set[str]:
     """Return so many names, others each time: who forges must not know which."""
     order = np.random.default_rng(randbits(128)).permutation(len(trial_ids))
     return {trial_ids[k] for k in order[:count]}
 
 
 def _name_trial(line: str, where: str) -> tuple[str, str]:
-    """Return the trial of a line, and the line."""
-    content = parse_json(line, where)
-    trial_id = content.get("trial_id") if isinstance(content, dict) else ""
-    return str(trial_id), line
+    """Return the trial of a line of commands, and the line."""
+    trial_id, _ = parse_trial_line(line, where, "commands")
+    return trial_id, line
 
 
 def _compare_tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:

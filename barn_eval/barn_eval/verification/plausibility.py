@@ -1,13 +1,14 @@
 """Whether a row can be: values that follow from others or its track, and ranges."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from barn_eval.results.tracks import CHANNELS, Track
-from barn_eval.trials.identity import NOT_SET, flatten
+from barn_eval.trials.identity import first_difference, flatten
 from barn_eval.trials.outcome import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.spec import TrialSpec
@@ -69,34 +70,26 @@ def recompute_row(
     return replace(finished.result, task=row.task)
 
 
-def compare_rows(
-    row: TrialResult, recomputed: TrialResult, ignored: tuple[str, ...] = ()
-) -> str:
-    """Return the first difference between a row and the same computed again.
+def find_difference(
+    row: TrialResult,
+    content: Mapping[str, Any],
+    place: str,
+    tolerance: float = 0.0,
+    ignored: tuple[str, ...] = (),
+) -> Iterator[str]:
+    """Yield the first difference between a row and the same from elsewhere, if any.
 
     Args:
         row: The row as it was written.
-        recomputed: The row that it should be.
+        content: The row that it should be, as `TrialResult.repeatable` has it.
+        place: Where that is from, as the end of the text.
+        tolerance: How far apart numbers count as equal.
         ignored: Beginnings of dotted keys that may differ.
-
-    Returns:
-        The difference in words, empty if there is none.
     """
-    # The distance from plans follows from what a planner says.
-    ignored = (*ignored, "measures.off_plan_m")
-    values = dict(flatten(row.repeatable()))
-    recomputed_values = dict(flatten(recomputed.repeatable()))
-    for key in recomputed_values | values:
-        value = values.get(key, NOT_SET)
-        now = recomputed_values.get(key, NOT_SET)
-        is_equal = value == now
-        if isinstance(value, float) and isinstance(now, float):
-            is_equal = math.isclose(now, value, rel_tol=ROUNDING, abs_tol=ROUNDING)
-        if not is_equal and not key.startswith(ignored):
-            value = getattr(value, "value", value)
-            now = getattr(now, "value", now)
-            return f"{key} is {value!r} in the row, {now!r} computed again"
-    return ""
+    difference = first_difference(row.repeatable(), content, tolerance, ignored)
+    if difference is not None:
+        key, value, other_value = difference
+        yield f"{key} is {value!r} in the row, {other_value!r} {place}"
 
 
 def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
@@ -120,10 +113,9 @@ def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
         culprit,
     )
     no_trajectory = TrajectoryLog().trajectory()
-    recomputed = recompute_row(row, spec, verdict, no_trajectory)
-    difference = compare_rows(row, recomputed, ("measures.", "motion"))
-    if difference:
-        yield difference
+    recomputed = recompute_row(row, spec, verdict, no_trajectory).repeatable()
+    ignored = ("measures.", "motion")
+    yield from find_difference(row, recomputed, "computed again", ROUNDING, ignored)
     if row.fault not in ("", PLANNER, SIMULATOR, ENVIRONMENT):
         yield (
             f"fault is {row.fault!r}, can be {PLANNER}, {SIMULATOR}, {ENVIRONMENT} or"

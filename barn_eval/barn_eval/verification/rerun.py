@@ -3,8 +3,7 @@
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,6 @@ from barn_eval.results.bags.decode import metadata
 from barn_eval.results.commands import PlannerCycles, are_kept, parse_commands_line
 from barn_eval.results.tracks import Track, make_track
 from barn_eval.running.pool import Emit, Work
-from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import (
     REAL_TIME,
@@ -29,8 +27,8 @@ from barn_eval.trials.trial import RunningTrial
 from barn_eval.verification.plausibility import (
     JUDGED_OUTCOMES,
     ROUNDING,
-    compare_rows,
     compare_with_track,
+    find_difference,
     find_implausible_values,
     recompute_row,
 )
@@ -72,50 +70,46 @@ class TrialEvidence:
 
 @dataclass(frozen=True)
 class TrialCheck:
-    """What the check of a trial has found."""
+    """What is wrong with a trial."""
 
     trial_id: str
     problems: tuple[str, ...] = ()
-    bag_problems: tuple[str, ...] = ()
+    bag_problem: str = ""  # why its bag cannot be read to its end
     unchecked: str = ""  # why something could not be checked
-    has_bag: bool = False
     was_driven: bool = False
 
 
 class CheckWork(Work):
     """What a worker does with a trial of a folder that is checked."""
 
-    loads = False
+    # Checks run the suite's own code only.
+    needs_import_path = False
 
     def run(self, job: TrialEvidence, emit: Emit) -> TrialCheck:  # noqa: ARG002
         """Check the trial."""
         return check_trial(job)
 
 
-def read_bag(bag: BagFile) -> tuple[Readings, int]:
-    """Return what a bag has of a trial, and how many messages it has.
+def read_bag(bag: BagFile) -> Readings:
+    """Return what a bag has of a trial.
 
     Within an instant, the true pose follows the odometry; contact, scan and command
     follow the true pose.
     """
     log = TrajectoryLog()
-    odometry: list[tuple[float, float, float]] = []
+    odometry: list[tuple[float, ...]] = []
     contacts: list[bool] = []
     scanned: list[bool] = []
-    command_counts: list[int] = []
     measured: Odometry | None = None
-    count = 0
     for message in bag.messages():
-        count += 1
         topic = message.topic
         if topic == ODOM.path:
             measured = decode.odometry(message.data)
         elif topic == GROUND_TRUTH.path and measured is not None:
             log.reading(decode.odometry(message.data), collision=False)
-            odometry.append(_pose_row(measured.pose))
+            odometry.append(astuple(measured.pose))
             contacts.append(False)
             scanned.append(False)
-            command_counts.append(0)
         elif not odometry:
             continue
         elif topic == COLLISION.path:
@@ -123,7 +117,6 @@ def read_bag(bag: BagFile) -> tuple[Readings, int]:
         elif topic == SCAN.path:
             scanned[-1] = True
         elif topic == CMD_VEL.path:
-            command_counts[-1] += 1
             log.command(decode.command(message.data, message.type_name))
 
     recorded = log.trajectory()
@@ -133,22 +126,17 @@ def read_bag(bag: BagFile) -> tuple[Readings, int]:
         stamps_ns=stamps_ns - stamps_ns[:1],
         contact=np.array(contacts, np.bool_),
     )
-    is_exact = command_counts[:-1] == scanned[:-1]
-    return Readings(trajectory, _pose_table(odometry), is_exact), count
+    is_exact = np.array_equal(recorded.command_counts[:-1], scanned[:-1])
+    return Readings(trajectory, _pose_table(odometry), is_exact)
 
 
-def _pose_row(pose: Pose2D) -> tuple[float, float, float]:
-    return pose.x, pose.y, pose.yaw
-
-
-def _pose_table(poses: list[tuple[float, float, float]]) -> Floats:
+def _pose_table(poses: list[tuple[float, ...]]) -> Floats:
+    # Without poses there is no second axis yet.
     return np.array(poses, np.float64).reshape(-1, 3)
 
 
-@cache
-def _scenes() -> ScenePool:
-    """Return the physics clients of all trials of this process."""
-    return ScenePool()
+# Physics clients of all trials of this process; new ones give the same results.
+_scenes = ScenePool()
 
 
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
@@ -166,13 +154,12 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     log = TrajectoryLog()
     odometry = []
     start = spec.course.start
-    scenes = _scenes()
     with closing(
-        Simulator(spec.world, config, start, spec.simulator_seed, scenes)
+        Simulator(spec.world, config, start, spec.simulator_seed, _scenes)
     ) as simulator:
         for linear, angular in commands.tolist():
             stamp_ns = simulator.stamp_ns
-            odometry.append(_pose_row(simulator.read_odometry().pose))
+            odometry.append(astuple(simulator.read_odometry().pose))
             truth = simulator.read_truth()
             log.reading(truth, simulator.read_collision())
             delay_ns = cycles.start(stamp_ns) or 0
@@ -182,9 +169,7 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
                 simulator.command(command, delay_ns)
             simulator.advance(config.ticks(config.control_period_s))
 
-    trajectory = log.trajectory()
-    stamps_ns = trajectory.stamps_ns - trajectory.stamps_ns[:1]
-    return Readings(replace(trajectory, stamps_ns=stamps_ns), _pose_table(odometry))
+    return Readings(log.trajectory(), _pose_table(odometry))
 
 
 def judge_readings(
@@ -205,17 +190,21 @@ def judge_readings(
     """
     trial = RunningTrial(spec)
     trajectory = readings.trajectory
-    commands = trajectory.command.tolist()
-    truths = trajectory.truth.tolist()
-    velocities = trajectory.velocity.tolist()
-    contacts = trajectory.contact.tolist()
-    odometry = readings.odometry.tolist()
-    for k, stamp_ns in enumerate(trajectory.stamps_ns.tolist()):
-        velocity = Velocity2D(*velocities[k])
-        measured = Odometry(stamp_ns, Pose2D(*odometry[k]), velocity)
-        truth = Odometry(stamp_ns, Pose2D(*truths[k]), velocity)
-        trial.read(measured, truth, contacts[k])
-        command = Velocity2D(*commands[k])
+    instants = zip(
+        trajectory.stamps_ns.tolist(),
+        readings.odometry.tolist(),
+        trajectory.truth.tolist(),
+        trajectory.velocity.tolist(),
+        trajectory.contact.tolist(),
+        trajectory.command.tolist(),
+        strict=True,
+    )
+    for stamp_ns, measured_pose, true_pose, twist, is_contact, answer in instants:
+        velocity = Velocity2D(*twist)
+        measured = Odometry(stamp_ns, Pose2D(*measured_pose), velocity)
+        truth = Odometry(stamp_ns, Pose2D(*true_pose), velocity)
+        trial.read(measured, truth, is_contact)
+        command = Velocity2D(*answer)
         if not math.isnan(command.linear) and trial.verdict is None:
             trial.command(command)
 
@@ -247,11 +236,13 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
     recorded = None
     if evidence.bag is not None:
         bag = BagFile(evidence.bag)
-        recorded, count = read_bag(bag)
-        if bag.problem or (count == 0 and row.measures.driven_m > 0.0):
+        recorded = read_bag(bag)
+        if bag.problem or (bag.is_empty and row.measures.driven_m > 0.0):
             problem = bag.problem or "the bag is empty"
-            return TrialCheck(row.trial_id, tuple(problems), (problem,), has_bag=True)
-        problems += _compare_with_bag(row, bag)
+            return TrialCheck(row.trial_id, tuple(problems), problem)
+        bag_row = metadata(bag, "barn.result", "result")
+        if bag_row:
+            problems += find_difference(row, bag_row, "in the bag")
     if not evidence.commands and is_current(row) and are_kept(row, spec):
         problems.append("its commands are missing")
 
@@ -275,18 +266,8 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         row.trial_id,
         tuple(dict.fromkeys(problems)),
         unchecked=unchecked,
-        has_bag=evidence.bag is not None,
         was_driven=simulated is not None,
     )
-
-
-def _compare_with_bag(row: TrialResult, bag: BagFile) -> Iterator[str]:
-    """Yield the first difference between a row and the one in its bag."""
-    bag_row = metadata(bag, "barn.result", "result")
-    difference = first_difference(row.repeatable(), bag_row) if bag_row else None
-    if difference is not None:
-        key, value, bag_value = difference
-        yield f"{key} is {value!r} in the row, {bag_value!r} in the bag"
 
 
 def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
@@ -324,9 +305,7 @@ def _find_commands(evidence: TrialEvidence, recorded: Readings | None) -> Floats
         return commands
 
     # Folders of earlier versions have commands in bags only.
-    if recorded is None:
-        return None
-    if evidence.row.mode == "ros" and not recorded.is_exact:
+    if recorded is None or (evidence.row.mode == "ros" and not recorded.is_exact):
         return None
     return recorded.trajectory.command
 
@@ -390,17 +369,20 @@ def _judge(
 ) -> Iterator[str]:
     """Yield what of a row and its track does not follow from its readings."""
     recomputed, trajectory = judge_readings(row, spec, readings)
-    difference = compare_rows(row, recomputed)
-    if difference:
-        yield difference
-    made = make_track(trajectory, spec)
-    if track is None or made is None:
+    # The distance from plans follows from what a planner says.
+    ignored = ("measures.off_plan_m",)
+    yield from find_difference(
+        row, recomputed.repeatable(), "computed again", ROUNDING, ignored
+    )
+    expected = make_track(trajectory, spec)
+    if track is None or expected is None:
         return
+    samples = expected.samples
     is_same = (
-        made.samples.shape == track.samples.shape
-        and np.array_equal(made.contact, track.contact)
+        samples.shape == track.samples.shape
+        and np.array_equal(expected.contact, track.contact)
         and np.allclose(
-            made.samples, track.samples, rtol=0.0, atol=track.steps, equal_nan=True
+            samples, track.samples, rtol=0.0, atol=track.steps, equal_nan=True
         )
     )
     if not is_same:

@@ -32,7 +32,7 @@ from barn_worlds.base.files import (
     read_bytes,
     write_durably,
 )
-from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.text_files import as_mapping, parse_json
 from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
@@ -156,10 +156,10 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         raise ConfigError(f"{path}: has {len(rows)} rows, too few for its planners")
     check = check_folder(folder)
     problems = [*check.problems, *check.unchecked]
+    names = [planner.name for planner in config.planners]
     if check.rows != check.trials:
         problems.append(f"{path}: has {check.rows} of {check.trials} trials")
     elif len(rows) == check.trials:  # others are of no trial, and a problem already
-        names = [planner.name for planner in config.planners]
         rows.sort(key=lambda row: (row.world, row.repetition, names.index(row.planner)))
         write_tables(folder, rows)
     check.problems = [line.replace(str(folder), str(path)) for line in problems]
@@ -173,7 +173,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         "repetitions": config.repetitions,
         "seed": config.seed,
         "mode": config.mode,
-        "planners": [planner.name for planner in config.planners],
+        "planners": names,
         "versions": session.get("versions", {}),
         "commit": session.get("commit", ""),
         "machine": session.get("machine", {}),
@@ -186,9 +186,7 @@ def _require_release(path: Path, run_file: RunFile) -> None:
     """Raise ConfigError if a session used another release of the suite."""
     current = versions()
     for session in run_file.sessions:
-        session_versions = session.get("versions")
-        if not isinstance(session_versions, dict):
-            session_versions = {}
+        session_versions = as_mapping(session.get("versions"))
         for package in SUITE:
             version = session_versions.get(package)
             if version != current[package]:
@@ -208,9 +206,8 @@ def _unpack(path: Path, folder: Path) -> str:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             _require_members(path, archive.infolist())
             where = f"{path}: {SUBMISSION_FILE}"
-            contents = parse_json(_read_member(archive, SUBMISSION_FILE), where)
-            if not isinstance(contents, dict):
-                contents = {}
+            contents_text = _read_member(archive, SUBMISSION_FILE)
+            contents = as_mapping(parse_json(contents_text, where))
             files = contents.get("files")
             is_known = contents.get("schema_version") == SCHEMA_VERSION
             if not is_known or not isinstance(files, dict):
@@ -228,8 +225,7 @@ def _unpack(path: Path, folder: Path) -> str:
                     )
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
-            contents_text = json.dumps(contents, indent=1)
-            (folder / SUBMISSION_FILE).write_text(contents_text, "utf-8")
+            (folder / SUBMISSION_FILE).write_bytes(contents_text)
     except ZIP_ERRORS as error:
         raise ConfigError(
             f"{path}: not a submission, or a damaged one: {error}"

@@ -299,7 +299,7 @@ def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     RunFile.for_run(
         path,
         RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
-        {},
+        [],
     ).write()
     for row in content:
         RowFile(path).append(row)

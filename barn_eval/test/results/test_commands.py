@@ -13,7 +13,7 @@ from report_work import rewrite_rows
 import barn_eval as barn
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.commands import MAX_COMMANDS, commands_line, parse_commands_line
-from barn_eval.results.rows import CommandFile, seal_line, unseal_line
+from barn_eval.results.rows import append_line, seal_line, unseal_line
 from barn_eval.results.store import BagStore
 from barn_eval.results.tracks import pack_arrays
 from barn_eval.running.direct import run_direct_trial
@@ -65,7 +65,7 @@ def test_commands_are_small_and_those_of_the_bag(tmp_path):
     with store.recorder(spec.trial_id) as recorder:
         record = store.make_record(run_direct_trial(spec, recorder))
     trial_id, commands = parse_commands_line(record.commands, "line")
-    readings, _ = read_bag(BagFile(tmp_path / "bags" / spec.trial_id))
+    readings = read_bag(BagFile(tmp_path / "bags" / spec.trial_id))
     assert trial_id == spec.trial_id
     np.testing.assert_array_equal(commands, readings.trajectory.command)
     assert len(record.commands) < 15 * len(commands) + 300
@@ -197,8 +197,8 @@ def test_the_commands_of_an_endless_trial_are_not_kept(monkeypatch):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("{}", "line 1: not the commands of a trial"),
-        ('{"trial_id": 3}', "not the commands of a trial"),
+        ("{}", "line 1: no commands: trial_id is missing"),
+        ('{"trial_id": 3}', "no commands: trial_id is missing"),
         ('{"trial_id": "a"}', "no commands: holds no packed arrays"),
         (
             json.dumps({"trial_id": "a"} | pack_arrays({"commands": np.zeros(3)})),
@@ -224,12 +224,12 @@ def test_what_holds_no_commands_is_refused_in_one_line(line, words):
 
 
 def test_a_file_is_whole_after_a_failed_write(tmp_path):
-    file = CommandFile(tmp_path)
-    file.append('{"trial_id":"a"}')
-    with file.path.open("a") as torn:
+    path = tmp_path / "commands.jsonl"
+    append_line(path, '{"trial_id":"a"}')
+    with path.open("a") as torn:
         torn.write('{"trial_id":"b"')
-    file.append('{"trial_id":"c"}')
-    text = file.path.read_text()
+    append_line(path, '{"trial_id":"c"}')
+    text = path.read_text()
     assert text.splitlines() == [
         seal_line('{"trial_id":"a"}'),
         seal_line('{"trial_id":"c"}'),

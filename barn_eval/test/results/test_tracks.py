@@ -7,7 +7,7 @@ import pytest
 from report_work import recorded_track
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.results.rows import TrackFile, seal_line
+from barn_eval.results.rows import append_line, arrange_tracks, read_tracks, seal_line
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import (
     LARGEST_COMMAND,
@@ -69,7 +69,13 @@ def test_an_infinite_command_in_a_row(command):
 def test_a_trial_without_a_reading_has_no_track():
     empty = np.empty((0, 2))
     nothing = Trajectory(
-        np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
+        np.empty(0, np.int64),
+        np.empty((0, 3)),
+        empty,
+        empty,
+        np.empty(0, bool),
+        np.empty(0),
+        np.empty(0, np.int64),
     )
     (spec,) = RunConfig(worlds="0").trials()
     assert make_track(nothing, spec) is None
@@ -96,23 +102,23 @@ def test_the_line_of_a_trial_is_what_its_bag_holds(run):
 
 
 def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
-    rows = TrackFile(tmp_path)
-    assert rows.read() == {}
-    line = next(iter(TrackFile(run).read().values()))
+    path = tmp_path / "tracks.jsonl"
+    assert read_tracks(tmp_path) == {}
+    line = next(iter(read_tracks(run).values()))
     named = [
         {"trial_id": name, "note": note}
         for name, note in (("b", "1"), ("a", ""), ("b", "2"))
     ]
     lines = [json.dumps(json.loads(line) | changes) for changes in named]
     for entry in lines:
-        rows.append(entry)
-    with rows.path.open("a") as file:
+        append_line(path, entry)
+    with path.open("a") as file:
         file.write(lines[1][:50])
-    assert rows.read() == {"b": lines[2], "a": lines[1]}
-    rows.arrange(["a", "never", "b"])
-    assert rows.path.read_text() == f"{seal_line(lines[1])}\n{seal_line(lines[2])}\n"
-    rows.append(lines[0])
-    assert rows.read()["b"] == lines[0]
+    assert read_tracks(tmp_path) == {"b": lines[2], "a": lines[1]}
+    arrange_tracks(tmp_path, ["a", "never", "b"])
+    assert path.read_text() == f"{seal_line(lines[1])}\n{seal_line(lines[2])}\n"
+    append_line(path, lines[0])
+    assert read_tracks(tmp_path)["b"] == lines[0]
 
 
 def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
@@ -122,9 +128,9 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
     ]
     (tmp_path / "tracks.jsonl").write_text("".join(f"{line}\n" for line in lines))
     with pytest.raises(
-        ConfigError, match=r"tracks.jsonl, line 2: not the track of a trial"
+        ConfigError, match=r"tracks.jsonl, line 2: no track: trial_id is missing"
     ):
-        TrackFile(tmp_path).read()
+        read_tracks(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +159,7 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
     ],
 )
 def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
-    line = next(iter(TrackFile(run).read().values()))
+    line = next(iter(read_tracks(run).values()))
     with pytest.raises(ConfigError, match=rf"^here: (no track|not JSON): .*{words}"):
         parse_track_line(json.dumps(json.loads(line) | changes), "here")
 

@@ -40,7 +40,13 @@ def driven(spec, clock=0.0):
     stamps_ns = np.arange(count) * 50_000_000
     speeds = draw.uniform(0, 0.5, (count, 2))
     trajectory = Trajectory(
-        stamps_ns, truth, speeds, np.ones((count, 2)), np.zeros(count, bool)
+        stamps_ns,
+        truth,
+        speeds,
+        np.ones((count, 2)),
+        np.zeros(count, bool),
+        np.full(count, np.nan),
+        np.ones(count, np.int64),
     )
     outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
     verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)

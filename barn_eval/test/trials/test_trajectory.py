@@ -183,6 +183,8 @@ def test_smoothness_measures_equal_plain_loops(seed):
         velocity,
         command,
         np.zeros(count, np.bool_),
+        np.full(count, np.nan),
+        np.ones(count, np.int64),
     )
     figures = measure_trajectory(trajectory, FAR, 0.075, EXTENT)
     for key, expected in plainly(trajectory).items():

@@ -46,6 +46,11 @@ def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:
     return parse_json(_read(path, largest), str(path))
 
 
+def as_mapping(content: PlainData) -> dict[str, Any]:
+    """Return plain data if it is a mapping, else an empty one."""
+    return content if isinstance(content, dict) else {}
+
+
 def parse_json(text: str | bytes, where: str) -> PlainData:
     """Parse JSON that can be written as JSON again.
 

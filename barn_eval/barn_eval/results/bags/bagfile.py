@@ -15,7 +15,7 @@ from barn_eval.results.bags.mcap_file import DAMAGE, McapFile, RawMessage
 from barn_eval.results.bags.recorder import PARTIAL
 from barn_worlds.base.errors import BagError, convert_os_errors, format_error
 from barn_worlds.base.files import open_regular
-from barn_worlds.base.types import NANOSECONDS_PER_SECOND
+from barn_worlds.base.types import seconds
 
 # Bytes of all messages of a bag, and what each takes in memory beside its data.
 LARGEST_BAG = 1 << 29
@@ -40,8 +40,13 @@ class BagFile:
         self.problem = ""
         self._sqlite = False
         self._files = self._find(path)
-        self._first_ns = 0
-        self._last_ns = -1
+        self._first_ns: int | None = None
+        self._last_ns = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no message has been read so far."""
+        return self._first_ns is None
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
         """Yield messages in the order of the file, as far as they can be read.
@@ -58,7 +63,7 @@ class BagFile:
             if not 0 <= message.stamp_ns <= _LATEST_NS:
                 reason = f"a message of the time {message.stamp_ns} ns"
                 return self._note("damaged", reason)
-            if self._last_ns < 0:
+            if self._first_ns is None:
                 self._first_ns = message.stamp_ns
             self._last_ns = message.stamp_ns
             if not topics or message.topic in topics:
@@ -101,7 +106,7 @@ class BagFile:
                     topic = connection.topic
                     yield RawMessage(topic, connection.msgtype, stamp_ns, bytes(data))
         except (ReaderError, sqlite3.Error, apsw.Error, OSError, *DAMAGE) as error:
-            if self._last_ns < 0:
+            if self.is_empty:
                 raise BagError(
                     f"{self.path}: not a bag that can be read: {format_error(error)}"
                 ) from None
@@ -130,9 +135,7 @@ class BagFile:
             self._note(what, reason)
 
     def _note(self, what: str, reason: str) -> None:
-        after_s = 0.0
-        if self._last_ns >= 0:
-            after_s = (self._last_ns - self._first_ns) / NANOSECONDS_PER_SECOND
+        after_s = seconds(self._last_ns - (self._first_ns or 0))
         self.problem = f"the bag is {what} after {after_s:.2f} s"
         if reason:
             self.problem += f" ({reason})"

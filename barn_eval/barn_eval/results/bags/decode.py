@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import astuple
 from typing import Any
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_planners.interface import PlannerStatus
 from barn_sim.config import chassis_in
 from barn_worlds.base.errors import ConfigError, MessageError
-from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.text_files import as_mapping, parse_json
 from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.scenes import decode_moving, decode_moving_poses, decode_scene
@@ -26,14 +27,13 @@ _MAX_LETTERS = 60
 
 def _odometry(data: bytes) -> Odometry:
     odometry = decode.odometry(data)
-    velocity = odometry.velocity
-    _require_finite(velocity.linear, velocity.angular, *_numbers(odometry.pose))
+    _require_finite(*astuple(odometry.velocity), *astuple(odometry.pose))
     return odometry
 
 
 def _goal(data: bytes) -> Pose2D:
     goal = decode.pose(data)
-    _require_finite(*_numbers(goal))
+    _require_finite(*astuple(goal))
     return goal
 
 
@@ -64,17 +64,13 @@ def _mounts(data: bytes) -> dict[str, Pose2D]:
     mounts = {}
     for transform in decode.transforms(data):
         if transform.parent.lstrip("/") == "base_link":
-            _require_finite(*_numbers(transform.pose))
+            _require_finite(*astuple(transform.pose))
             mounts[transform.child] = transform.pose
     return mounts
 
 
 def _outcome(data: bytes) -> str:
     return decode.text(data)[:_MAX_LETTERS]
-
-
-def _numbers(pose: Pose2D) -> tuple[float, float, float]:
-    return pose.x, pose.y, pose.yaw
 
 
 def _require_finite(*values: float) -> None:
@@ -93,7 +89,7 @@ def decode_planner_status(data: bytes) -> str:
     return ""
 
 
-_READERS: tuple[tuple[Topic, Callable[[bytes], Any]], ...] = (
+READERS: tuple[tuple[Topic, Callable[[bytes], Any]], ...] = (
     (topics.GROUND_TRUTH, _odometry),
     (topics.ODOM, _odometry),
     (topics.SCAN, _scan),
@@ -118,7 +114,7 @@ _READERS: tuple[tuple[Topic, Callable[[bytes], Any]], ...] = (
 
 # Reader of each topic by type: a topic may have several.
 TOPICS: dict[str, dict[str, Callable[[bytes], Any]]] = {}
-for _topic, _reader in _READERS:
+for _topic, _reader in READERS:
     TOPICS.setdefault(_topic.path, {})[_topic.type_name] = _reader
 
 # Types whose content is in the frame of their header.
@@ -190,9 +186,8 @@ def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
     try:
         return chassis_in(trial.get("simulator")), ""
     except ConfigError as error:
-        note = (
-            f"drawn as a {STANDARD_ROBOT.name}, for its robot cannot be read: {error}"
-        )
+        name = STANDARD_ROBOT.name
+        note = f"drawn as a {name}, for its robot cannot be read: {error}"
         return STANDARD_ROBOT.chassis, note
 
 
@@ -205,7 +200,6 @@ def metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
         key: Key in the metadata.
     """
     try:
-        content = parse_json(bag.metadata.get(name, {}).get(key, "{}"), name)
-    except ConfigError:
+        return as_mapping(parse_json(bag.metadata[name][key], name))
+    except (KeyError, ConfigError):
         return {}
-    return content if isinstance(content, dict) else {}

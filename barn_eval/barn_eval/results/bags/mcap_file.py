@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import SEEK_CUR, BytesIO
 from pathlib import Path
-from typing import Any
 
 from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, Metadata, Schema
 from zstandard import ZstdDecompressor, ZstdError
 
 from barn_worlds.base.files import open_regular
@@ -26,11 +25,6 @@ LARGEST_RATIO = 256
 _MAGIC = b"\x89MCAP0\r\n"
 _RECORD_HEAD = struct.Struct("<BQ")  # kind and length
 _MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, number, time of log and publication
-_RECORD_TYPES: dict[int, Any] = {
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.METADATA: Metadata,
-}
 
 # Errors that the content of a file can cause in its readers.
 DAMAGE = (
@@ -110,7 +104,13 @@ class McapFile:
                 self._file.seek(-_RECORD_HEAD.size, SEEK_CUR)
                 return
 
-            yield from self._record_messages(kind, content)
+            if kind == Opcode.CHUNK:
+                chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+                yield from self._chunk_messages(unpack_chunk(chunk))
+            elif kind == Opcode.MESSAGE:
+                yield self._message(content)
+            else:
+                self._take(kind, content)
             self.began = True
             self.ended = kind == Opcode.FOOTER
 
@@ -122,22 +122,9 @@ class McapFile:
         self._file.seek(-len(data), SEEK_CUR)
         return None
 
-    def _record_messages(self, kind: int, content: bytes) -> Iterator[RawMessage]:
-        stream = ReadDataStream(BytesIO(content))
-        if kind == Opcode.CHUNK:
-            yield from self._chunk_messages(unpack_chunk(Chunk.read(stream)))
-        elif kind == Opcode.MESSAGE:
-            message = Message.read(stream, len(content))
-            topic, type_name = self._channels[message.channel_id]
-            yield RawMessage(topic, type_name, message.log_time, message.data)
-        elif kind in _RECORD_TYPES:
-            self._take(_RECORD_TYPES[kind].read(stream))
-
     def _chunk_messages(self, data: bytes) -> Iterator[RawMessage]:
-        """Yield the messages of a chunk.
-
-        There are thousands a second, for which mcap's own reader is too slow.
-        """
+        # A chunk within a chunk is left out: each level could unpack to 256 times as
+        # much as the one around it.
         end = 0
         while end < len(data):
             kind, size = _RECORD_HEAD.unpack_from(data, end)
@@ -146,25 +133,33 @@ class McapFile:
             if end > len(data):
                 raise EndOfFile
             if kind == Opcode.MESSAGE:
-                channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(data, start)
-                topic, type_name = self._channels[channel]
-                content = data[start + _MESSAGE_HEAD.size : end]
-                yield RawMessage(topic, type_name, stamp_ns, content)
-            elif kind in _RECORD_TYPES:
-                stream = ReadDataStream(BytesIO(data[start:end]))
-                self._take(_RECORD_TYPES[kind].read(stream))
+                yield self._message(data[start:end])
+            else:
+                self._take(kind, data[start:end])
 
-    def _take(self, record: McapRecord) -> None:
-        if isinstance(record, Schema):
-            self._types[record.id] = record.name
-        elif isinstance(record, Channel):
+    def _message(self, content: bytes) -> RawMessage:
+        # There are thousands a second, for which mcap's own reader is too slow.
+        channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(content)
+        topic, type_name = self._channels[channel]
+        return RawMessage(topic, type_name, stamp_ns, content[_MESSAGE_HEAD.size :])
+
+    def _take(self, kind: int, content: bytes) -> None:
+        """Keep what a record says of types, topics and metadata."""
+        stream = ReadDataStream(BytesIO(content))
+        if kind == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self._types[schema.id] = schema.name
+        elif kind == Opcode.CHANNEL:
+            channel = Channel.read(stream)
             type_name = ""
-            if record.message_encoding == "cdr":
-                type_name = self._types.get(record.schema_id, "")
-            topic = record.metadata.get("known_as", record.topic)
-            self._channels[record.id] = (topic, type_name)
-        elif isinstance(record, Metadata):
-            self._metadata[record.name] = dict(record.metadata)
+            if channel.message_encoding == "cdr":
+                type_name = self._types.get(channel.schema_id, "")
+            # Over ROS a topic may have been remapped; readers go by the suite's name.
+            topic = channel.metadata.get("known_as", channel.topic)
+            self._channels[channel.id] = (topic, type_name)
+        elif kind == Opcode.METADATA:
+            metadata = Metadata.read(stream)
+            self._metadata[metadata.name] = dict(metadata.metadata)
 
 
 def unpack_chunk(chunk: Chunk) -> bytes:

@@ -24,14 +24,7 @@ from barn_worlds.messages.encode import (
     make_marker,
 )
 from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, encode_scene
-from barn_worlds.messages.topics import (
-    FRAMES,
-    LATCHED,
-    RELIABLE,
-    Frames,
-    OutgoingMessage,
-    Topic,
-)
+from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage
 from barn_worlds.worlds.scene import TrialScene, scene_of
 
 # Topics that nobody publishes.
@@ -200,11 +193,11 @@ class TrialBag:
         self._goal_period_ns = nanoseconds(spec.protocol.goal_period_s)
         self._next_goal_ns: int | None = 0
 
-        self._announce(topics.ROBOT_DESCRIPTION)
+        recorder.announce(topics.ROBOT_DESCRIPTION)
         if spec.map is not None:
-            self._announce(topics.MAP)
+            recorder.announce(topics.MAP)
         for topic in _ALWAYS:
-            self._announce(topic)
+            recorder.announce(topic)
 
     def begin(self, first: Sensors) -> None:
         """Record what is published once, at the start."""
@@ -279,10 +272,5 @@ class TrialBag:
 
     def _record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
         for topic, data in messages:
-            self._announce(topic)
+            self._recorder.announce(topic)
             self._recorder.write(topic.path, data, stamp_ns)
-
-    def _announce(self, topic: Topic) -> None:
-        """Announce a topic as a player offers it: with a queue for many messages."""
-        qos = LATCHED if topic.qos.durability == LATCHED.durability else RELIABLE
-        self._recorder.add_topic(topic.path, topic.type_name, qos)

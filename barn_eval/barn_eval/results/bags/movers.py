@@ -20,7 +20,7 @@ _JUMP_MPS = 3.0
 _JUMP_RATIO = 3.0
 
 # Tolerance, in s, for times that have been rounded.
-_ROUNDING_S = 1e-9
+ROUNDING_S = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class RecordedMotions:
         """
         if len(self.times_s) == 1:
             return np.repeat(self.places, len(times_s), axis=0)
-        after = np.searchsorted(self.times_s, times_s + _ROUNDING_S, side="right")
+        after = np.searchsorted(self.times_s, times_s + ROUNDING_S, side="right")
         before = np.clip(after - 1, 0, len(self.times_s) - 2)
         after_s = np.clip(times_s - self.times_s[before], 0.0, None)
         period_s = self.times_s[before + 1] - self.times_s[before]
@@ -80,7 +80,7 @@ class RecordedMotions:
             Points (k, 2) in m of each obstacle.
         """
         places_now = self.at(np.array([time_s]))[0]
-        end = int(np.searchsorted(self.times_s, time_s + _ROUNDING_S, side="right"))
+        end = int(np.searchsorted(self.times_s, time_s + ROUNDING_S, side="right"))
         start = int(np.searchsorted(self.times_s, time_s - TRAIL_S))
         trails = []
         for k, place in enumerate(places_now):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
@@ -14,17 +14,11 @@ from barn_eval.results.bags import BAGS, decode
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import ORIGIN, TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
-from barn_eval.results.bags.movers import RecordedMotions
+from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
-from barn_worlds.base.types import (
-    NANOSECONDS_PER_SECOND,
-    OccupancyMap,
-    Odometry,
-    Pose2D,
-    Velocity2D,
-)
+from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, seconds
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
@@ -38,9 +32,6 @@ ODOM = FRAMES.odom
 
 # Topics of which the first message says everything.
 _CONSTANT = {topics.MOVING.path}
-
-# Tolerance, in s, for times that have been rounded.
-_ROUNDING_S = 1e-9
 
 
 class TimedItem(NamedTuple):
@@ -71,15 +62,14 @@ class RecordedTrial:
     lidar: Pose2D  # where it is mounted
 
     # What topics show: scans, points (k, 2) of plans, markers, maps, and the score.
-    scans: list[TimedItem] = field(metadata={"topic": topics.SCAN})
-    plans: list[TimedItem] = field(metadata={"topic": topics.PLAN})
-    local_plans: list[TimedItem] = field(metadata={"topic": topics.LOCAL_PLAN})
-    bands: list[TimedItem] = field(metadata={"topic": topics.BAND})
-    candidates: list[TimedItem] = field(metadata={"topic": topics.CANDIDATES})
-    costmaps: list[TimedItem] = field(metadata={"topic": topics.COSTMAP})
-    scores: list[TimedItem] = field(metadata={"topic": topics.SCORE})
-    # "running", then the outcome.
-    outcomes: list[TimedItem] = field(metadata={"topic": topics.OUTCOME})
+    scans: list[TimedItem]
+    plans: list[TimedItem]
+    local_plans: list[TimedItem]
+    bands: list[TimedItem]
+    candidates: list[TimedItem]
+    costmaps: list[TimedItem]
+    scores: list[TimedItem]
+    outcomes: list[TimedItem]  # "running", then the outcome
 
     chassis: Chassis = STANDARD_ROBOT.chassis
     # Where the frame of the planner's map and plan lies in that of the poses.
@@ -97,7 +87,7 @@ class RecordedTrial:
 
     def index_at(self, time_s: float) -> int:
         """Return the number of the last pose at or before a time."""
-        after = np.searchsorted(self.times_s, time_s + _ROUNDING_S, side="right")
+        after = np.searchsorted(self.times_s, time_s + ROUNDING_S, side="right")
         return max(0, int(after) - 1)
 
     def to_frame(self, item: TimedItem) -> Pose2D:
@@ -145,17 +135,7 @@ class RecordedTrial:
         return self.to_frame(self.goal._replace(time_s=0.0)) @ goal
 
 
-ItemsByTopic = Mapping[str, list[TimedItem]]
-
-
-class _Surroundings(NamedTuple):
-    """What stands and moves around the robot, known only in the frame of true poses."""
-
-    scene: TrialScene | None
-    pushed_m: Floats  # (k, 2)
-    moving: RecordedMotions | None
-    map_frame: Pose2D
-    note: str  # what of it is not drawn, in words
+ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
 def read_recorded_trial(path: Path) -> RecordedTrial:
@@ -167,8 +147,9 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     bag = BagFile(path)
     unreadable: dict[str, str] = {}
     items = _read_items(bag, unreadable)
-    truth = items[topics.GROUND_TRUTH.path]
-    poses = truth or items[topics.ODOM.path]
+    truth = items[topics.GROUND_TRUTH]
+    odometry = items[topics.ODOM]
+    poses = truth or odometry
     if not poses:
         reason = bag.problem or "; ".join(unreadable.values())
         reason = reason or "it is another robot's, or no trial"
@@ -180,22 +161,31 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     result = metadata(bag, "barn.result", "result")
     lidar, lidar_note = _find_lidar(items, trial)
     chassis, robot_note = decode.chassis_of(trial)
-    around = _Surroundings(None, np.empty((0, 2)), None, ORIGIN, "")
-    if truth:
-        around = _read_surroundings(items, trial)
-    notes = [bag.problem, *unreadable.values(), around.note, lidar_note, robot_note]
-    notes += _list_gaps(bool(truth), around.map_frame, result)
+    # Odometry drifts away from what stands and moves around the robot, so that has a
+    # place among true poses only.
+    if not truth:
+        items |= {topics.WORLD: [], topics.MOVING_POSES: []}
+    scene, pushed_m = _read_scene(items[topics.WORLD])
+    moving, moving_note = _read_motions(items)
+    grid: OccupancyMap | None = None
+    map_frame = ORIGIN
+    if items[topics.MAP]:
+        grid = items[topics.MAP][-1].content
+        if truth:
+            map_frame = decode.map_frame(trial)
+            grid = replace(
+                grid,
+                origin_x=grid.origin_x + map_frame.x,
+                origin_y=grid.origin_y + map_frame.y,
+            )
+    notes = [bag.problem, *unreadable.values(), moving_note, lidar_note, robot_note]
+    notes += _list_gaps(bool(truth), map_frame, result)
 
     times_s = np.array([item.time_s for item in poses])
     no_pose = (np.nan, np.nan, np.nan)
-    contacts = items[topics.COLLISION.path]
+    contacts = items[topics.COLLISION]
     touched = _hold(contacts, lambda contact: (contact,), times_s, (0.0,))
-    maps = items[topics.MAP.path]
-    goals = items[topics.GOAL_POSE.path]
-    displays = {}
-    for item in fields(RecordedTrial):
-        if item.metadata:
-            displays[item.name] = items[item.metadata["topic"].path]
+    goals = items[topics.GOAL_POSE]
     folder = bag.path.resolve().parent
     if folder.name == BAGS:
         folder = folder.parent
@@ -205,36 +195,32 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
         frame=MAP if truth else ODOM,
         times_s=times_s,
         poses=np.array([_pose_row(item.content) for item in poses], np.float64),
-        speeds=np.array([_twist_row(item.content.velocity) for item in poses]),
-        commands=_hold(
-            items[topics.CMD_VEL.path], _twist_row, times_s, (np.nan, np.nan)
-        ),
+        speeds=np.array([astuple(item.content.velocity) for item in poses]),
+        commands=_hold(items[topics.CMD_VEL], astuple, times_s, no_pose[:2]),
         contact=touched[:, 0] > 0.0,
-        odometry=_hold(items[topics.ODOM.path], _pose_row, times_s, no_pose),
+        odometry=_hold(odometry, _pose_row, times_s, no_pose),
         outline=contact_footprint(chassis),
         chassis=chassis,
         lidar=lidar,
-        map_frame=around.map_frame,
-        map=_move_map(maps[-1].content, around.map_frame) if maps else None,
+        scans=items[topics.SCAN],
+        plans=items[topics.PLAN],
+        local_plans=items[topics.LOCAL_PLAN],
+        bands=items[topics.BAND],
+        candidates=items[topics.CANDIDATES],
+        costmaps=items[topics.COSTMAP],
+        scores=items[topics.SCORE],
+        outcomes=items[topics.OUTCOME],
+        map_frame=map_frame,
+        map=grid,
         goal=goals[-1] if goals else None,
-        scene=around.scene,
-        pushed_m=around.pushed_m,
-        moving=around.moving,
-        recoveries_s=_find_recoveries(items[topics.DIAGNOSTICS.path]),
+        scene=scene,
+        pushed_m=pushed_m,
+        moving=moving,
+        recoveries_s=_find_recoveries(items[topics.DIAGNOSTICS]),
         trial=trial,
         result=result,
         notes=tuple(note for note in notes if note),
-        **displays,
     )
-
-
-def _read_surroundings(items: ItemsByTopic, trial: dict[str, Any]) -> _Surroundings:
-    scene, pushed_m = _read_scene(items[topics.WORLD.path])
-    moving, note = _read_motions(items)
-    map_frame = ORIGIN
-    if items[topics.MAP.path]:
-        map_frame = decode.map_frame(trial)
-    return _Surroundings(scene, pushed_m, moving, map_frame, note)
 
 
 def _list_gaps(
@@ -252,7 +238,9 @@ def _list_gaps(
         yield "the bag holds no result: its trial was not finished, or it is another's"
 
 
-def _read_items(bag: BagFile, unreadable: dict[str, str]) -> ItemsByTopic:
+def _read_items(
+    bag: BagFile, unreadable: dict[str, str]
+) -> dict[topics.Topic, list[TimedItem]]:
     """Return what topics show, in order of time from the first pose on.
 
     Args:
@@ -279,18 +267,18 @@ def _read_items(bag: BagFile, unreadable: dict[str, str]) -> ItemsByTopic:
         rows.sort(key=itemgetter(0))
     poses = messages[topics.GROUND_TRUTH.path] or messages[topics.ODOM.path]
     start_ns = poses[0][0] if poses else 0
-    items: dict[str, list[TimedItem]] = {}
-    for topic, rows in messages.items():
-        items[topic] = [
-            TimedItem((stamp_ns - start_ns) / NANOSECONDS_PER_SECOND, frame, content)
-            for stamp_ns, frame, content in rows
+    items: dict[topics.Topic, list[TimedItem]] = {}
+    for key, _ in decode.READERS:
+        items[key] = [
+            TimedItem(seconds(stamp_ns - start_ns), frame, content)
+            for stamp_ns, frame, content in messages[key.path]
         ]
     return items
 
 
 def _hold(
     items: list[TimedItem],
-    row_of: Callable[[Any], tuple[float, ...]],
+    row_of: Callable[[Any], tuple[Any, ...]],
     times_s: Floats,
     before: tuple[float, ...],
 ) -> Floats:
@@ -318,8 +306,8 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
 
     Static transforms say so, or else the trial's specification.
     """
-    frames = {item.frame for item in items[topics.SCAN.path]}
-    for item in items[topics.TF_STATIC.path]:
+    frames = {item.frame for item in items[topics.SCAN]}
+    for item in items[topics.TF_STATIC]:
         for frame in frames & item.content.keys():
             return item.content[frame], ""
     mount = decode.read_specification(trial, "lidar", "mount_x_m")
@@ -329,12 +317,8 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
     return ORIGIN, note
 
 
-def _pose_row(odometry: Odometry) -> tuple[float, float, float]:
-    return odometry.pose.x, odometry.pose.y, odometry.pose.yaw
-
-
-def _twist_row(velocity: Velocity2D) -> tuple[float, float]:
-    return velocity.linear, velocity.angular
+def _pose_row(odometry: Odometry) -> tuple[float, ...]:
+    return astuple(odometry.pose)
 
 
 def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
@@ -348,23 +332,18 @@ def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
     return tuple(times_s)
 
 
-def _move_map(grid: OccupancyMap, offset: Pose2D) -> OccupancyMap:
-    origin_x = grid.origin_x + offset.x
-    return replace(grid, origin_x=origin_x, origin_y=grid.origin_y + offset.y)
-
-
 def _read_motions(items: ItemsByTopic) -> tuple[RecordedMotions | None, str]:
     """Return the obstacles that move, or why they are not drawn."""
-    moving = topics.MOVING.path
-    moving_poses = topics.MOVING_POSES.path
-    places = {item.time_s: item.content for item in items[moving_poses]}
+    places = {item.time_s: item.content for item in items[topics.MOVING_POSES]}
     if not places:
         return None, ""
     note = "moving obstacles are not drawn: "
-    if not items[moving]:
-        return None, f"{note}{moving} with their shapes is missing"
-    bodies, walls = items[moving][0].content
+    shapes = topics.MOVING.path
+    if not items[topics.MOVING]:
+        return None, f"{note}{shapes} with their shapes is missing"
+    bodies, walls = items[topics.MOVING][0].content
     if {len(row) for row in places.values()} != {len(bodies.poses)}:
-        return None, f"{note}{moving_poses} has more or fewer of them than {moving}"
+        poses = topics.MOVING_POSES.path
+        return None, f"{note}{poses} has more or fewer of them than {shapes}"
     times_s = np.array(list(places))
     return RecordedMotions(times_s, np.array(list(places.values())), bodies, walls), ""

@@ -15,13 +15,12 @@ from typing import Any, BinaryIO
 
 import yaml
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys.store import Typestore
 
 from barn_eval import __version__
 from barn_worlds.base.errors import BagError, convert_os_errors, suggest
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import RELIABLE, Qos
+from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos, Topic
 
 METADATA_VERSION = 9  # of metadata.yaml, as rosbag2 of Jazzy writes it
 PARTIAL = ".partial"
@@ -46,18 +45,13 @@ class Recorder:
     Leaving its context without `finish` abandons the bag under its partial name.
     """
 
-    def __init__(self, path: Path, types: Typestore | None = None) -> None:
-        """Begin a bag.
-
-        Args:
-            path: Directory of the bag, which must not exist.
-            types: Message types that can be recorded, those of Jazzy by default.
-        """
+    def __init__(self, path: Path) -> None:
+        """Begin a bag in a directory that must not exist."""
         if path.exists():
             raise BagError(f"{path}: exists already")
         self.path = path
         self.partial_path = path.with_name(path.name + PARTIAL)
-        self._types = types or jazzy_types()
+        self._types = jazzy_types()
         self._topics: dict[str, _RecordedTopic] = {}
         self._schemas: dict[str, int] = {}
         self._custom_data: dict[str, str] = {}
@@ -83,10 +77,6 @@ class Recorder:
         """Abandon the bag if it has not been finished."""
         self.abandon()
 
-    def knows(self, type_name: str) -> bool:
-        """Tell whether a type such as "nav_msgs/msg/Odometry" can be recorded."""
-        return type_name in self._types.fielddefs
-
     def add_topic(
         self, name: str, type_name: str, qos: Qos = RELIABLE, known_as: str = ""
     ) -> None:
@@ -109,7 +99,7 @@ class Recorder:
                     f" as {type_name}"
                 )
             return
-        if not self.knows(type_name):
+        if type_name not in self._types.fielddefs:
             hint = suggest(type_name, self._types.fielddefs)
             raise BagError(f"{self.path}: unknown type {type_name!r} of {name}{hint}")
 
@@ -129,6 +119,11 @@ class Recorder:
             name, "cdr", self._schemas[type_name], metadata
         )
         self._topics[name] = _RecordedTopic(name, type_name, qos, type_hash, channel)
+
+    def announce(self, topic: Topic) -> None:
+        """Announce a topic as a player offers it: with a queue for many messages."""
+        qos = LATCHED if topic.qos.durability == LATCHED.durability else RELIABLE
+        self.add_topic(topic.path, topic.type_name, qos)
 
     def write(self, topic: str, data: bytes, stamp_ns: int) -> None:
         """Write one message.
