@@ -185,7 +185,7 @@ def test_the_mean_of_both_is_compared_over_and_within_folders(tmp_path):
     content = json.loads((eband / "run.json").read_text())
     content["experiment"]["protocol"]["limit_s"] = 60.0
     (eband / "run.json").write_text(json.dumps(content))
-    task = RunFile.read(eband).task_fingerprint()
+    task = RunFile.read(eband).task_fingerprint
     rows = RowFile(eband)
     rows.replace([replace(row, task=task) for row in rows.read()])
     assert calibrate([dwa, eband], table).joint == ()

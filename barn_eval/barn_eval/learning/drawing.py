@@ -68,6 +68,7 @@ class TopView:
         spec = episodes.trial(0).spec
         motion_s = spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))
         times_s = motion_s - np.arange(0.0, TRAIL_S, _TRAIL_STEP_S)
+        # Motions are known for all times, so trails begin before the trial does.
         trails_m, _ = spec.world.tracks.over(times_s)
         for point in self._to_pixels(trails_m.reshape(-1, 2)):
             draw.circle(point, 2, fill=MOVER)

@@ -91,6 +91,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
+        # Films run as fast as the robot drives.
         frames_per_second = round(1.0 / self.simulator_config.control_period_s)
         self.metadata = {**self.metadata, "render_fps": max(1, frames_per_second)}
 
@@ -232,6 +233,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             simulator=self.simulator_config,
             run_seed=run_seed,
             repetition=options.get("repetition", 0),
+            # The referee refuses faster commands, as those of any planner.
             declared_mps=self.config.action.cap_mps,
         )
 

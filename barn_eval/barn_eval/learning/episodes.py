@@ -125,9 +125,12 @@ class Episodes:
             self._simulators[index] = simulator
         else:
             simulator.begin(spec.world, start, seed)
+        # What the batch remembers of this row, such as its last scan, is of another trial.
         self.batch.put(index, simulator)
 
+        # Nobody reads the trajectory of an episode.
         trial = RunningTrial(spec, logged=False)
+        # The kernel that judges all trials works on one array.
         trial.referee.move_to(self._states[index : index + 1])
         self._trials[index] = trial
         self.running[index] = True
@@ -265,7 +268,8 @@ class Episodes:
 
         ended = self.judge(moving)
         for index in np.flatnonzero(is_refused).tolist():
-            self._trials[index].command(Velocity2D(*commands[index].tolist()))
+            command = Velocity2D(*commands[index].tolist())
+            self._trials[index].command(command)
             self.running[index] = False
             ended.append(index)
         for index in ended:

@@ -44,6 +44,7 @@ def path_points(world: World, course: Course, along: str) -> Floats:
     if along != STRAIGHT:
         points = np.vstack([world.path_m(), points])
     sides = np.hypot(*np.diff(points, axis=0).T)
+    # From each point to the goal, so the sum begins at the end.
     lengths = np.append(np.cumsum(sides[::-1])[::-1], 0.0)
     return np.column_stack([points, lengths])
 
@@ -126,6 +127,7 @@ def reward_steps(
         nearest = shares[i, 0]
         for beam in range(1, shares.shape[1]):
             nearest = min(nearest, shares[i, beam])
+        # Observations are of 32 bits, in which the product would be rounded.
         nearness = max(0.0, 1.0 - np.float64(nearest) * range_m / near_m)
         rate = (
             per_second + near_per_second * nearness + changed_per_second * is_changed[i]

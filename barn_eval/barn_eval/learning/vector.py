@@ -102,8 +102,8 @@ class JackalVectorEnv(SyncVectorEnv):
             ConfigError: If the actions have another shape.
         """
         actions = np.asarray(actions)
-        if actions.shape != (self.num_envs, ACTIONS):
-            shape = (self.num_envs, ACTIONS)
+        shape = (self.num_envs, ACTIONS)
+        if actions.shape != shape:
             raise ConfigError(
                 f"actions must be an array of shape {shape}, got {actions.shape}"
             )

@@ -16,6 +16,7 @@ from barn_worlds.base.types import nanoseconds
 # A trial with more readings keeps no commands. At 20 Hz these are 37 minutes, and even
 # random numbers fit into the longest line that is read.
 MAX_COMMANDS = 45_000
+# Two numbers of 8 bytes for each reading.
 _MAX_BYTES = 16 * MAX_COMMANDS
 
 
@@ -53,6 +54,7 @@ def commands_line(finished: FinishedTrial) -> str | None:
     if not 0 < len(commands) <= MAX_COMMANDS or not _are_exact(finished):
         return None
     content = {"trial_id": finished.result.trial_id}
+    # To the last bit: rounded commands would lead along another trajectory.
     content |= pack_arrays({"commands": commands.ravel()})
     return json.dumps(content, separators=(",", ":"))
 
@@ -70,6 +72,7 @@ def _are_exact(finished: FinishedTrial) -> bool:
     counts = finished.trajectory.command_counts
     stamps_ns = finished.trajectory.stamps_ns
     cycles = PlannerCycles(finished.spec)
+    # The last reading ends the trial, so nothing depends on whether it was answered.
     for stamp_ns, count in zip(stamps_ns[:-1] - stamps_ns[0], counts, strict=False):
         if (cycles.start(int(stamp_ns)) is not None) != count:
             return False
@@ -106,6 +109,7 @@ def are_kept(row: TrialResult, spec: TrialSpec) -> bool:
         row: The trial's row.
         spec: The trial.
     """
+    # A trial that ended before a reading has no commands, but one that drove has.
     readings = row.scores.duration_s / spec.simulator.control_period_s + 1.0
     is_short = readings < MAX_COMMANDS
     return row.mode == "direct" and is_short and row.measures.driven_m > 0.0

@@ -19,7 +19,6 @@ OUT/replays/                pages of replays, and bags made for them afterwards
 """
 
 import fcntl
-import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -107,6 +106,7 @@ class ResultsFolder:
             StoreError: The folder cannot be written.
         """
         run_file = RunFile.for_run(path, config, specs)
+        # A folder of something else is refused before a lock is put into it.
         find_completed(run_file, specs, overwrite=overwrite)
         with _lock(path):
             remove_partial_files(path)
@@ -126,6 +126,7 @@ class ResultsFolder:
 
             if worlds is not None and not (path / WORLDS).exists():
                 write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
+            # Sessions whose results were removed made nothing of what follows.
             run_file = replace(run_file, sessions=completed.sessions)
             run_file.with_session(execution, isolation).write()
             yield cls(path, specs, completed.results)
@@ -157,6 +158,8 @@ class ResultsFolder:
             append_line(self.path / COMMANDS_FILE, record.commands)
         if record.track is not None:
             append_line(self.path / TRACKS_FILE, record.track)
+        # The row comes last. A kill before it leaves a track that does not count, and
+        # the trial runs again.
         self._rows.append(record.result)
         self._completed_ids.add(trial_id)
 
@@ -197,17 +200,18 @@ def _lock(path: Path) -> Iterator[None]:
     """Make a folder if need be and keep other processes from working in it."""
     with convert_os_errors(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
-        lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    try:
+        # Programs do not inherit it, so no planner that outlives this process holds it.
+        lock = (path / _LOCK).open("ab")
+    with lock:
         try:
+            # The kernel drops the lock of a process that is killed, so none is left
+            # behind.
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ConfigError(
                 f"{path}: another process is working in this folder"
             ) from None
         yield
-    finally:
-        os.close(lock)
 
 
 def order_trials_fairly(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
@@ -230,6 +234,8 @@ def order_worlds_fairly(worlds: Iterable[int]) -> list[int]:
     bits = (len(ranked) - 1).bit_length()
     keys = {}
     for rank, world in enumerate(ranked):
+        # With the bits of a rank reversed, each half of the order covers all ranks
+        # evenly.
         reversed_bits = f"{rank:0{bits}b}"[::-1]
         keys[world] = int(reversed_bits, 2)
     return sorted(ranked, key=keys.__getitem__)
@@ -274,15 +280,15 @@ def find_completed(
 
     previous.require_same_run(run_file)
     specs_by_id = {spec.trial_id: spec for spec in specs}
-    task = previous.task_fingerprint()
     for result in results:
         if result.trial_id not in specs_by_id:
             raise ConfigError(
                 f"{path}: holds a result of {result.trial_id}, which is no trial of"
                 " this run"
             )
-        require_row_of_trial(result, specs_by_id[result.trial_id], task, path)
+        require_row_of_trial(result, specs_by_id[result.trial_id], previous)
     for planner in previous.config["planners"]:
+        # Nothing would show that another planner drove the rest.
         if planner["source"] == UNKNOWN_SOURCE and len(results) < len(specs):
             raise ConfigError(
                 f"{path}: planner {planner['name']!r}: its source is unknown, so the"
@@ -293,22 +299,24 @@ def find_completed(
 
 
 def require_row_of_trial(
-    result: TrialResult, spec: TrialSpec, task: str, path: Path
+    result: TrialResult, spec: TrialSpec, run_file: RunFile
 ) -> None:
     """Raise ConfigError naming the first field by which a row is of another trial.
 
     Args:
         result: The row.
         spec: The trial of the row's name.
-        task: Fingerprint of the task in the folder's run.json.
-        path: The folder, which the message names.
+        run_file: The run.json of its folder.
     """
+    path = run_file.path.parent
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(
             f"{path}: world {result.world} is not the one that {result.trial_id} was"
             " run in"
         )
     columns = {
+        # The mode decides what a trial must have beside its row, such as commands.
+        "mode": run_file.config.get("mode"),
         "world": spec.world_number,
         "planner": spec.planner,
         "repetition": spec.repetition,
@@ -323,19 +331,22 @@ def require_row_of_trial(
                 f"{path}: {result.trial_id} has {column} {row_value!r}, must have"
                 f" {value!r}"
             )
-    _require_task(result, task, path)
+    _require_task(result, run_file)
 
 
-def _require_task(result: TrialResult, task: str, path: Path) -> None:
-    if result.task not in ("", task):
+def _require_task(result: TrialResult, run_file: RunFile) -> None:
+    # Rows of early versions name no task.
+    if result.task not in ("", run_file.task_fingerprint):
         raise ConfigError(
-            f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE}"
-            f" describes {task}: one of them was changed"
+            f"{run_file.path.parent}: {result.trial_id} was run as task {result.task},"
+            f" but {RUN_FILE} describes {run_file.task_fingerprint}: one of them was"
+            " changed"
         )
 
 
 def default_folder() -> Path:
     """Return a new folder under out/ for a run that names none, called by the time."""
+    # To the microsecond, because scripts start several runs within a second.
     return Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
 
 
@@ -362,9 +373,8 @@ def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
         ConfigError: A row belongs to another task.
     """
     results = [row for row in rows if row.is_scored]
-    task = run_file.task_fingerprint()
     for result in results:
-        _require_task(result, task, run_file.path.parent)
+        _require_task(result, run_file)
     return results
 
 
@@ -376,7 +386,9 @@ def _remove_results(path: Path, *, logs: bool) -> None:
         (path / name).unlink(missing_ok=True)
 
     for name in (BAGS, LOSSES, TRACEBACKS):
+        # Only what has the name of a trial: users may keep files of their own here.
         for entry in (path / name).glob("*_w[0-9]*_r[0-9]*"):
+            # What a link leads to is not of this run.
             if entry.is_dir() and not entry.is_symlink():
                 shutil.rmtree(entry)
             else:

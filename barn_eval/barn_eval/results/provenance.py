@@ -21,6 +21,7 @@ def provenance() -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Return versions of Python, of the suite and of libraries that decide results."""
     packages = {"python": platform.python_version()}
+    # All packages of the suite are released together.
     packages |= dict.fromkeys(SUITE, __version__)
     packages |= {library: _library_version(library) for library in LIBRARIES}
     return packages
@@ -48,8 +49,10 @@ def commit() -> str:
 
 def commit_of(folder: Path) -> str:
     """Return the commit of the repository around a folder, empty if not the suite's."""
+    # The suite may be installed below the repository of somebody else.
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
+    # Files that git does not track, such as results, change no code.
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
     revision = _git(folder, "rev-parse", "HEAD")
     if changes:

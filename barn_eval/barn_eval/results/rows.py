@@ -152,6 +152,7 @@ def arrange_tracks(folder: Path, trial_ids: Iterable[str]) -> None:
 
 def seal_line(line: str) -> str:
     """Return a line of a JSON object with its checksum as the last key."""
+    # This shows damage, not forgery: against that, `barn check` computes rows again.
     return f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}'
 
 
@@ -200,8 +201,10 @@ def append_line(path: Path, line: str) -> None:
     """
     with (
         convert_os_errors(StoreError, f"{path}: cannot be written"),
+        # Without a buffer, nothing that failed is written later.
         path.open("a+b", buffering=0) as file,
     ):
+        # What a killed writer left of a line would spoil the next one.
         size = _drop_torn_line(file)
         try:
             data = memoryview(f"{seal_line(line)}\n".encode())
@@ -239,6 +242,7 @@ _COLUMN_TYPES: dict[type, pa.DataType] = {
 def results_table(results: Rows) -> pa.Table:
     """Return a row per result, in the order given, without wall-clock figures."""
     columns = list(_columns(TrialResult))
+    # Runs in worlds where nothing moves have the columns that they always had.
     if any(result.motion is not None for result in results):
         columns += _columns(Encounters)
 
@@ -248,6 +252,7 @@ def results_table(results: Rows) -> pa.Table:
         for name, value in result.repeatable().items():
             row |= value if isinstance(value, dict) else {name: value}
         rows.append(row)
+    # With a schema, a column has its type even where no row has a value.
     return pa.Table.from_pylist(rows, pa.schema(columns))
 
 

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -43,29 +44,29 @@ class RunFile:
     def read(cls, folder: Path) -> "RunFile":
         """Return what a folder's run.json says; ConfigError if it describes no run."""
         path = folder / RUN_FILE
-        content = read_json(path)
-        sessions = _read_sessions(content)
-        try:
-            require_schema(content, f"{path}: describes no run")
-        except ConfigError as error:
-            raise ConfigError(f"{error}{_name_commits(sessions)}") from None
-        config = content.get("experiment")
-        if not isinstance(config, dict):
-            raise ConfigError(f"{path}: describes no run: has no experiment")
-
-        # The folder may have been moved since it was written.
-        if config.get("dataset") == WORLDS and (folder / WORLDS).is_file():
-            config["dataset"] = str((folder / WORLDS).absolute())
-
-        return cls(
+        content = as_mapping(read_json(path))
+        config = as_mapping(content.get("experiment"))
+        run_file = cls(
             path,
             config,
             as_mapping(content.get("worlds")),
             str(content.get("robot", "")),
             as_mapping(content.get("code_versions")),
-            sessions,
-            content["schema_version"],
+            _read_sessions(content),
+            content.get("schema_version", 0),
         )
+        # Even a file of another schema may say which commit wrote it.
+        try:
+            require_schema(content, f"{path}: describes no run")
+        except ConfigError as error:
+            raise ConfigError(f"{error}{run_file.origin_note()}") from None
+        if not config:
+            raise ConfigError(f"{path}: describes no run: has no experiment")
+
+        # The folder may have been moved since it was written.
+        if config.get("dataset") == WORLDS and (folder / WORLDS).is_file():
+            config["dataset"] = str((folder / WORLDS).absolute())
+        return run_file
 
     @classmethod
     def for_run(
@@ -78,6 +79,7 @@ class RunFile:
             config: Configuration of the run.
             specs: Trials of the run.
         """
+        # As it comes back from the file, where tuples have become lists.
         plain_config = json.loads(json.dumps(as_dict(config)))
         worlds = {str(spec.world_number): spec.world.checksum for spec in specs}
         robot = identity.robot_sha256(config.simulator.chassis)
@@ -96,8 +98,9 @@ class RunFile:
         config = as_dict(self.run_config())
         return identity.plain_task(config, self.robot, self.code_versions)
 
+    @cached_property
     def task_fingerprint(self) -> str:
-        """Return the fingerprint of the task as it was written, which its rows have."""
+        """Fingerprint of the task as it was written, which its rows have."""
         content = identity.plain_task(self.config, self.robot, self.code_versions)
         return identity.fingerprint(content)
 
@@ -106,12 +109,18 @@ class RunFile:
 
         Empty if this commit alone wrote it.
         """
-        return _name_commits(self.sessions)
+        current = commit()
+        commits = dict.fromkeys(map(_read_commit, self.sessions))
+        if not commits or list(commits) == [current]:
+            return ""
+        names = " and ".join(map(_shorten, commits))
+        return f" (written at {names}, this is {_shorten(current)})"
 
     def deciding_config(self) -> dict[str, Any]:
         """Return the parts of the configuration that decide results."""
         config = dict(self.config)
         if config.get("mode") == "direct":
+            # There they are defaults, to which later versions add fields.
             config.pop("ros", None)
         return config
 
@@ -156,6 +165,7 @@ class RunFile:
     def write(self) -> None:
         """Write run.json whole; StoreError if it cannot be written."""
         config = dict(self.config)
+        # A folder that is moved takes its worlds along.
         if config["dataset"] == str((self.path.parent / WORLDS).absolute()):
             config["dataset"] = WORLDS
         content = {
@@ -169,20 +179,11 @@ class RunFile:
         write_durably(self.path, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def _read_sessions(content: Any) -> tuple[Mapping[str, Any], ...]:
-    sessions = as_mapping(content).get("sessions")
+def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    sessions = content.get("sessions")
     if not isinstance(sessions, list):
         return ()
     return tuple(session for session in sessions if isinstance(session, dict))
-
-
-def _name_commits(sessions: tuple[Mapping[str, Any], ...]) -> str:
-    current = commit()
-    commits = dict.fromkeys(map(_read_commit, sessions))
-    if not commits or list(commits) == [current]:
-        return ""
-    names = " and ".join(map(_shorten, commits))
-    return f" (written at {names}, this is {_shorten(current)})"
 
 
 def _read_commit(session: Mapping[str, Any]) -> str:

@@ -52,6 +52,7 @@ class BagStore:
         from barn_eval.results.bags.recorder import Recorder  # noqa: PLC0415
 
         path = self._bag(trial_id)
+        # A run that was killed may have left the bag of a trial without its row.
         if path.exists():
             shutil.rmtree(path)
         with Recorder(path) as recorder:
@@ -60,6 +61,7 @@ class BagStore:
     def make_record(self, finished: FinishedTrial) -> TrialRecord:
         """Return what is to be kept of a trial; a bag that is not to be kept goes."""
         result = finished.result
+        # How a trial ends is known only after its bag has been written.
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
         return TrialRecord(

@@ -17,13 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory, compute_clearances
+from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import as_mapping, parse_json
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND
-from barn_worlds.robots.contact import contact_footprint
 
 # Names of JavaScript's typed arrays by NumPy's kinds: pages unpack the same data.
 _ARRAY_NAMES = {
@@ -53,6 +52,7 @@ def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
         kind = array.dtype.str[1:]
         layout[name] = [_ARRAY_NAMES[kind], len(data), array.size]
         data += np.ascontiguousarray(array, f"<{kind}").tobytes()
+        # The next array may have items of 4 bytes, which begin at a multiple of 4.
         data += bytes(-len(data) % 4)
     return {
         "zlib": base64.b64encode(zlib.compress(data, 6)).decode(),
@@ -87,6 +87,7 @@ def unpack_arrays(
         )
     try:
         return {
+            # NumPy refuses what reaches beyond the data.
             str(name): np.frombuffer(data, _DTYPES[kind], length, offset)
             for name, (kind, offset, length) in layout.items()
         }
@@ -143,6 +144,7 @@ class Track:
         """What samples are rounded to when they are packed, one per channel."""
         largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
         steps = np.array(list(_STEPS.values()))
+        # One number less than there are leaves room for rounding.
         factors = np.ceil(largest / (steps * (_LARGEST - 1)))
         scaled: Floats = steps * np.maximum(1.0, factors)
         return scaled
@@ -182,6 +184,7 @@ def thin_samples(samples: Floats, contact: Bools) -> Track:
     count = len(samples)
     period_s = PERIOD_S
     if count > 1:
+        # Single gaps between readings do not change the median.
         period_s = float(np.median(np.diff(samples[:, 0])))
     stride = round(PERIOD_S / period_s) if period_s > 0.0 else 1
     stride = max(1, stride, math.ceil(count / MAX_SAMPLES))
@@ -192,6 +195,7 @@ def thin_samples(samples: Floats, contact: Bools) -> Track:
     thinned = samples[last]
     thinned[:, _CLEARANCE] = np.minimum.reduceat(samples[:, _CLEARANCE], first)
     touched = np.logical_or.reduceat(contact, first)
+    # A first group of several samples was kept as its last one, too late for the start.
     if last[0]:
         thinned = np.concatenate([samples[:1], thinned])
         touched = np.concatenate([contact[:1], touched])
@@ -209,11 +213,7 @@ def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
     if not len(stamps_ns):
         return None
     times_s = (stamps_ns - stamps_ns[0]) / NANOSECONDS_PER_SECOND
-    world = spec.world
-    outline = contact_footprint(spec.simulator.chassis)
-    clearance = compute_clearances(
-        trajectory.truth, world.cylinders_m, world.cylinder_radius_m, outline
-    )
+    clearance = spec.clearances(trajectory.truth)
     if not len(clearance):
         clearance = np.full(len(times_s), np.nan)
 
@@ -293,6 +293,7 @@ def _read_track(content: Mapping[str, Any]) -> Track:
         )
 
     differences = samples.reshape(len(CHANNELS), -1)
+    # The sums wrap around where the differences did.
     whole = np.cumsum(differences, axis=1, dtype=np.int16).T
     values = np.where(whole == MISSING_SAMPLE, np.nan, whole * steps.astype(np.float64))
     note = content.get("note")

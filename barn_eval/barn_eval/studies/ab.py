@@ -133,7 +133,7 @@ def ab(
     )
     configs = [side.config for side in sides]
     fingerprints = {
-        config.resolve_planner(config.planners[0]).fingerprint for config in configs
+        config.resolve_planner(config.planners[0]).planner_config for config in configs
     }
     if len(fingerprints) == 1:
         raise ConfigError(

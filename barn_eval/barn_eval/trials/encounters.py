@@ -121,9 +121,10 @@ def _first_hit(
     if _standing_gap(trajectory.truth[readings], world, outline) < nearest[obstacle]:
         return {}
 
-    positions, velocities = world.tracks.at(float(times_s[before]))
-    position = positions[obstacle]
-    shape = moving_bodies(world.tracks, float(times_s[before])).shapes()[obstacle]
+    time_s = float(times_s[before])
+    _, velocities = world.tracks.at(time_s)
+    shape = moving_bodies(world.tracks, time_s).shapes()[obstacle]
+    position = shape[:2]
     x, y, yaw = trajectory.truth[before].tolist()
     speed, yaw_rate = trajectory.velocity[before].tolist()
     base = np.array([x, y])

@@ -42,8 +42,9 @@ COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
 def _compute_quantity(name: str) -> Any:
     """Return a field of `Compute` that overrides what the registry declares."""
-    about = next(about for key, about, _ in fields_of(NO_COMPUTE) if key == name)
-    return optional(0.0, about.description, "s", about.minimum, about.maximum)
+    declarations = {key: item for key, item, _ in fields_of(NO_COMPUTE)}
+    delay = declarations[name]
+    return optional(0.0, delay.description, "s", delay.minimum, delay.maximum)
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ class PlannerChoice(Checked):
                 f"planner {self.name!r}: its speed cap follows from its parameters, it"
                 " takes no other"
             )
-        self._own_compute()  # refuses times that contradict each other
+        self._compute_of_choice()  # refuses times that contradict each other
 
     @property
     def registered(self) -> bool:
@@ -107,24 +108,24 @@ class PlannerChoice(Checked):
     @property
     def compute(self) -> Compute:
         """The planner's time for a cycle: from the choice, else from the registry."""
-        compute = self._own_compute()
+        compute = self._compute_of_choice()
         if compute.is_declared or not self.registered:
             return compute
         return planner_entry(self.name).compute or compute
 
-    def _own_compute(self) -> Compute:
+    def _compute_of_choice(self) -> Compute:
         return Compute(**{key: getattr(self, key) for key in COMPUTE_KEYS})
 
 
 @dataclass(frozen=True)
 class PlannerSetup:
-    """What a trial has of a planner's configuration, resolved."""
+    """What a `TrialSpec` has of a planner's configuration, resolved."""
 
     preset: str = ""
     # Values by dotted name of the parameter, those that follow from the robot included.
     overrides: dict[str, Any] = field(default_factory=dict)
     # Names the whole configuration; empty for a planner that was started by hand.
-    fingerprint: str = ""
+    planner_config: str = ""
     # The highest speed that the planner says it commands, 0 if it does not say.
     declared_mps: float = 0.0
     compute: Compute = NO_COMPUTE
@@ -209,7 +210,7 @@ class RunConfig(Checked):
         overrides: dict[str, Any] = {}
         content: dict[str, Any]
         if choice.registered:
-            overrides = self._registered_overrides(choice, preset)
+            overrides = self._registry_overrides(choice, preset)
             config = planner_config(choice.name, preset, overrides)
             declared_mps = speed_cap_mps(choice.name, config)
             content = {"planner": choice.name} | as_dict(config)
@@ -227,9 +228,7 @@ class RunConfig(Checked):
         fingerprint = identity.fingerprint(content)
         return PlannerSetup(preset, overrides, fingerprint, declared_mps, compute)
 
-    def _registered_overrides(
-        self, choice: PlannerChoice, preset: str
-    ) -> dict[str, Any]:
+    def _registry_overrides(self, choice: PlannerChoice, preset: str) -> dict[str, Any]:
         """Return a planner's parameters with those that follow from robot and lidar."""
         robot = robot_of(self.simulator)
         overrides = fit_parameters(choice.name, preset, dict(choice.overrides), robot)
@@ -296,16 +295,12 @@ class RunConfig(Checked):
                         world_number=world_number,
                         world=world,
                         planner=name,
-                        preset=setup.preset,
-                        overrides=setup.overrides,
                         protocol=self.protocol,
                         simulator=self.simulator,
                         run_seed=self.seed,
                         repetition=repetition,
-                        planner_config=setup.fingerprint,
-                        declared_mps=setup.declared_mps,
-                        compute=setup.compute,
                         compute_mode=self.compute_mode(setup.compute),
+                        **vars(setup),
                     )
                     specs.append(spec)
         return specs

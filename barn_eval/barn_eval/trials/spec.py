@@ -11,12 +11,15 @@ import numpy as np
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import FREE, format_trial_id
+from barn_eval.trials.trajectory import compute_clearances
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.contact import contact_footprint
@@ -106,6 +109,22 @@ class TrialSpec:
         limit = self.simulator.drive.max_speed_m_s
         return min(self.declared_mps, limit) if self.declared_mps > 0.0 else limit
 
+    @property
+    def outline(self) -> Footprint:
+        """Outline of what can touch of the robot, in base_link."""
+        return contact_footprint(self.simulator.chassis)
+
+    def clearances(self, poses: Floats) -> Floats:
+        """Return the distance (n,) from the robot to the nearest cylinder, in m.
+
+        Args:
+            poses: Poses (n, 3) of the robot in the map frame: x, y m, yaw rad.
+        """
+        world = self.world
+        return compute_clearances(
+            poses, world.cylinders_m, world.cylinder_radius_m, self.outline
+        )
+
     @cached_property
     def least_time_s(self) -> float:
         """A time on the clock that no trial of this robot at this cap falls below.
@@ -187,9 +206,7 @@ def _task_fingerprint(protocol: Protocol, simulator: SimulatorConfig) -> str:
     return identity.fingerprint(identity.task_content(protocol, simulator))
 
 
-@lru_cache(maxsize=512)
-def _course(protocol: Protocol, world: World) -> Course:
-    return protocol.course(world)
+_course = lru_cache(maxsize=512)(Protocol.course)
 
 
 @lru_cache(maxsize=64)

@@ -41,10 +41,9 @@ class TrajectoryLog:
 
     def __init__(self) -> None:
         self._stamps: list[int] = []
-        # x, y, yaw, speed, yaw rate, contact, x and y in the frame of plans.
-        self._rows: list[tuple[float, ...]] = []
-        self._commands: list[tuple[float, float]] = []
-        self._command_counts: list[int] = []
+        # x, y, yaw; speed, yaw rate; contact; x and y in the frame of plans; speed and
+        # yaw rate of the last command; number of commands.
+        self._rows: list[list[float]] = []
         self._plans: list[tuple[int, Floats]] = []
 
     def reading(
@@ -60,26 +59,16 @@ class TrajectoryLog:
         pose = truth.pose
         velocity = truth.velocity
         x, y = (np.nan, np.nan) if plan_pose is None else (plan_pose.x, plan_pose.y)
-        row = (
-            pose.x,
-            pose.y,
-            pose.yaw,
-            velocity.linear,
-            velocity.angular,
-            collision,
-            x,
-            y,
-        )
+        state = [pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular]
         self._stamps.append(truth.stamp_ns)
-        self._rows.append(row)
-        self._commands.append((np.nan, np.nan))
-        self._command_counts.append(0)
+        self._rows.append([*state, collision, x, y, np.nan, np.nan, 0])
 
     def command(self, command: Velocity2D) -> None:
         """Add the command that answers the last reading."""
-        if self._commands:
-            self._commands[-1] = (command.linear, command.angular)
-            self._command_counts[-1] += 1
+        if self._rows:
+            row = self._rows[-1]
+            row[8:10] = (command.linear, command.angular)
+            row[10] += 1
 
     def plan(self, points: Floats, stamp_ns: int) -> None:
         """Add a plan, as often as plans are published; anything else is left out.
@@ -97,8 +86,7 @@ class TrajectoryLog:
 
     def trajectory(self) -> Trajectory:
         """Return what has been collected."""
-        rows = np.array(self._rows, np.float64).reshape(len(self._rows), 8)
-        commands = np.array(self._commands, np.float64).reshape(len(self._commands), 2)
+        rows = np.array(self._rows, np.float64).reshape(-1, 11)
 
         # Each reading is measured against the last plan that answers an earlier one.
         plan_stamps = [stamp_ns for stamp_ns, _ in self._plans]
@@ -107,16 +95,16 @@ class TrajectoryLog:
         for i, plan_count in enumerate(plan_counts):
             if plan_count:
                 _, points = self._plans[plan_count - 1]
-                off_plan_m[i] = distance_to_line(points, *rows[i, 6:])
+                off_plan_m[i] = distance_to_line(points, *rows[i, 6:8])
 
         return Trajectory(
             np.array(self._stamps, np.int64),
             rows[:, :3],
             rows[:, 3:5],
-            commands,
+            rows[:, 8:10],
             rows[:, 5].astype(np.bool_),
             off_plan_m,
-            np.array(self._command_counts, np.int64),
+            rows[:, 10].astype(np.int64),
         )
 
 
@@ -172,7 +160,8 @@ def measure_trajectory(
     # Each period belongs to the reading at its end.
     periods_ns = np.diff(trajectory.stamps_ns)
     duration_s = float(periods_ns.sum()) / NANOSECONDS_PER_SECOND
-    contact_s = float(periods_ns[contact[1:]].sum()) / NANOSECONDS_PER_SECOND
+    contact_ns = periods_ns[contact[1:]].sum()
+    contact_s = float(contact_ns) / NANOSECONDS_PER_SECOND
     contact_began = contact & ~np.concatenate(([False], contact[:-1]))
 
     clearance = compute_clearances(truth, cylinders_m, radius_m, outline)

@@ -21,7 +21,6 @@ from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, measure_traje
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
-from barn_worlds.robots.contact import contact_footprint
 
 T = TypeVar("T")
 
@@ -138,8 +137,8 @@ class Deadline:
             self._checked_s += self._period_s
 
         processor_s = time.thread_time() - self._processor_s
-        own_s = self._checked_s - (withheld_s - self._withheld_s)
-        if max(processor_s, own_s) >= self.limit_s:
+        call_s = self._checked_s - (withheld_s - self._withheld_s)
+        if max(processor_s, call_s) >= self.limit_s:
             raise DeadlineError
         if self._checked_s >= STALLED * self.limit_s:
             raise _StallError
@@ -298,7 +297,7 @@ def finish_trial(
     """
     world = spec.world
     scores = score_trial(verdict, spec.course, spec.protocol, spec.least_time_s)
-    outline = contact_footprint(spec.simulator.chassis)
+    outline = spec.outline
     result = TrialResult(
         trial_id=spec.trial_id,
         dataset=spec.dataset,

@@ -94,13 +94,11 @@ class _Checker:
         self._parser = RowParser(folder)
         self._result = FolderCheck()
         self._specs = {spec.trial_id: spec for spec in self._read_specs()}
-        self._task = run_file.task_fingerprint()
+        task = run_file.task_fingerprint
         # The trials of a run have one task. Where run.json has another, another version
         # drove them, which may have had other results. What a row says of itself does
         # not count.
-        self._is_other_task = any(
-            spec.task != self._task for spec in self._specs.values()
-        )
+        self._is_other_task = any(spec.task != task for spec in self._specs.values())
 
     def check(self, sample: int | None) -> FolderCheck:
         result = self._result
@@ -135,6 +133,7 @@ class _Checker:
         self._check_trials(trials)
         self._check_task()
 
+        # Tables are written once all trials have rows.
         has_tables = (self._folder / f"{RESULTS}.parquet").exists()
         if len(rows) == len(self._specs) and (has_tables or not is_submission):
             ordered_rows = [rows[trial_id] for trial_id in self._specs]
@@ -163,9 +162,10 @@ class _Checker:
         if not self._is_other_task:
             return
         run_file = self._run_file
+        spec = next(iter(self._specs.values()))
         problem = (
-            f"{run_file.path}: describes task {self._task}, which is"
-            f" {next(iter(self._specs.values())).task} here"
+            f"{run_file.path}: describes task {run_file.task_fingerprint}, which is"
+            f" {spec.task} here"
         )
         has_other_versions = run_file.code_versions != CODE_VERSIONS
         if has_other_versions or run_file.schema_version < SCHEMA_VERSION:
@@ -180,6 +180,7 @@ class _Checker:
             spec.world_number: spec.world.checksum for spec in self._specs.values()
         }
         for number, checksum in checksums.items():
+            # A world that run.json does not name is compared by its rows alone.
             if self._run_file.worlds.get(str(number), checksum) != checksum:
                 self._report(
                     f"{self._run_file.path}: world {number} of {self._config.dataset}"
@@ -194,23 +195,12 @@ class _Checker:
                     f"{where}: trial {trial_id} is there already"
                 )
             try:
-                require_row_of_trial(
-                    row, self._specs[trial_id], self._task, self._folder
-                )
-                self._require_mode(row)
+                require_row_of_trial(row, self._specs[trial_id], self._run_file)
             except BarnError as error:
                 self._report(str(error))
             else:
                 rows[trial_id] = row
         return rows
-
-    def _require_mode(self, row: TrialResult) -> None:
-        # A row of mode direct must have commands, one over ROS may lack them.
-        if row.mode != self._config.mode:
-            raise ConfigError(
-                f"{self._folder}: {row.trial_id} has mode {row.mode!r}, must have"
-                f" {self._config.mode!r}"
-            )
 
     def _parse_row(self, line: str, where: str) -> tuple[str, TrialResult]:
         row = self._parser.parse(line, where)

@@ -12,10 +12,9 @@ from barn_eval.trials.identity import first_difference, flatten
 from barn_eval.trials.outcome import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, compute_clearances
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import as_dict
-from barn_worlds.robots.contact import contact_footprint
 
 # What other processors may compute otherwise: m, rad, s, and relative.
 ROUNDING = 1e-6
@@ -139,9 +138,11 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     duration_s = scores.duration_s
 
     longest_s = protocol.first_motion_limit_s + protocol.limit_s
+    # The clock starts at a look and stops at one, each up to a period late.
     longest_s = longest_s + 2.0 * protocol.look_period_s + 1.0
 
     # A moving obstacle may push the robot at any speed.
+    # Slip adds 2 % at the most (`spec.WHEEL_SLIP`), so this has a wide margin.
     longest_m = 1.2 * spec.simulator.drive.max_speed_m_s * duration_s + 1.0
     if spec.world.moving:
         longest_m = math.inf
@@ -188,6 +189,7 @@ def compare_with_track(
     stated_m = measures.min_clearance_m
     if stated_m is not None and np.isfinite(nearest_m):
         error_m = abs(nearest_m - stated_m)
+        # The smallest clearance of a track is that of all readings, rounded.
         if error_m > step["clearance"]:
             yield (
                 f"came as near as {nearest_m:.3f} m by its track, {stated_m:.3f} m by"
@@ -197,6 +199,7 @@ def compare_with_track(
         yield f"has {measures.contacts} contacts by its row, by its track not so"
 
     dx, dy, _ = np.diff(poses, axis=0).T
+    # The way between two samples may be longer than straight, but not shorter.
     chords_m = np.hypot(dx, dy).sum()
     if chords_m > measures.driven_m + 2.0 * step["x"] * len(poses):
         yield (
@@ -207,12 +210,11 @@ def compare_with_track(
     if abs(end_s - duration_s) > step["time"]:
         yield f"lasted {end_s:.2f} s by its track, {duration_s:.2f} s by its row"
 
-    world = spec.world
-    outline = contact_footprint(spec.simulator.chassis)
-    gaps = compute_clearances(
-        poses, world.cylinders_m, world.cylinder_radius_m, outline
-    )
+    gaps = spec.clearances(poses)
+    # Steps of x, y and yaw move an outline whose points lie up to a meter from
+    # base_link.
     rounding_m = 3.0 * step["x"] + step["yaw"] + step["clearance"]
+    # A sample has the least since the one before, so at most that of its own pose.
     if len(gaps) and (clearance - gaps).max() > rounding_m:
         yield "was farther from obstacles by its track than its poses are in its world"
     yield from _compare_ends(row, spec, track)
@@ -228,6 +230,7 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
     contacts = int(track.contact.sum())
     is_collision = outcome is Outcome.COLLISION
     ended_freely = outcome in JUDGED_OUTCOMES and not is_collision
+    # Under such a protocol, a contact would have been the end.
     is_contact_free = ended_freely and protocol.collision_ends_trial
     if (is_contact_free and contacts) or (is_collision and not contacts):
         yield (
@@ -251,6 +254,7 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
     if time_s is None:
         return
     dx, dy = (positions - positions[0]).T
+    # The odometry may start the clock 5 cm before or after the true motion does.
     excess_m = np.hypot(dx, dy) - protocol.clock_start_distance_m
     earliest_s = float(times_s[excess_m > -0.05].min(initial=math.inf))
     latest_s = float(times_s[excess_m > 0.05].min(initial=math.inf))

@@ -113,6 +113,8 @@ def read_bag(bag: BagFile) -> Readings:
         elif not odometry:
             continue
         elif topic == COLLISION.path:
+            # There may be several messages to a reading: a contact in any of them
+            # counts.
             contacts[-1] |= decode.boolean(message.data)
         elif topic == SCAN.path:
             scanned[-1] = True
@@ -205,6 +207,7 @@ def judge_readings(
         truth = Odometry(stamp_ns, Pose2D(*true_pose), velocity)
         trial.read(measured, truth, is_contact)
         command = Velocity2D(*answer)
+        # Over ROS, commands may come after the verdict. They change nothing.
         if not math.isnan(command.linear) and trial.verdict is None:
             trial.command(command)
 
@@ -243,6 +246,7 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         bag_row = metadata(bag, "barn.result", "result")
         if bag_row:
             problems += find_difference(row, bag_row, "in the bag")
+    # Older folders have commands in bags only.
     if not evidence.commands and is_current(row) and are_kept(row, spec):
         problems.append("its commands are missing")
 
@@ -264,6 +268,7 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         unchecked = "parameters and speed cap are not known of their planner"
     return TrialCheck(
         row.trial_id,
+        # Two comparisons may find the same problem.
         tuple(dict.fromkeys(problems)),
         unchecked=unchecked,
         was_driven=simulated is not None,
@@ -338,7 +343,9 @@ def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
         return
     difference = np.abs(_reading_table(recorded) - _reading_table(simulated))
     yaws = difference[:, [3, 6]]
+    # Two angles may be nearly equal and lie on both sides of pi.
     difference[:, [3, 6]] = np.minimum(yaws, np.abs(2.0 * np.pi - yaws))
+    # Not "greater", so that NaN is a difference.
     is_off = ~(difference.max(axis=1, initial=0.0) <= ROUNDING)
     if is_off.any():
         stamp_ns = simulated.trajectory.stamps_ns[np.flatnonzero(is_off)[0]]
@@ -379,6 +386,7 @@ def _judge(
         return
     samples = expected.samples
     is_same = (
+        # Another processor may have rounded to the next step.
         samples.shape == track.samples.shape
         and np.array_equal(expected.contact, track.contact)
         and np.allclose(

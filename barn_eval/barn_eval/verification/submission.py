@@ -81,7 +81,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     if problems:
         raise ConfigError(f"{folder}: is not to be submitted: {problems[0]}")
     run_file = RunFile.read(folder)
-    _require_shipped_worlds(run_file, folder)
+    _require_shipped_worlds(run_file)
 
     files = {}
     for name in _ALLOWED:
@@ -105,9 +105,10 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     return check
 
 
-def _require_shipped_worlds(run_file: RunFile, folder: Path) -> None:
+def _require_shipped_worlds(run_file: RunFile) -> None:
     dataset = run_file.config.get("dataset")
-    is_in_folder = dataset == str((folder / WORLDS).absolute())
+    is_in_folder = dataset == str((run_file.path.parent / WORLDS).absolute())
+    # Nobody else could drive in the worlds of a file on this machine.
     if dataset not in dataset_files() and not is_in_folder:
         raise ConfigError(
             f"{run_file.path}: dataset {format_value(dataset)} is not one that comes"
@@ -148,7 +149,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     container = _unpack(path, folder)
     run_file = RunFile.read(folder)
     config = run_file.run_config()
-    _require_shipped_worlds(run_file, folder)
+    _require_shipped_worlds(run_file)
     _require_release(path, run_file)
 
     rows = RowFile(folder).read()
@@ -162,11 +163,12 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     elif len(rows) == check.trials:  # others are of no trial, and a problem already
         rows.sort(key=lambda row: (row.world, row.repetition, names.index(row.planner)))
         write_tables(folder, rows)
+    # The folder may be temporary, but users know their file.
     check.problems = [line.replace(str(folder), str(path)) for line in problems]
 
     session = run_file.sessions[-1] if run_file.sessions else {}
     origin = {
-        "task": run_file.task_fingerprint(),
+        "task": run_file.task_fingerprint,
         "protocol": config.protocol.name,
         "dataset": Path(config.dataset).name,
         "worlds": config.worlds,
@@ -204,6 +206,7 @@ def _unpack(path: Path, folder: Path) -> str:
     """
     try:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
+            # Before anything is unpacked.
             _require_members(path, archive.infolist())
             where = f"{path}: {SUBMISSION_FILE}"
             contents_text = _read_member(archive, SUBMISSION_FILE)
@@ -223,6 +226,8 @@ def _unpack(path: Path, folder: Path) -> str:
                         f"{path}: {name} has not the SHA-256 that {SUBMISSION_FILE}"
                         " states"
                     )
+                # No name leads out of the folder: `_require_members` knows all that may
+                # be.
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
             (folder / SUBMISSION_FILE).write_bytes(contents_text)
@@ -242,6 +247,7 @@ def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
 
     Their sizes must allow to unpack them.
     """
+    # One more than allowed shows that there are too many.
     names = [member.filename for member in members[: _MAX_MEMBERS + 1]]
     for name in names:
         if name not in (SUBMISSION_FILE, *_ALLOWED) and not _PARAMETERS.fullmatch(name):

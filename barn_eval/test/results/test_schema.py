@@ -73,7 +73,7 @@ def make_old(folder, change=lambda row: None):
     for session in content["sessions"]:
         session["commit"] = OLD_COMMIT
     (folder / "run.json").write_text(json.dumps(content))
-    task = RunFile.read(folder).task_fingerprint()
+    task = RunFile.read(folder).task_fingerprint
 
     def write(rows):
         for row in rows:
@@ -151,13 +151,13 @@ def test_only_an_older_row_may_lack_a_score(folder):
 
 def test_run_json_cannot_pass_for_another_task(folder):
     content = json.loads((folder / "run.json").read_text())
-    expected = RunFile.read(folder).task_fingerprint()
+    expected = RunFile.read(folder).task_fingerprint
     content["code_versions"]["protocol"] = {"name": "another"}
     (folder / "run.json").write_text(json.dumps(content))
-    assert RunFile.read(folder).task_fingerprint() == expected
+    assert RunFile.read(folder).task_fingerprint == expected
     content["robot"] = "0" * 64
     (folder / "run.json").write_text(json.dumps(content))
-    task = RunFile.read(folder).task_fingerprint()
+    task = RunFile.read(folder).task_fingerprint
     rewrite_rows(folder, lambda rows: [row | {"task": task} for row in rows])
     report = barn.results.check(folder)
     assert f"run.json: describes task {task}, which is {expected} here" in (

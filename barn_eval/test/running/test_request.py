@@ -338,13 +338,13 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
     assert before[0] == before[1]
     assert set(before[0]) == {str(parameters), str(script)}
     earlier = [
-        item.resolve_planner(item.planners[0]).fingerprint for item in read_configs()
+        item.resolve_planner(item.planners[0]).planner_config for item in read_configs()
     ]
     parameters.write_text("a: 2")
     changed = read_configs()[0]
     assert changed.planners[0].files[str(script)] == before[0][str(script)]
     assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
-    assert changed.resolve_planner(changed.planners[0]).fingerprint not in earlier
+    assert changed.resolve_planner(changed.planners[0]).planner_config not in earlier
 
 
 def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):

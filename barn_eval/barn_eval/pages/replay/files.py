@@ -224,7 +224,7 @@ def draw_views(
             options: dict[str, Any] = {"driven": index, "finer": oversampling}
             if moving is not None:
                 now_s = float(recorded.times_s[index])
-                options["places"] = moving.bodies_at(now_s).poses[:, :2]
+                options["places"] = moving.at(np.array([now_s]))[0]
                 trails = [np.empty((0, 2)), *moving.trails(now_s)]
                 options["passed"] = np.vstack(trails)
             pixels = studio.picture(pose, view, SIZES[camera], **options)

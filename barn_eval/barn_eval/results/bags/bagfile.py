@@ -100,6 +100,7 @@ class BagFile:
     def _sqlite_messages(self) -> Iterator[RawMessage]:
         try:
             for file in self.path.glob("*.db3"):
+                # Before rosbags opens it, which would run the code of views.
                 _require_plain(file)
             with Reader(self.path) as reader:
                 for connection, stamp_ns, data in reader.messages():
@@ -119,6 +120,7 @@ class BagFile:
                 closing(McapFile(path, self.metadata)) as file,
             ):
                 yield from file.messages()
+                # Without a footer it was cut off between two records.
                 if not file.ended:
                     raise EndOfFile
         except DAMAGE as error:
@@ -157,6 +159,7 @@ class TrialFollower:
         current = self._current
         if current is not None:
             messages = _read_new(current)
+            # A recorder that was killed never ends its file.
             another_is_newer = self._newest() not in (None, current.path)
             if messages or not (current.ended or another_is_newer):
                 return False, messages
@@ -199,6 +202,7 @@ def _require_plain(path: Path) -> None:
     Such code could run for ever.
     """
     uri = f"{path.absolute().as_uri()}?mode=ro"
+    # A pipe or a device is refused before SQLite opens it.
     with open_regular(path), closing(sqlite3.connect(uri, uri=True)) as database:
         tables = database.execute("SELECT name, type, sql FROM sqlite_master")
         for name, kind, code in tables:
@@ -210,6 +214,7 @@ def _require_plain(path: Path) -> None:
 
 def _part_key(path: Path) -> tuple[int, str]:
     """Return the key that sorts the parts of a split bag."""
+    # As texts, part 10 would come before part 2.
     number = 0
     match = re.search(r"_(\d+)$", path.stem)
     if match:

@@ -47,6 +47,7 @@ def _scan(data: bytes) -> Scan:
     scan = decode.scan(data)
     if not 0 < len(scan.ranges) <= _MAX_BEAMS:
         raise MessageError(f"a scan of {len(scan.ranges)} beams")
+    # Ranges may be infinite or NaN (REP-117), but no other number of a scan.
     _require_finite(scan.angle_min, scan.angle_increment, scan.range_min)
     return scan
 
@@ -63,6 +64,7 @@ def _mounts(data: bytes) -> dict[str, Pose2D]:
     """Return where frames are mounted on the robot."""
     mounts = {}
     for transform in decode.transforms(data):
+        # In ROS 1, names of frames began with a slash.
         if transform.parent.lstrip("/") == "base_link":
             _require_finite(*astuple(transform.pose))
             mounts[transform.child] = transform.pose
@@ -81,6 +83,7 @@ def _require_finite(*values: float) -> None:
 def decode_planner_status(data: bytes) -> str:
     """Return the status that a planner of the suite reports, empty for others."""
     try:
+        # Any node may report here, so what makes no sense is no error.
         for values in decode.diagnostics(data):
             if "status" in values:
                 return values["status"]
@@ -155,6 +158,7 @@ def map_frame(trial: dict[str, Any]) -> Pose2D:
     # cell.
     is_matched = trial["simulator"]["localisation"].get("historical_map") is True
     map_y = STANDARD_CELL_M if is_matched else 0.0
+    # A minus sign alone would turn 0.0 into -0.0.
     return Pose2D(0.0 - offset[0], map_y - offset[1], 0.0)
 
 

@@ -101,6 +101,8 @@ class McapFile:
                 raise ValueError(f"a record of {size} bytes")
             content = self._read(size)
             if content is None:
+                # A recorder may be at work on the rest, so the next call begins here
+                # again.
                 self._file.seek(-_RECORD_HEAD.size, SEEK_CUR)
                 return
 

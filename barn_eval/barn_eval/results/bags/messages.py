@@ -89,7 +89,7 @@ class ScoreReporter:
     def __init__(self, spec: TrialSpec) -> None:
         self._course = spec.course
         self._title = f"{spec.planner}, {spec.world.name}"
-        self._due_ns: int | None = None
+        self._due_ns = 0
         self._concluded = False
 
     def take(self, standing: Standing, stamp_ns: int) -> Iterator[OutgoingMessage]:
@@ -100,7 +100,7 @@ class ScoreReporter:
             stamp_ns: Time of the instant.
         """
         outcome = standing.outcome
-        is_due = self._due_ns is None or stamp_ns >= self._due_ns
+        is_due = stamp_ns >= self._due_ns
         if self._concluded or not (is_due or outcome):
             return
         self._due_ns = stamp_ns + _PERIOD_NS
@@ -149,6 +149,7 @@ def running_score(standing: Standing, course: Course) -> float:
     outcome = standing.outcome or Outcome.SUCCESS
     clock_s = standing.clock_s
     if standing.outcome is None:
+        # A robot at the goal before its clock starts has taken no time.
         clock_s = clock_s or 0.0
     verdict = Verdict(outcome, "", clock_s, 0.0, 0.0)
     return challenge_metric(verdict, course.optimal_time_s)
@@ -218,6 +219,7 @@ class TrialBag:
         """
         stamp_ns = sensors.stamp_ns
         for message in self._simulator.sensors(sensors, stamp_ns):
+            # In a bag, each scan is one that the planner answers. Checks rely on that.
             if asked or message.topic is not topics.SCAN:
                 self._record([message], stamp_ns)
         self._record(moving_obstacle_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)

@@ -54,6 +54,7 @@ class RecordedMotions:
         if len(self.times_s) == 1:
             return np.repeat(self.places, len(times_s), axis=0)
         after = np.searchsorted(self.times_s, times_s + ROUNDING_S, side="right")
+        # No step begins at the last pose, so the one before goes on.
         before = np.clip(after - 1, 0, len(self.times_s) - 2)
         after_s = np.clip(times_s - self.times_s[before], 0.0, None)
         period_s = self.times_s[before + 1] - self.times_s[before]
@@ -65,10 +66,6 @@ class RecordedMotions:
         steps = self.places[before + 1] - self.places[before]
         places: Floats = self.places[before] + share[..., None] * steps
         return places
-
-    def bodies_at(self, time_s: float) -> Bodies:
-        """Return the obstacles where they are at a time."""
-        return self.bodies.move_to(self.at(np.array([time_s]))[0])
 
     def trails(self, time_s: float) -> list[Points]:
         """Return where each obstacle was in the last `TRAIL_S`, since it last jumped.
@@ -89,16 +86,6 @@ class RecordedMotions:
             past = self.places[start + last_jump : end, k]
             trails.append(np.vstack([past, place]))
         return trails
-
-    def gaps(self, times_s: Floats, poses: Floats, outline: Footprint) -> Floats:
-        """Return the distance (t,) from the robot to what is nearest, walls included.
-
-        Args:
-            times_s: Times (t,).
-            poses: Poses (t, 3) of the robot at these times: x, y m, yaw rad.
-            outline: Outline of the robot in base_link.
-        """
-        return compute_gaps(self.bodies, self.walls, self.at(times_s), poses, outline)
 
 
 def compute_gaps(

@@ -14,7 +14,7 @@ from barn_eval.results.bags import BAGS, decode
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import ORIGIN, TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
-from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions
+from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
@@ -99,6 +99,7 @@ class RecordedTrial:
         index = self.index_at(item.time_s)
         true_pose = Pose2D(*self.poses[index].tolist())
         measured_pose = Pose2D(*self.odometry[index].tolist())
+        # Odometry drifts, so its frame lies elsewhere at each time.
         odom_in_frame = true_pose @ measured_pose.inverse()
         return odom_in_frame if item.frame == ODOM else odom_in_frame.inverse()
 
@@ -115,8 +116,13 @@ class RecordedTrial:
             clearance = compute_clearances(
                 self.poses, scene.cylinders_m, scene.radius_m, self.outline
             )
-        if self.moving is not None:
-            gaps = self.moving.gaps(self.times_s, self.poses, self.outline)
+        moving = self.moving
+        if moving is not None:
+            places = moving.at(self.times_s)
+            gaps = compute_gaps(
+                moving.bodies, moving.walls, places, self.poses, self.outline
+            )
+            # Where one of the two is NaN, the other counts.
             clearance = np.fmin(clearance, gaps)
         return clearance
 
@@ -161,12 +167,15 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     result = metadata(bag, "barn.result", "result")
     lidar, lidar_note = _find_lidar(items, trial)
     chassis, robot_note = decode.chassis_of(trial)
+
     # Odometry drifts away from what stands and moves around the robot, so that has a
     # place among true poses only.
     if not truth:
         items |= {topics.WORLD: [], topics.MOVING_POSES: []}
     scene, pushed_m = _read_scene(items[topics.WORLD])
     moving, moving_note = _read_motions(items)
+
+    # Map and plan are drawn where the obstacles stand.
     grid: OccupancyMap | None = None
     map_frame = ORIGIN
     if items[topics.MAP]:
@@ -178,6 +187,7 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
                 origin_x=grid.origin_x + map_frame.x,
                 origin_y=grid.origin_y + map_frame.y,
             )
+
     notes = [bag.problem, *unreadable.values(), moving_note, lidar_note, robot_note]
     notes += _list_gaps(bool(truth), map_frame, result)
 
@@ -186,9 +196,12 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     contacts = items[topics.COLLISION]
     touched = _hold(contacts, lambda contact: (contact,), times_s, (0.0,))
     goals = items[topics.GOAL_POSE]
+
     folder = bag.path.resolve().parent
+    # In results of a run, bags have a folder of their own.
     if folder.name == BAGS:
         folder = folder.parent
+
     return RecordedTrial(
         name=bag.path.name,
         folder=folder.name,
@@ -264,6 +277,7 @@ def _read_items(
         messages[topic].append((message.stamp_ns, frame, content))
 
     for rows in messages.values():
+        # Messages of one instant keep their order.
         rows.sort(key=itemgetter(0))
     poses = messages[topics.GROUND_TRUTH.path] or messages[topics.ODOM.path]
     start_ns = poses[0][0] if poses else 0
@@ -283,6 +297,7 @@ def _hold(
     before: tuple[float, ...],
 ) -> Floats:
     """Return the last row (n, k) of items by each time, before the first `before`."""
+    # The first row stands for the time before any item.
     rows = np.array([before, *(row_of(item.content) for item in items)], np.float64)
     item_times_s = [item.time_s for item in items]
     return rows[np.searchsorted(item_times_s, times_s, side="right")]

@@ -26,6 +26,7 @@ METADATA_VERSION = 9  # of metadata.yaml, as rosbag2 of Jazzy writes it
 PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is faster
+# The longest time that 64 bits hold, by which ROS means no limit.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -143,6 +144,7 @@ class Recorder:
             self._writer.add_message(
                 recorded_topic.channel, stamp_ns, data, stamp_ns, recorded_topic.count
             )
+            # A flush ends a chunk. What comes after the last one is lost in a kill.
             if stamp_ns - self._flushed_ns >= NANOSECONDS_PER_SECOND:
                 self._flushed_ns = stamp_ns
                 self._writer.flush()
@@ -182,6 +184,7 @@ class Recorder:
             self._stream.close()
             text = _to_yaml({"rosbag2_bagfile_information": description})
             (self.partial_path / "metadata.yaml").write_text(text, "utf-8")
+            # The name comes last, so a bag that has it is whole.
             self.partial_path.rename(self.path)
         return self.path
 
