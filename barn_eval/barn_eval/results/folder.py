@@ -38,7 +38,7 @@ from barn_eval.results.rows import (
     arrange_tracks,
     write_tables,
 )
-from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
+from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
 from barn_eval.results.store import LOGS, TrialRecord
 from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConfig
@@ -380,9 +380,8 @@ def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
 
 def _remove_results(path: Path, *, logs: bool) -> None:
     """Remove what a run has written, with or without its logs, and nothing else."""
-    manifest = f"{Path(WORLDS).stem}.manifest.json"
     lines = (ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
-    for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, manifest):
+    for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, WORLDS_MANIFEST):
         (path / name).unlink(missing_ok=True)
 
     for name in (BAGS, LOSSES, TRACEBACKS):

@@ -23,6 +23,7 @@ RUN_FILE = "run.json"
 # As `barn_eval.results.provenance.commit` returns it. Messages have no other text.
 _COMMIT = re.compile(r"[0-9a-f]{8,64}(\+changes)?")
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects
+WORLDS_MANIFEST = "worlds.manifest.json"  # which is written with them
 
 
 @dataclass(frozen=True, eq=False)

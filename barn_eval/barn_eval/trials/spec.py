@@ -21,7 +21,6 @@ from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.geometry.shortest import shortest_path_bound_m
-from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
@@ -82,11 +81,6 @@ class TrialSpec:
         """How far into their motions moving obstacles are at the start."""
         random_phase = self.simulator.obstacles.random_phase
         return phase_s(self.world, random_phase, self.simulator_seed)
-
-    @property
-    def planning_frame(self) -> str:
-        """Frame of the planner's goal and pose: map if it is given one, else odom."""
-        return FRAMES.map if self.protocol.map_given else FRAMES.odom
 
     @property
     def task(self) -> str:

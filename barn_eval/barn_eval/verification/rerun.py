@@ -3,7 +3,8 @@
 import math
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +47,11 @@ from barn_worlds.base.types import (
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
 
+# Physics clients of all trials of this process; new ones give the same results.
+_scenes = ScenePool()
+
+_pose_row = attrgetter("x", "y", "yaw")
+
 
 class Readings(NamedTuple):
     """What was measured and commanded in a trial."""
@@ -63,9 +69,9 @@ class TrialEvidence:
     row: TrialResult
     spec: TrialSpec
     track: Track | None
-    bag: Path | None = None
-    commands: str = ""  # line of the commands
-    drive: bool = True  # whether to drive them again
+    bag: Path | None
+    commands: str  # line of the commands, empty without
+    drive: bool  # whether to drive them again
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ def read_bag(bag: BagFile) -> Readings:
             measured = decode.odometry(message.data)
         elif topic == GROUND_TRUTH.path and measured is not None:
             log.reading(decode.odometry(message.data), collision=False)
-            odometry.append(astuple(measured.pose))
+            odometry.append(_pose_row(measured.pose))
             contacts.append(False)
             scanned.append(False)
         elif not odometry:
@@ -137,10 +143,6 @@ def _pose_table(poses: list[tuple[float, ...]]) -> Floats:
     return np.array(poses, np.float64).reshape(-1, 3)
 
 
-# Physics clients of all trials of this process; new ones give the same results.
-_scenes = ScenePool()
-
-
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     """Return what a robot does that gets these commands.
 
@@ -161,9 +163,8 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     ) as simulator:
         for linear, angular in commands.tolist():
             stamp_ns = simulator.stamp_ns
-            odometry.append(astuple(simulator.read_odometry().pose))
-            truth = simulator.read_truth()
-            log.reading(truth, simulator.read_collision())
+            odometry.append(_pose_row(simulator.read_odometry().pose))
+            log.reading(simulator.read_truth(), simulator.read_collision())
             delay_ns = cycles.start(stamp_ns) or 0
             if not math.isnan(linear):
                 command = Velocity2D(linear, angular)
@@ -174,21 +175,12 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     return Readings(log.trajectory(), _pose_table(odometry))
 
 
-def judge_readings(
-    row: TrialResult, spec: TrialSpec, readings: Readings
-) -> tuple[TrialResult, Trajectory]:
-    """Return the row that readings and commands give, and the trajectory.
-
-    What no reading shows, such as a planner that died, is taken from the row: it must
-    come before any verdict.
+def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
+    """Return the trial that readings and commands make, up to their end.
 
     Args:
-        row: The row as it was written.
         spec: The trial.
         readings: What was measured and commanded.
-
-    Raises:
-        BarnError: The readings do not end the trial, though its outcome needs that.
     """
     trial = RunningTrial(spec)
     trajectory = readings.trajectory
@@ -210,22 +202,7 @@ def judge_readings(
         # Over ROS, commands may come after the verdict. They change nothing.
         if not math.isnan(command.linear) and trial.verdict is None:
             trial.command(command)
-
-    if trial.verdict is None and row.outcome in JUDGED_OUTCOMES:
-        raise BarnError(
-            f"outcome is {row.outcome.value} in the row, but its readings do not end"
-            " the trial"
-        )
-    verdict = trial.verdict or trial.referee.fail(row.outcome, row.detail, row.fault)
-    if row.outcome is Outcome.INTERFERENCE:
-        # Interference replaces any verdict.
-        verdict = replace(verdict, outcome=row.outcome, detail=row.detail, culprit="")
-    elif row.detail.startswith(verdict.detail):
-        # What the planner says of the trial is appended.
-        verdict = replace(verdict, detail=row.detail)
-    judged_trajectory = trial.log.trajectory()
-    recomputed = recompute_row(row, spec, verdict, judged_trajectory)
-    return recomputed, judged_trajectory
+    return trial
 
 
 def check_trial(evidence: TrialEvidence) -> TrialCheck:
@@ -374,13 +351,31 @@ def _reading_table(readings: Readings) -> Floats:
 def _judge(
     row: TrialResult, spec: TrialSpec, readings: Readings, track: Track | None
 ) -> Iterator[str]:
-    """Yield what of a row and its track does not follow from its readings."""
-    recomputed, trajectory = judge_readings(row, spec, readings)
+    """Yield what of a row and its track does not follow from its readings.
+
+    What no reading shows, such as a planner that died, is taken from the row: it must
+    come before any verdict.
+    """
+    trial = replay_trial(spec, readings)
+    if trial.verdict is None and row.outcome in JUDGED_OUTCOMES:
+        yield (
+            f"outcome is {row.outcome.value} in the row, but its readings do not end"
+            " the trial"
+        )
+        return
+    verdict = trial.verdict or trial.referee.fail(row.outcome, row.detail, row.fault)
+    if row.outcome is Outcome.INTERFERENCE:
+        # Interference replaces any verdict.
+        verdict = replace(verdict, outcome=row.outcome, detail=row.detail, culprit="")
+    elif row.detail.startswith(verdict.detail):
+        # What the planner says of the trial is appended.
+        verdict = replace(verdict, detail=row.detail)
+    trajectory = trial.log.trajectory()
+    recomputed = recompute_row(row, spec, verdict, trajectory).repeatable()
+
     # The distance from plans follows from what a planner says.
     ignored = ("measures.off_plan_m",)
-    yield from find_difference(
-        row, recomputed.repeatable(), "computed again", ROUNDING, ignored
-    )
+    yield from find_difference(row, recomputed, "computed again", ROUNDING, ignored)
     expected = make_track(trajectory, spec)
     if track is None or expected is None:
         return

@@ -19,7 +19,7 @@ from barn_eval.results.rows import (
     RowFile,
     write_tables,
 )
-from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
+from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import find_parameter_files
 from barn_eval.trials.run_config import RunConfig
@@ -37,7 +37,7 @@ from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
 _REQUIRED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
-_ALLOWED = (*_REQUIRED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
+_ALLOWED = (*_REQUIRED, WORLDS, WORLDS_MANIFEST)
 
 # Files that planners' commands name.
 _PARAMETERS = re.compile(r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}")

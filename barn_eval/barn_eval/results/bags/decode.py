@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import astuple
+from operator import attrgetter
 from typing import Any
 
 from barn_eval.results.bags.bagfile import BagFile
@@ -24,16 +24,19 @@ _MAX_CELLS = 1 << 24
 _MAX_BEAMS = 100_000
 _MAX_LETTERS = 60
 
+_numbers = attrgetter("x", "y", "yaw")  # of a pose
+
 
 def _odometry(data: bytes) -> Odometry:
     odometry = decode.odometry(data)
-    _require_finite(*astuple(odometry.velocity), *astuple(odometry.pose))
+    velocity = odometry.velocity
+    _require_finite(velocity.linear, velocity.angular, *_numbers(odometry.pose))
     return odometry
 
 
 def _goal(data: bytes) -> Pose2D:
     goal = decode.pose(data)
-    _require_finite(*astuple(goal))
+    _require_finite(*_numbers(goal))
     return goal
 
 
@@ -66,7 +69,7 @@ def _mounts(data: bytes) -> dict[str, Pose2D]:
     for transform in decode.transforms(data):
         # In ROS 1, names of frames began with a slash.
         if transform.parent.lstrip("/") == "base_link":
-            _require_finite(*astuple(transform.pose))
+            _require_finite(*_numbers(transform.pose))
             mounts[transform.child] = transform.pose
     return mounts
 

@@ -187,7 +187,9 @@ class TrialBag:
         self._recorder = recorder
         self._spec = spec
         self._score = ScoreReporter(spec)
-        self._frames = Frames(planning=spec.planning_frame)
+        # A planner that is given a map gets its goal and its pose in it.
+        planning = FRAMES.map if spec.protocol.map_given else FRAMES.odom
+        self._frames = Frames(planning=planning)
         self._simulator = SimulatorMessages(spec.simulator, self._frames)
         self._planner = PlannerMessages(self._frames)
         self._goal = PoseStampedEncoder(self._frames.of(topics.GOAL_POSE))

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_g
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
-from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, seconds
+from barn_worlds.base.types import OccupancyMap, Pose2D, seconds
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
@@ -141,6 +141,8 @@ class RecordedTrial:
         return self.to_frame(self.goal._replace(time_s=0.0)) @ goal
 
 
+_pose_row = attrgetter("pose.x", "pose.y", "pose.yaw")  # of an odometry
+_twist_row = attrgetter("linear", "angular")  # of a velocity
 ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
@@ -208,8 +210,8 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
         frame=MAP if truth else ODOM,
         times_s=times_s,
         poses=np.array([_pose_row(item.content) for item in poses], np.float64),
-        speeds=np.array([astuple(item.content.velocity) for item in poses]),
-        commands=_hold(items[topics.CMD_VEL], astuple, times_s, no_pose[:2]),
+        speeds=np.array([_twist_row(item.content.velocity) for item in poses]),
+        commands=_hold(items[topics.CMD_VEL], _twist_row, times_s, no_pose[:2]),
         contact=touched[:, 0] > 0.0,
         odometry=_hold(odometry, _pose_row, times_s, no_pose),
         outline=contact_footprint(chassis),
@@ -330,10 +332,6 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
         return Pose2D(mount[0], 0.0, 0.0), ""
     note = "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
     return ORIGIN, note
-
-
-def _pose_row(odometry: Odometry) -> tuple[float, ...]:
-    return astuple(odometry.pose)
 
 
 def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
