@@ -1,7 +1,7 @@
 """A trial judged again: by its recorded readings, and by driving its commands again."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -138,7 +138,7 @@ def read_bag(bag: BagFile) -> Readings:
     return Readings(trajectory, _pose_table(odometry), is_exact)
 
 
-def _pose_table(poses: list[tuple[float, ...]]) -> Floats:
+def _pose_table(poses: Sequence[tuple[float, ...]]) -> Floats:
     # Without poses there is no second axis yet.
     return np.array(poses, np.float64).reshape(-1, 3)
 
