@@ -18,7 +18,6 @@ from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.pandas_tables import pandas_of_arrow, pandas_table
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import estimate_precision
-from barn_eval.analysis.ranking_power import ranking_power
 from barn_eval.analysis.sources import (
     Source,
     entries_of,
@@ -268,34 +267,6 @@ class Results:
         return paper_table(
             self._rows_by_spelling(), columns, caption=caption, label=label
         )
-
-    def ranking(self, measures: Sequence[str] = ()) -> pd.DataFrame:
-        """Return how often draws of worlds bring planners into the right order.
-
-        Args:
-            measures: Columns of `table`. Default: the ranking measure.
-
-        Returns:
-            A row per measure and number of worlds: dataset, measure, worlds, share, and
-            enough, the fewest worlds from which the share is 95 % (missing: not even
-            all worlds are enough).
-
-        Raises:
-            BarnError: If there is one planner only, or a measure is not known.
-        """
-        rows: list[dict[str, object]] = []
-        for power in ranking_power(group_by_planner(self.trials), measures):
-            for count, share in power.shares.items():
-                rows.append(
-                    {
-                        "dataset": power.dataset,
-                        "measure": power.measure,
-                        "worlds": count,
-                        "share": share,
-                        "enough": power.enough,
-                    }
-                )
-        return pandas_table(rows, enough="Int64")
 
     @overload
     def plot(

@@ -12,14 +12,13 @@ from barn_eval.analysis.precision import (
     figures_table,
     needs_table,
 )
-from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.tables import comparison_table, paper_table
 from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
     count_option,
     file_option,
     flag_option,
-    folders_argument,
+    folder_argument,
     json_option,
     path_argument,
     print_notes,
@@ -31,7 +30,6 @@ from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
 
 WORSE = 4
 """Exit code if B is worse than A by more than a margin."""
@@ -123,7 +121,7 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 
 @click.command("precision")
-@folders_argument
+@folder_argument
 @click.option(
     "--half-width",
     type=_ABOVE_ZERO,
@@ -137,48 +135,31 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 )
 @click.option(
     "--measure",
-    "measures",
-    multiple=True,
-    help="A column of the results, with --ranking repeatable [default: the metric of"
-    " the protocol].",
+    default="",
+    show_default=False,
+    help="A column of the results [default: the metric of the protocol].",
 )
 @count_option("--repetitions", help="Trials per world [default: 1, 2, 3, 5 and 10].")
-@flag_option(
-    "--ranking",
-    help="Say how many worlds bring planners into the right order; many FOLDERS.",
-)
 @json_option
 def precision(
-    folders: tuple[Path, ...],
+    folder: Path,
     half_width: float | None,
     difference: float | None,
-    measures: tuple[str, ...],
+    measure: str,
     repetitions: int | None,
-    ranking: bool,
     as_json: bool,
 ) -> None:
-    """Say how many worlds a wanted precision needs, from the results in FOLDERS, one unless --ranking is given.
+    """Say how many worlds a wanted precision needs, from the results in FOLDER.
 
     FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners.
     Wanted values are in the unit of the measure, of success as a share such as 0.05.
     """
-    if ranking:
-        powers = []
-        for folder in folders:
-            _, rows_by_planner = read_selection(folder)
-            powers += ranking_power(rows_by_planner, measures)
-        content = [as_dict(power) for power in powers]
-        print_output(as_json, content, rich_table(ranking_table(powers)))
-        return
-
-    if len(folders) > 1 or len(measures) > 1:
-        raise ConfigError("only --ranking takes several folders or measures")
-    _, rows_by_planner = read_selection(folders[0])
+    _, rows_by_planner = read_selection(folder)
     estimate = estimate_precision(
         rows_by_planner,
         half_width,
         difference,
-        measure_key="".join(measures),
+        measure_key=measure,
         repetitions=repetitions,
     )
     # All planners of a run have the same protocol and task.

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from analysis.test_compare import folders, results, scored  # noqa: F401 (a fixture)
-from analysis.test_verdict import timed
+from analysis.test_compare import folders, results  # noqa: F401 (a fixture)
 from click.testing import CliRunner
 
 from barn_eval.analysis.measures import MEASURES
@@ -16,7 +15,6 @@ from barn_eval.analysis.precision import (
     figures_table,
     needs_table,
 )
-from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.significance import (
     half_width,
     variance_components,
@@ -155,53 +153,6 @@ def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixtur
     )
 
 
-def test_more_worlds_rank_planners_more_reliably():
-    """A planner that is better in all worlds is so in each draw; one by the mean alone in large draws."""
-    times = np.random.default_rng(1).normal(4.0, 0.5, 60)
-    lead = {
-        "best": -3.0,
-        "second": 0.0,
-        "third": np.random.default_rng(2).normal(0.12, 0.3, 60),
-    }
-    groups = {  # a failure counts little more than a success
-        name: [
-            scored(trial, failure_time_s=5.0 * 4.1)
-            for trial in timed(name, times + ahead, 60)
-        ]
-        for name, ahead in lead.items()
-    }
-    (pair,) = ranking_power({name: groups[name] for name in ("best", "second")})
-    assert (pair.planners, pair.shares[10], pair.enough) == (("best", "second"), 1.0, 1)
-    (three,) = ranking_power(groups)
-    assert three.differing == (
-        ("best", "second"),
-        ("best", "third"),
-        ("second", "third"),
-    )
-    assert three.shares[10] < three.shares[20] < three.shares[50]
-    assert 1 < three.enough < 60
-    draws = np.random.default_rng(5).integers(0, 60, (1000, 20))
-    right = (lead["third"][draws].mean(axis=1) > 0.0).mean()
-    assert three.shares[20] == pytest.approx(right, abs=0.05)
-    cells = ranking_table([pair, three]).rows
-    assert [row[-1] for row in cells] == ["1", str(three.enough)]
-    with pytest.raises(
-        ConfigError, match="unknown measure 'sucess'; did you mean 'success'"
-    ):
-        ranking_power(groups, ["sucess"])
-    with pytest.raises(
-        ConfigError, match="a ranking needs two planners; there is best only"
-    ):
-        ranking_power({"best": groups["best"]})
-
-
-def test_planners_that_do_not_differ_have_no_right_order():
-    same = {"dwa": results(), "eband": results("eband")}
-    (power,) = ranking_power(same)
-    assert (power.differing, power.shares, power.enough) == ((), {}, None)
-    assert ranking_table([power]).rows[0][-1] == "over 20"
-
-
 def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F811
     def invoke(*arguments):
         return CliRunner().invoke(
@@ -228,14 +179,6 @@ def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F8
     content = json.loads(invoke(f"{both}:eband,dwa", "--json").output)
     assert content["figures"][2]["of"] == "E-Band - DWA"
     assert "Worlds needed" in invoke(both).output
-    measures = ("--measure", "success", "--measure", "challenge")
-    powers = json.loads(invoke("--ranking", both, both, *measures, "--json").output)
-    assert [entry["measure"] for entry in powers] == ["success", "challenge"] * 2
-    assert "DWA and E-Band 0 of 1 over 4" in " ".join(
-        invoke("--ranking", both).output.split()
-    )
-    with pytest.raises(ConfigError, match="only --ranking takes several"):
-        invoke(both, both)
     assert "--half-width" in invoke(both, "--half-width", "0").output
     with pytest.raises(ConfigError, match="has no planner 'dwo'; did you mean 'dwa'"):
         invoke(f"{both}:dwo")

@@ -5,7 +5,7 @@
 Simulated trials are judged by the functions that reports use, with two seeds: --seed
 and the next. It takes some minutes. The exit code is 1 if a share is further from its
 target than chance explains. `--out` writes the page of the documentation; a file
-ranking.json beside it (`barn precision --ranking --json`) gives the page its table of
+ranking.json beside it (`ranking_power.py --json`) gives the page its table of
 rankings.
 """
 
@@ -19,10 +19,10 @@ from pathlib import Path
 import click
 import jinja2
 import numpy as np
+from ranking_power import RankingPower, ranking_table
 from rich.console import Console
 from simulated_checks import GROUPS, CheckGroup
 
-from barn_eval.analysis.ranking_power import RankingPower, ranking_table
 from barn_eval.analysis.verdict import FEW_WORLDS
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import from_dict
@@ -143,7 +143,7 @@ def render_page(
     Args:
         checks: All checks.
         seed: Their first seed.
-        rankings: JSON of `barn precision --ranking`, for a second table.
+        rankings: JSON of `ranking_power.py`, for a second table.
 
     Returns:
         The page as Markdown.

@@ -1,16 +1,28 @@
-"""How well the worlds of a data set bring planners into their order."""
+"""Say how well the worlds of data sets bring planners into their order.
 
+    python qa/studies/statistics/ranking_power.py out/barn300 out/hard1 \
+        --measure challenge --measure success
+
+Each folder holds a run of several planners; FOLDER:PLANNER,PLANNER selects some. With
+--json, the output is the ranking.json that `validate_statistics.py` reads.
+"""
+
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
+import click
 import numpy as np
+from rich.console import Console
 
-from barn_eval.analysis.compare import trial_values
+from barn_eval.analysis.compare import read_selection, trial_values
 from barn_eval.analysis.measures import MEASURES, Measure, ranking_measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.statistics import matched_trials
 from barn_eval.analysis.text_table import TextTable, join_names
 from barn_eval.analysis.verdict import rank_results
+from barn_eval.commands.tables import rich_table
 from barn_eval.trials.result import RowsByPlanner
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, suggest
@@ -152,3 +164,30 @@ def ranking_table(powers: Sequence[RankingPower]) -> TextTable:
         "order [%]"
     )
     return TextTable("ranking", title, columns, tuple(rows), texts=3)
+
+
+@click.command()
+@click.argument(
+    "folders", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--measure",
+    "measures",
+    multiple=True,
+    help="A column of the results, repeatable [default: the metric of the protocol].",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def main(folders: tuple[Path, ...], measures: tuple[str, ...], as_json: bool) -> None:
+    """Say how many worlds bring the planners of FOLDERS into the right order."""
+    powers = []
+    for folder in folders:
+        _, rows_by_planner = read_selection(folder)
+        powers += ranking_power(rows_by_planner, measures)
+    if as_json:
+        click.echo(json.dumps([asdict(power) for power in powers], indent=1))
+    else:
+        Console().print(rich_table(ranking_table(powers)))
+
+
+if __name__ == "__main__":
+    main()
