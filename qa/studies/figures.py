@@ -14,9 +14,10 @@ from pathlib import Path
 
 from carry_over import read_trials, scatter
 from metrics_figures import draw_documentation_figures
+from reproduction_page import read_results
 
 from barn_eval.pages.figures import style, write_figure
-from barn_eval.studies.reproduction.page import read_results, write_figures
+from barn_eval.studies.reproduction.page import write_figures
 from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import write_png

@@ -162,7 +162,24 @@ def compare(
         keys = (measure.key, *keys)
     rows = []
     for key in with_moving_measures(keys, a, b):
-        rows.append(_compare_by(MEASURES[key], a, b))
+        compared = MEASURES[key]
+        larger = compared.better == "larger"
+        paired = compare_pairs(
+            trial_values(a, compared),
+            trial_values(b, compared),
+            larger_is_better=larger,
+        )
+        rows.append(
+            PairedMeasure(
+                key=key,
+                measure=compared.title,
+                unit=compared.unit,
+                larger_is_better=larger,
+                paired=paired,
+                # Until `adjust_by_holm` knows how many pairs there are.
+                p_holm=paired.p,
+            )
+        )
 
     time_per_meter = MEASURES["normalised_time_s_per_m"]
     times_a = trial_values(a, time_per_meter)
@@ -181,22 +198,6 @@ def compare(
         rows=tuple(rows),
         rank_correlation=correlation,
         available=count_available_worlds(a),
-    )
-
-
-def _compare_by(measure: Measure, a: Rows, b: Rows) -> PairedMeasure:
-    """Compare two planners by one measure."""
-    larger = measure.better == "larger"
-    paired = compare_pairs(
-        trial_values(a, measure), trial_values(b, measure), larger_is_better=larger
-    )
-    return PairedMeasure(
-        key=measure.key,
-        measure=measure.title,
-        unit=measure.unit,
-        larger_is_better=larger,
-        paired=paired,
-        p_holm=paired.p,
     )
 
 
@@ -273,10 +274,10 @@ def compare_folders(
         comparisons.append(replace(comparison, parameters=parameters))
         progress(done / len(pairs))
 
-    notes = [
-        *notes_on(source_a, list(chain.from_iterable(groups_a.values()))),
-        *notes_on(source_b, list(chain.from_iterable(groups_b.values()))),
-    ]
+    notes = []
+    for source, groups in ((source_a, groups_a), (source_b, groups_b)):
+        notes += notes_on(source, list(chain.from_iterable(groups.values())))
+    # Both may be one folder.
     unique_notes = tuple(dict.fromkeys(notes))
     return [
         replace(comparison, notes=unique_notes, robot=source_a.robot)
@@ -369,17 +370,17 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
     """
     worlds = np.array([result.world for result in results], np.int64)
     repetitions = np.array([result.repetition for result in results], np.int64)
-    trials = TrialValues(measure.values(results), worlds, repetitions)
-    value_as_failure = measure.as_failure
-    if value_as_failure is None:
-        return trials
+    values = measure.values(results)
+    if measure.as_failure is None:
+        return TrialValues(values, worlds, repetitions)
 
     failures = [not result.scores.success for result in results]
-    as_failure = [value_as_failure(result) for result in results]
-    return replace(
-        trials,
+    return TrialValues(
+        values,
+        worlds,
+        repetitions,
         failures=np.array(failures, np.int64),
-        as_failure=np.array(as_failure, np.float64),
+        as_failure=np.array(list(map(measure.as_failure, results)), np.float64),
         best=measure.best,
     )
 
@@ -440,30 +441,27 @@ def describe_parameter_changes(
     values_a = _read_parameters(a, planner_a)
     values_b = _read_parameters(b, planner_b)
     # A key begins with the name of the planner or node that it belongs to.
-    owners_a = {key.partition(" ")[0] for key in values_a}
-    owners_b = {key.partition(" ")[0] for key in values_b}
-    shared_owners = owners_a & owners_b
-    keys = []
+    owners_a, owners_b = (
+        {key.partition(" ")[0] for key in values} for values in (values_a, values_b)
+    )
+    changes = []
     comparable = []
     for key in values_a | values_b:
-        is_shared = key.partition(" ")[0] in shared_owners
+        is_shared = key.partition(" ")[0] in owners_a & owners_b
         if not is_shared or values_a.get(key) == values_b.get(key):
             continue
-        keys.append(key)
-        if not key.startswith("file ") or (key in values_a and key in values_b):
-            comparable.append(key)
-    keys = comparable or keys
-    if not keys:
-        return ""
-
-    changes = []
-    for key in keys[:_MAX_NAMED_PARAMETERS]:
         value_a = values_a.get(key, NOT_SET)
         value_b = values_b.get(key, NOT_SET)
         changes.append(f"{key} ({value_a} against {value_b})")
-    rest = len(keys) - _MAX_NAMED_PARAMETERS
+        if not key.startswith("file ") or (key in values_a and key in values_b):
+            comparable.append(changes[-1])
+    changes = comparable or changes
+    if not changes:
+        return ""
+
+    rest = len(changes) - _MAX_NAMED_PARAMETERS
     if rest > 0:
-        changes.append(f"{rest} more")
+        changes[_MAX_NAMED_PARAMETERS:] = [f"{rest} more"]
     return f"Parameters that differ: {join_names(changes)}."
 
 

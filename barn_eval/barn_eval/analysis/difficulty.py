@@ -6,6 +6,7 @@ from itertools import groupby
 
 import numpy as np
 
+from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.trials.result import Rows, TrialResult
@@ -16,6 +17,7 @@ BAND_MEASURES = (
     "normalised_time_s_per_m",
     "challenge",
 )
+TIME = MEASURES["normalised_time_s_per_m"]
 _MAX_BANDS = 4
 _MIN_WORLDS_PER_BAND = 3
 
@@ -68,11 +70,8 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
     for world in shared_worlds:
         means = []
         for group in groups:
-            times_s_per_m = [
-                result.scores.normalised_time_s_per_m for result in group.get(world, [])
-            ]
-            if times_s_per_m:
-                means.append(np.array(times_s_per_m).mean())
+            if world in group:
+                means.append(TIME.values(group[world]).mean())
         order.append((float(np.mean(means)), world))
     order.sort()
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,17 +15,14 @@ from barn_eval.analysis.sources import (
     Source,
     computing_of,
     label_entries,
+    planner_choices,
     read_entries,
     require_same_task,
 )
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
-from barn_eval.running.setting_folders import (
-    LATENCY,
-    format_setting_value,
-    parse_folder_name,
-)
+from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.datasets.dataset import select_worlds
@@ -120,14 +117,10 @@ class TrialGroup:
 
     def common_entries(self) -> list[Entry]:
         """Return the entries with the common trials alone."""
-        entries = []
-        for entry in self.entries:
-            results = []
-            for result in entry.results:
-                if TrialKey.of(result) in self.common_trials:
-                    results.append(result)
-            entries.append(replace(entry, results=tuple(results)))
-        return entries
+        return [
+            entry.where(lambda result: TrialKey.of(result) in self.common_trials)
+            for entry in self.entries
+        ]
 
 
 def make_boards(
@@ -158,11 +151,9 @@ def make_boards(
 
     classes: dict[BoardClass, list[Entry]] = {}
     for entry in entries:
-        results = [row for row in entry.results if row.world in selected_worlds]
-        if results:
-            board_class = _board_class(entry)
-            selection = replace(entry, results=tuple(results))
-            classes.setdefault(board_class, []).append(selection)
+        selection = entry.where(lambda result: result.world in selected_worlds)
+        if selection.results:
+            classes.setdefault(_board_class(entry), []).append(selection)
     _require_one_task_per_protocol(classes)
 
     boards = []
@@ -264,13 +255,7 @@ def configuration_hash(source: Source, planner: str) -> str:
         source: The results folder.
         planner: Name of the planner in it.
     """
-    choices = []
-    for choice in source.configuration.get("planners", ()):
-        name = choice
-        if isinstance(choice, Mapping):
-            name = choice.get("name")
-        if name == planner:
-            choices.append(choice)
+    choices = planner_choices(source.configuration, planner)
     content = json.dumps({**source.configuration, "planners": choices}, sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
@@ -363,12 +348,11 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
     The sweep is of one planner, or of the delay of several. The list is empty if the
     entries are no such settings.
     """
-    values = [parse_folder_name(entry.source.path) for entry in entries]
     planners = {entry.planner for entry in entries}
-    parameters = list(values[0])
-    is_one_sweep = all(setting.keys() == values[0].keys() for setting in values)
+    parameters = list(entries[0].setting)
+    is_one_sweep = all(entry.setting.keys() == set(parameters) for entry in entries)
     is_one_question = len(planners) == 1 or len(parameters) == 1
-    if is_one_sweep and is_one_question and len(values) > len(planners):
+    if is_one_sweep and is_one_question and len(entries) > len(planners):
         return parameters
     return []
 
@@ -389,7 +373,7 @@ def sweep_rows(board: Board) -> list[dict[str, Any]]:
         {
             "level_with_best": position in board.ranking.leaders,
             "planner": place.entry.planner,
-            **parse_folder_name(place.entry.source.path),
+            **place.entry.setting,
             **place.summary.columns(),
             "folder": str(place.entry.source.path),
         }
@@ -399,7 +383,7 @@ def sweep_rows(board: Board) -> list[dict[str, Any]]:
 
 def sweep_table(board: Board) -> TextTable:
     """Return the settings of a sweep as a table, best first."""
-    parameters = list(parse_folder_name(board.places[0].entry.source.path))
+    parameters = list(board.places[0].entry.setting)
     keys = dict.fromkeys((board.measure.key, *_SWEEP_MEASURES))
     measures = [MEASURES[key] for key in keys]
     rows = []
@@ -409,11 +393,10 @@ def sweep_table(board: Board) -> TextTable:
             level = "best"
         elif position in board.ranking.leaders:
             level = "level"
-        values = parse_folder_name(place.entry.source.path).values()
         rows.append(
             (
                 spelling(place.entry.planner),
-                *(format_setting_value(value) for value in values),
+                *map(format_setting_value, place.entry.setting.values()),
                 level,
                 *(measure.text(place.summary[measure.key]) for measure in measures),
             )
@@ -435,7 +418,6 @@ def _order_settings(board: Board) -> list[tuple[int, Place]]:
     A sweep over the delay is in the order of planners and delays.
     """
     places = list(enumerate(board.places))
-    values = [parse_folder_name(place.entry.source.path) for place in board.places]
-    if list(values[0]) == [LATENCY]:
-        places.sort(key=lambda p: (p[1].entry.planner, values[p[0]][LATENCY]))
+    if list(board.places[0].entry.setting) == [LATENCY]:
+        places.sort(key=lambda p: (p[1].entry.planner, p[1].entry.setting[LATENCY]))
     return places

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -29,7 +28,7 @@ from barn_eval.analysis.measures import (
 )
 from barn_eval.analysis.significance import ALPHA, holm
 from barn_eval.analysis.sources import Entry, Source
-from barn_eval.analysis.summary import Summary, summarize
+from barn_eval.analysis.summary import Summary, finite_keys, summarize
 from barn_eval.analysis.tables import (
     bands_table,
     comparison_table,
@@ -188,8 +187,17 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
 
     Many pairs without a significant difference share one sentence.
     """
-    explanations = [_explain_difference(comparison) for comparison in comparisons]
-    equal = [explanation for explanation in explanations if not explanation.differs]
+    sentences = []
+    different = []
+    equal_claims = []
+    for comparison in comparisons:
+        claim, differs = _explain_difference(comparison)
+        sentences.append(f"{comparison.a} and {comparison.b} {claim}.")
+        if differs:
+            different.append(sentences[-1])
+        else:
+            equal_claims.append(claim)
+
     parameters = []
     # The labels of many settings say already what differs.
     if len(comparisons) <= _MAX_NAMED_PAIRS:
@@ -197,30 +205,16 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
             if comparison.parameters:
                 names = f"{comparison.a} and {comparison.b}"
                 parameters.append(f"{names}: {comparison.parameters}")
-    if len(equal) <= _MAX_NAMED_PAIRS:
-        return [explanation.sentence() for explanation in explanations] + parameters
+    if len(equal_claims) <= _MAX_NAMED_PAIRS:
+        return sentences + parameters
 
-    subject = "The other" if len(explanations) > len(equal) else "All"
-    summary = f"{subject} {len(equal)} pairs {equal[0].claim}."
-    different = [e.sentence() for e in explanations if e.differs]
+    subject = "The other" if different else "All"
+    summary = f"{subject} {len(equal_claims)} pairs {equal_claims[0]}."
     return [*different, summary, *parameters]
 
 
-@dataclass(frozen=True)
-class _Explanation:
-    """In which measures two planners differ."""
-
-    pair: str
-    claim: str
-    differs: bool
-
-    def sentence(self) -> str:
-        """Return the whole sentence."""
-        return f"{self.pair} {self.claim}."
-
-
-def _explain_difference(comparison: Comparison) -> _Explanation:
-    """Say in which measures two planners differ significantly, and in which not."""
+def _explain_difference(comparison: Comparison) -> tuple[str, bool]:
+    """Return in which measures two planners differ or not, and whether they do."""
     clear = []
     unclear = []
     for row in comparison.rows:
@@ -240,8 +234,7 @@ def _explain_difference(comparison: Comparison) -> _Explanation:
         claim = f"differ clearly in {join_names(clear)}"
         if unclear:
             claim += f", not {no_difference}"
-    pair = f"{comparison.a} and {comparison.b}"
-    return _Explanation(pair, claim, bool(clear))
+    return claim, bool(clear)
 
 
 def make_tables(
@@ -257,15 +250,10 @@ def make_tables(
     labels = [entry.label for entry in entries]
     summaries = overview.summaries
     measure = ranking_measure(entries[0].results)
-    # Rows of older versions lack some measures.
-    other_keys = []
-    for key in summaries[0].means:
-        is_known = any(math.isfinite(summary[key].estimate) for summary in summaries)
-        if is_known and key not in SCORED:
-            other_keys.append(key)
+    other_keys = [key for key in summaries[0].means if key not in SCORED]
     tables = [
         headline_table(labels, summaries, measure, keys),
-        measures_table(labels, summaries, other_keys),
+        measures_table(labels, summaries, finite_keys(summaries, other_keys)),
     ]
     if overview.bands:
         tables.append(bands_table(labels, overview.bands))

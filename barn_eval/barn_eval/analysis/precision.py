@@ -1,6 +1,5 @@
 """How many worlds and repetitions a precision needs, estimated from results."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,7 +130,7 @@ def estimate_precision(
     for name, rows in results.items():
         trials = trial_values(rows, measure)
         trials = trials.at(np.flatnonzero(np.isfinite(trials.values)))
-        figure = _make_figure(spelling(name), trials, trials.parts, measure)
+        figure = _make_figure(spelling(name), trials, trials.parts(), measure)
         figures.append(figure)
         mean_width = width or DEFAULT_SHARE * abs(figure.mean)
         for count in counts:
@@ -237,30 +236,26 @@ def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
     )
     gaps = TrialValues(left.values - right.values, left.worlds, left.repetitions)
     name = f"{spelling(a)} - {spelling(b)}"
-    return _make_figure(name, gaps, lambda: difference(left, right).parts, measure)
+    return _make_figure(name, gaps, difference(left, right).parts, measure)
 
 
 def _make_figure(
-    name: str, trials: TrialValues, parts: Callable[[], Components], measure: Measure
+    name: str, trials: TrialValues, parts: Components, measure: Measure
 ) -> Figure:
-    """Return the mean of trials; ConfigError if they are of one world only.
-
-    `parts` is called only after that check, which it needs.
-    """
+    """Return the mean of trials; ConfigError if they are of one world only."""
     worlds = len(np.unique(trials.worlds))
     if worlds < 2:
         raise ConfigError(
             f"{name}: {count_noun(worlds, 'world')} with {measure.label} cannot say "
             "how worlds differ"
         )
-    components = parts()
     repetitions = max(1, round(len(trials.values) / worlds))
     return Figure(
         of=name,
-        mean=float(trials.values.mean()),
+        mean=trials.average,
         worlds=worlds,
         trials=len(trials.values),
         repetitions=repetitions,
-        parts=components,
-        half_width=half_width(components, worlds, repetitions),
+        parts=parts,
+        half_width=half_width(parts, worlds, repetitions),
     )

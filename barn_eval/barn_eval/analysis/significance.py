@@ -133,7 +133,10 @@ class Share:
         low = 0.0
         if self.share > 0.0:
             low = special.betaincinv(successes, failures + 1.0, ALPHA / 2.0)
-        return float(low), upper_share(self.share, self.effective)
+        high = 1.0
+        if self.share < 1.0:
+            high = special.betaincinv(successes + 1.0, failures, 1.0 - ALPHA / 2.0)
+        return float(low), float(high)
 
     def p_above(self, share: float) -> float:
         """Return the two-sided p-value of a true share that is above this one."""
@@ -142,21 +145,6 @@ class Share:
         successes = self.share * self.effective
         failures = self.effective - successes
         return min(1.0, 2.0 * float(special.betaincc(successes + 1.0, failures, share)))
-
-
-def upper_share(share: float, effective: float) -> float:
-    """Return the upper limit of a share, after Clopper and Pearson.
-
-    Args:
-        share: Observed share, 0 to 1.
-        effective: Number of independent trials behind it.
-    """
-    if share >= 1.0:
-        return 1.0
-    successes = share * effective
-    probability = 1.0 - ALPHA / 2.0
-    limit = special.betaincinv(successes + 1.0, effective - successes, probability)
-    return float(limit)
 
 
 def share_of(values: Floats | Integers, worlds: Integers) -> Share:
@@ -338,8 +326,8 @@ def half_width(
         return math.inf
     quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
     by_variance = quantile * parts.standard_error(worlds, repetitions)
-    by_failures = [cost * upper_share(0.0, worlds) for cost in parts.unseen]
-    return max(by_variance, *by_failures, 0.0)
+    unseen_share = Share(0.0, worlds).limits[1]
+    return max(by_variance, *(cost * unseen_share for cost in parts.unseen), 0.0)
 
 
 def detectable_difference(

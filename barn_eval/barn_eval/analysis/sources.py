@@ -1,7 +1,7 @@
 """Results folders, and the planners in them with their labels and colors."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ from barn_eval.results.bags import BAGS
 from barn_eval.results.folder import read_results, select_scored
 from barn_eval.results.rows import read_tracks
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.setting_folders import expand_sweeps
+from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import (
     COMPUTE_MODE_LABELS,
@@ -97,6 +97,15 @@ class Entry:
     planner: str
     results: tuple[TrialResult, ...]
 
+    @property
+    def setting(self) -> dict[str, float | str]:
+        """Parameter values that the name of the folder has, in a sweep."""
+        return parse_folder_name(self.source.path)
+
+    def where(self, holds: Callable[[TrialResult], bool]) -> "Entry":
+        """Return the entry with those of its results for which something holds."""
+        return replace(self, results=tuple(filter(holds, self.results)))
+
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
     """Read a results folder; its run may be unfinished.
@@ -118,7 +127,8 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
     else:
         results = select_scored(run_file, rows)
 
-    planners = _planner_names(run_file.config)
+    choices = planner_choices(run_file.config)
+    planners = [str(choice.get("name")) for choice in choices]
     kind = "campaign" if len(planners) > 1 else "run"
     planners += sorted({result.planner for result in results}.difference(planners))
     # In the order of the schedule, so that nothing shows which worker was faster.
@@ -151,17 +161,16 @@ def notes_on(source: Source, results: Rows) -> list[str]:
     trials = len(source.results)
     if source.planned and source.planned > trials:
         notes.append(f"{source.path} is partial: {trials} of {source.planned} trials")
-    notes.append(_late_text(source.path, results))
+    notes.append("; ".join(_find_disturbances(source.path, results)))
     notes.append(assumption_text(source.path, results))
     return [note for note in notes if note]
 
 
-def _late_text(path: Path, results: Rows) -> str:
-    """Say how many trials have late commands or a second attempt; empty if none."""
-    notes = []
+def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
+    """Say how many trials have late commands, and how many a second attempt."""
     late = sum(result.wall_clock.is_late for result in results)
     if late:
-        notes.append(
+        yield (
             f"{late} of {len(results)} trials in {path} are marked: more than "
             f"{MAX_MISSED_SHARE:.0%} of their control periods had no command in time, "
             "so they tell of the machine as well as of the planner"
@@ -176,11 +185,10 @@ def _late_text(path: Path, results: Rows) -> str:
         rest = len(repeated) - _MAX_NAMED_TRIALS
         if rest > 0:
             names += f" and {rest} more"
-        notes.append(
+        yield (
             f"{len(repeated)} of {len(results)} trials in {path} were not made at the "
             f"first attempt: {names}"
         )
-    return "; ".join(notes)
 
 
 @dataclass(frozen=True)
@@ -222,10 +230,8 @@ def computing_of(results: Rows) -> Computing:
     for result in results:
         if result.wall_clock.computer is not None:
             computers.append(result.wall_clock.computer)
-    computer = 0.0
-    if computers:
-        computer = median(computers)
-    return Computing(modes=tuple(sorted(modes)), computer=computer)
+    computer = median(computers) if computers else 0.0
+    return Computing(tuple(sorted(modes)), computer)
 
 
 def assumption_text(path: Path, results: Rows) -> str:
@@ -316,13 +322,8 @@ def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
 
 def _planner_settings(entry: Entry) -> dict[str, Any]:
     """Return what was set of an entry's planner, however malformed its run.json."""
-    choice: Mapping[str, Any] = {}
-    planners = entry.source.configuration.get("planners")
-    for candidate in planners if isinstance(planners, list) else ():
-        if isinstance(candidate, dict) and candidate.get("name") == entry.planner:
-            choice = candidate
-            break
-
+    choices = planner_choices(entry.source.configuration, entry.planner)
+    choice = choices[0] if choices else {}
     settings = {
         key: choice[key] for key in ("preset", "max_speed_mps") if choice.get(key)
     }
@@ -421,12 +422,21 @@ def read_worlds(
     return worlds
 
 
-def _planner_names(configuration: Mapping[str, Any]) -> list[str]:
-    """Return the names of a configuration's planners, however malformed it is."""
+def planner_choices(
+    configuration: Mapping[str, Any], planner: str = ""
+) -> list[dict[str, Any]]:
+    """Return what a configuration says of its planners, however malformed it is.
+
+    Args:
+        configuration: Configuration of a run as plain data.
+        planner: Name of the only planner that is asked for; empty for all.
+    """
+    choices = []
     planners = configuration.get("planners")
-    if not isinstance(planners, list):
-        return []
-    return [str(p.get("name")) for p in planners if isinstance(p, dict)]
+    for choice in planners if isinstance(planners, list) else ():
+        if isinstance(choice, dict) and planner in ("", choice.get("name")):
+            choices.append(choice)
+    return choices
 
 
 def _count_planned_trials(configuration: Mapping[str, Any]) -> int | None:

@@ -44,19 +44,15 @@ class TrialValues:
 
     def at(self, positions: Integers) -> "TrialValues":
         """Return the trials at these positions."""
-        selection = replace(
-            self,
-            values=self.values[positions],
-            worlds=self.worlds[positions],
-            repetitions=self.repetitions[positions],
-        )
-        if not self.counts_failures:
-            return selection
-        return replace(
-            selection,
-            failures=self.failures[positions],
-            as_failure=self.as_failure[positions],
-        )
+        names = ["values", "worlds", "repetitions"]
+        if self.counts_failures:
+            names += ["failures", "as_failure"]
+        return replace(self, **{name: getattr(self, name)[positions] for name in names})
+
+    @property
+    def average(self) -> float:
+        """The mean of all values, which are finite; NaN if there is none."""
+        return float(self.values.mean()) if len(self.values) else math.nan
 
     @property
     def counts_failures(self) -> bool:
@@ -317,36 +313,24 @@ def compare_pairs(
     """
     left, right = matched_trials([a, b])
     test = difference(left, right, seed)
-    if not test.trials:
-        nothing = Interval(math.nan)
-        return Paired(
-            worlds=0,
-            trials=0,
-            mean_a=math.nan,
-            mean_b=math.nan,
-            difference=test.interval,
-            p=math.nan,
-            parts=test.parts,
-            improvement=nothing,
-        )
-
-    larger = left
-    smaller = right
+    sides = [left, right]
     if not larger_is_better:
-        larger = right
-        smaller = left
-    larger_by_world = _values_by_world(larger.values, larger.worlds)
-    smaller_by_world = _values_by_world(smaller.values, smaller.worlds)
-    world_numbers = np.array(list(larger_by_world))
+        sides.reverse()
+    larger, smaller = (_values_by_world(side.values, side.worlds) for side in sides)
     chances = []
-    for world, values in larger_by_world.items():
-        chances.append(_chance_of_larger(values, smaller_by_world[world]))
-    lead = significance.paired_difference(np.array(chances) - 0.5, world_numbers, seed)
+    for world, values in larger.items():
+        gaps = values[:, None] - smaller[world][None, :]
+        # Ties count half.
+        chances.append(float(np.mean((gaps > 0.0) + 0.5 * (gaps == 0.0))))
+    # All worlds have the same weight, however many trials they have.
+    lead = significance.paired_difference(
+        np.array(chances) - 0.5, np.array(list(larger)), seed
+    )
     return Paired(
         worlds=test.worlds,
         trials=test.trials,
-        mean_a=float(left.values.mean()),
-        mean_b=float(right.values.mean()),
+        mean_a=left.average,
+        mean_b=right.average,
         difference=test.interval,
         p=test.p,
         parts=test.parts,
@@ -383,12 +367,6 @@ def rank_correlation(
     return bootstrap_interval(
         lambda sample: spearman(a_ranks[sample], b_ranks[sample]), len(shared), seed
     )
-
-
-def _chance_of_larger(a: Floats, b: Floats) -> float:
-    """Return the probability that a value of `a` exceeds one of `b`; ties count half."""
-    gaps = a[:, None] - b[None, :]
-    return float(np.mean((gaps > 0.0) + 0.5 * (gaps == 0.0)))
 
 
 def _positions(trials: TrialValues) -> dict[tuple[int, int], int]:

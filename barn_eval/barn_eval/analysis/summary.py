@@ -1,7 +1,8 @@
 """Rates and means of each planner with their uncertainty, and each pair of planners."""
 
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -125,20 +126,21 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
         if key != "success":
             means[key] = trial_values(results, MEASURES[key]).mean()
 
-    counts = Counter(result.outcome for result in results)
-    outcomes = {}
-    for outcome in Outcome:
-        if counts[outcome]:
-            outcomes[outcome.value] = counts[outcome]
     times = MEASURES["normalised_time_s_per_m"].values(results)
     return Summary(
         planner=results[0].planner if results else "",
         trials=len(results),
         worlds=len(np.unique(worlds)),
-        outcomes=outcomes,
+        outcomes=count_outcomes(results),
         means=means,
         spread_s_per_m=repetition_spread(times, worlds),
     )
+
+
+def count_outcomes(results: Rows) -> dict[str, int]:
+    """Return the number of trials by outcome, in the order of `Outcome`."""
+    counts = Counter(result.outcome for result in results)
+    return {o.value: counts[o] for o in Outcome if counts[o]}
 
 
 def summarize_run(results: Rows) -> RunSummary:
@@ -216,6 +218,20 @@ def common_trials(groups: Sequence[Rows]) -> list[list[TrialResult]]:
         [row for row in rows if (row.world, row.repetition) in shared]
         for rows in groups
     ]
+
+
+def finite_keys(summaries: Sequence[Summary], keys: Iterable[str]) -> list[str]:
+    """Return the keys of measures of which some summary has a mean.
+
+    Args:
+        summaries: Summaries that have all these measures.
+        keys: Keys of measures. Rows of older versions lack some.
+    """
+    keys_with_mean = []
+    for key in keys:
+        if any(math.isfinite(summary[key].estimate) for summary in summaries):
+            keys_with_mean.append(key)
+    return keys_with_mean
 
 
 def sort_positions(measure: Measure, summaries: Sequence[Summary]) -> list[int]:

@@ -5,7 +5,6 @@ Names and digits of measures are those of the catalog.
 
 import re
 from collections.abc import Mapping, Sequence
-from math import isfinite
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import BAND_MEASURES, Band
@@ -20,6 +19,7 @@ from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.summary import (
     Summary,
     common_trials,
+    finite_keys,
     sort_positions,
     summarize,
 )
@@ -83,12 +83,7 @@ def headline_table(
         measure: The ranking measure, which comes first.
         keys: Keys of the measures. By default rates, times and scores.
     """
-    if not keys:
-        # Rows of older versions lack some.
-        keys = []
-        for key in _HEADLINE_MEASURES:
-            if any(isfinite(summary[key].estimate) for summary in summaries):
-                keys.append(key)
+    keys = keys or finite_keys(summaries, _HEADLINE_MEASURES)
     all_keys = tuple(dict.fromkeys((measure.key, *keys)))
 
     rows = []

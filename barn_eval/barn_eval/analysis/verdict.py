@@ -158,12 +158,7 @@ def rank(
     """
     matched = matched_trials(list(planners.values()))
     trials = dict(zip(planners, matched, strict=True))
-    means = {}
-    for name, values in trials.items():
-        has_trials = len(values.values) > 0
-        means[name] = math.nan
-        if has_trials:
-            means[name] = float(values.values.mean())
+    means = {name: values.average for name, values in trials.items()}
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))
 

@@ -33,7 +33,7 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_durably
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
-from barn_worlds.drawing.palette import FAINT, INK, WHITE
+from barn_worlds.drawing.palette import INK, WHITE
 
 # At 96 pixels per inch this is the width of a page on a screen of 1280 pixels.
 WIDTH_IN = 12.0
@@ -50,25 +50,6 @@ _MAX_TEXT_LENGTH = 40
 _NOTEBOOK_WIDTH_PX = 860
 # Digits of a coordinate in pixels beyond what a page shows.
 _INVISIBLE_DIGITS = re.compile(r"(\.\d\d)\d+")
-_PAPER_STYLE = {
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "legend.fontsize": 7.0,
-    "font.size": 8.0,
-    "axes.titlesize": 8.0,
-    "axes.labelsize": 8.0,
-    "lines.markersize": 4.0,
-    "legend.handlelength": 1.6,
-    "legend.columnspacing": 1.0,
-}
-_INK_PARTS = (
-    "text.color",
-    "axes.edgecolor",
-    "axes.labelcolor",
-    "axes.titlecolor",
-    "xtick.color",
-    "ytick.color",
-)
 # A notebook shows several figures in one page, so their identifiers must differ.
 _figure_numbers = itertools.count(1)
 
@@ -80,10 +61,9 @@ def style(width_mm: float | None = None) -> AbstractContextManager[None]:
         width_mm: Width of a figure in a paper, which gets type of 7 to 9 pt. By default
             the figure is for a page.
     """
-    suite_style = resources.files("barn_eval") / "data" / "figures.mplstyle"
-    colors = dict.fromkeys(_INK_PARTS, INK) | {"grid.color": FAINT}
-    sizes = _PAPER_STYLE if width_mm else {}
-    return context([str(suite_style), colors | sizes])
+    names = ["figures", "paper"] if width_mm else ["figures"]
+    folder = resources.files("barn_eval") / "data"
+    return context([str(folder / f"{name}.mplstyle") for name in names])
 
 
 def small_type_pt() -> float:
@@ -139,9 +119,8 @@ def draw_estimates(
     axes: Axes,
     x: Sequence[Interval] | Floats,
     y: Sequence[Interval],
-    color: str,
-    marker: str,
     size: float = 6,
+    **look: Any,
 ) -> ErrorbarContainer:
     """Draw estimates with their limits.
 
@@ -149,9 +128,8 @@ def draw_estimates(
         axes: What is drawn onto.
         x: Horizontal positions (n,), or estimates with limits of their own.
         y: Estimates.
-        color: Color of markers and limits.
-        marker: Marker of matplotlib.
         size: Size of the markers in points.
+        **look: Color, marker and label, as matplotlib takes them.
 
     Returns:
         What a legend shows of them.
@@ -168,9 +146,7 @@ def draw_estimates(
         below = np.maximum(middle - low, 0.0)
         above = np.maximum(high - middle, 0.0)
         values[f"{name}err"] = np.array([below, above])
-    return axes.errorbar(
-        **values, color=color, marker=marker, linestyle="", capsize=3, markersize=size
-    )
+    return axes.errorbar(**values, linestyle="", capsize=3, markersize=size, **look)
 
 
 class ReportFigure(NamedTuple):

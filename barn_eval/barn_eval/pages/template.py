@@ -11,7 +11,7 @@ from markupsafe import Markup
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.text_table import count_noun
 from barn_metrics.bootstrap import number
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
@@ -49,11 +49,8 @@ def write_page(path: Path, page: str | bytes) -> None:
         ConfigError: A folder cannot be made.
         StoreError: The file cannot be written.
     """
-    try:
+    with convert_os_errors(ConfigError, f"{path.parent}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or error
-        raise ConfigError(f"{path.parent}: cannot be written: {reason}") from None
     write_durably(path, page if isinstance(page, bytes) else page.encode("utf-8"))
 
 
@@ -81,20 +78,6 @@ def asset(name: str) -> Markup:
     return Markup(text)  # noqa: S704  # nosec B704
 
 
-def color_sheet() -> Markup:
-    """Return the palette as properties of a style sheet, for light and dark themes."""
-    light = "".join(f"--{name}: {color}; " for name, (color, _) in PAGE.items())
-    dark = "".join(f"--{name}: {color}; " for name, (_, color) in PAGE.items())
-    for color, dark_color in PLANNERS_ON_DARK.items():
-        dark += f"{_property_name(color)}: {dark_color}; "
-    dark_theme = (
-        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}"
-    )
-    sheet = f":root {{ color-scheme: light dark; {light}}}\n{dark_theme}\n"
-    # The palette is the package's own.
-    return Markup(sheet)  # noqa: S704  # nosec B704
-
-
 def themed(color: str) -> str:
     """Return a color for style sheets that follows the theme.
 
@@ -103,11 +86,11 @@ def themed(color: str) -> str:
     if color == MOVER:
         return f"var(--mover, {MOVER})"
     if color.upper() in PLANNERS:
-        return f"var({_property_name(color)}, {color})"
+        return f"var({property_name(color)}, {color})"
     return color
 
 
-def _property_name(color: str) -> str:
+def property_name(color: str) -> str:
     """Return the name of a planner's color in style sheets."""
     return f"--c-{color[1:].lower()}"
 
@@ -122,7 +105,11 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals |= {"asset": asset, "color_sheet": color_sheet}
-    for function in (script_json, count_noun, number, spelling, themed):
+    environment.globals |= {
+        "asset": asset,
+        "page_colors": PAGE,
+        "planner_colors": PLANNERS_ON_DARK,
+    }
+    for function in (script_json, count_noun, number, property_name, spelling, themed):
         environment.filters[function.__name__] = function
     return environment

@@ -15,7 +15,7 @@ from typing import Any
 from barn_eval.analysis.compare import Comparison, compare, trial_values
 from barn_eval.analysis.measures import MEASURES, ranking_measure
 from barn_eval.analysis.sequential import Decision, decide, plan_looks
-from barn_eval.analysis.text_table import count_noun
+from barn_eval.pages.template import render
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE
 from barn_eval.ros.work import require_ros, work_of
@@ -29,7 +29,6 @@ from barn_eval.trials.run_config import PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, format_value
-from barn_worlds.base.text_files import markdown_table
 
 _SHOWN_MEASURES = (
     "success",
@@ -64,40 +63,7 @@ class AbResult:
 
     def markdown(self) -> str:
         """Return the result as a comment on a pull request."""
-        measure = MEASURES[self.comparison.metric]
-        pair = self.comparison.row(measure.key).paired
-        difference = pair.difference.text(measure.digits)
-        if pair.mean_b:
-            difference += f" or {pair.difference.estimate / pair.mean_b:+.1%}"
-        conclusion = (
-            f"**{_DECISIONS[self.decision]}**, by the {measure.title}:"
-            f" {measure.number(pair.mean_a)} against {measure.number(pair.mean_b)},"
-            f" a difference of {difference}, after {self.worlds} of"
-            f" {count_noun(self.planned, 'world')}."
-        )
-
-        table_rows = []
-        for row in self.comparison.rows:
-            row_measure = MEASURES[row.key]
-            table_rows.append(
-                (
-                    row_measure.heading,
-                    row_measure.number(row.paired.mean_b),
-                    row_measure.number(row.paired.mean_a),
-                    row_measure.text(row.paired.difference),
-                )
-            )
-        table = markdown_table(
-            ("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), table_rows
-        )
-        base, head = self.sides
-        notes = (
-            f"BASE: `{base}`, HEAD: `{head}`; {count_noun(pair.trials, 'pair')} of"
-            f" trials, protocol {self.comparison.protocol}, task"
-            f" {self.comparison.task}. Looked at after each fifth of the worlds, with"
-            " 5 % false alarms over all looks; intervals are those of a single look."
-        )
-        return "\n\n".join((conclusion, table.rstrip("\n"), notes))
+        return render("ab.md", result=self, measures=MEASURES, decisions=_DECISIONS)
 
 
 def ab(

@@ -404,21 +404,12 @@ class Tuner:
         tuned = []
         for number, comparison in zip(candidates, adjusted, strict=True):
             by_first = replace(comparison, metric=self.by[0])
-            tuned.append(self._keep(trials[number], by_first))
+            verdict = str(conclude_comparison(by_first))
+            setting = self.make_setting(trials[number], "settings")
+            files = self.write_files(number, setting, verdict)
+            means = self.means(trials[number])
+            tuned.append(Tuned(number, setting.values, means, by_first, verdict, files))
         return tuned
-
-    def _keep(self, trial: FrozenTrial, comparison: Comparison) -> Tuned:
-        setting = self.make_setting(trial, "settings")
-        verdict = str(conclude_comparison(comparison))
-        files = self.write_files(trial.number, setting, verdict)
-        return Tuned(
-            trial.number,
-            setting.values,
-            self.means(trial),
-            comparison,
-            verdict,
-            files,
-        )
 
     def means(self, trial: FrozenTrial) -> dict[str, float]:
         """Return the means of a setting by measure."""

@@ -23,6 +23,11 @@ class Outcome(str, Enum):
     INTERFERENCE = "interference"
     ENVIRONMENT_FAILED = "environment_failed"
 
+    @property
+    def words(self) -> str:
+        """The outcome as a text for readers has it."""
+        return self.value.replace("_", " ")
+
 
 # Who failed in a trial that is no success. Only the planner's failures count in its
 # score.

@@ -187,6 +187,11 @@ class TrialResult:
         """Whether the planner answers for the trial's end; if not, it runs again."""
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
+    @property
+    def path_ratio(self) -> float:
+        """The driven length over that of the world's path."""
+        return self.measures.driven_m / self.scores.path_length_m
+
     def repeatable(self) -> dict[str, Any]:
         """Return the result as plain data without its wall-clock figures."""
         content = as_dict(self)

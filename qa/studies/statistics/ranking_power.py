@@ -167,9 +167,7 @@ def ranking_table(powers: Sequence[RankingPower]) -> TextTable:
 
 
 @click.command()
-@click.argument(
-    "folders", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--measure",
     "measures",

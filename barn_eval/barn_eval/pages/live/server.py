@@ -28,7 +28,6 @@ from barn_eval.results.bags import BAGS
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.rows import ROWS_FILE, RowFile
 from barn_eval.results.run_file import RunFile
-from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.text_files import make_json_safe
@@ -58,8 +57,7 @@ class RunState:
         """Watch a folder; ConfigError if it holds no run."""
         RunFile.read(folder)
         self.folder = folder
-        self._rows_version: tuple[int, int] | None = None
-        self._state: dict[str, Any] = {}
+        self._read_version = lru_cache(maxsize=1)(self._read)
 
     def read(self) -> dict[str, Any]:
         """Return the state as plain data; "problem" says if files cannot be read."""
@@ -69,15 +67,15 @@ class RunState:
             status = path.stat()
             # Size and time: two rows may come within one step of the file's clock.
             version = (status.st_size, status.st_mtime_ns)
-        if version != self._rows_version or not self._state:
-            try:
-                self._state = read_state(self.folder)
-            except (BarnError, OSError) as error:
-                title = self.folder.resolve().name
-                self._state = {"title": title, "problem": str(error)}
-            # As it was before the reading: rows that came meanwhile are read next time.
-            self._rows_version = version
-        return self._state
+        # The version is from before the reading, so that rows which come meanwhile are
+        # read next time.
+        return self._read_version(version)
+
+    def _read(self, _version: tuple[int, int]) -> dict[str, Any]:
+        try:
+            return read_state(self.folder)
+        except (BarnError, OSError) as error:
+            return {"title": self.folder.resolve().name, "problem": str(error)}
 
     def bag(self, trial_id: str) -> Path:
         """Return the bag of a trial; ConfigError if it has none inside this folder."""
@@ -110,7 +108,7 @@ def read_state(folder: Path) -> dict[str, Any]:
         "done": len(results),
         "planned": source.planned,
         "again": sum(not row.is_scored for row in rows),
-        "outcomes": [(_outcome_words(outcome), count) for outcome, count in counts],
+        "outcomes": [(outcome.words, count) for outcome, count in counts],
         **_pace(rows, source.planned),
         "failures": [_trial_state(folder, row) for row in failures[:MAX_LISTED]],
         "latest": [_trial_state(folder, row) for row in newest[:MAX_LISTED]],
@@ -182,16 +180,12 @@ def _trial_state(folder: Path, row: TrialResult) -> dict[str, Any]:
         "id": row.trial_id,
         "planner": spelling(row.planner),
         "world": row.world,
-        "outcome": _outcome_words(row.outcome),
+        "outcome": row.outcome.words,
         "detail": row.detail,
         "counts": row.is_scored,
         "time_s": row.scores.traversal_time_s if row.scores.success else None,
         "bag": (folder / BAGS / row.trial_id).is_dir(),
     }
-
-
-def _outcome_words(outcome: Outcome) -> str:
-    return outcome.value.replace("_", " ")
 
 
 class PageServer(AbstractContextManager["PageServer"]):

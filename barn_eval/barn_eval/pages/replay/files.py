@@ -22,7 +22,7 @@ from barn_eval.results.bags.recorded import RecordedTrial, read_recorded_trial
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, format_error
+from barn_worlds.base.errors import ConfigError, convert_os_errors, format_error
 from barn_worlds.base.files import replace_file
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.files import gif_bytes
@@ -146,15 +146,13 @@ def _write_film(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> No
             "a film needs ffmpeg, which is not installed (apt install ffmpeg); "
             ".gif and .html do not"
         )
-    try:
+    with convert_os_errors(ConfigError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         with replace_file(path) as partial:
             complaint = _encode_film(ffmpeg, frames, frames_per_s, partial)
+            # Within the block, so that a film that failed does not replace the file.
             if complaint is not None:
                 raise ConfigError(f"{path}: ffmpeg failed: {format_error(complaint)}")
-    except OSError as error:
-        reason = error.strerror or error
-        raise ConfigError(f"{path}: cannot be written: {reason}") from None
 
 
 def _encode_film(

@@ -28,6 +28,8 @@ _MAX_MILLIMETERS_M = 32.0
 # A motion that ends so close to its start is closed.
 _CLOSED_M = 0.01
 _OCCUPIED = 50
+# A page shows no more digits than these have. Other types stay as they are.
+_SMALL_TYPES = {"f8": "f4", "i8": "i4", "b1": "u1"}
 
 
 def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
@@ -35,11 +37,11 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
     scene = recorded.scene
     progress = progress_m(recorded)
     arrays: Arrays = {
-        "times": recorded.times_s.astype("f4"),
-        "poses": recorded.poses.astype("f4"),
-        "speeds": recorded.speeds.astype("f4"),
-        "commands": recorded.commands.astype("f4"),
-        "contact": recorded.contact.astype("u1"),
+        "times": recorded.times_s,
+        "poses": recorded.poses,
+        "speeds": recorded.speeds,
+        "commands": recorded.commands,
+        "contact": recorded.contact,
     }
     content: dict[str, Any] = {
         "outline": recorded.outline.plain(),
@@ -55,11 +57,9 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
         "along_path": progress is not None,
         "outcomes": [[item.time_s, item.content] for item in recorded.outcomes],
     }
-    arrays["progress"] = np.empty(0, "f4")
-    if progress is not None:
-        arrays["progress"] = progress.astype("f4")
-    arrays["clearance"] = recorded.clearance_m.astype("f4")
-    arrays["score_times"] = np.array([item.time_s for item in recorded.scores], "f4")
+    arrays["progress"] = np.empty(0) if progress is None else progress
+    arrays["clearance"] = recorded.clearance_m
+    arrays["score_times"] = np.array([item.time_s for item in recorded.scores])
     arrays["scores"] = np.array([item.content for item in recorded.scores], "f4")
     if recorded.map is not None:
         content["map"] = _grid_list(recorded.map, Pose2D(0.0, 0.0, 0.0))
@@ -77,8 +77,17 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
     _add_lines(recorded, "band", recorded.bands, arrays)
     _add_bubbles(recorded, arrays)
     content["costmaps"] = _add_costmaps(recorded, arrays)
-    content["packed"] = pack_arrays(arrays)
+    content["packed"] = pack_small(arrays)
     return content
+
+
+def pack_small(arrays: Arrays) -> dict[str, Any]:
+    """Return arrays packed with four bytes a number, one a truth value."""
+    small_arrays = {}
+    for name, array in arrays.items():
+        kind = _SMALL_TYPES.get(array.dtype.str[1:], array.dtype)
+        small_arrays[name] = array.astype(kind)
+    return pack_arrays(small_arrays)
 
 
 def bounds(recorded: RecordedTrial) -> list[float]:
@@ -88,11 +97,8 @@ def bounds(recorded: RecordedTrial) -> list[float]:
     trail = recorded.poses[:, :2]
     # Without a world there is little else to see around the trail.
     margin_m = 1.0 if grid is None and scene is None else 0.5
-    low = trail.min(axis=0) - margin_m
-    high = trail.max(axis=0) + margin_m
-
     # Points, and the room around them.
-    areas = []
+    areas = [(trail, margin_m)]
     reach_m = 0.5 if scene is None else scene.goal_distance_m + 0.1
     for pose in (recorded.goal_pose(), scene.start if scene else None):
         if pose is not None:
@@ -101,15 +107,13 @@ def bounds(recorded: RecordedTrial) -> list[float]:
         areas.append((scene.cylinders_m, 2.0 * scene.radius_m))
     if recorded.moving is not None and len(recorded.moving.walls.poses):
         areas.append((np.concatenate(recorded.moving.walls.outlines()), 0.25))
-    for points, room_m in areas:
-        low = np.minimum(low, points.min(axis=0) - room_m)
-        high = np.maximum(high, points.max(axis=0) + room_m)
-
     if grid is not None:
         corner = np.array([grid.origin_x, grid.origin_y])
         size = np.array(grid.data.shape[::-1]) * grid.resolution
-        low = np.minimum(low, corner)
-        high = np.maximum(high, corner + size)
+        areas.append((np.stack([corner, corner + size]), 0.0))
+
+    low = np.min([points.min(axis=0) - room_m for points, room_m in areas], axis=0)
+    high = np.max([points.max(axis=0) + room_m for points, room_m in areas], axis=0)
     if scene is not None:
         low, high = scene.view_m(low, high, trail)
     return [*low.tolist(), *high.tolist()]
@@ -157,10 +161,10 @@ def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
     scene = recorded.scene
     if scene is None:
         return None
-    arrays["obstacles"] = scene.obstacles_m.astype("f4")
-    arrays["walls"] = scene.walls_m.astype("f4")
-    arrays["pushed"] = recorded.pushed_m.astype("f4")
-    arrays["path"] = scene.path_m.astype("f4")
+    arrays["obstacles"] = scene.obstacles_m
+    arrays["walls"] = scene.walls_m
+    arrays["pushed"] = recorded.pushed_m
+    arrays["path"] = scene.path_m
     return {"radius": scene.radius_m}
 
 
@@ -171,9 +175,9 @@ def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | Non
         return None
     arrays["mover_shapes"] = shape_array(moving.bodies)
     arrays["box_walls"] = shape_array(moving.walls)
-    arrays["mover_times"] = moving.times_s.astype("f4")
+    arrays["mover_times"] = moving.times_s
     arrays["mover_places"], step_m = to_millimeters(moving.places)
-    arrays["mover_jumps"] = moving.jumps.astype("u1")
+    arrays["mover_jumps"] = moving.jumps
     return {
         "there": len(moving.bodies.poses) > 0,
         "step": step_m,
@@ -205,7 +209,7 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
     is_near = (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
     is_hit = np.isfinite(ranges) & is_near
     centimeters = np.round(np.where(is_hit, ranges, 0.0) * 100.0)
-    arrays["scan_times"] = np.array([item.time_s for item in scans], "f4")
+    arrays["scan_times"] = np.array([item.time_s for item in scans])
     arrays["scan_ranges"] = np.where(is_hit, centimeters, _NO_RANGE).astype("u2")
     return {
         "beams": ranges.shape[1],
@@ -230,10 +234,10 @@ def _add_lines(
         points += lines
         lengths += [len(line) for line in lines]
         line_counts.append(len(lines))
-    arrays[f"{name}_times"] = np.array([item.time_s for item in items], "f4")
-    arrays[f"{name}_lines"] = np.cumsum(line_counts).astype("i4")
-    arrays[f"{name}_ends"] = np.cumsum(lengths).astype("i4")
-    arrays[f"{name}_points"] = np.concatenate(points).astype("f4")
+    arrays[f"{name}_times"] = np.array([item.time_s for item in items])
+    arrays[f"{name}_lines"] = np.cumsum(line_counts)
+    arrays[f"{name}_ends"] = np.cumsum(lengths)
+    arrays[f"{name}_points"] = np.concatenate(points)
 
 
 def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
@@ -244,8 +248,8 @@ def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
         centers = recorded.to_frame(item).transform(item.content.discs[:, :2])
         discs.append(np.column_stack([centers, item.content.discs[:, 2]]))
         counts.append(len(centers))
-    arrays["bubble_ends"] = np.cumsum(counts).astype("i4")
-    arrays["bubbles"] = np.concatenate(discs).astype("f4")
+    arrays["bubble_ends"] = np.cumsum(counts)
+    arrays["bubbles"] = np.concatenate(discs)
 
 
 def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
@@ -262,7 +266,7 @@ def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
         cells.append(levels.ravel())
         grids.append(_grid_list(item.content, recorded.to_frame(item)))
     arrays["costmap_cells"] = np.concatenate(cells)
-    arrays["costmap_times"] = np.array([item.time_s for item in costmaps], "f4")
+    arrays["costmap_times"] = np.array([item.time_s for item in costmaps])
     return grids
 
 
@@ -277,7 +281,7 @@ def _thin_out(line: Floats) -> Floats:
 def shape_array(bodies: Bodies) -> Packable:
     """Return x, y, yaw, radius and both sizes of bodies, as motion.js reads them."""
     columns = [bodies.poses, bodies.radius_m, bodies.size_m]
-    return np.column_stack(columns).astype("f4")
+    return np.column_stack(columns)
 
 
 def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
@@ -288,7 +292,7 @@ def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
     """
     if np.abs(values_m).max(initial=0.0) < _MAX_MILLIMETERS_M:
         return np.round(1000.0 * values_m).astype("i2"), 0.001
-    return values_m.astype("f4"), 1.0
+    return values_m, 1.0
 
 
 def motion_arrays(world: World, arrays: Arrays) -> dict[str, float]:
@@ -304,13 +308,13 @@ def motion_arrays(world: World, arrays: Arrays) -> dict[str, float]:
     arrays["box_walls"] = shape_array(wall_bodies(world.walls))
     arrays["mover_shapes"] = shape_array(moving_bodies(world.tracks, 0.0))
     first, begin, duration, coefficients, period, phase = world.tracks.table
-    arrays["mover_first"] = first.astype("i4")
-    arrays["mover_begin"] = begin.astype("f4")
-    arrays["mover_duration"] = duration.astype("f4")
+    arrays["mover_first"] = first
+    arrays["mover_begin"] = begin
+    arrays["mover_duration"] = duration
     arrays["mover_coefficients"], step_m = to_millimeters(coefficients)
-    arrays["mover_periods"] = period.astype("f4")
-    arrays["mover_phases"] = phase.astype("f4")
+    arrays["mover_periods"] = period
+    arrays["mover_phases"] = phase
     # Where the last piece of each motion ends, minus where its first begins.
     ends = coefficients[first[1:] - 1].sum(axis=2) - coefficients[first[:-1], :, 0]
-    arrays["mover_closed"] = (np.hypot(*ends.T) < _CLOSED_M).astype("u1")
+    arrays["mover_closed"] = np.hypot(*ends.T) < _CLOSED_M
     return {"powers": coefficients.shape[2], "step": step_m, "trail": TRAIL_S}

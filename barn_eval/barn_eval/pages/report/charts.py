@@ -1,6 +1,6 @@
 """The charts of a report, each drawn onto given axes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
 from textwrap import fill
@@ -36,11 +36,7 @@ from barn_eval.pages.figures import (
     small_type_pt,
 )
 from barn_eval.pages.report.trials import DrivenTrial
-from barn_eval.running.setting_folders import (
-    LATENCY,
-    format_setting_value,
-    parse_folder_name,
-)
+from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK, WHITE
@@ -88,32 +84,24 @@ class ChartData:
     """The hardest worlds with their trials, by number, hardest first."""
 
     @property
-    def labels(self) -> list[str]:
-        """Labels of the entries."""
-        return [entry.label for entry in self.entries]
-
-    @property
-    def ranking_measure(self) -> Measure:
-        """The measure by which the protocol ranks planners."""
-        return ranking_measure(self.entries[0].results)
+    def looks(self) -> list[dict[str, Any]]:
+        """Color, marker and label of each entry, as matplotlib takes them."""
+        return [
+            {"color": entry.color, "marker": marker_of(number), "label": entry.label}
+            for number, entry in enumerate(self.entries)
+        ]
 
     @property
     def difference_measures(self) -> list[Measure]:
         """The measures by which bands, pairs and settings are compared."""
-        keys = (self.ranking_measure.key, "success", _TIME.key)
+        ranking_key = ranking_measure(self.entries[0].results).key
+        keys = (ranking_key, "success", _TIME.key)
         return [MEASURES[key] for key in dict.fromkeys(keys)]
 
     @property
     def clearance_measure(self) -> Measure:
         """The clearance that says how safe the trials were."""
         return clearance_measure([row for e in self.entries for row in e.results])
-
-
-class Legend(NamedTuple):
-    """What a chart's legend shows."""
-
-    handles: Sequence[Any] = ()
-    labels: Sequence[str] = ()
 
 
 class Panels(NamedTuple):
@@ -142,7 +130,8 @@ class Panels(NamedTuple):
         )
 
 
-Drawing = Callable[[Sequence[Axes], ChartData], Legend]
+# Draws onto panels and returns what the legend shows, with labels; it may be nothing.
+Drawing = Callable[[Sequence[Axes], ChartData], Sequence[Any]]
 Layout = Callable[[ChartData], Panels | None]
 
 
@@ -174,17 +163,12 @@ def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
     return register
 
 
-def _lines(data: ChartData) -> Iterator[tuple[Entry, str]]:
-    """Yield entries, each with the dashes of its line."""
-    return zip(data.entries, cycle(_DASHES), strict=False)
-
-
 @chart(
     "Time per meter as counted in each world, from easy to difficult; from 30 worlds on"
     " lines are running means",
     lambda _: Panels(4.4),
 )
-def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _worlds(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     (axes,) = panels
     worlds = data.order.worlds
     rank = np.arange(1.0, len(worlds) + 1)
@@ -194,13 +178,13 @@ def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
         points = {"alpha": 0.3, "markersize": 3}
 
     handles: list[Any] = []
-    for position, (entry, dashes) in enumerate(_lines(data)):
+    lines = zip(data.entries, data.looks, cycle(_DASHES), strict=False)
+    for entry, look, dashes in lines:
         results = results_by_world(entry.results)
         means: Floats = np.full(len(worlds), np.nan)
         for place, world in enumerate(worlds):
             if world in results:
                 means[place] = _TIME.values(results[world]).mean()
-        look: dict[str, Any] = {"color": entry.color, "marker": marker_of(position)}
         axes.plot(rank, means, linestyle="", markeredgewidth=0, **look, **points)
         running_means = _running_means(means, window)
         handles += axes.plot(
@@ -215,7 +199,7 @@ def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     label_axes(axes, _RANK_LABEL, _TIME.heading)
     _label_worlds(axes, data.order)
     axes.set_ylim(bottom=0)
-    return Legend(handles, data.labels)
+    return handles
 
 
 def _running_means(values: Floats, window: int) -> Floats:
@@ -235,31 +219,31 @@ def _bands_layout(data: ChartData) -> Panels | None:
     "Metric, success and time per meter by band of difficulty, with 95 % intervals",
     _bands_layout,
 )
-def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _bands(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     bands = data.overview().bands
     count = len(data.entries)
     places = np.arange(len(bands), dtype=np.float64)
     ticks = [f"{band.name}\n({len(band.worlds)})" for band in bands]
-    handles = []
     for axes, measure in zip(panels, data.difference_measures, strict=True):
-        for position, entry in enumerate(data.entries):
+        handles = []
+        for position, look in enumerate(data.looks):
             # Side by side around the tick, apart from those of the next band.
             shift = (position - (count - 1) / 2) * min(0.16, 0.6 / count)
             means = [
                 measure.in_heading_unit(band.summaries[position][measure.key])
                 for band in bands
             ]
-            handles.append(
-                draw_estimates(
-                    axes, places + shift, means, entry.color, marker_of(position)
-                )
-            )
-        title = measure.title.capitalize()
-        label_axes(axes, "worlds by difficulty [band]", measure.heading, title)
+            handles.append(draw_estimates(axes, places + shift, means, **look))
+        _label_measure(axes, "worlds by difficulty [band]", measure)
         axes.set_xticks(places, ticks)
-        # A marker at 100 % must not be cut off.
-        axes.set_ylim(0, 104 if measure.percent else None)
-    return Legend(handles[:count], data.labels)
+    return handles
+
+
+def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
+    """Label axes over which a measure is drawn, from zero."""
+    label_axes(axes, x, measure.heading, measure.title.capitalize())
+    # A marker at 100 % must not be cut off.
+    axes.set_ylim(0, 104 if measure.percent else None)
 
 
 def _repetition_counts(data: ChartData) -> list[int]:
@@ -275,7 +259,7 @@ def _outcomes_layout(data: ChartData) -> Panels:
 
 
 @chart("Outcome of every trial in every world", _outcomes_layout)
-def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _outcomes(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     worlds = data.order.worlds
     column = {world: position for position, world in enumerate(worlds)}
     # 0 stands for no trial.
@@ -308,16 +292,15 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
 
     names = {0: "no trial"}
     for outcome, code in codes.items():
-        names[code] = outcome.value.replace("_", " ")
+        names[code] = outcome.words
         if OUTCOME_COLORS[outcome] == BROKEN:
             names[code] = "other failure"
     # Outcomes of one name have one color, so the legend has them once.
     color_by_name = {names[code]: colors[code] for code in sorted(present_codes)}
-    handles = [
-        Patch(facecolor=color, edgecolor=INK, linewidth=0.5)
-        for color in color_by_name.values()
+    return [
+        Patch(facecolor=color, edgecolor=INK, linewidth=0.5, label=name)
+        for name, color in color_by_name.items()
     ]
-    return Legend(handles, list(color_by_name))
 
 
 def _paired_layout(data: ChartData) -> Panels | None:
@@ -334,7 +317,7 @@ def _paired_layout(data: ChartData) -> Panels | None:
     " the right the one on the right",
     _paired_layout,
 )
-def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _paired(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     comparisons = data.overview().comparisons
     for axes, measure in zip(panels, data.difference_measures, strict=False):
         rows = [comparison.row(measure.key) for comparison in comparisons]
@@ -347,8 +330,7 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
             # Right is always in favor of the same planner.
             axes.invert_xaxis()
 
-    key = data.ranking_measure.key
-    rows = [comparison.row(key) for comparison in comparisons]
+    rows = [comparison.row(comparison.metric) for comparison in comparisons]
     chances = [row.paired.improvement for row in rows]
     _draw_differences(panels[-1], rows, chances, 0.5)
     label_axes(panels[-1], "probability", "", "better in a trial")
@@ -358,7 +340,7 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     ]
     panels[0].set_yticks(range(len(names)), names)
     panels[0].set_ylim(len(names) - 0.4, -0.6)
-    return Legend()
+    return ()
 
 
 def _draw_differences(
@@ -388,11 +370,9 @@ def _sweep_layout(data: ChartData) -> Panels | None:
     " commands, with 95 % intervals",
     _sweep_layout,
 )
-def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _sweep(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     parameters = sweep_parameters(data.entries)
-    settings = [
-        tuple(parse_folder_name(entry.source.path).values()) for entry in data.entries
-    ]
+    settings = [tuple(entry.setting.values()) for entry in data.entries]
     # The first parameter is along the axis; lines are of the second, or of planners.
     lines: dict[str, list[int]] = {}
     for position, setting in enumerate(settings):
@@ -410,8 +390,8 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     ticks = np.array(values if is_numeric else range(len(values)), np.float64)
     label = "delay of commands [s]" if parameters == [LATENCY] else parameters[0]
     summaries = data.overview().summaries
-    handles = {}
     for axes, measure in zip(panels, data.difference_measures, strict=True):
+        handles = []
         for number, (name, positions) in enumerate(lines.items()):
             ordered = sorted((values.index(settings[k][0]), k) for k in positions)
             means = [
@@ -423,37 +403,40 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
             x = ticks[[tick for tick, _ in ordered]] + shift
             color = data.entries[positions[0]].color
             axes.plot(x, [mean.estimate for mean in means], color=color, linewidth=1.2)
-            marker = marker_of(number)
-            handles[name] = draw_estimates(axes, x, means, color, marker)
+            estimates = draw_estimates(
+                axes, x, means, color=color, marker=marker_of(number), label=name
+            )
+            handles.append(estimates)
         if not is_numeric or len(ticks) <= 12:
             axes.set_xticks(ticks, [format_setting_value(value) for value in values])
-        label_axes(axes, label, measure.heading, measure.title.capitalize())
-        axes.set_ylim(0, 104 if measure.percent else None)
-    if len(handles) < 2:
-        return Legend()
-    return Legend(list(handles.values()), list(handles))
+        _label_measure(axes, label, measure)
+    return handles if len(handles) > 1 else ()
 
 
 @chart(
     "Cumulative distributions over trials of time per meter, clearance, speed and jerk",
     lambda _: Panels(3.6, 4),
 )
-def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _distributions(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     handles = {}
     for axes, key in zip(panels, _DISTRIBUTION_MEASURES, strict=True):
         measure = MEASURES[key]
         if key == "min_clearance_m":
             measure = data.clearance_measure
-        for entry, dashes in _lines(data):
+        for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
             values = _finite_values(measure, entry)
             if len(values):
                 handles[entry.label] = axes.ecdf(
-                    values, color=entry.color, linewidth=1.8, linestyle=dashes
+                    values,
+                    color=entry.color,
+                    linewidth=1.8,
+                    linestyle=dashes,
+                    label=entry.label,
                 )
         label_axes(axes, measure.heading, "")
         axes.set_ylim(0, 1.02)
     panels[0].set_ylabel("share of trials up to")
-    return Legend(list(handles.values()), list(handles))
+    return list(handles.values())
 
 
 def _safety_measures(data: ChartData) -> list[Measure]:
@@ -470,18 +453,15 @@ def _safety_measures(data: ChartData) -> list[Measure]:
     " over time in contact where there was any, with 95 % intervals of both",
     lambda data: Panels(4.2, len(_safety_measures(data)), sharey=True),
 )
-def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
-    handles: list[Any] = []
+def _trade(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     summaries = data.overview().summaries
     ticks = max(3, int(figure_of(panels).get_figwidth() / len(panels)))
     for axes, measure in zip(panels, _safety_measures(data), strict=True):
         handles = []
-        for position, entry in enumerate(data.entries):
-            summary = summaries[position]
+        for summary, look in zip(summaries, data.looks, strict=True):
             safety = [summary[measure.key]]
             time = [summary[_TIME.key]]
-            marker = marker_of(position)
-            handles.append(draw_estimates(axes, safety, time, entry.color, marker, 8))
+            handles.append(draw_estimates(axes, safety, time, 8, **look))
         y_label = _TIME.heading if axes is panels[0] else ""
         label_axes(axes, measure.heading, y_label)
         x = 0.01
@@ -502,7 +482,7 @@ def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
         )
         axes.margins(0.15)
         axes.locator_params("x", nbins=ticks)
-    return Legend(handles, data.labels)
+    return handles
 
 
 def _compute_layout(data: ChartData) -> Panels | None:
@@ -517,7 +497,7 @@ def _compute_layout(data: ChartData) -> Panels | None:
     " whiskers 5 to 95 %",
     _compute_layout,
 )
-def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _compute(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     entries = data.entries
     for axes, (title, key) in zip(panels, _COMPUTE_MEASURES.items(), strict=True):
         boxes = axes.boxplot(
@@ -543,10 +523,10 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         label_axes(axes, "time per cycle [ms]", "", title)
-    names = [plain_text(label) for label in data.labels]
+    names = [plain_text(entry.label) for entry in entries]
     panels[0].set_yticks(range(1, len(entries) + 1), names)
     panels[0].set_ylim(len(entries) + 0.6, 0.4)
-    return Legend()
+    return ()
 
 
 def _label_worlds(axes: Axes, order: WorldOrder) -> None:

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,8 @@ from matplotlib.lines import Line2D
 from barn_eval.analysis.difficulty import WorldOrder
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.text_table import count_noun
-from barn_eval.pages.figures import marker_of, new_figure, plain_text
-from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
+from barn_eval.pages.figures import new_figure, plain_text
+from barn_eval.pages.report.charts import ChartData, Panels, chart
 from barn_eval.pages.report.trials import (
     DrivenTrial,
     make_scene,
@@ -26,14 +25,13 @@ from barn_eval.pages.report.trials import (
 )
 from barn_eval.results.tracks import CHANNELS
 from barn_eval.trials.outcome import Outcome
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.drawing import scene as drawing
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, START
 from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
-
-Bounds = tuple[float, float, float, float]  # left, bottom, right, top, in meters
 
 OVERLAY_COLORS = ("planner", "speed")
 _SPEED = CHANNELS.index("speed")
@@ -83,15 +81,16 @@ def _hardest_layout(data: ChartData) -> Panels | None:
         return None
     ratios = []
     for world, trials in data.hardest.values():
-        left, bottom, right, top = _map_bounds(world, trials)
-        ratios.append((top - bottom) / (right - left))
+        low, high = _map_corners(world, trials)
+        width, height = high - low
+        ratios.append(height / width)
     rows = -(-len(data.hardest) // _MAPS_PER_ROW)
     height_in = (_MAP_IN * max(ratios) + _MAP_LABELS_IN) * rows + 0.4
     return Panels(height_in, _MAPS_PER_ROW, rows, width_in=_MAPS_WIDTH_IN)
 
 
 @chart("The hardest worlds with all recorded trajectories", _hardest_layout)
-def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
+def _hardest(panels: Sequence[Axes], data: ChartData) -> Sequence[Line2D]:
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
     maps = zip(panels, data.hardest.items(), strict=False)
@@ -105,13 +104,7 @@ def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
             f"{successes} of {len(trials)} trials succeed"
         )
 
-    handles = []
-    for position, entry in enumerate(data.entries):
-        handle = _legend_line(
-            entry.label, color=entry.color, marker=marker_of(position)
-        )
-        handle.set_linewidth(2)
-        handles.append(handle)
+    handles = [Line2D([], [], linewidth=2, **look) for look in data.looks]
     handles += [
         _legend_mark(
             "end of a failed trial",
@@ -120,18 +113,13 @@ def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
             markersize=8,
             markeredgewidth=2,
         ),
-        _legend_line("shortest path", color=FAINT, linestyle="--"),
+        Line2D([], [], color=FAINT, linestyle="--", label="shortest path"),
         _legend_mark("start", color=START, marker="o", markersize=7),
         _legend_mark("goal", color=GOAL, marker="*", markersize=13),
     ]
     if any(world.moving for world, _ in data.hardest.values()):
         handles += motion_handles()
-    return Legend(handles, [str(handle.get_label()) for handle in handles])
-
-
-def _legend_line(label: str, **look: Any) -> Line2D:
-    """Return a line for a legend."""
-    return Line2D([], [], label=label, **look)
+    return handles
 
 
 def _legend_mark(label: str, **look: Any) -> Line2D:
@@ -139,8 +127,8 @@ def _legend_mark(label: str, **look: Any) -> Line2D:
     return Line2D([], [], label=label, linestyle="", **look)
 
 
-def _map_bounds(world: World, trials: Sequence[DrivenTrial]) -> Bounds:
-    """Return what a map of the hardest worlds shows."""
+def _map_corners(world: World, trials: Sequence[DrivenTrial]) -> tuple[Floats, Floats]:
+    """Return two corners of what a map of the hardest worlds shows."""
     scene = make_scene_if_known(trials[0].entry.source, world)
     left, bottom, right, top = world.bounds_m
     heights = [scene.ends_m()[:, 1], *(trial.poses[:, 1] for trial in trials)]
@@ -152,21 +140,14 @@ def _map_bounds(world: World, trials: Sequence[DrivenTrial]) -> Bounds:
     low = max(bottom, y.min(initial=first) - 0.8)
     high = max(top, last, y.max(initial=top)) + 0.6
     trails = [trial.poses[:, :2] for trial in trials]
-    corners = scene.view_m(np.array([left, low]), np.array([right, high]), *trails)
-    return _as_bounds(*corners)
+    return scene.view_m(np.array([left, low]), np.array([right, high]), *trails)
 
 
-def _as_bounds(low: Any, high: Any) -> Bounds:
-    """Return the lower left and the upper right corner as bounds."""
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
-
-def _show_bounds(axes: Axes, bounds: Bounds) -> None:
-    """Limit axes to bounds, with the same scale in both directions."""
-    left, bottom, right, top = bounds
+def _show_area(axes: Axes, low: Floats, high: Floats) -> None:
+    """Limit axes to an area, with the same scale in both directions."""
     axes.set(
-        xlim=(left, right),
-        ylim=(bottom, top),
+        xlim=(low[0], high[0]),
+        ylim=(low[1], high[1]),
         aspect="equal",
         xlabel="x [m]",
         ylabel="y [m]",
@@ -203,7 +184,7 @@ def _draw_map(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
         # The page hides what its filters leave out by these identifiers.
         for number, mark in enumerate(marks):
             mark.set_gid(f"trial-{trial.position}-{number}")
-    _show_bounds(axes, _map_bounds(world, trials))
+    _show_area(axes, *_map_corners(world, trials))
     axes.grid(visible=True)
     axes.set_axisbelow(True)
 
@@ -273,7 +254,9 @@ def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Art
 def motion_handles() -> list[Line2D]:
     """Return the legend of moving obstacles."""
     return [
-        _legend_line("way of what moves", color=MOVER, linewidth=1.0, alpha=0.7),
+        Line2D(
+            [], [], color=MOVER, linewidth=1.0, alpha=0.7, label="way of what moves"
+        ),
         _legend_mark(
             "what was hit",
             marker="o",
@@ -312,12 +295,12 @@ def overlay(
     entries = read_entries(folders)
     trials, world = select_trials(entries, world_number, planners, outcome)
     scene = make_scene(trials[0].entry.source, world)
-    bounds = _overlay_bounds(scene, trials)
-    left, bottom, right, top = bounds
+    low, high = _overlay_corners(scene, trials)
+    width, height = high - low
     side_in = _OVERLAY_SIDE_IN
     if world.corner_m is not None:
         side_in += _ARENA_SIDE_IN
-    map_in = (_OVERLAY_HEIGHT_IN - 1.0) * (right - left) / (top - bottom)
+    map_in = (_OVERLAY_HEIGHT_IN - 1.0) * width / height
     figure = new_figure(_OVERLAY_HEIGHT_IN, side_in + map_in)
     axes = figure.add_subplot()
     drawing.draw_scene(axes, scene)
@@ -325,14 +308,13 @@ def overlay(
     trails = [_draw_trial(axes, world, trial, by) for trial in trials]
     if by == "speed":
         drawing.scale_speeds(axes, trails)
-    _show_bounds(axes, bounds)
+    _show_area(axes, low, high)
     axes.set_title(f"world {world_number}: {count_noun(len(trials), 'trial')}")
 
     handles = _overlay_handles(trials, by)
     if world.moving:
         handles += motion_handles()
-    labels = [str(handle.get_label()) for handle in handles]
-    figure.legend(handles, labels, loc="outside right upper")
+    figure.legend(handles=handles, loc="outside right upper")
     return figure
 
 
@@ -353,13 +335,14 @@ def select_trials(
     _require_selection(entries, world, planners, outcome)
     selection = []
     for entry in entries:
-        results = [
-            result
-            for result in entry.results
-            if result.world == world and outcome in ("", result.outcome.value)
-        ]
         if not planners or entry.planner in planners:
-            selection.append(replace(entry, results=tuple(results)))
+            selection.append(
+                entry.where(
+                    lambda row: (
+                        row.world == world and outcome in ("", row.outcome.value)
+                    )
+                )
+            )
 
     all_trials, worlds = read_trials(selection)
     trials = [trial for trial in all_trials if trial.track is not None]
@@ -402,8 +385,10 @@ def _require_selection(
         )
 
 
-def _overlay_bounds(scene: TrialScene, trials: Sequence[DrivenTrial]) -> Bounds:
-    """Return what an overlay shows: obstacles, start, goal and trajectories."""
+def _overlay_corners(
+    scene: TrialScene, trials: Sequence[DrivenTrial]
+) -> tuple[Floats, Floats]:
+    """Return two corners of obstacles, start, goal and trajectories of an overlay."""
     # The circle around the goal must be in view up to its top.
     goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
     trails = [trial.poses[:, :2] for trial in trials]
@@ -412,7 +397,7 @@ def _overlay_bounds(scene: TrialScene, trials: Sequence[DrivenTrial]) -> Bounds:
     )
     low = points.min(axis=0) - 0.3
     high = points.max(axis=0) + 0.3
-    return _as_bounds(*scene.view_m(low, high, *trails))
+    return scene.view_m(low, high, *trails)
 
 
 def _draw_trial(
@@ -435,25 +420,16 @@ def _draw_trial(
 
 def _overlay_handles(trials: Sequence[DrivenTrial], by: str) -> list[Line2D]:
     """Return a legend of planners with their outcomes, and of marks on the map."""
-    outcomes: dict[str, Counter[str]] = {}
-    colors = {}
-    for trial in trials:
-        label = trial.entry.label
-        colors[label] = trial.entry.color
-        outcomes.setdefault(label, Counter())[trial.result.outcome.value] += 1
-
     handles = []
-    for label, counts in outcomes.items():
-        parts = [f"{count} {name.replace('_', ' ')}" for name, count in counts.items()]
-        text = f"{plain_text(label)}\n{', '.join(parts)}"
-        look: dict[str, Any] = {"color": colors[label], "linewidth": 2.0}
-        if by == "planner":
-            handles.append(_legend_line(text, **look))
-        else:
+    for entry in dict.fromkeys(trial.entry for trial in trials):
+        counts = Counter(t.result.outcome.words for t in trials if t.entry is entry)
+        parts = [f"{count} {name}" for name, count in counts.items()]
+        text = f"{plain_text(entry.label)}\n{', '.join(parts)}"
+        look: dict[str, Any] = {"color": entry.color, "linewidth": 2.0, "label": text}
+        if by == "speed":
             # Speed colors the trajectories; the outlines have the planner's color.
-            handles.append(
-                _legend_mark(text, marker="s", markerfacecolor="none", **look)
-            )
+            look |= {"linestyle": "", "marker": "s", "markerfacecolor": "none"}
+        handles.append(Line2D([], [], **look))
     handles += [
         _legend_mark("start", color=START, marker="o"),
         _legend_mark("goal", color=GOAL, marker="*", markersize=11),

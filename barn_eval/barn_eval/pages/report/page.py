@@ -29,7 +29,7 @@ from barn_eval.pages.figures import (
     style,
 )
 from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Legend, Panels
+from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Panels
 from barn_eval.pages.report.maps import select_hardest
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trials import (
@@ -89,11 +89,19 @@ def draw(
                 f"got {len(panels)} axes"
             )
 
-    legend = chart.draw(panels, data)
+    handles = chart.draw(panels, data)
     if width_mm:
         for axes in panels:
             axes.set_ylabel(fill(axes.get_ylabel(), 25))
-    _draw_legend(legend, panels, is_figure=ax is None)
+    if not handles:
+        return panels
+    labels = [plain_text(str(handle.get_label())) for handle in handles]
+    if ax is not None:
+        panels[0].legend(handles, labels)
+        return panels
+    figure = figure_of(panels)
+    columns = min(_MAX_LEGEND_COLUMNS, int(figure.get_figwidth() / 1.1), len(labels))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     return panels
 
 
@@ -106,23 +114,10 @@ def _make_panels(layout: Panels, count: int) -> list[Axes]:
         sharex=layout.sharex,
         sharey=layout.sharey,
         squeeze=False,
-    )
-    for axes in grid.ravel()[count:]:
+    ).ravel()
+    for axes in grid[count:]:
         axes.remove()
-    return list(grid.ravel()[:count])
-
-
-def _draw_legend(legend: Legend, panels: Sequence[Axes], *, is_figure: bool) -> None:
-    """Draw a legend below a whole figure, or inside the first of given axes."""
-    if not legend.handles:
-        return
-    labels = [plain_text(label) for label in legend.labels]
-    if not is_figure:
-        panels[0].legend(legend.handles, labels)
-        return
-    figure = figure_of(panels)
-    columns = min(_MAX_LEGEND_COLUMNS, int(figure.get_figwidth() / 1.1), len(labels))
-    figure.legend(legend.handles, labels, loc="outside lower center", ncols=columns)
+    return list(grid[:count])
 
 
 def plot(

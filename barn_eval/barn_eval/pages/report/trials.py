@@ -9,14 +9,13 @@ import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, with_moving_measures
 from barn_eval.analysis.sources import Entry, Source, read_worlds
-from barn_eval.pages.replay.payload import motion_arrays
+from barn_eval.pages.replay.payload import Arrays, motion_arrays, pack_small
 from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.rows import TRACKS_FILE
 from barn_eval.results.tracks import (
     CHANNELS,
     MISSING_SAMPLE,
     Track,
-    pack_arrays,
     parse_track_line,
 )
 from barn_eval.trials.result import TrialResult
@@ -77,21 +76,14 @@ def read_trials(
     worlds = read_worlds((result, entry.source) for entry, result in trials)
     driven_trials = []
     for position, (entry, result) in enumerate(trials):
-        track: Track | None = None
-        problems = []
         world = worlds[result.world_checksum]
-        if isinstance(world, str):
-            problems.append(world)
         recorded = read_track(entry.source, result)
-        if isinstance(recorded, str):
-            problems.append(recorded)
-        else:
-            track = recorded
+        # Texts say why world or track are missing.
+        problem = "; ".join(part for part in (world, recorded) if isinstance(part, str))
+        track = None if isinstance(recorded, str) else recorded
         if track is not None and isinstance(world, World):
             track = _add_moving_clearance(track, result, world, entry.source.outline)
-        driven_trials.append(
-            DrivenTrial(position, entry, result, track, "; ".join(problems))
-        )
+        driven_trials.append(DrivenTrial(position, entry, result, track, problem))
     available = {
         key: world for key, world in worlds.items() if isinstance(world, World)
     }
@@ -288,7 +280,7 @@ def _trial_row(
 
 def _world_data(world: World, source: Source | None) -> dict[str, Any]:
     """Return a world for the page's script, in whole millimeters where it fits."""
-    arrays = {
+    arrays: Arrays = {
         "cylinders": world.cylinders_m.astype("f4"),
         "path": world.path_m().astype("f4"),
     }
@@ -310,4 +302,4 @@ def _world_data(world: World, source: Source | None) -> dict[str, Any]:
     }
     if world.moving or world.walls:
         data["moving"] = motion_arrays(world, arrays)
-    return data | {"packed": pack_arrays(arrays)}
+    return data | {"packed": pack_small(arrays)}

@@ -25,9 +25,8 @@ from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
-from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import make_json_safe, read_json
+from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
@@ -103,21 +102,6 @@ def to_json(content: Findings | Origin) -> str:
     """Return findings or origin as JSON, with null for numbers that are not finite."""
     safe_content = make_json_safe(as_dict(content))
     return json.dumps(safe_content, indent=1, allow_nan=False) + "\n"
-
-
-def read_findings(path: Path) -> Findings:
-    """Return the findings of a file that `to_json` made.
-
-    Raises:
-        ConfigError: If the file has another content or version.
-    """
-    content = read_json(path)
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise ConfigError(
-            f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}"
-        )
-    return from_dict(Findings, content, str(path))
 
 
 def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:

@@ -1,12 +1,5 @@
-"""The page of a reproduction and its figures, made from the findings and never edited.
+"""The page of a reproduction and its figures, made from the findings and never edited."""
 
-    python -m barn_eval.studies.reproduction.page docs
-
-writes the page in a folder anew from the numbers there, after its wording or figures
-have changed.
-"""
-
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +11,6 @@ from barn_eval.pages.template import render
 from barn_eval.studies.reproduction.findings import (
     Findings,
     Origin,
-    read_findings,
     to_json,
 )
 from barn_eval.studies.reproduction.trials import PLANNERS
@@ -26,9 +18,9 @@ from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval, number
 from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
-from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.config import as_dict
 from barn_worlds.base.files import write_durably
-from barn_worlds.base.text_files import read_json, read_package_yaml
+from barn_worlds.base.text_files import read_package_yaml
 from barn_worlds.drawing.palette import INK
 from barn_worlds.drawing.palette import PLANNERS as SHADES
 
@@ -63,13 +55,6 @@ def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
     path = folder / f"{NAME}.md"
     write_durably(path, page(findings, origin).encode())
     return path
-
-
-def read_results(folder: Path) -> tuple[Findings, Origin]:
-    """Return what `write_results` has written; ConfigError if it cannot be read."""
-    findings = read_findings(folder / f"{NAME}.json")
-    path = folder / f"{NAME}_origin.json"
-    return findings, from_dict(Origin, read_json(path), str(path))
 
 
 def page(findings: Findings, origin: Origin) -> str:
@@ -231,8 +216,3 @@ def compare_cells(
         within = ""
     difference = "" if value is None else f"{value - published:+.{digits}f}"
     return f"{number(published, digits)} | {text} | {difference} | {within}"
-
-
-if __name__ == "__main__":
-    for argument in sys.argv[1:]:
-        write_results(*read_results(Path(argument)), Path(argument))

@@ -1,15 +1,18 @@
 """What the paper says of worlds and trials: Table II, times, failures and Fig. 6."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_eval.analysis.significance import proportion
+from barn_eval.analysis.sources import group_by_planner
 from barn_eval.analysis.statistics import mean_interval, rank_correlation
-from barn_eval.trials.outcome import Outcome
+from barn_eval.analysis.summary import count_outcomes
 from barn_eval.trials.result import Rows
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
@@ -113,8 +116,9 @@ def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
         ConfigError: If a trial is missing.
     """
     worlds = sorted({result.world for result in results})
+    groups = group_by_planner(results)
     return {
-        planner: _planner_trials(planner, results, worlds, subject)
+        planner: _planner_trials(planner, groups.get(planner, ()), worlds, subject)
         for planner in PLANNERS
     }
 
@@ -122,12 +126,9 @@ def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
 def _planner_trials(
     planner: str, results: Rows, worlds: list[int], subject: str
 ) -> PlannerTrials:
-    scores = {}
-    for result in results:
-        if result.planner == planner:
-            scores[result.world, result.repetition] = result.scores
+    scores = {(row.world, row.repetition): row.scores for row in results}
     repetitions = sorted({repetition for _, repetition in scores})
-    places = [(world, repetition) for world in worlds for repetition in repetitions]
+    places = list(product(worlds, repetitions))
     missing = [place for place in places if place not in scores]
     if len(repetitions) < 2 or missing:
         gap = "two trials per world"
@@ -137,13 +138,15 @@ def _planner_trials(
             f"{subject}: planner {planner!r} lacks {gap}; finish the campaign first"
         )
 
-    ordered = [scores[place] for place in places]
-    shape = (len(worlds), len(repetitions))
+    def grid(name: str) -> npt.NDArray[Any]:
+        values = [getattr(scores[place], name) for place in places]
+        return np.array(values).reshape(len(worlds), len(repetitions))
+
     return PlannerTrials(
         np.array(worlds, np.int64),
-        np.array([score.normalised_time_s_per_m for score in ordered]).reshape(shape),
-        np.array([score.scored_time_s for score in ordered]).reshape(shape),
-        np.array([score.success for score in ordered]).reshape(shape),
+        grid("normalised_time_s_per_m"),
+        grid("scored_time_s"),
+        grid("success"),
     )
 
 
@@ -194,11 +197,6 @@ def summarize_trials(
 def _summarize_planner(
     planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
-    counts = Counter(result.outcome for result in results if result.planner == planner)
-    outcomes = {}
-    for outcome in Outcome:
-        if counts[outcome]:
-            outcomes[outcome.value] = counts[outcome]
     failed = ~trials.succeeded
     failures = failed.ravel()
     times_s = trials.time_s.ravel()
@@ -211,7 +209,7 @@ def _summarize_planner(
     return PlannerFinding(
         planner=planner,
         trials=times_s.size,
-        outcomes=outcomes,
+        outcomes=count_outcomes(group_by_planner(results)[planner]),
         normalised_s_per_m=mean_interval(per_m.ravel(), worlds),
         spread_s_per_m=mean_interval(per_m.std(axis=1), trials.worlds),
         over_worlds_s_per_m=deviation(per_m.mean(axis=1), seed),

@@ -12,7 +12,7 @@ from barn_eval.pages.figures import Plot, figure_of, style
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import draw, plot
-from barn_eval.pages.template import color_sheet
+from barn_eval.pages.template import render
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
@@ -36,7 +36,7 @@ def test_planners_have_the_colors_of_the_page_in_its_figures(report):
     color = report.entries[0].color.lower()
     assert f"var(--c-{color[1:]}, {color})" in svg
     assert "currentColor" in svg
-    style = color_sheet()
+    style = render("colors.css")
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
     assert all(f"--c-{color[1:].lower()}: #" in dark for color in PLANNERS)
 

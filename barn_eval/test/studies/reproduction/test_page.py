@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 import reproduce_work
 from reproduce_work import write_invented
+from reproduction_page import read_results
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
@@ -16,7 +17,7 @@ from barn_eval.running.reporting import Reporter
 from barn_eval.studies.reproduction import findings
 from barn_eval.studies.reproduction.findings import QUICK, paper_run
 from barn_eval.studies.reproduction.findings import reproduce as findings_of
-from barn_eval.studies.reproduction.page import page, read_results, write_results
+from barn_eval.studies.reproduction.page import page, write_results
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_metrics.bootstrap import Interval
 
@@ -175,7 +176,7 @@ def test_the_page_in_docs_is_what_its_numbers_give():
         pytest.skip("the repository's docs are not beside this package")
     published = (DOCS / "results.md").read_text("utf-8")
     assert page(*read_results(DOCS)) == published, (
-        "run python -m barn_eval.studies.reproduction.page docs"
+        "run python qa/studies/reproduction_page.py docs"
     )
     assert all((DOCS / name).is_file() for name in _figures(published))
 
