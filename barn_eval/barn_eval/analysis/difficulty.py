@@ -6,17 +6,11 @@ from itertools import groupby
 
 import numpy as np
 
-from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.measures import MEASURES, SHOWN
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.trials.result import Rows, TrialResult
 
-BAND_MEASURES = (
-    "success",
-    "traversal_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-)
 TIME = MEASURES["normalised_time_s_per_m"]
 _MAX_BANDS = 4
 _MIN_WORLDS_PER_BAND = 3
@@ -108,7 +102,7 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
             results: list[TrialResult] = []
             for world in worlds:
                 results += group.get(world, [])
-            summaries.append(summarize(results, BAND_MEASURES))
+            summaries.append(summarize(results, SHOWN["bands"]))
         bands.append(
             Band(
                 name=name,

@@ -132,33 +132,25 @@ class Measure:
 
 
 _FILE = Path(__file__).parents[1] / "data" / "measures.json"
-MEASURES = {
-    measure.key: measure
-    for measure in (Measure(**fields) for fields in json.loads(_FILE.read_bytes()))
-}
+_CONTENT = json.loads(_FILE.read_bytes())
+_CATALOG = [Measure(**fields) for fields in _CONTENT["measures"]]
+MEASURES = {measure.key: measure for measure in _CATALOG}
+# Keys of the measures that a table, a page or a figure shows.
+SHOWN: dict[str, list[str]] = _CONTENT["shown"]
 _KEYS = tuple(MEASURES)
 
 SCORED = tuple(
     measure.key
-    for measure in MEASURES.values()
+    for measure in _CATALOG
     if measure.path.startswith("scores.") and measure.better
 )
 # Measures of trials among moving obstacles.
 MOVING = tuple(
-    measure.key for measure in MEASURES.values() if measure.path.startswith("motion.")
+    measure.key for measure in _CATALOG if measure.path.startswith("motion.")
 )
 # What reports and summaries list beside the scores.
 DRIVEN = _KEYS[_KEYS.index("driven_m") : _KEYS.index(MOVING[0])]
-COMPARED = (
-    *SCORED,
-    "driven_m",
-    "min_clearance_m",
-    "contact_s",
-    "rms_jerk_mps3",
-    "rotation_rad",
-    "compute_p50_ms",
-    "compute_p95_ms",
-)
+COMPARED = (*SCORED, *SHOWN["compared"])
 
 
 def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from barn_eval.analysis.measures import (
     DRIVEN,
     MEASURES,
     SCORED,
+    SHOWN,
     ranking_measure,
     with_moving_measures,
 )
@@ -57,7 +58,6 @@ Jobs = Sequence[Callable[[], Any]]
 MAX_PAIRS = 45
 # More pairs than these without a significant difference share one sentence.
 _MAX_NAMED_PAIRS = 3
-_SENTENCE_MEASURES = ("success", "traversal_time_s", "min_clearance_m", "contact_s")
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def _explain_difference(comparison: Comparison) -> tuple[str, bool]:
     clear = []
     unclear = []
     for row in comparison.rows:
-        if row.key not in (comparison.metric, *_SENTENCE_MEASURES):
+        if row.key not in (comparison.metric, *SHOWN["sentences"]):
             continue
         if row.p_holm <= ALPHA:
             measure = MEASURES[row.key]

@@ -79,7 +79,7 @@ def decide(
     sums: Floats = np.bincount(arrivals, gaps, minlength=looks[-1]).astype(np.float64)
     worlds_done = len(np.unique(arrivals))
 
-    patterns = sign_patterns(looks[-1], 0, flips)
+    patterns = sign_patterns(looks[-1], flips)
     is_alive = np.ones(len(patterns), bool)  # patterns beyond no bound so far
     error_spent = 0.0
     has_crossed = False

@@ -216,7 +216,7 @@ def effective_trials(
 
 
 def paired_difference(
-    differences: Floats, worlds: Integers, seed: int = 0, flips: int = FLIPS
+    differences: Floats, worlds: Integers, flips: int = FLIPS
 ) -> Difference:
     """Return a mean paired difference with its interval and test by flips of signs.
 
@@ -229,8 +229,8 @@ def paired_difference(
     Args:
         differences: Value of A minus value of B for each pair of trials (n,).
         worlds: Number of each pair's world (n,).
-        seed: Seed of the patterns, where there are too many worlds to try all.
-        flips: Number of patterns then; no p-value is below 1 / (flips + 1).
+        flips: Number of patterns where there are too many worlds to try all; no p-value
+            is below 1 / (flips + 1) then.
     """
     if not len(differences):
         nothing = Components(math.nan, math.nan)
@@ -246,7 +246,7 @@ def paired_difference(
     mean = float(sums.sum() / counts.sum())
     total = float(sums.sum())
 
-    signs = sign_patterns(len(world_numbers), seed, flips)
+    signs = sign_patterns(len(world_numbers), flips)
     flipped_sums, flipped_counts = (signs @ np.stack([sums, counts], axis=1)).T
     threshold = abs(total) - _ROUNDING * float(np.abs(sums).sum())
     p = float((np.abs(flipped_sums) >= threshold).mean())
@@ -290,20 +290,20 @@ def p_text(p: float) -> str:
 
 
 @lru_cache(maxsize=4)
-def sign_patterns(worlds: int, seed: int, flips: int) -> Floats:
+def sign_patterns(worlds: int, flips: int) -> Floats:
     """Return patterns of signs (m, worlds); the first is that of the data.
 
     The patterns are cached, since all measures of a comparison have the same worlds.
 
     Args:
         worlds: Number of worlds. For up to 13 all patterns are returned.
-        seed: Seed of random patterns.
         flips: Number of random patterns beside the first.
     """
     if worlds <= _MAX_ENUMERATED_WORLDS:
         minus = np.arange(2**worlds)[:, None] >> np.arange(worlds) & 1
     else:
-        minus = np.random.default_rng(seed).integers(0, 2, (flips + 1, worlds))
+        # Always the same ones, so that equal results have equal p-values.
+        minus = np.random.default_rng(0).integers(0, 2, (flips + 1, worlds))
         minus[0] = 0
     return np.where(minus == 1, -1.0, 1.0)
 

@@ -259,9 +259,7 @@ def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
     return matched
 
 
-def difference(
-    a: TrialValues, b: TrialValues, seed: int = 0, flips: int = FLIPS
-) -> Difference:
+def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
     """Return the mean difference of matched trials.
 
     Where failures count, a difference is significant only if it keeps its sign when the
@@ -273,10 +271,9 @@ def difference(
     Args:
         a: Trials of A.
         b: The same trials of B, in the same order.
-        seed: Seed of the patterns of signs.
         flips: Number of patterns; see `significance.paired_difference`.
     """
-    plain = significance.paired_difference(a.values - b.values, a.worlds, seed, flips)
+    plain = significance.paired_difference(a.values - b.values, a.worlds, flips)
     if not (a.counts_failures and b.counts_failures and plain.trials):
         return plain
 
@@ -295,9 +292,7 @@ def difference(
     return replace(plain, interval=interval, p=p, parts=parts)
 
 
-def compare_pairs(
-    a: TrialValues, b: TrialValues, *, larger_is_better: bool, seed: int = 0
-) -> Paired:
+def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> Paired:
     """Compare two planners on the trials for which both have a value.
 
     The probability of improvement looks at every pair of a trial of A and one of B in a
@@ -309,10 +304,9 @@ def compare_pairs(
         a: Trials of A.
         b: Trials of B.
         larger_is_better: Whether larger values of the measure are better.
-        seed: Seed of the patterns of signs.
     """
     left, right = matched_trials([a, b])
-    test = difference(left, right, seed)
+    test = difference(left, right)
     sides = [left, right]
     if not larger_is_better:
         sides.reverse()
@@ -324,7 +318,7 @@ def compare_pairs(
         chances.append(float(np.mean((gaps > 0.0) + 0.5 * (gaps == 0.0))))
     # All worlds have the same weight, however many trials they have.
     lead = significance.paired_difference(
-        np.array(chances) - 0.5, np.array(list(larger)), seed
+        np.array(chances) - 0.5, np.array(list(larger))
     )
     return Paired(
         worlds=test.worlds,

@@ -7,9 +7,10 @@ import re
 from collections.abc import Mapping, Sequence
 
 from barn_eval.analysis.compare import Comparison
-from barn_eval.analysis.difficulty import BAND_MEASURES, Band
+from barn_eval.analysis.difficulty import Band
 from barn_eval.analysis.measures import (
     MEASURES,
+    SHOWN,
     Measure,
     ranking_measure,
     require_measures,
@@ -34,21 +35,6 @@ from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import ConfigError
 
 SPREAD = "spread over a world's trials [s/m]"
-PAPER_MEASURES = ("success", "traversal_time_s", "min_clearance_m")
-_TRIAL_MEASURES = (
-    "traversal_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-    "min_clearance_m",
-    "real_time_factor",
-)
-_HEADLINE_MEASURES = (
-    "success",
-    "efficiency",
-    "traversal_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-)
 _LATEX_LABEL = re.compile(r"[\w:.-]+")
 
 
@@ -59,7 +45,7 @@ def trials_table(results: Rows, title: str) -> TextTable:
         results: Results of any planners.
         title: Title of the table.
     """
-    measures = [MEASURES[key] for key in _TRIAL_MEASURES]
+    measures = [MEASURES[key] for key in SHOWN["trials"]]
     rows = []
     for result in results:
         cells = [measure.number(measure.value(result)) for measure in measures]
@@ -83,7 +69,7 @@ def headline_table(
         measure: The ranking measure, which comes first.
         keys: Keys of the measures. By default rates, times and scores.
     """
-    keys = keys or finite_keys(summaries, _HEADLINE_MEASURES)
+    keys = keys or finite_keys(summaries, SHOWN["headline"])
     all_keys = tuple(dict.fromkeys((measure.key, *keys)))
 
     rows = []
@@ -172,10 +158,10 @@ def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
         worlds = count_noun(len(band.worlds), "world")
         name = f"{band.name} ({worlds}, {low:.2f} to {high:.2f} s/m)"
         for label, summary in zip(labels, band.summaries, strict=True):
-            cells = [MEASURES[key].text(summary[key]) for key in BAND_MEASURES]
+            cells = [MEASURES[key].text(summary[key]) for key in SHOWN["bands"]]
             rows.append((name, label, str(summary.trials), *cells))
 
-    headings = [MEASURES[key].heading for key in BAND_MEASURES]
+    headings = [MEASURES[key].heading for key in SHOWN["bands"]]
     columns = ("band", "planner", "trials", *headings)
     title = "Success and time by difficulty band, 95 % intervals"
     return TextTable("bands", title, columns, tuple(rows), texts=2)
@@ -265,7 +251,7 @@ def paper_table(
     Args:
         results: Results by planner.
         keys: Keys of measures. By default the ranking measure of the protocol, then
-            `PAPER_MEASURES`.
+            those that `SHOWN` has for papers.
         caption: Caption of the table. By default what the means are over.
         label: Label by which LaTeX refers to the table.
 
@@ -279,7 +265,7 @@ def paper_table(
             f"got {label!r}"
         )
     first = next(iter(results.values()))
-    default_keys = (ranking_measure(first).key, *PAPER_MEASURES)
+    default_keys = (ranking_measure(first).key, *SHOWN["paper"])
     measures = [MEASURES[key] for key in require_measures(keys or default_keys)]
     measure_keys = [measure.key for measure in measures]
     common = common_trials(list(results.values()))

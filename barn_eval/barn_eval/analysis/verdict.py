@@ -142,7 +142,6 @@ def rank(
     planners: Mapping[str, TrialValues],
     *,
     larger_is_better: bool,
-    seed: int = 0,
     flips: int = FLIPS,
     tests: PairTests | None = None,
 ) -> Ranking:
@@ -151,7 +150,6 @@ def rank(
     Args:
         planners: Trials by planner, of at least one.
         larger_is_better: Whether larger values of the measure are better.
-        seed: Seed of the patterns of signs.
         flips: Number of patterns, raised where many pairs need more.
         tests: Tests of some pairs, which are not made again if they are over the
             same trials and with as many patterns.
@@ -164,18 +162,18 @@ def rank(
 
     pairs = list(combinations(range(len(names)), 2))
     enough_flips = max(flips, _FLIPS_PER_PAIR * len(pairs))
-    reusable: PairTests = {}
-    if tests and enough_flips == flips:
-        reusable = tests
+    # A test with fewer patterns could not be significant after Holm.
+    if tests is None or enough_flips > flips:
+        tests = {}
     differences = {}
     for i, j in pairs:
         better = trials[names[i]]
         worse = trials[names[j]]
-        test = _find_test(reusable, names[i], names[j])
+        test = _find_test(tests, names[i], names[j])
         # Trials that all planners share are among those that two share, so equal
         # numbers mean equal trials.
         if test is None or test.trials != len(better.values):
-            test = difference(better, worse, seed, enough_flips)
+            test = difference(better, worse, enough_flips)
         differences[i, j] = test
 
     p_values = holm([differences[pair].p for pair in pairs])

@@ -13,7 +13,7 @@ from shutil import which
 from typing import Any
 
 from barn_eval.analysis.compare import Comparison, compare, trial_values
-from barn_eval.analysis.measures import MEASURES, ranking_measure
+from barn_eval.analysis.measures import MEASURES, SHOWN, ranking_measure
 from barn_eval.analysis.sequential import Decision, decide, plan_looks
 from barn_eval.pages.template import render
 from barn_eval.results.folder import order_worlds_fairly
@@ -30,12 +30,6 @@ from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, format_value
 
-_SHOWN_MEASURES = (
-    "success",
-    "traversal_time_s",
-    "min_clearance_m",
-    "compute_p95_ms",
-)
 _SETUP_FILES = ("install/setup.bash", "setup.bash", "local_setup.bash")
 _DECISIONS = {
     "better": "HEAD is better than BASE",
@@ -139,7 +133,7 @@ def ab(
         len(worlds),
         (base, head),
         (sides[0].out, sides[1].out),
-        compare(head_results, base_results, "HEAD", "BASE", _SHOWN_MEASURES),
+        compare(head_results, base_results, "HEAD", "BASE", SHOWN["ab"]),
     )
 
 

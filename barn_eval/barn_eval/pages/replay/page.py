@@ -2,23 +2,16 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
-from barn_eval.analysis.measures import MEASURES, MOVING
+from barn_eval.analysis.measures import MEASURES, MOVING, SHOWN
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.replay.payload import make_payload
 from barn_eval.pages.template import render
 from barn_eval.results.bags.recorded import MAP, RecordedTrial
 from barn_metrics.bootstrap import number
 
-_SCORES = (
-    "traversal_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-    "challenge_2022",
-    "optimal_time_s",
-)
-_MEASURES = ("driven_m", "min_clearance_m", "contact_s")
 _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
 
 
@@ -42,11 +35,6 @@ def replay_page(*recorded_trials: RecordedTrial) -> str:
         payloads.append(make_payload(recorded) | {"label": label, "color": color})
 
     facts = [list_facts(recorded) for recorded in recorded_trials]
-    fact_names = dict.fromkeys(name for trial_facts in facts for name in trial_facts)
-    frames: dict[tuple[str, str], None] = {}
-    for recorded in recorded_trials:
-        source = "true pose" if recorded.frame == MAP else "odometry"
-        frames[recorded.frame, source] = None
     first = recorded_trials[0]
     world_keys = {world_key(recorded) for recorded in recorded_trials}
     names = dict.fromkeys(recorded.name for recorded in recorded_trials)
@@ -54,11 +42,10 @@ def replay_page(*recorded_trials: RecordedTrial) -> str:
         "replay.html",
         title=" and ".join(names),
         trials=trials,
-        facts=[
-            (name, [trial_facts.get(name, "") for trial_facts in facts])
-            for name in fact_names
-        ],
-        frames=list(frames),
+        facts=facts,
+        fact_names=dict.fromkeys(chain.from_iterable(facts)),
+        frames=dict.fromkeys(recorded.frame for recorded in recorded_trials),
+        map_frame=MAP,
         along_path=all(payload["along_path"] for payload in payloads),
         moving=any(recorded.moving is not None for recorded in recorded_trials),
         same_world=len(world_keys) == 1 and first.scene is not None,
@@ -97,12 +84,10 @@ def describe(recorded: RecordedTrial) -> str:
     planner = planner_of(recorded)
     if planner:
         parts.append(f"planner {spelling(planner)}")
-    world = _mapping(recorded.trial, "world").get("name")
-    world = world or recorded.result.get("world_name")
+    world = _find_name(recorded, "world", "world_name")
     if world:
         parts.append(f"world {world.removeprefix('world_')}")
-    protocol = _mapping(recorded.trial, "protocol").get("name")
-    protocol = protocol or recorded.result.get("protocol")
+    protocol = _find_name(recorded, "protocol", "protocol")
     if protocol:
         parts.append(f"{protocol} protocol")
     parts.append(f"{recorded.times_s[-1]:.2f} s of simulated time")
@@ -111,8 +96,13 @@ def describe(recorded: RecordedTrial) -> str:
 
 def planner_of(recorded: RecordedTrial) -> str:
     """Return the name of the planner, empty if the bag does not say."""
-    name = _mapping(recorded.trial, "planner").get("name")
-    return str(name or recorded.result.get("planner") or "")
+    return _find_name(recorded, "planner", "planner")
+
+
+def _find_name(recorded: RecordedTrial, part: str, key: str) -> str:
+    """Return the name that a part of the trial or else its result has, or no text."""
+    name = _mapping(recorded.trial, part).get("name")
+    return str(name or recorded.result.get(key) or "")
 
 
 def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
@@ -137,7 +127,11 @@ def list_facts(recorded: RecordedTrial) -> dict[str, str]:
     if result.get("detail"):
         facts["how it ended"] = _value_text(result["detail"])
 
-    parts = {"scores": _SCORES, "measures": _MEASURES, "motion": MOVING}
+    parts = {
+        "scores": SHOWN["replay scores"],
+        "measures": SHOWN["replay measures"],
+        "motion": MOVING,
+    }
     for part, keys in parts.items():
         values = _mapping(result, part)
         if values.get("touched"):

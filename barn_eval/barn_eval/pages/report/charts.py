@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import cycle
+from itertools import chain, cycle
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from barn_eval.analysis.difficulty import WorldOrder, results_by_world
 from barn_eval.analysis.leaderboard import sweep_parameters
 from barn_eval.analysis.measures import (
     MEASURES,
+    SHOWN,
     Measure,
     clearance_measure,
     ranking_measure,
@@ -49,12 +50,6 @@ _DASHES = ("-", "--", "-.", ":")
 _MAX_NUMBERS_PER_IN = 2.4
 # A line of running means has about so many windows.
 _WINDOWS = 15
-_DISTRIBUTION_MEASURES = (
-    "normalised_time_s_per_m",
-    "min_clearance_m",
-    "mean_speed_mps",
-    "rms_jerk_mps3",
-)
 _COMPUTE_MEASURES = {
     "median": "compute_p50_ms",
     "95th percentile": "compute_p95_ms",
@@ -130,9 +125,10 @@ class Panels(NamedTuple):
         )
 
 
-# Draws onto panels and returns what the legend shows, with labels; it may be nothing.
-Drawing = Callable[[Sequence[Axes], ChartData], Sequence[Any]]
-Layout = Callable[[ChartData], Panels | None]
+MakePanels = Callable[[Panels], list[Axes]]
+# What a legend shows, with labels. A chart that has nothing to show makes no panels.
+Handles = Sequence[Any]
+Drawing = Callable[[ChartData, MakePanels], Handles]
 
 
 class Chart(NamedTuple):
@@ -140,24 +136,18 @@ class Chart(NamedTuple):
 
     name: str
     about: str
-    layout: Layout  # None where there is nothing to show
     draw: Drawing
 
 
 CHARTS: dict[str, Chart] = {}
 
 
-def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
-    """Decorate a function that draws a chart; the catalog has the chart by its name.
-
-    Args:
-        about: What the chart shows.
-        layout: Returns the panels of the chart.
-    """
+def chart(about: str) -> Callable[[Drawing], Drawing]:
+    """Decorate a function that draws a chart; the catalog has the chart by its name."""
 
     def register(draw: Drawing) -> Drawing:
         name = draw.__name__.removeprefix("_")
-        CHARTS[name] = Chart(name, about, layout, draw)
+        CHARTS[name] = Chart(name, about, draw)
         return draw
 
     return register
@@ -165,11 +155,10 @@ def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
 
 @chart(
     "Time per meter as counted in each world, from easy to difficult; from 30 worlds on"
-    " lines are running means",
-    lambda _: Panels(4.4),
+    " lines are running means"
 )
-def _worlds(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
-    (axes,) = panels
+def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
+    (axes,) = make_panels(Panels(4.4))
     worlds = data.order.worlds
     rank = np.arange(1.0, len(worlds) + 1)
     window = max(1, len(rank) // _WINDOWS)
@@ -209,22 +198,17 @@ def _running_means(values: Floats, window: int) -> Floats:
     return means
 
 
-def _bands_layout(data: ChartData) -> Panels | None:
-    if not data.overview().bands:
-        return None
-    return Panels(3.9, len(data.difference_measures))
-
-
-@chart(
-    "Metric, success and time per meter by band of difficulty, with 95 % intervals",
-    _bands_layout,
-)
-def _bands(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+@chart("Metric, success and time per meter by band of difficulty, with 95 % intervals")
+def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
     bands = data.overview().bands
+    if not bands:
+        return ()
+    measures = data.difference_measures
     count = len(data.entries)
     places = np.arange(len(bands), dtype=np.float64)
     ticks = [f"{band.name}\n({len(band.worlds)})" for band in bands]
-    for axes, measure in zip(panels, data.difference_measures, strict=True):
+    panels = make_panels(Panels(3.9, len(measures)))
+    for axes, measure in zip(panels, measures, strict=True):
         handles = []
         for position, look in enumerate(data.looks):
             # Side by side around the tick, apart from those of the next band.
@@ -246,27 +230,18 @@ def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
     axes.set_ylim(0, 104 if measure.percent else None)
 
 
-def _repetition_counts(data: ChartData) -> list[int]:
-    """Return the number of repetitions of each entry."""
-    return [max(row.repetition for row in e.results) + 1 for e in data.entries]
-
-
-def _outcomes_layout(data: ChartData) -> Panels:
-    heights_in = [
-        0.28 + min(0.15 * repetitions, 1.2) for repetitions in _repetition_counts(data)
-    ]
-    return Panels(1.4 + sum(heights_in), rows=len(heights_in), sharex=True)
-
-
-@chart("Outcome of every trial in every world", _outcomes_layout)
-def _outcomes(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+@chart("Outcome of every trial in every world")
+def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     worlds = data.order.worlds
     column = {world: position for position, world in enumerate(worlds)}
     # 0 stands for no trial.
     codes = {outcome: code for code, outcome in enumerate(OUTCOME_COLORS, 1)}
     colors = [WHITE, *OUTCOME_COLORS.values()]
     present_codes: set[int] = set()
-    heights = _repetition_counts(data)
+    # A strip grows with its repetitions up to eight; more of them become thinner.
+    heights = [max(row.repetition for row in e.results) + 1 for e in data.entries]
+    heights_in = [0.28 + min(0.15 * height, 1.2) for height in heights]
+    panels = make_panels(Panels(1.4 + sum(heights_in), rows=len(heights), sharex=True))
     for axes, entry, height in zip(panels, data.entries, heights, strict=True):
         cells = np.zeros((height, len(worlds)), np.int64)
         for result in entry.results:
@@ -303,23 +278,19 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     ]
 
 
-def _paired_layout(data: ChartData) -> Panels | None:
-    pairs = len(data.overview().comparisons)
-    if not pairs:
-        return None
-    columns = len(data.difference_measures) + 1
-    return Panels(1.3 + 0.3 * pairs, columns, sharey=True)
-
-
 @chart(
     "Differences between planners in the same worlds with 95 % intervals, filled where"
     " clear. To the left of the dashed line the planner named on the left is better, to"
-    " the right the one on the right",
-    _paired_layout,
+    " the right the one on the right"
 )
-def _paired(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+def _paired(data: ChartData, make_panels: MakePanels) -> Handles:
     comparisons = data.overview().comparisons
-    for axes, measure in zip(panels, data.difference_measures, strict=False):
+    if not comparisons:
+        return ()
+    measures = data.difference_measures
+    height_in = 1.3 + 0.3 * len(comparisons)
+    *panels, last_panel = make_panels(Panels(height_in, len(measures) + 1, sharey=True))
+    for axes, measure in zip(panels, measures, strict=True):
         rows = [comparison.row(measure.key) for comparison in comparisons]
         sizes = [measure.in_heading_unit(row.paired.difference) for row in rows]
         _draw_differences(axes, rows, sizes, 0.0)
@@ -332,8 +303,8 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
 
     rows = [comparison.row(comparison.metric) for comparison in comparisons]
     chances = [row.paired.improvement for row in rows]
-    _draw_differences(panels[-1], rows, chances, 0.5)
-    label_axes(panels[-1], "probability", "", "better in a trial")
+    _draw_differences(last_panel, rows, chances, 0.5)
+    label_axes(last_panel, "probability", "", "better in a trial")
     names = [
         f"{plain_text(comparison.b)} \u25c2 \u25b8 {plain_text(comparison.a)}"
         for comparison in comparisons
@@ -359,49 +330,46 @@ def _draw_differences(
     axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
 
 
-def _sweep_layout(data: ChartData) -> Panels | None:
-    if len(sweep_parameters(data.entries)) not in (1, 2):
-        return None
-    return Panels(3.8, len(data.difference_measures))
-
-
 @chart(
     "Metric, success and time per meter over a parameter of a sweep or the delay of"
-    " commands, with 95 % intervals",
-    _sweep_layout,
+    " commands, with 95 % intervals"
 )
-def _sweep(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
     parameters = sweep_parameters(data.entries)
-    settings = [tuple(entry.setting.values()) for entry in data.entries]
-    # The first parameter is along the axis; lines are of the second, or of planners.
-    lines: dict[str, list[int]] = {}
-    for position, setting in enumerate(settings):
-        name = spelling(data.entries[position].planner)
-        if len(parameters) > 1:
-            name = f"{parameters[1]} = {format_setting_value(setting[1])}"
-        lines.setdefault(name, []).append(position)
-
+    if len(parameters) not in (1, 2):
+        return ()
     # Values may be numbers and texts, which cannot be compared with each other.
     values = sorted(
-        {setting[0] for setting in settings},
+        {entry.setting[parameters[0]] for entry in data.entries},
         key=lambda value: (str(type(value)), value),
     )
+    # The first parameter is along the axis; lines are of the second, or of planners.
+    lines: dict[str, list[tuple[int, int]]] = {}
+    for position, entry in enumerate(data.entries):
+        name = spelling(entry.planner)
+        for parameter in parameters[1:]:
+            name = f"{parameter} = {format_setting_value(entry.setting[parameter])}"
+        tick = values.index(entry.setting[parameters[0]])
+        lines.setdefault(name, []).append((tick, position))
+
     is_numeric = all(isinstance(value, float) for value in values)
     ticks = np.array(values if is_numeric else range(len(values)), np.float64)
     label = "delay of commands [s]" if parameters == [LATENCY] else parameters[0]
     summaries = data.overview().summaries
-    for axes, measure in zip(panels, data.difference_measures, strict=True):
+    measures = data.difference_measures
+    panels = make_panels(Panels(3.8, len(measures)))
+    for axes, measure in zip(panels, measures, strict=True):
         handles = []
-        for number, (name, positions) in enumerate(lines.items()):
-            ordered = sorted((values.index(settings[k][0]), k) for k in positions)
+        for number, (name, points) in enumerate(lines.items()):
             means = [
                 measure.in_heading_unit(summaries[position][measure.key])
-                for _, position in ordered
+                for _, position in sorted(points)
             ]
             # A small shift keeps the limits of several lines apart.
             shift = 0.01 * number * np.ptp(ticks)
-            x = ticks[[tick for tick, _ in ordered]] + shift
-            color = data.entries[positions[0]].color
+            x = ticks[[tick for tick, _ in sorted(points)]] + shift
+            # Of the line's entry that was named first.
+            color = data.entries[points[0][1]].color
             axes.plot(x, [mean.estimate for mean in means], color=color, linewidth=1.2)
             estimates = draw_estimates(
                 axes, x, means, color=color, marker=marker_of(number), label=name
@@ -414,12 +382,13 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
 
 
 @chart(
-    "Cumulative distributions over trials of time per meter, clearance, speed and jerk",
-    lambda _: Panels(3.6, 4),
+    "Cumulative distributions over trials of time per meter, clearance, speed and jerk"
 )
-def _distributions(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
+    keys = SHOWN["distributions"]
+    panels = make_panels(Panels(3.6, len(keys)))
     handles = {}
-    for axes, key in zip(panels, _DISTRIBUTION_MEASURES, strict=True):
+    for axes, key in zip(panels, keys, strict=True):
         measure = MEASURES[key]
         if key == "min_clearance_m":
             measure = data.clearance_measure
@@ -439,24 +408,18 @@ def _distributions(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     return list(handles.values())
 
 
-def _safety_measures(data: ChartData) -> list[Measure]:
-    """Return clearance, and time in contact if there was any."""
-    measures = [data.clearance_measure]
-    summaries = data.overview().summaries
-    if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
-        measures.append(MEASURES["contact_s"])
-    return measures
-
-
 @chart(
     "Speed against safety: mean time per meter as counted over smallest clearance, and"
-    " over time in contact where there was any, with 95 % intervals of both",
-    lambda data: Panels(4.2, len(_safety_measures(data)), sharey=True),
+    " over time in contact where there was any, with 95 % intervals of both"
 )
-def _trade(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
     summaries = data.overview().summaries
+    measures = [data.clearance_measure]
+    if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
+        measures.append(MEASURES["contact_s"])
+    panels = make_panels(Panels(4.2, len(measures), sharey=True))
     ticks = max(3, int(figure_of(panels).get_figwidth() / len(panels)))
-    for axes, measure in zip(panels, _safety_measures(data), strict=True):
+    for axes, measure in zip(panels, measures, strict=True):
         handles = []
         for summary, look in zip(summaries, data.looks, strict=True):
             safety = [summary[measure.key]]
@@ -485,23 +448,23 @@ def _trade(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
     return handles
 
 
-def _compute_layout(data: ChartData) -> Panels | None:
-    measures = [MEASURES[key] for key in _COMPUTE_MEASURES.values()]
-    if not any(len(_finite_values(m, e)) for m in measures for e in data.entries):
-        return None
-    return Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True)
-
-
 @chart(
     "Planner's computing time per cycle over trials: box from quartile to quartile,"
-    " whiskers 5 to 95 %",
-    _compute_layout,
+    " whiskers 5 to 95 %"
 )
-def _compute(panels: Sequence[Axes], data: ChartData) -> Sequence[Any]:
+def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
     entries = data.entries
-    for axes, (title, key) in zip(panels, _COMPUTE_MEASURES.items(), strict=True):
+    times_ms = {}
+    for title, key in _COMPUTE_MEASURES.items():
+        times_ms[title] = [_finite_values(MEASURES[key], entry) for entry in entries]
+    if not any(map(len, chain.from_iterable(times_ms.values()))):
+        return ()
+
+    height_in = 1.3 + 0.42 * len(entries)
+    panels = make_panels(Panels(height_in, len(times_ms), sharex=True, sharey=True))
+    for axes, (title, entry_times_ms) in zip(panels, times_ms.items(), strict=True):
         boxes = axes.boxplot(
-            [_finite_values(MEASURES[key], entry) for entry in entries],
+            entry_times_ms,
             orientation="horizontal",
             widths=0.6,
             whis=(5, 95),

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from barn_eval.analysis.leaderboard import Board
-from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.measures import MEASURES, SHOWN
 from barn_eval.analysis.text_table import TextTable, count_noun, one_line
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.pages.template import render, write_page
@@ -16,7 +16,6 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import markdown_table
 
 _TIME = "normalised_time_s_per_m"
-_MEASURES = ("success", "efficiency", "traversal_time_s", _TIME)
 _ORIGIN_COLUMNS = ("trials", "folder", "configuration", "bags")
 # The columns between rank and planner, and "clearly better than".
 _FIGURES = slice(2, -1 - len(_ORIGIN_COLUMNS))
@@ -74,7 +73,7 @@ def board_table(board: Board) -> TextTable:
     if board.measure.key == _TIME:
         # Contact costs nothing in time, so the table shows it.
         keys.append("contact_s")
-    keys += [key for key in _MEASURES if key != board.measure.key]
+    keys += [key for key in SHOWN["boards"] if key != board.measure.key]
     measures = [MEASURES[key] for key in keys]
 
     rows = []

@@ -16,7 +16,7 @@ from barn_eval.analysis.difficulty import WorldOrder
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.pages.figures import new_figure, plain_text
-from barn_eval.pages.report.charts import ChartData, Panels, chart
+from barn_eval.pages.report.charts import ChartData, MakePanels, Panels, chart
 from barn_eval.pages.report.trials import (
     DrivenTrial,
     make_scene,
@@ -75,10 +75,11 @@ def select_hardest(
     return hardest
 
 
-def _hardest_layout(data: ChartData) -> Panels | None:
-    """Return panels in which maps are as wide as there is room."""
+@chart("The hardest worlds with all recorded trajectories")
+def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     if not data.hardest:
-        return None
+        return ()
+    # Maps are as wide as there is room.
     ratios = []
     for world, trials in data.hardest.values():
         low, high = _map_corners(world, trials)
@@ -86,11 +87,9 @@ def _hardest_layout(data: ChartData) -> Panels | None:
         ratios.append(height / width)
     rows = -(-len(data.hardest) // _MAPS_PER_ROW)
     height_in = (_MAP_IN * max(ratios) + _MAP_LABELS_IN) * rows + 0.4
-    return Panels(height_in, _MAPS_PER_ROW, rows, width_in=_MAPS_WIDTH_IN)
-
-
-@chart("The hardest worlds with all recorded trajectories", _hardest_layout)
-def _hardest(panels: Sequence[Axes], data: ChartData) -> Sequence[Line2D]:
+    panels = make_panels(
+        Panels(height_in, _MAPS_PER_ROW, rows, width_in=_MAPS_WIDTH_IN)
+    )
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
     maps = zip(panels, data.hardest.items(), strict=False)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
 from textwrap import fill
-from typing import Any
 from urllib.parse import quote
 
 from matplotlib.axes import Axes
@@ -73,23 +72,36 @@ def draw(
     Raises:
         ConfigError: The number of axes is wrong.
     """
-    layout = chart.layout(data)
-    if layout is None:
-        return []
-    count = layout.rows * layout.columns
-    if ax is None:
+    panels: list[Axes] = []
+
+    def make_panels(layout: Panels) -> list[Axes]:
+        count = layout.rows * layout.columns
+        if ax is not None:
+            panels.extend([ax] if isinstance(ax, Axes) else ax)
+            if len(panels) != count:
+                raise ConfigError(
+                    f"ax: the figure {chart.name!r} has {count} panels, "
+                    f"got {len(panels)} axes"
+                )
+            return panels
+
         if width_mm:
             layout = layout.fit_to(width_mm / _MM_PER_IN)
-        panels = _make_panels(layout, count)
-    else:
-        panels = [ax] if isinstance(ax, Axes) else list(ax)
-        if len(panels) != count:
-            raise ConfigError(
-                f"ax: the figure {chart.name!r} has {count} panels, "
-                f"got {len(panels)} axes"
-            )
+        figure = new_figure(layout.height_in, layout.width_in)
+        grid = figure.subplots(
+            layout.rows,
+            layout.columns,
+            sharex=layout.sharex,
+            sharey=layout.sharey,
+            squeeze=False,
+        ).ravel()
+        # In a paper, more columns may leave some places empty.
+        for axes in grid[count:]:
+            axes.remove()
+        panels.extend(grid[:count])
+        return panels
 
-    handles = chart.draw(panels, data)
+    handles = chart.draw(data, make_panels)
     if width_mm:
         for axes in panels:
             axes.set_ylabel(fill(axes.get_ylabel(), 25))
@@ -103,21 +115,6 @@ def draw(
     columns = min(_MAX_LEGEND_COLUMNS, int(figure.get_figwidth() / 1.1), len(labels))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
     return panels
-
-
-def _make_panels(layout: Panels, count: int) -> list[Axes]:
-    """Return the panels of a new figure; more columns may leave some places empty."""
-    figure = new_figure(layout.height_in, layout.width_in)
-    grid = figure.subplots(
-        layout.rows,
-        layout.columns,
-        sharex=layout.sharex,
-        sharey=layout.sharey,
-        squeeze=False,
-    ).ravel()
-    for axes in grid[count:]:
-        axes.remove()
-    return list(grid[:count])
 
 
 def plot(
@@ -343,7 +340,6 @@ def report_page(
         notes=list_cautions(bars.worlds, sources),
         tracks=sum(trial.track is not None for trial in report.trials),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
-        flatten=flatten,
         data=data,
     )
 
@@ -375,26 +371,3 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
         figures = run_forked(jobs, lambda _: None)
     for figure in figures:
         figure.write(folder)
-
-
-def flatten(content: object, name: str = "") -> list[tuple[str, str]]:
-    """Return the leaves of nested data as dotted names and texts.
-
-    Args:
-        content: Mappings, lists and plain values.
-        name: Dotted name of the content, empty at the top.
-    """
-    children: Mapping[Any, object] = {}
-    if isinstance(content, Mapping):
-        children = content
-    elif isinstance(content, list | tuple):
-        if not any(isinstance(item, Mapping | list | tuple) for item in content):
-            return [(name, ", ".join(map(str, content)))]
-        children = dict(enumerate(content))
-    if not children:
-        return [(name, "" if content is None else str(content))]
-
-    rows = []
-    for key, value in children.items():
-        rows += flatten(value, f"{name}.{key}" if name else str(key))
-    return rows

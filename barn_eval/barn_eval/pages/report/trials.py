@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.measures import MEASURES, with_moving_measures
+from barn_eval.analysis.measures import MEASURES, SHOWN, with_moving_measures
 from barn_eval.analysis.sources import Entry, Source, read_worlds
 from barn_eval.pages.replay.payload import Arrays, motion_arrays, pack_small
 from barn_eval.results.bags.movers import compute_gaps
@@ -29,16 +29,6 @@ from barn_worlds.worlds.world import World
 _POSE = slice(CHANNELS.index("x"), CHANNELS.index("yaw") + 1)
 # Columns of the page's table before those of measures, with their digits; None: text.
 _COLUMNS = {"planner": None, "world": 0, "trial": 0, "outcome": None}
-_MEASURES = (
-    "traversal_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-    "driven_m",
-    "min_clearance_m",
-    "contact_s",
-    "compute_p95_ms",
-    "missed_cycles",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +186,7 @@ def trial_data(
         keys: Keys of the measures in the table. By default the usual ones.
     """
     results = [trial.result for trial in trials]
-    measure_keys = keys or with_moving_measures(_MEASURES, results)
+    measure_keys = keys or with_moving_measures(SHOWN["report trials"], results)
     columns = [
         {"name": name, "title": name, "unit": "", "digits": digits}
         for name, digits in _COLUMNS.items()

@@ -15,7 +15,7 @@ from barn_eval.studies.reproduction.findings import (
 )
 from barn_eval.studies.reproduction.trials import PLANNERS
 from barn_eval.trials.outcome import Outcome
-from barn_metrics.bootstrap import Interval, number
+from barn_metrics.bootstrap import Interval
 from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict
@@ -78,7 +78,7 @@ def page(findings: Findings, origin: Origin) -> str:
         outcomes=[outcome.value for outcome in Outcome],
         variance=float(np.var(findings.learning.difficulty)),
         above=above,
-        compared=compare_cells,
+        contains=contains,
     )
 
 
@@ -190,29 +190,3 @@ def contains(interval: Interval, value: float) -> str:
     """
     is_within = interval.low is not None and above(interval, value) == OPEN
     return "yes" if is_within else "no"
-
-
-def compare_cells(
-    published: float, measured: Interval | float | None, digits: int = 2
-) -> str:
-    """Return four cells of a Markdown table.
-
-    Args:
-        published: Number of the paper.
-        measured: Number of this reproduction.
-        digits: Decimals.
-
-    Returns:
-        Both numbers, their difference, and whether our interval holds the published.
-    """
-    value: float | None
-    if isinstance(measured, Interval):
-        value = measured.estimate
-        text = measured.text(digits)
-        within = contains(measured, published)
-    else:
-        value = measured
-        text = number(measured, digits)
-        within = ""
-    difference = "" if value is None else f"{value - published:+.{digits}f}"
-    return f"{number(published, digits)} | {text} | {difference} | {within}"
