@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,6 @@ from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
-from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.datasets.dataset import select_worlds
 
@@ -40,23 +40,9 @@ _SLOWEST_CLASS_MPS = 0.5
 _SWEEP_MEASURES = ("success", "normalised_time_s_per_m")
 
 
-class TrialKey(NamedTuple):
-    """What is equal for trials that can be compared."""
-
-    world: int
-    world_checksum: str
-    run_seed: int
-    repetition: int
-
-    @classmethod
-    def of(cls, result: TrialResult) -> "TrialKey":
-        """Return the key of a result."""
-        return cls(
-            result.world,
-            result.world_checksum,
-            result.campaign_seed,
-            result.repetition,
-        )
+# What is equal for trials that can be compared.
+TrialKey = tuple[int, str, int, int]
+_trial_key = attrgetter("world", "world_checksum", "campaign_seed", "repetition")
 
 
 class BoardClass(NamedTuple):
@@ -118,7 +104,7 @@ class TrialGroup:
     def common_entries(self) -> list[Entry]:
         """Return the entries with the common trials alone."""
         return [
-            entry.where(lambda result: TrialKey.of(result) in self.common_trials)
+            entry.where(lambda result: _trial_key(result) in self.common_trials)
             for entry in self.entries
         ]
 
@@ -233,19 +219,17 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
 
     sources = dict.fromkeys(entry.source for entry in entries)
     notes = list(list_cautions(ranking.worlds, sources))
-    larger = [entry.label for entry in entries if _has_further_trials(entry)]
+    larger = []
+    for entry in entries:
+        trials = [r for r in entry.source.results if r.planner == entry.planner]
+        if len(entry.results) < len(trials):
+            larger.append(entry.label)
     if larger:
         worlds = count_noun(ranking.worlds, "world")
         notes.insert(
             0, f"Ranked on the {worlds} that all have; {join_names(larger)} have more."
         )
     return Board(_title(entries[0]), measure, tuple(places), ranking, tuple(notes))
-
-
-def _has_further_trials(entry: Entry) -> bool:
-    """Tell whether the planner of an entry has trials that the entry leaves out."""
-    trials = [r for r in entry.source.results if r.planner == entry.planner]
-    return len(entry.results) < len(trials)
 
 
 def configuration_hash(source: Source, planner: str) -> str:
@@ -273,7 +257,7 @@ def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
     groups: list[TrialGroup] = []
     # Largest first, so that a group's common trials start as wide as possible.
     for entry in sorted(entries, key=lambda entry: -len(entry.results)):
-        trials = {TrialKey.of(result) for result in entry.results}
+        trials: set[TrialKey] = set(map(_trial_key, entry.results))
         for group in groups:
             if group.accepts(trials):
                 group.entries.append(entry)

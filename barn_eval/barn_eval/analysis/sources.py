@@ -282,16 +282,12 @@ def label_entries(entries: Sequence[Entry]) -> list[Entry]:
     Entries of one planner are labeled by the settings in which they differ, or else by
     their folders.
     """
-    entries_by_planner: dict[str, list[Entry]] = {}
-    for entry in entries:
-        entries_by_planner.setdefault(entry.planner, []).append(entry)
-
     by_setting = []
     by_name = []
     by_path = []
     for entry in entries:
         name = spelling(entry.planner)
-        same_planner = entries_by_planner[entry.planner]
+        same_planner = [other for other in entries if other.planner == entry.planner]
         by_setting.append(name + _distinct_settings(entry, same_planner))
         folder = f" ({entry.source.path.resolve().name})"
         by_name.append(name + folder if len(same_planner) > 1 else name)

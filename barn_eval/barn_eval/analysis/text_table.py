@@ -6,17 +6,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    **{character: f"\\{character}" for character in "#$%&_"},
-}
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "{": r"\{",
+        "}": r"\}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        **{character: f"\\{character}" for character in "#$%&_"},
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def latex_row(cells: Sequence[str]) -> str:
 
 def latex_text(text: str) -> str:
     """Return text without LaTeX commands, and with the minus of numbers as a sign."""
-    escaped = "".join(_LATEX.get(character, character) for character in one_line(text))
+    escaped = one_line(text).translate(_LATEX)
     return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
 
 

@@ -56,7 +56,7 @@ _MIN_ARROW_M = 0.3
 def select_hardest(
     order: WorldOrder,
     trials: Sequence[DrivenTrial],
-    worlds: Mapping[int, World],
+    worlds: Mapping[str, World],
     count: int,
 ) -> dict[int, tuple[World, list[DrivenTrial]]]:
     """Return the hardest available worlds with the trials in each, hardest first.
@@ -64,14 +64,18 @@ def select_hardest(
     Args:
         order: Worlds from easy to difficult.
         trials: Trials in any worlds.
-        worlds: Available worlds by number.
+        worlds: Available worlds by checksum. A number that means different worlds in
+            different trials is left out.
         count: Number of worlds at most.
     """
-    numbers = [number for number in reversed(order.worlds) if number in worlds]
-    hardest = {}
-    for number in numbers[:count]:
+    hardest: dict[int, tuple[World, list[DrivenTrial]]] = {}
+    for number in reversed(order.worlds):
+        if len(hardest) == count:
+            break
         inside = [trial for trial in trials if trial.result.world == number]
-        hardest[number] = (worlds[number], inside)
+        checksums = {trial.result.world_checksum for trial in inside}
+        if len(checksums) == 1 and checksums <= worlds.keys():
+            hardest[number] = (worlds[checksums.pop()], inside)
     return hardest
 
 

@@ -35,7 +35,6 @@ from barn_eval.pages.report.trials import (
     DrivenTrial,
     read_trials,
     trial_data,
-    worlds_by_number,
 )
 from barn_eval.pages.template import render, write_page
 from barn_eval.results.bags.recorded import read_recorded_trial
@@ -144,9 +143,7 @@ def plot(
     order = order_worlds(entries)
     hardest = {}
     if name == "hardest":
-        trials, worlds = read_trials(entries)
-        numbered_worlds = worlds_by_number(trials, worlds)
-        hardest = select_hardest(order, trials, numbered_worlds, DEFAULT_HARDEST)
+        hardest = select_hardest(order, *read_trials(entries), DEFAULT_HARDEST)
     overview = cache(
         lambda: analyze(entries, order, lambda jobs: [job() for job in jobs])
     )
@@ -265,8 +262,7 @@ def build_report(
         lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)),
         keys,
     )
-    numbered_worlds = worlds_by_number(trials, worlds)
-    maps = select_hardest(order, trials, numbered_worlds, hardest)
+    maps = select_hardest(order, trials, worlds, hardest)
     data = ChartData(entries, order, lambda: overview, maps)
     return Report(
         entries=entries,

@@ -80,27 +80,6 @@ def read_trials(
     return driven_trials, available
 
 
-def worlds_by_number(
-    trials: Sequence[DrivenTrial], worlds: Mapping[str, World]
-) -> dict[int, World]:
-    """Return available worlds by number.
-
-    Args:
-        trials: The trials that ran in them. A number that means different worlds in
-            different trials is left out.
-        worlds: Available worlds by checksum.
-    """
-    checksums: dict[int, set[str]] = {}
-    for trial in trials:
-        checksums.setdefault(trial.result.world, set()).add(trial.result.world_checksum)
-    numbered = {}
-    for number, candidates in checksums.items():
-        checksum = min(candidates)
-        if len(candidates) == 1 and checksum in worlds:
-            numbered[number] = worlds[checksum]
-    return numbered
-
-
 def read_track(source: Source, result: TrialResult) -> Track | str:
     """Return the track of a trial, or why there is none.
 
