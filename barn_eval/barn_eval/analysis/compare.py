@@ -158,12 +158,14 @@ def compare(
     """
     require_pairs(a, b)
     measure = ranking_measure(a)
+    # Conclusions rest on it, whatever else is asked for.
     if measure.key not in keys:
         keys = (measure.key, *keys)
     rows = []
     for key in with_moving_measures(keys, a, b):
         compared = MEASURES[key]
         larger = compared.better == "larger"
+        # Pairs of the same world and noise: what worlds have in common cancels.
         paired = compare_pairs(
             trial_values(a, compared),
             trial_values(b, compared),
@@ -184,6 +186,7 @@ def compare(
     time_per_meter = MEASURES["normalised_time_s_per_m"]
     times_a = trial_values(a, time_per_meter)
     times_b = trial_values(b, time_per_meter)
+    # All trials count, not only pairs: a correlation of worlds needs no equal noise.
     correlation = rank_correlation(
         (times_a.values, times_a.worlds), (times_b.values, times_b.worlds)
     )
@@ -205,6 +208,7 @@ def count_available_worlds(results: Rows) -> int:
     """Return the number of worlds in the data set of results, 0 if it is missing."""
     try:
         return len(open_dataset(results[0].dataset).world_numbers)
+    # The data set may be a file of another machine; that must not stop an analysis.
     except (BarnError, IndexError, OSError):
         return 0
 
@@ -216,6 +220,7 @@ def adjust_by_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     the same measures.
     """
     p_values_by_measure = []
+    # Each measure is a question of its own, so measures share no correction.
     for rows in zip(*(comparison.rows for comparison in comparisons), strict=True):
         p_values_by_measure.append(holm([row.paired.p for row in rows]))
 
@@ -254,6 +259,7 @@ def compare_folders(
     """
     source_a, groups_a = read_selection(a)
     source_b, groups_b = read_selection(b or a)
+    # Before the tasks are compared, so that a wrong planner is named first.
     pairs = _pair_planners(a, b, list(groups_a), list(groups_b))
     require_same_task([source_a.path, source_b.path])
     place_a, place_b = _name_folders(source_a.path, source_b.path)
@@ -327,7 +333,9 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
         BarnError: The folder has no results.
         ConfigError: A planner has no results in it.
     """
+    # As a path may name planners, the command line and Python take the same texts.
     planners: list[str] = []
+    # A folder may have a colon in its name, so an existing path is taken whole.
     if not path.exists() and ":" in path.name:
         folder, _, names = str(path).rpartition(":")
         path = Path(folder)
@@ -395,6 +403,8 @@ def require_pairs(a: Rows, b: Rows) -> None:
     Raises:
         BarnError: Their tasks differ, or they have no trial in common.
     """
+    # A repetition has the same simulator seed in each run of equal seed, hence the same
+    # noise.
     trials_a = {(result.world, result.repetition): result for result in a}
     trials_b = {(result.world, result.repetition): result for result in b}
     if len(trials_a) != len(a) or len(trials_b) != len(b):
@@ -406,6 +416,7 @@ def require_pairs(a: Rows, b: Rows) -> None:
     if not shared:
         raise BarnError("the two have no trial of the same world and repetition")
 
+    # In order, so that messages do not depend on hashes.
     for key in sorted(shared):
         trial_a = trials_a[key]
         trial_b = trials_b[key]
@@ -471,11 +482,13 @@ def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
     That is so for folders of other versions, and planners that are not installed.
     """
     try:
+        # Fails for none and for two of the name, where no parameters can be told.
         (choice,) = (c for c in source.run_config.planners if c.name == planner)
         if not choice.registered:
             files = {
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
+            # What nodes reported counts, since launch files may set what no file shows.
             return files | read_node_parameters(source.path / LOGS, planner)
         setup = source.run_config.resolve_planner(choice)
         config = planner_config(planner, setup.preset, setup.overrides)

@@ -58,6 +58,7 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
     """Order the worlds in which all entries have trials, or else all worlds."""
     groups = [results_by_world(entry.results) for entry in entries]
     all_worlds = set().union(*groups)
+    # A world that only a slow planner has driven would seem difficult.
     shared_worlds = set.intersection(*map(set, groups)) or all_worlds
 
     order = []
@@ -66,6 +67,7 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
         for group in groups:
             if world in group:
                 means.append(TIME.values(group[world]).mean())
+        # Of planners, not of trials: one with more repetitions must not weigh more.
         order.append((float(np.mean(means)), world))
     order.sort()
 
@@ -86,6 +88,7 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
     Returns:
         The bands, easiest first; none if there are too few worlds for two.
     """
+    # Tests over whole worlds cannot find anything in fewer than three.
     count = min(_MAX_BANDS, len(order.worlds) // _MIN_WORLDS_PER_BAND)
     if count < 2:
         return []

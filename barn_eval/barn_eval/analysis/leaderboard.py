@@ -143,8 +143,10 @@ def make_boards(
     _require_one_task_per_protocol(classes)
 
     boards = []
+    # Sorted, so that the order of boards does not depend on that of the folders.
     for _, class_entries in sorted(classes.items()):
         for group in group_by_common_trials(class_entries):
+            # A group has one protocol, so any of its results names the measure.
             measure = ranking_measure(group.entries[0].results)
             if ranking:
                 measure = MEASURES[RANKINGS[ranking]]
@@ -157,6 +159,7 @@ def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) ->
 
     They may be of different classes: the name of a protocol means one set of rules.
     """
+    # A changed protocol under an old name would look like two comparable boards.
     entries_by_protocol: dict[str, list[Entry]] = {}
     for board_class, entries in classes.items():
         entries_by_protocol.setdefault(board_class.protocol, []).extend(entries)
@@ -196,6 +199,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
     results = {entry.label: entry.results for entry in entries}
     ranking = rank_results(results, measure)
     entry_by_label = {entry.label: entry for entry in entries}
+    # Computed once: it looks at all pairs.
     ranks = ranking.ranks
     places = []
     for position, label in enumerate(ranking.names):
@@ -212,6 +216,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
                 better_than=tuple(better_than),
                 entry=entry,
                 summary=summarize(entry.results, (*SCORED, "contact_s")),
+                # Readers can tell by it whether two boards rank the same settings.
                 configuration=configuration_hash(entry.source, entry.planner),
                 bags=sum(bags),
             )
@@ -240,6 +245,7 @@ def configuration_hash(source: Source, planner: str) -> str:
         planner: Name of the planner in it.
     """
     choices = planner_choices(source.configuration, planner)
+    # Other planners of the run do not change what this one did.
     content = json.dumps({**source.configuration, "planners": choices}, sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
@@ -292,6 +298,7 @@ def speed_class_mps(entry: Entry) -> float:
     The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
     it. Rows of versions without caps are in class 0.
     """
+    # A planner that is faster in some worlds belongs among the faster ones.
     cap_mps = max(result.speed_cap_mps or 0.0 for result in entry.results)
     if not cap_mps:
         return 0.0
@@ -335,6 +342,7 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
     planners = {entry.planner for entry in entries}
     parameters = list(entries[0].setting)
     is_one_sweep = all(entry.setting.keys() == set(parameters) for entry in entries)
+    # Several planners are swept by the delay alone.
     is_one_question = len(planners) == 1 or len(parameters) == 1
     if is_one_sweep and is_one_question and len(entries) > len(planners):
         return parameters
@@ -367,6 +375,7 @@ def sweep_rows(board: Board) -> list[dict[str, Any]]:
 
 def sweep_table(board: Board) -> TextTable:
     """Return the settings of a sweep as a table, best first."""
+    # All settings of a sweep have the same parameters.
     parameters = list(board.places[0].entry.setting)
     keys = dict.fromkeys((board.measure.key, *_SWEEP_MEASURES))
     measures = [MEASURES[key] for key in keys]
@@ -401,6 +410,7 @@ def _order_settings(board: Board) -> list[tuple[int, Place]]:
 
     A sweep over the delay is in the order of planners and delays.
     """
+    # Positions are those of the ranking, which its tests refer to.
     places = list(enumerate(board.places))
     if list(board.places[0].entry.setting) == [LATENCY]:
         places.sort(key=lambda p: (p[1].entry.planner, p[1].entry.setting[LATENCY]))

@@ -41,6 +41,7 @@ class Margin:
             )
         try:
             margin = float(size.removesuffix("%"))
+        # A number below 0 fails the check that follows.
         except ValueError:
             margin = -1.0
         if not 0.0 <= margin < float("inf"):
@@ -107,10 +108,12 @@ def decide_margin(comparison: Comparison, margin: Margin) -> MarginTest:
         loss = loss.negate()
     limit = margin.margin
     if margin.relative:
+        # A is the reference: a share of B's mean would move with what is tested.
         limit = margin.margin * abs(row.paired.mean_a)
 
     decision: Decision = "not shown"
     if loss.low is not None and loss.high is not None:
+        # The whole interval must lie on one side: no proof of harm proves no harm.
         if loss.high <= limit:
             decision = "not worse"
         elif loss.low > limit:

@@ -62,6 +62,7 @@ class Measure:
     def value(self, result: TrialResult) -> float | None:
         """Return the figure of a trial, None if the trial has none."""
         field: Any = result
+        # Only trials among moving obstacles have `motion`, and old rows lack fields.
         for name in self.path.split("."):
             field = getattr(field, name, None)
         value: float | None = field
@@ -96,6 +97,7 @@ class Measure:
         """Return the value of each trial (n,), NaN where none counts."""
         values: Floats = np.full(len(results), np.nan)
         for position, result in enumerate(results):
+            # A collision after two seconds would else count as a quick run.
             if self.successes_only and not result.scores.success:
                 continue
             value = self.value(result)
@@ -163,6 +165,7 @@ def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
     meets_motion = [
         any(result.motion is not None for result in results) for results in groups
     ]
+    # A comparison with a planner that met no motion would have no pairs.
     if meets_motion and all(meets_motion):
         return (*keys, *MOVING)
     return tuple(keys)

@@ -105,6 +105,7 @@ def analyze(
         run: Calls jobs, the longest first, and returns what they return.
         keys: Keys of further measures.
     """
+    # Comparisons take longest, so they come first among the jobs.
     pairs = list(itertools.combinations(entries, 2))[:MAX_PAIRS]
     groups = [entry.results for entry in entries]
     summary_keys = with_moving_measures(SCORED + DRIVEN, *groups)
@@ -124,6 +125,7 @@ def analyze(
             refusals.append(figure)
         else:
             unadjusted.append(figure)
+    # Only now, as the correction needs all pairs.
     comparisons = adjust_by_holm(unadjusted)
     conclusion = None
     # The refusals say why there is none.
@@ -162,6 +164,7 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
     measure = ranking_measure(entries[0].results)
     rankings = {}
     for band in bands:
+        # Bands are of worlds, not of trials, so every planner meets the same ones.
         worlds = set(band.worlds)
         results = {}
         for entry in entries:
@@ -171,6 +174,8 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
         with suppress(ConfigError):
             rankings[band.name] = rank_results(results, measure)
 
+    # One correction for all bands: the more places one looks at, the more differ by
+    # chance.
     p_values = []
     for ranking in rankings.values():
         p_values += [ranking.differences[pair].p for pair in ranking.p]
@@ -302,6 +307,7 @@ def reproduce(source: Source) -> Reproduction:
             planners.append(f"{planner.name}:{planner.preset}")
         else:
             planners.append(planner.name)
+    # All that decides results is named, defaults too: those may change.
     words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
     words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]
     words += ["--mode", run.mode, "--planners", ",".join(planners), "--bags", run.bags]
@@ -312,6 +318,7 @@ def reproduce(source: Source) -> Reproduction:
         if planner.command:
             words += ["--planner-command", f"{planner.name}={planner.command}"]
 
+    # A protocol of the user's may have the name of one of the suite's.
     is_shipped_protocol = PROTOCOLS.get(run.protocol.name) == run.protocol
     protocol = run.protocol.name if is_shipped_protocol else "protocol.yaml"
     words += ["--protocol", protocol]
@@ -322,6 +329,7 @@ def reproduce(source: Source) -> Reproduction:
 
     robot = ROBOTS.get(source.robot)
     if source.robot:
+        # A robot file may have changed since; then the name alone would mislead.
         if robot is not None and robot.chassis == source.chassis:
             words += ["--robot", source.robot]
         else:
@@ -331,6 +339,7 @@ def reproduce(source: Source) -> Reproduction:
                 f"Robot {source.robot} is from a file, which is not kept with results."
             )
 
+    # Against what this command would use by itself, not against the class's defaults.
     standard = simulator_config(run.protocol, None, robot)
     words += _option_words("--sim", _changed_fields(run.simulator, standard))
     words += _option_words("--ros", _changed_fields(run.ros, RosConfig()))

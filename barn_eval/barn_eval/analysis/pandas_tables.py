@@ -31,6 +31,8 @@ def pandas_table(rows: Iterable[Mapping[str, Any]], **types: str) -> pd.DataFram
         **types: pandas types of columns that the suite has no rule for. By default a
             column holds floating-point numbers.
     """
+    # pandas infers types from the values, so a column of only missing figures or whole
+    # numbers would have another type than usual.
     table = pd.DataFrame(list(rows))
     column_types = {
         **dict.fromkeys(_TEXT_COLUMNS, "string"),

@@ -45,6 +45,7 @@ def assign_colors(planners: Sequence[str]) -> list[str]:
         if fixed:
             colors.append(fixed)
             continue
+        # Neighbors differ in lightness, so that print in gray tells them apart.
         color = free[0]
         if colors:
             contrasting = [c for c in free if _is_dark(c) != _is_dark(colors[-1])]

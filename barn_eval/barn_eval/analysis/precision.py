@@ -117,6 +117,7 @@ def estimate_precision(
     measure = ranking_measure(next(iter(results.values())))
     if measure_key:
         measure = MEASURES[require_measures([measure_key])[0]]
+    # See `_ONE_TRIAL_NOTE`.
     has_one_trial_per_world = all(
         len({row.world for row in rows}) == len(rows) for rows in results.values()
     )
@@ -129,9 +130,11 @@ def estimate_precision(
     needs: list[Need] = []
     for name, rows in results.items():
         trials = trial_values(rows, measure)
+        # Failures have no value by some measures, and a variance needs finite ones.
         trials = trials.at(np.flatnonzero(np.isfinite(trials.values)))
         figure = _make_figure(spelling(name), trials, trials.parts(), measure)
         figures.append(figure)
+        # The same relative precision for each planner, however quick it is.
         mean_width = width or DEFAULT_SHARE * abs(figure.mean)
         for count in counts:
             worlds = worlds_for_half_width(figure.parts, mean_width, count)
@@ -165,6 +168,7 @@ def estimate_precision(
 def figures_table(precision: Precision) -> TextTable:
     """Return the components of variance, a figure per row."""
     measure = MEASURES[precision.measure]
+    # A variance is in the square of the heading's unit.
     scale = 100.0 if measure.percent else 1.0
     rows = []
     for figure in precision.figures:
@@ -230,10 +234,13 @@ def _is_beyond(need: Need, available: int) -> bool:
 def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
     """Return the mean difference of two planners."""
     (a, rows_a), (b, rows_b) = results.items()
+    # Pairs of other tasks would have differences that no world explains.
     require_pairs(rows_a, rows_b)
     left, right = matched_trials(
         [trial_values(rows_a, measure), trial_values(rows_b, measure)]
     )
+    # The variance of the differences counts: it is far below that of either planner, as
+    # hard worlds are hard for both.
     gaps = TrialValues(left.values - right.values, left.worlds, left.repetitions)
     name = f"{spelling(a)} - {spelling(b)}"
     return _make_figure(name, gaps, difference(left, right).parts, measure)
@@ -249,6 +256,7 @@ def _make_figure(
             f"{name}: {count_noun(worlds, 'world')} with {measure.label} cannot say "
             "how worlds differ"
         )
+    # Unfinished runs have unequal worlds; the formula needs one number.
     repetitions = max(1, round(len(trials.values) / worlds))
     return Figure(
         of=name,

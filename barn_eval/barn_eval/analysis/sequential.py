@@ -76,6 +76,7 @@ def decide(
     position = {world: number for number, world in enumerate(order)}
     arrivals: Integers = np.array([position[w] for w in a.worlds.tolist()], np.int64)
     gaps = b.values - a.values
+    # Signs are flipped for whole worlds: the trials of one are not independent.
     sums: Floats = np.bincount(arrivals, gaps, minlength=looks[-1]).astype(np.float64)
     worlds_done = len(np.unique(arrivals))
 
@@ -101,6 +102,7 @@ def decide(
         has_crossed = has_crossed or bool(is_crossing[0])
 
         done = np.flatnonzero(arrivals < look)
+        # The bound knows nothing of failures that did not occur; this test does.
         test = difference(b.at(done), a.at(done), flips=flips)
         decision: Decision = "open" if look == looks[-1] else "continue"
         if has_crossed and test.p <= ALPHA:
@@ -133,5 +135,6 @@ def _conditional_power(sums: Floats, share: float) -> float:
     """
     size = math.sqrt(float(sums @ sums))
     z = abs(float(sums.sum())) / size if size > 0.0 else 0.0
+    # By the trend so far, as B-values have it (Lan and Wittes 1988).
     expected = z / math.sqrt(share) + special.ndtri(ALPHA / 2.0)
     return float(special.ndtr(expected / math.sqrt(1.0 - share)))

@@ -71,6 +71,8 @@ def variance_components(values: Floats, worlds: Integers) -> Components:
     groups = len(counts)
     means = np.bincount(world, values) / counts
 
+    # One trial a world says nothing of the variance within; all of it counts as
+    # variance between worlds, which is what a mean over worlds needs.
     if trials == groups:
         variance = float(np.var(values, ddof=1)) if trials > 1 else math.nan
         return Components(variance, 0.0)
@@ -82,6 +84,7 @@ def variance_components(values: Floats, worlds: Integers) -> Components:
     mean_square = float(np.sum(counts * deviations)) / (groups - 1)
     # The number of trials per world that stands for worlds of unequal size.
     size = (trials - float(np.sum(counts**2)) / trials) / (groups - 1)
+    # The estimate may be negative by chance; a variance cannot.
     return Components(max(0.0, (mean_square - within) / size), within)
 
 
@@ -132,6 +135,7 @@ class Share:
         failures = self.effective - successes
         low = 0.0
         if self.share > 0.0:
+            # The beta quantiles also take numbers of trials that are not whole.
             low = special.betaincinv(successes, failures + 1.0, ALPHA / 2.0)
         high = 1.0
         if self.share < 1.0:
@@ -158,6 +162,8 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
         worlds: Number of each trial's world (n,).
     """
     mean, effective, world_count = effective_trials(values, worlds)
+    # With one or two failures the variance over worlds is nearly 0 by chance, and the
+    # effective number would come out far too large.
     informative_worlds = len(np.unique(worlds[values > 0.0]))
     if informative_worlds < _MIN_INFORMATIVE_WORLDS:
         return Share(mean, float(world_count))
@@ -181,6 +187,7 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
     if world_count < 2:
         return Interval(p)
 
+    # Wald's interval has no width at 0 and 1, where good planners are; Wilson's has.
     z = t_quantile(0.5 + LEVEL / 2.0, world_count - 1)
     scale = 1.0 + z * z / effective
     middle = (p + z * z / (2.0 * effective)) / scale
@@ -211,6 +218,7 @@ def effective_trials(
     variance = float(residuals @ residuals) * world_count
     variance = variance / max(1, world_count - 1) / trials**2
     if variance <= 0.0:
+        # All worlds agree, so nothing shows that their trials are independent.
         return p, float(world_count), world_count
     return p, min(p * (1.0 - p) / variance, trials), world_count
 
@@ -247,8 +255,11 @@ def paired_difference(
     total = float(sums.sum())
 
     signs = sign_patterns(len(world_numbers), flips)
+    # One product for sums and counts: the patterns are the largest array here.
     flipped_sums, flipped_counts = (signs @ np.stack([sums, counts], axis=1)).T
     threshold = abs(total) - _ROUNDING * float(np.abs(sums).sum())
+    # The pattern of the data is among them, so no p-value is 0 (Phipson and Smyth
+    # 2010).
     p = float((np.abs(flipped_sums) >= threshold).mean())
 
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -259,6 +270,8 @@ def paired_difference(
     is_mean = np.isfinite(means)
     smaller_means = np.where(is_mean, means, -np.inf).min(axis=0)
     larger_means = np.where(is_mean, means, np.inf).max(axis=0)
+    # Both quantiles are means of patterns, not values between them, so test and
+    # interval agree on whether 0 is left out.
     low = float(np.quantile(smaller_means, ALPHA, method="lower"))
     high = float(np.quantile(larger_means, LEVEL, method="higher"))
     interval = Interval(mean)
@@ -279,7 +292,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
     tests = int(np.count_nonzero(~np.isnan(p)))
     # NaN comes last in this order.
     order = np.argsort(p, kind="stable")[:tests]
+    # Holm rather than Bonferroni: it is as safe under any dependence and more powerful.
     scaled = np.minimum(1.0, np.arange(tests, 0, -1) * p[order])
+    # A larger p-value must not have a smaller adjusted one.
     p[order] = np.maximum.accumulate(scaled)
     return [float(value) for value in p]
 
@@ -326,6 +341,7 @@ def half_width(
         return math.inf
     quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
     by_variance = quantile * parts.standard_error(worlds, repetitions)
+    # A failure that did not occur yet may still have this share of the trials.
     unseen_share = Share(0.0, worlds).limits[1]
     return max(by_variance, *(cost * unseen_share for cost in parts.unseen), 0.0)
 
@@ -344,6 +360,7 @@ def detectable_difference(
     if worlds < 2:
         return math.inf
     error = parts.standard_error(worlds, repetitions)
+    # The difference itself scatters, too: it has to exceed the limit in 8 runs of 10.
     by_chance = t_quantile(POWER, worlds - 1) * error
     return half_width(parts, worlds, repetitions, level) + by_chance
 
@@ -385,5 +402,6 @@ def worlds_for_difference(
 def _fewest_worlds(suffice: Callable[[int], bool]) -> int | None:
     """Return the fewest worlds from 2 on that suffice, if more always suffice too."""
     candidates = range(2, _MAX_WORLDS + 1)
+    # bisect finds the first True, as False sorts before it.
     position = bisect_left(candidates, True, key=suffice)
     return candidates[position] if position < len(candidates) else None

@@ -130,6 +130,7 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
     choices = planner_choices(run_file.config)
     planners = [str(choice.get("name")) for choice in choices]
     kind = "campaign" if len(planners) > 1 else "run"
+    # A merged or edited folder may have rows of planners that run.json lacks.
     planners += sorted({result.planner for result in results}.difference(planners))
     # In the order of the schedule, so that nothing shows which worker was faster.
     results.sort(
@@ -168,6 +169,8 @@ def notes_on(source: Source, results: Rows) -> list[str]:
 
 def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
     """Say how many trials have late commands, and how many a second attempt."""
+    # Over ROS a busy machine delays commands, which no score can tell apart from a slow
+    # planner.
     late = sum(result.wall_clock.is_late for result in results)
     if late:
         yield (
@@ -223,6 +226,7 @@ class Computing:
 
 def computing_of(results: Rows) -> Computing:
     """Return how trials of one planner charge its computing."""
+    # Rows of one planner may differ if a folder was resumed with another option.
     modes = {
         COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
     }
@@ -230,6 +234,7 @@ def computing_of(results: Rows) -> Computing:
     for result in results:
         if result.wall_clock.computer is not None:
             computers.append(result.wall_clock.computer)
+    # A median, since single trials may have met a busy machine.
     computer = median(computers) if computers else 0.0
     return Computing(tuple(sorted(modes)), computer)
 
@@ -261,6 +266,7 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
         ConfigError: A folder is named twice.
     """
     folders = expand_sweeps(paths)
+    # Twice the same trials would look like twice the evidence.
     for path, count in Counter(path.resolve() for path in folders).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")
@@ -293,6 +299,7 @@ def label_entries(entries: Sequence[Entry]) -> list[Entry]:
         by_name.append(name + folder if len(same_planner) > 1 else name)
         by_path.append(f"{name} ({entry.source.path})")
 
+    # Paths are distinct in any case; the shorter labels are tried first.
     labels = by_path
     if len(set(by_setting)) == len(entries):
         labels = by_setting
@@ -311,6 +318,7 @@ def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
     other_settings = [_planner_settings(other) for other in same_planner]
     texts = []
     for key, value in settings.items():
+        # What all have in common does not tell them apart.
         if any(other.get(key) != value for other in other_settings):
             texts.append(f"{key.rpartition('.')[2]}={value}")
     return f" ({', '.join(texts)})" if texts else ""
@@ -337,6 +345,7 @@ def require_same_task(folders: Sequence[Path]) -> None:
     """
     first, *others = folders
     task = RunFile.read(first).task()
+    # Robots first: a message about one of their dimensions would not name them.
     robot = chassis_in(task["simulator"]).name
     for folder in others:
         other_task = RunFile.read(folder).task()
@@ -393,9 +402,11 @@ def read_worlds(
     Returns:
         Worlds by checksum; a text says why a world is missing.
     """
+    # A data set is read as a whole, and all results may be of one.
     open_once = cache(open_dataset)
     worlds: dict[str, World | str] = {}
     for result, source in results:
+        # By checksum, since one number may mean other worlds in other folders.
         checksum = result.world_checksum
         if checksum in worlds:
             continue
@@ -428,6 +439,7 @@ def planner_choices(
         planner: Name of the only planner that is asked for; empty for all.
     """
     choices = []
+    # run.json may be edited by hand, and pages show a folder all the same.
     planners = configuration.get("planners")
     for choice in planners if isinstance(planners, list) else ():
         if isinstance(choice, dict) and planner in ("", choice.get("name")):

@@ -65,10 +65,15 @@ class TrialValues:
         The interval holds no impossible value.
         """
         finite = np.flatnonzero(np.isfinite(self.values))
+        # Rounding depends on the order of a sum, and workers finish trials in any
+        # order.
         order = np.lexsort((self.values[finite], self.worlds[finite]))
         trials = self.at(finite[order])
         interval = mean_interval(trials.values, trials.worlds)
         if trials.counts_failures:
+            # No bootstrap or t interval widens for an event that did not occur, so the
+            # limits also hold what the mean becomes at either limit of the failures'
+            # share.
             observed = trials.failures_observed
             interval = interval.widen_to(
                 *(
@@ -80,6 +85,7 @@ class TrialValues:
             return interval
 
         low = interval.low
+        # A symmetric interval around a small mean would reach below 0.
         if trials.values.min() >= 0.0:
             low = max(0.0, low)
         high = interval.high
@@ -131,6 +137,7 @@ class TrialValues:
         _, world = np.unique(self.worlds, return_inverse=True)
         counts = np.bincount(world)
         surplus = np.bincount(world, self.failures - other.failures) / counts
+        # In worlds where both fail alike, this planner's failures cost no difference.
         share_by_world = np.maximum(0.0, surplus)
         return significance.share_of(share_by_world[world], self.worlds)
 
@@ -159,6 +166,8 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
     mean = float(sums.sum() / counts.sum())
     if len(sums) < 2:
         return Interval(mean)
+    # Worlds differ in trials, so the mean is a ratio of two sums. Its error is that of
+    # its linearization (Cochran 1977, Sampling techniques, ch. 6).
     below, above = _limit_distances((sums - mean * counts) / counts.sum())
     return Interval(mean, mean - below, mean + above)
 
@@ -174,6 +183,7 @@ def _limit_distances(residuals: Floats) -> tuple[float, float]:
     if spread == 0.0:
         return 0.0, 0.0
 
+    # The divisor m - 1 as for any variance that is estimated around its own mean.
     error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = significance.t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
     cubes = float(np.sum(residuals**3))
@@ -184,10 +194,12 @@ def _limit_distances(residuals: Floats) -> tuple[float, float]:
 
     def undo_transformation(y: float) -> float:
         """Return the studentized error of which y is the transform."""
+        # The transformation is cubic and monotonic, so it can be undone exactly.
         inner = 1.0 + skewness * (y / math.sqrt(worlds) - skewness / (6.0 * worlds))
         return math.sqrt(worlds) * 3.0 / skewness * (float(np.cbrt(inner)) - 1.0)
 
     below = undo_transformation(quantile) * error
+    # Times of failures make the right tail long, so the limits are not symmetric.
     above = -undo_transformation(-quantile) * error
     return below, above
 
@@ -251,6 +263,7 @@ def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
     Trials of one world and repetition belong together: they met the same noise.
     """
     positions = [_positions(trials) for trials in planners]
+    # Sorted keys give all planners one order, which pairs need.
     shared = sorted(set.intersection(*map(set, positions)))
     matched = []
     for trials, position in zip(planners, positions, strict=True):
@@ -280,7 +293,9 @@ def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference
     size = plain.interval.estimate
     p = plain.p
     limits = []
+    # A minus B changes by B's failures with the other sign.
     for planner, other, cost in ((a, b, a.cost), (b, a, -b.cost)):
+        # Failures that both planners have in a world do not part them.
         excess = planner.excess(other)
         limits.append(size - cost * (excess.limits[1] - excess.share))
         # This planner is the better one, so its failures could turn the sign.
@@ -349,6 +364,7 @@ def rank_correlation(
     a_by_world = _values_by_world(*a)
     b_by_world = _values_by_world(*b)
     shared = sorted(a_by_world.keys() & b_by_world.keys())
+    # Two ranks correlate with 1 or -1 whatever the planners do.
     if len(shared) < 3:
         return Interval(math.nan)
 

@@ -121,6 +121,7 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
     """
     worlds = np.array([result.world for result in results], np.int64)
     successes = np.array([result.scores.success for result in results], np.int64)
+    # A share has an interval of its own, which holds no value beyond 0 and 1.
     means = {"success": proportion(successes, worlds)}
     for key in keys:
         if key != "success":
@@ -151,6 +152,7 @@ def summarize_run(results: Rows) -> RunSummary:
 
     pairs = combinations(groups, 2)
     comparisons = adjust_by_holm([compare(groups[a], groups[b]) for a, b in pairs])
+    # The conclusion is for readers, while the comparisons keep the planners' names.
     labeled_groups = {spelling(name): rows for name, rows in groups.items()}
     labeled_comparisons = [
         replace(comparison, a=spelling(comparison.a), b=spelling(comparison.b))
@@ -212,6 +214,7 @@ def common_trials(groups: Sequence[Rows]) -> list[list[TrialResult]]:
 
     Where there is no such trial, all results are returned.
     """
+    # Else a planner with only easy worlds so far would seem to lead.
     keys = [{(row.world, row.repetition) for row in rows} for rows in groups]
     shared = set.intersection(*keys) or set.union(*keys)
     return [
@@ -245,5 +248,6 @@ def sort_positions(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
     values = [summary[measure.key].estimate for summary in summaries]
     return sorted(
         range(len(values)),
+        # The position decides between equal values, so that the order is stable.
         key=lambda k: (np.isnan(values[k]), sign * values[k], k),
     )

@@ -70,6 +70,7 @@ def headline_table(
         keys: Keys of the measures. By default rates, times and scores.
     """
     keys = keys or finite_keys(summaries, SHOWN["headline"])
+    # The ranking measure comes first, wherever else it stands.
     all_keys = tuple(dict.fromkeys((measure.key, *keys)))
 
     rows = []
@@ -180,6 +181,7 @@ def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTa
     for row in comparison.rows:
         measure = MEASURES[row.key]
         paired = row.paired
+        # A rounded p-value of 0.000 would read as certainty.
         p = "<0.001" if row.p_holm < 0.001 else number(row.p_holm, 3)
         if row.p_holm <= ALPHA:
             p += " *"
@@ -226,6 +228,7 @@ def _mean_with_count(measure: Measure, summary: Summary) -> str:
     """Return a mean with its limits, and its trials where failures are left out."""
     text = measure.text(summary[measure.key])
     if measure.successes_only:
+        # Few successes make a fine time: the reader has to see how many there were.
         text += f" of {summary.outcomes.get('success', 0)}"
     return text
 
@@ -268,6 +271,7 @@ def paper_table(
     default_keys = (ranking_measure(first).key, *SHOWN["paper"])
     measures = [MEASURES[key] for key in require_measures(keys or default_keys)]
     measure_keys = [measure.key for measure in measures]
+    # On other trials a planner might only have met easier worlds.
     common = common_trials(list(results.values()))
     groups = dict(zip(results, common, strict=True))
     summaries = {name: summarize(rows, measure_keys) for name, rows in groups.items()}
@@ -304,10 +308,12 @@ def _find_best(
     if not measure.better or len(groups) < 2:
         return set()
     ranking = rank_results(groups, measure)
+    # By the mean that the table shows; a ranking leaves out trials without a value.
     best_position = sort_positions(measure, list(summaries.values()))[0]
     best_place = ranking.names.index(list(summaries)[best_position])
     best = set()
     for place, name in enumerate(ranking.names):
+        # Planners ahead in the ranking's trials are no worse than the best by the mean.
         if place <= best_place or not ranking.is_clear(best_place, place):
             best.add(name)
     return best
@@ -334,6 +340,7 @@ def _default_caption(groups: RowsByPlanner) -> str:
     """Say what the means of a paper's table are over."""
     results = next(iter(groups.values()))
     worlds = len({result.world for result in results})
+    # Unfinished runs have unequal worlds.
     if len(results) % worlds:
         trials = f"{len(results)} trials"
     else:

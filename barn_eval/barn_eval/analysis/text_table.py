@@ -70,6 +70,7 @@ def latex_row(cells: Sequence[str]) -> str:
 def latex_text(text: str) -> str:
     """Return text without LaTeX commands, and with the minus of numbers as a sign."""
     escaped = one_line(text).translate(_LATEX)
+    # A hyphen in a name or a range stays a hyphen.
     return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
 
 

@@ -94,6 +94,8 @@ class Ranking:
         count = len(self.names)
         ranks: list[int] = []
         for place in range(count):
+            # Differing by a test is not transitive, so ranks need all pairs across a
+            # border.
             is_new_rank = all(
                 self.is_clear(better, worse)
                 for better in range(place)
@@ -161,6 +163,7 @@ def rank(
     names = sorted(planners, key=lambda name: (sign * means[name], name))
 
     pairs = list(combinations(range(len(names)), 2))
+    # No p-value is below 1 / (flips + 1), and Holm multiplies it by the pairs.
     enough_flips = max(flips, _FLIPS_PER_PAIR * len(pairs))
     # A test with fewer patterns could not be significant after Holm.
     if tests is None or enough_flips > flips:
@@ -236,6 +239,7 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
         )
 
     extent = f"{worlds}, {count_noun(ranking.trials, 'pair')} of trials"
+    # Two equal planners get their interval below; of many no pair is special.
     if len(names) > 2 and len(set(ranking.means)) == 1:
         mean = _value_text(measure, ranking.means[0])
         return Conclusion(
@@ -245,6 +249,7 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
         )
 
     leaders = ranking.leaders
+    # The rival that is level with the first, or else the best that is not.
     next_place = leaders[1] if len(leaders) > 1 else 1
     next_name = names[next_place]
     next_mean = ranking.means[next_place]
@@ -370,10 +375,12 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
     if test.worlds < fewest:
         return f" With fewer than {fewest} worlds no difference can be clear."
 
+    # Bonferroni's level for the hardest step of Holm: an answer on the safe side.
     level = 1.0 - ALPHA / ranking.tests
     worlds = worlds_for_difference(test.parts, size, repetitions, level)
     if worlds is None:
         return " No number of worlds up to a million would tell so small a difference."
+    # By chance the variance may say that fewer worlds than there are would do.
     needed = max(worlds, test.worlds + 1)
     each = count_noun(repetitions, "trial")
     if 0 < ranking.available < worlds:
@@ -392,6 +399,7 @@ def _difference_text(
 ) -> str:
     """Return a difference with its interval, and as a share of the other's mean."""
     size = interval if interval.estimate >= 0.0 else interval.negate()
+    # A difference of shares in percent would read as a share of a share.
     unit = " percentage points" if measure.percent else measure.after
     text = measure.text(size) + unit
     # A share of a share would confuse, and of zero there is none.

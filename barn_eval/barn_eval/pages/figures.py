@@ -185,6 +185,7 @@ def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> Report
         pdf: Whether it is drawn as PDF too.
     """
     svg = unique_svg(figure, name, about)
+    # A second layout, for the PDF, would move what the first has placed.
     figure.set_layout_engine(None)
     text = re.sub(
         r'(?:\bd|\bx|\by)="[^"]*"',
@@ -195,6 +196,7 @@ def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> Report
     # Pixels keep their colors, so the legend of an image must keep them too.
     if not any(axes.images for axes in figure.axes):
         text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda match: themed(match[0]), text)
+    # The style sheet decides the size; the view box keeps the ratio.
     for side in ("width", "height"):
         text = re.sub(rf'(<svg[^>]*?) {side}="[^"]*"', r"\1", text, count=1)
     figure.patch.set_facecolor(WHITE)
@@ -214,7 +216,9 @@ def unique_svg(figure: Figure, name: str, description: str) -> str:
     """
     text = _figure_content(figure, "svg").decode()
     text = text[text.index("<svg") :]
+    # Equal clip paths have equal identifiers in all figures of a page.
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    # It names the program that drew the figure, which no page shows.
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
     label = f'<svg role="img" aria-label="{escape(description)}"'
     return text.replace("<svg", label, 1)
@@ -270,6 +274,7 @@ def plain_text(text: str) -> str:
 
     It has no mathematics, no line breaks and at most 40 characters.
     """
+    # A label comes from a folder's name, in which a dollar would begin mathematics.
     line = " ".join(text.split()).replace("$", r"\$")
     if len(line) > _MAX_TEXT_LENGTH:
         line = line[: _MAX_TEXT_LENGTH - 1] + "…"

@@ -85,6 +85,7 @@ def themed(color: str) -> str:
     """
     if color == MOVER:
         return f"var(--mover, {MOVER})"
+    # matplotlib writes colors in lower case.
     if color.upper() in PLANNERS:
         return f"var({property_name(color)}, {color})"
     return color
@@ -100,6 +101,7 @@ def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_eval", "data/page"),
         autoescape=jinja2.select_autoescape(["html"]),
+        # A misspelled name must fail instead of leaving a gap in the page.
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

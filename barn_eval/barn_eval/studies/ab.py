@@ -92,6 +92,7 @@ def ab(
         read_side(head, base, command, options),
     )
     configs = [side.config for side in sides]
+    # Equal sides would be driven to the end of the plan for nothing.
     fingerprints = {
         config.resolve_planner(config.planners[0]).planner_config for config in configs
     }
@@ -101,6 +102,7 @@ def ab(
             " files differ"
         )
 
+    # The first fifth must be like the rest, or the first look would mislead.
     worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
     looks = plan_looks(len(worlds))
     with ExitStack() as stack:
@@ -154,6 +156,7 @@ def read_side(
     """
     path = Path(text)
     is_yaml = path.suffix in (".yaml", ".yml")
+    # A copy, since both sides begin with the same options.
     run_options = dict[str, Any](options)
     run_file: Path | None = None
     # Content of a workspace, which the command alone does not tell.
@@ -214,6 +217,7 @@ def _find_setup(path: Path, command: str) -> Path:
 def _in_workspace(setup: Path, command: str) -> str:
     """Return a command that sources a workspace first."""
     words = shlex.join(split_command(command))
+    # exec, so that signals reach the planner and not a shell around it.
     script = f". {shlex.quote(str(setup))} && exec {words}"
     return shlex.join(["bash", "-c", script])
 

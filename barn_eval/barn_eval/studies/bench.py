@@ -108,6 +108,7 @@ def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[C
         ratio = figure.value / base.value
         if figure.better == "lower":
             ratio = base.value / figure.value
+        # Both benchmarks are noisy, independently of each other.
         noise = math.hypot(figure.noise, base.noise)
         compared.append(Change(figure.name, ratio, noise))
     return compared
@@ -162,6 +163,7 @@ def bench(
         planner_config(name)
     setup = replace_dotted(BenchSetup(), settings or {}, "settings")
 
+    # All figures once a round: a slow minute of the machine hits each of them once.
     rounds = []
     for number in range(1, setup.repeats + 1):
         figures = []
@@ -198,6 +200,7 @@ def _measure_all(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measure
 def _measure_direct(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure trials without and with a bag, and the planner's cycles in them."""
     planner = spec.planner
+    # The first trial compiles and loads what the second has.
     clocks = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
     factor = max(clock.real_time_factor or 0.0 for clock in clocks)
     yield Measurement(f"direct trial, {planner}", factor, _REAL_TIME)

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -169,13 +170,14 @@ def tune(
         BarnError: For what the user has to change.
     """
     tuner = Tuner(ranges, options, by, unseen, reporter)
-    study = tuner.open_study()
+    # Before workers start, as the folder may hold another tuning.
+    study = tuner.study
     pool_context: AbstractContextManager[WorkerPool | None] = nullcontext()
     if tuner.base.config.mode == "direct":
         pool_context = closing(make_shared_pool(tuner.base.execution))
-    with pool_context as pool:
-        tuner.try_settings(study, settings, pool)
-        tuned = tuner.judge(study, pool)
+    with pool_context as tuner.pool:
+        tuner.try_settings(settings)
+        tuned = tuner.judge()
     trials = study.trials
     return Tuning(
         settings=len(trials),
@@ -202,6 +204,8 @@ class Tuner:
         """Check ranges, measures and worlds; see `tune` for arguments and errors."""
         self.ranges = ranges.parameters
         self.reporter = reporter
+        # Workers that all runs share in mode direct.
+        self.pool: WorkerPool | None = None
         planner: dict[str, Any] = {"mode": "ros"}
         if ranges.planner:
             planner = {"planners": ranges.planner}
@@ -219,6 +223,7 @@ class Tuner:
                 )
 
         numbers = open_dataset(config.dataset).world_numbers
+        # Settings may be given up after a few worlds, which must be like the rest.
         self.worlds = order_worlds_fairly(select_worlds(config.worlds, numbers))
         other_worlds = [number for number in numbers if number not in self.worlds]
         if unseen is not None:
@@ -248,6 +253,7 @@ class Tuner:
                     f"ranges: planner {planner.name!r} has no parameter {key!r}"
                     f"{suggest(key, values)}"
                 )
+            # Optuna has no public way to ask; enqueued values are not checked.
             is_allowed = allowed._contains(allowed.to_internal_repr(values[key]))
             if allowed.single() or not is_allowed:
                 raise ConfigError(
@@ -255,8 +261,9 @@ class Tuner:
                 )
         return {key: values[key] for key in self.ranges}
 
-    def open_study(self) -> optuna.Study:
-        """Open the study of the folder, new or to go on with.
+    @cached_property
+    def study(self) -> optuna.Study:
+        """The study of the folder, new or to go on with.
 
         Raises:
             ConfigError: If the folder holds another tuning.
@@ -268,6 +275,8 @@ class Tuner:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             if len(self.by) == 1:
+                # It compares settings in the worlds that both drove in, as the order is
+                # one for all.
                 pruner = optuna.pruners.WilcoxonPruner()
             study = optuna.create_study(
                 storage=f"sqlite:///{self.base.out / 'study.db'}",
@@ -294,16 +303,9 @@ class Tuner:
             study.enqueue_trial(self.default)
         return study
 
-    def try_settings(
-        self, study: optuna.Study, settings: int, pool: WorkerPool | None
-    ) -> None:
-        """Try settings until enough are finished; one that was interrupted goes first.
-
-        Args:
-            study: The study of the folder.
-            settings: Number of settings.
-            pool: Workers shared by all runs, in mode direct.
-        """
+    def try_settings(self, settings: int) -> None:
+        """Try settings until so many are finished; an interrupted one goes first."""
+        study = self.study
         while True:
             number = sum(trial.state.is_finished() for trial in study.trials)
             if number >= settings:
@@ -312,6 +314,7 @@ class Tuner:
             # same settings as one that was not interrupted.
             seed = (self.base.config.seed + number) % 2**32
             study.sampler = optuna.samplers.TPESampler(seed=seed)
+            # A kill leaves the setting running; its folder resumes by itself.
             interrupted = study.get_trials(states=[TrialState.RUNNING])
             if interrupted:
                 trial = Trial(study, interrupted[0]._trial_id)
@@ -319,23 +322,21 @@ class Tuner:
                 trial = study.ask(dict(self.ranges))
 
             try:
-                means = self._try(study, trial, pool)
+                means = self._try(trial)
             except ConfigError as error:
                 # Values that do not go together.
                 study.tell(trial, state=TrialState.FAIL)
                 self.reporter.notify(f"setting {number}: {error}")
                 continue
             study.tell(trial, means)
-            text = self._describe(study, trial, means)
+            text = self._describe(trial, means)
             self.reporter.notify(f"setting {number} of {settings}: {text}")
 
-    def _describe(
-        self, study: optuna.Study, trial: Trial, means: Sequence[float]
-    ) -> str:
+    def _describe(self, trial: Trial, means: Sequence[float]) -> str:
         measures = [MEASURES[key] for key in self.by]
         worlds = trial.user_attrs.get(_GIVEN_UP)
         if worlds:
-            gap = measures[0].number(abs(means[0] - study.best_value))
+            gap = measures[0].number(abs(means[0] - self.study.best_value))
             return (
                 f"given up after {worlds} worlds, {measures[0].title} {gap} worse there"
                 " than the best"
@@ -345,12 +346,10 @@ class Tuner:
             for measure, mean in zip(measures, means, strict=True)
         )
 
-    def _try(
-        self, study: optuna.Study, trial: Trial, pool: WorkerPool | None
-    ) -> list[float]:
+    def _try(self, trial: Trial) -> list[float]:
         """Drive a setting until it is clearly worse than the best; return its means."""
-        world_means = dict(study.trials[trial.number].intermediate_values)
-        with self._open_run(self.make_setting(trial, "settings"), pool) as run:
+        world_means = dict(self.study.trials[trial.number].intermediate_values)
+        with self._open_run(self.make_setting(trial, "settings")) as run:
             for count in range(_STEP, len(self.worlds) + _STEP, _STEP):
                 worlds = self.worlds[:count]
                 results = run.drive_scored(worlds)
@@ -366,22 +365,18 @@ class Tuner:
                         trial.report(mean, world)
                 if count < len(self.worlds) and trial.should_prune():
                     trial.set_user_attr(_GIVEN_UP, count)
-                    return [_extrapolate(study, world_means, worlds)]
+                    return [_extrapolate(self.study, world_means, worlds)]
         values = np.stack(columns, axis=1)
         return [float(mean) for mean in values.mean(axis=0)]
 
-    def judge(self, study: optuna.Study, pool: WorkerPool | None) -> list[Tuned]:
+    def judge(self) -> list[Tuned]:
         """Drive the best settings and the default in worlds they were not chosen in.
-
-        Args:
-            study: A study with all settings.
-            pool: Workers shared by all runs, in mode direct.
 
         Returns:
             The best settings, in order of the first measure.
         """
-        trials = study.trials
-        front = _front(study)
+        trials = self.study.trials
+        front = _front(self.study)
         candidates = [number for number in front if number != 0]
         candidates = _thin(candidates, len(front) / _MAX_FRONT)
 
@@ -389,7 +384,7 @@ class Tuner:
         worlds = ",".join(map(str, self.unseen))
         for number in (0, *candidates):
             setting = self.make_setting(trials[number], "unseen", worlds)
-            with self._open_run(setting, pool) as run:
+            with self._open_run(setting) as run:
                 results[number] = run.drive_scored(self.unseen)
         keys = tuple(dict.fromkeys((*self.by, *COMPARED)))
         comparisons = [
@@ -400,6 +395,8 @@ class Tuner:
             self._draw_front(trials, front)
         if not comparisons:
             return []
+        # The best of several settings is partly luck, which the correction accounts
+        # for.
         adjusted = adjust_by_holm(comparisons)
         tuned = []
         for number, comparison in zip(candidates, adjusted, strict=True):
@@ -487,14 +484,13 @@ class Tuner:
             for key, value in trial.params.items():
                 values[key] = value
                 if isinstance(value, float):
+                    # Files are for people, and no planner tells a fifth digit.
                     values[key] = float(f"{value:.4g}")
         return make_setting(base, values, f"{folder}/{trial.number:04}")
 
-    def _open_run(
-        self, setting: Setting, pool: WorkerPool | None
-    ) -> AbstractContextManager[Run]:
+    def _open_run(self, setting: Setting) -> AbstractContextManager[Run]:
         setting.write_parameter_files()
-        return open_run(setting.request, Reporter(), work_of, pool=pool)
+        return open_run(setting.request, Reporter(), work_of, pool=self.pool)
 
 
 def _extrapolate(

@@ -186,7 +186,7 @@ def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
         "planner_command": f"m=run --params-file {source}",
     }
     tuner = tuning.Tuner(ranges, options, (), "6", Reporter())
-    study = tuner.open_study()
+    study = tuner.study
     for value in (0.5, 0.25):
         study.tell(study.ask(dict(ranges.parameters)), value)
     study.enqueue_trial({"speed": 0.3})

@@ -77,6 +77,7 @@ class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
             raise ConfigError(
                 f"host {host!r}, live port {port}: cannot be served: {error}"
             ) from None
+        # Viewers list topics when they connect, before any message has come.
         for topic in _TOPICS.values():
             self._channel(topic.path, topic.type_name)
         self.url = f"ws://{host}:{self._server.port}"
@@ -96,6 +97,7 @@ class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
     def _follow(self) -> None:
         follower = TrialFollower(self._folder)
         while not self._stop.wait(_PERIOD_S):
+            # Nobody watches: the disk is left to the trials.
             if not any(channel.has_sinks() for channel in self._channels.values()):
                 follower.close()
                 # A new follower gives the next viewer the trial from its beginning.

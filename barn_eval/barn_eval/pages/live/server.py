@@ -3,7 +3,7 @@
 import json
 import threading
 from collections import Counter
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from datetime import datetime, timedelta
 from functools import lru_cache
 from http import HTTPStatus
@@ -75,6 +75,7 @@ class RunState:
         try:
             return read_state(self.folder)
         except (BarnError, OSError) as error:
+            # The run goes on, and the next look may succeed.
             return {"title": self.folder.resolve().name, "problem": str(error)}
 
     def bag(self, trial_id: str) -> Path:
@@ -149,6 +150,7 @@ def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
 
     The rate is that of the last trials; there is none before two of them have ended.
     """
+    # Only the last trials: early ones compile kernels, and planners differ in speed.
     ends = sorted(filter(None, map(_end_of, rows[-_RATE_TRIALS:])))
     last = ends[-1].isoformat() if ends else ""
     span_s = (ends[-1] - ends[0]).total_seconds() if ends else 0.0
@@ -188,8 +190,21 @@ def _trial_state(folder: Path, row: TrialResult) -> dict[str, Any]:
     }
 
 
-class PageServer(AbstractContextManager["PageServer"]):
-    """Serves the page of a results folder from a thread until it is closed."""
+class _Response(NamedTuple):
+    """What a request gets."""
+
+    status: HTTPStatus
+    content: str
+    media_type: str
+
+
+class PageServer(ThreadingHTTPServer):
+    """Serves the page of a results folder from a thread until it is closed.
+
+    Content is computed for one request at a time.
+    """
+
+    daemon_threads = True
 
     def __init__(
         self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT
@@ -204,21 +219,26 @@ class PageServer(AbstractContextManager["PageServer"]):
         Raises:
             ConfigError: The folder holds no run, or the address is not available.
         """
-        state = RunState(Path(folder))
+        self._state = RunState(Path(folder))
+        self._lock = threading.Lock()
+        # Drawing takes seconds, and a page is several megabytes.
+        self._replay = lru_cache(_CACHED_REPLAYS)(
+            lambda bag: replay_page(read_recorded_trial(bag))
+        )
         try:
-            self._server = _Server((host, port), state)
+            super().__init__((host, port), _Handler)
         except (OSError, OverflowError) as error:
             # A port above 65535 is an OverflowError, which has no strerror.
             reason = getattr(error, "strerror", None) or error
             raise ConfigError(
                 f"host {host!r}, port {port}: cannot be served: {reason}"
             ) from None
-        address, bound_port = self._server.server_address[:2]
+        address, bound_port = self.server_address[:2]
         # A server may listen on 0.0.0.0, but a browser cannot open that everywhere.
         if ip_address(str(address)).is_unspecified:
             host = LOOPBACK
         self.url = f"http://{host}:{bound_port}/"
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread = threading.Thread(target=self.serve_forever, daemon=True)
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
@@ -227,45 +247,23 @@ class PageServer(AbstractContextManager["PageServer"]):
 
     def close(self) -> None:
         """Stop to serve."""
-        self._server.shutdown()
-        self._server.server_close()
+        self.shutdown()
+        self.server_close()
         self._thread.join()
-
-
-class _Response(NamedTuple):
-    """What a request gets."""
-
-    status: HTTPStatus
-    content: str
-    media_type: str
-
-
-class _Server(ThreadingHTTPServer):
-    """Answers requests; content is computed for one request at a time."""
-
-    daemon_threads = True
-
-    def __init__(self, address: tuple[str, int], state: RunState) -> None:
-        self.state = state
-        self.lock = threading.Lock()
-        self.replay = lru_cache(_CACHED_REPLAYS)(
-            lambda bag: replay_page(read_recorded_trial(bag))
-        )
-        super().__init__(address, _Handler)
 
     def respond(self, path: str) -> _Response:
         """Return the response to a path; BarnError for a bag that cannot be read."""
-        with self.lock:
+        with self._lock:
             if path == "/":
-                page = render("campaign.html", data=self.state.read())
+                page = render("campaign.html", data=self._state.read())
                 return _Response(HTTPStatus.OK, page, _HTML)
             if path == "/state":
-                state = make_json_safe(self.state.read())
+                state = make_json_safe(self._state.read())
                 content = json.dumps(state, allow_nan=False)
                 return _Response(HTTPStatus.OK, content, "application/json")
             if path.startswith("/replay/"):
-                bag = self.state.bag(unquote(path.removeprefix("/replay/")))
-                return _Response(HTTPStatus.OK, self.replay(bag), _HTML)
+                bag = self._state.bag(unquote(path.removeprefix("/replay/")))
+                return _Response(HTTPStatus.OK, self._replay(bag), _HTML)
         return _Response(HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT)
 
     def server_bind(self) -> None:
@@ -279,6 +277,7 @@ class _Server(ThreadingHTTPServer):
 
         Any other name may belong to a site that rebinds it to this address.
         """
+        # The header may have a port, and an address of IPv6 its brackets.
         name = urlsplit(f"//{host}").hostname or ""
         try:
             ip_address(name)
@@ -288,7 +287,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+    server: PageServer
     timeout = _IDLE_S
     server_version = "barn"
     sys_version = ""

@@ -84,6 +84,7 @@ def write_replay(
     def draw_frames(
         times_s: Sequence[float], oversampling: int = 1
     ) -> Iterator[Pixels]:
+        # Generators: thousands of frames would not fit into memory.
         views = [draw_views(trial, camera, times_s, oversampling) for trial in trials]
         for number, pictures in enumerate(zip(*views, strict=True), 1):
             progress(number / len(times_s))
@@ -112,6 +113,7 @@ def write_replay(
 def _to_gif_colors(frame: Pixels) -> Image.Image:
     """Return a frame with few colors."""
     image = Image.fromarray(frame)
+    # Dithered pixels change between frames, which makes the file far larger.
     return image.quantize(_GIF_COLORS, _GIF_METHOD, dither=Image.Dither.NONE)
 
 
@@ -135,6 +137,7 @@ def _frame_times(
         raise ConfigError(
             f"{name}: {count} frames are too many, at most {_MAX_FRAMES}; raise --speed"
         )
+    # The last frame is of the end, where the outcome shows.
     return [min(end_s, number * speed / frames_per_s) for number in range(count)]
 
 
@@ -231,6 +234,7 @@ def draw_views(
 
 def _smooth_poses(recorded: RecordedTrial) -> Floats:
     """Return running means of the robot's poses (n, 3), yaw without jumps."""
+    # A mean over the jump from pi to -pi would turn the camera around.
     poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
     period_s = _CAMERA_WINDOW_S
     if len(poses) > 1:

@@ -57,6 +57,7 @@ def label_trials(recorded_trials: Sequence[RecordedTrial]) -> list[str]:
     """Return distinct labels: the planner and, if it appears twice, bag or folder."""
     names = [spelling(planner_of(trial)) or trial.name for trial in recorded_trials]
     counts = Counter(names)
+    # The shortest origin that tells the trials apart.
     for template in ("{trial.name}", "{trial.folder}", "{trial.folder}/{trial.name}"):
         labels = []
         for name, trial in zip(names, recorded_trials, strict=True):
@@ -74,6 +75,7 @@ def world_key(recorded: RecordedTrial) -> bytes:
     cylinders = recorded.scene.cylinders_m.tobytes()
     if recorded.moving is None:
         return cylinders
+    # Motions are not in the scene, so equal cylinders may be of two worlds.
     checksum = _mapping(recorded.trial, "world").get("checksum")
     return cylinders + str(checksum).encode()
 
@@ -112,6 +114,7 @@ def outcome_at(recorded: RecordedTrial, time_s: float) -> str:
         recorded: The trial.
         time_s: Time since its start.
     """
+    # Times of frames are sums of periods, which round.
     if time_s < recorded.times_s[-1] - 1e-6:
         return ""
     outcome = recorded.result.get("outcome", "no result in the bag")
@@ -141,6 +144,7 @@ def list_facts(recorded: RecordedTrial) -> dict[str, str]:
                 continue
             measure = MEASURES[key]
             value = values[key]
+            # A bag may come from anywhere, so its values have any type.
             is_number = isinstance(value, int | float)
             text = measure.number(value) if is_number else "none"
             facts[measure.trial_heading] = text

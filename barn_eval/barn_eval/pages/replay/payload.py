@@ -126,6 +126,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
     length of its nearest point, the largest so far. None if the path is unknown.
     """
     scene = recorded.scene
+    # Without a path there is no along.
     if scene is None or not len(scene.path_m):
         return None
     ends = []
@@ -133,6 +134,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
         ends.append([[pose.x, pose.y]] if pose else np.empty((0, 2)))
     path = np.vstack([ends[0], scene.path_m, ends[1]])
     steps = np.diff(path, axis=0)
+    # Repeated points make steps of no length, by which nothing can be divided.
     is_step = np.hypot(*steps.T) > 0.0
     origins = path[:-1][is_step]
     steps = steps[is_step]
@@ -147,6 +149,7 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
     nearest = distances.argmin(axis=1)
     share = shares[np.arange(len(nearest)), nearest]
     arc = np.cumsum(lengths)[nearest] - lengths[nearest] * (1.0 - share)
+    # A robot that backs up has still come as far as it was.
     progress: Floats = np.maximum.accumulate(arc)
     return progress
 
@@ -201,10 +204,12 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
     if not recorded.scans:
         return None
     first = recorded.scans[0].content
+    # Rounded up, so that there are never more beams than the page draws quickly.
     stride = -(-len(first.ranges) // _MAX_BEAMS)
     scans = [
         item for item in recorded.scans if len(item.content.ranges) == len(first.ranges)
     ]
+    # One array needs scans of one length.
     ranges = np.array([item.content.ranges[::stride] for item in scans], np.float64)
     is_near = (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
     is_hit = np.isfinite(ranges) & is_near

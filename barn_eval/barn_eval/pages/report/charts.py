@@ -162,6 +162,7 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
     worlds = data.order.worlds
     rank = np.arange(1.0, len(worlds) + 1)
     window = max(1, len(rank) // _WINDOWS)
+    # With many worlds the lines tell the trend, and points are only its ground.
     points: dict[str, Any] = {"markersize": 5}
     if window > 1:
         points = {"alpha": 0.3, "markersize": 3}
@@ -193,6 +194,7 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
 
 def _running_means(values: Floats, window: int) -> Floats:
     """Return the means of so many neighbors (n - window + 1,)."""
+    # A view, which costs no memory however many worlds there are.
     windows = np.lib.stride_tricks.sliding_window_view(values, window)
     means: Floats = windows.mean(axis=1)
     return means
@@ -236,6 +238,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     column = {world: position for position, world in enumerate(worlds)}
     # 0 stands for no trial.
     codes = {outcome: code for code, outcome in enumerate(OUTCOME_COLORS, 1)}
+    # The color of a code is at its place in this list.
     colors = [WHITE, *OUTCOME_COLORS.values()]
     present_codes: set[int] = set()
     # A strip grows with its repetitions up to eight; more of them become thinner.
@@ -251,6 +254,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
         axes.imshow(
             cells,
             aspect="auto",
+            # Each cell is a trial: blended colors would show outcomes that none had.
             interpolation="none",
             extent=(0.5, len(worlds) + 0.5, height, 0),
             cmap=ListedColormap(colors),
@@ -289,6 +293,7 @@ def _paired(data: ChartData, make_panels: MakePanels) -> Handles:
         return ()
     measures = data.difference_measures
     height_in = 1.3 + 0.3 * len(comparisons)
+    # The last panel has a probability, whose axis is not that of a measure.
     *panels, last_panel = make_panels(Panels(height_in, len(measures) + 1, sharey=True))
     for axes, measure in zip(panels, measures, strict=True):
         rows = [comparison.row(measure.key) for comparison in comparisons]
@@ -352,6 +357,7 @@ def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
         tick = values.index(entry.setting[parameters[0]])
         lines.setdefault(name, []).append((tick, position))
 
+    # Texts such as names of maps stand at equal distances.
     is_numeric = all(isinstance(value, float) for value in values)
     ticks = np.array(values if is_numeric else range(len(values)), np.float64)
     label = "delay of commands [s]" if parameters == [LATENCY] else parameters[0]
@@ -393,6 +399,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
         if key == "min_clearance_m":
             measure = data.clearance_measure
         for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
+            # A planner that never succeeded has no line.
             values = _finite_values(measure, entry)
             if len(values):
                 handles[entry.label] = axes.ecdf(
@@ -443,6 +450,7 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
             va="bottom",
             fontsize=small_type_pt(),
         )
+        # Limits of the outermost planners stay within the frame.
         axes.margins(0.15)
         axes.locator_params("x", nbins=ticks)
     return handles
@@ -468,6 +476,7 @@ def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
             orientation="horizontal",
             widths=0.6,
             whis=(5, 95),
+            # A single stall of the machine would squeeze all boxes.
             showfliers=False,
         )
         for part in ("boxes", "whiskers", "caps", "medians"):
@@ -478,6 +487,7 @@ def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
                 entry = entries[position // lines_per_entry]
                 line.set(color=entry.color, linewidth=width)
 
+        # Planners differ by orders of magnitude.
         axes.set_xscale("log")
         low, high = axes.get_xlim()
         # Over few decades there is room for ticks at 3, 30, 300.
@@ -494,6 +504,7 @@ def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
 
 def _label_worlds(axes: Axes, order: WorldOrder) -> None:
     """Write the number of each world below its rank if there is room for all."""
+    # A paper has less room than a page, and a user's axes have their own.
     width_in = figure_of([axes]).get_figwidth()
     if len(order.worlds) > _MAX_NUMBERS_PER_IN * width_in:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -80,6 +80,7 @@ def board_table(board: Board) -> TextTable:
     for number, place in enumerate(board.places, 1):
         summary = place.summary
         below = len(board.places) - number
+        # Long lists of names would hide the usual case.
         better_than = ", ".join(place.better_than) or "-"
         if 0 < len(place.better_than) == below:
             better_than = "all below"
@@ -111,5 +112,6 @@ def board_table(board: Board) -> TextTable:
 
 def _escape_markdown(text: str) -> str:
     """Return text in which nothing is Markdown or HTML."""
+    # Names come from folders of strangers, and many viewers of Markdown render HTML.
     escaped = html.escape(one_line(text), quote=False)
     return re.sub(r"([\\*_`\[\]#])", r"\\\1", escaped)

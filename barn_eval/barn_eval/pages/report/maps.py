@@ -98,6 +98,7 @@ def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
         axes.set_axis_off()
     maps = zip(panels, data.hardest.items(), strict=False)
     for axes, (number, (world, trials)) in maps:
+        # The page hides a map by this identifier if its filters leave the world out.
         axes.set_gid(f"world-{number}")
         _draw_map(axes, world, trials)
         difficulty = data.order.mean_s_per_m[data.order.worlds.index(number)]
@@ -138,6 +139,7 @@ def _map_corners(world: World, trials: Sequence[DrivenTrial]) -> tuple[Floats, F
     if world.corner_m is not None:
         # An arena is shown whole.
         heights.insert(0, np.array([bottom, top]))
+    # Corridors are much longer than the course: what no robot came near is cut off.
     y = np.concatenate(heights)
     first, last = scene.path_m[[0, -1], 1]
     low = max(bottom, y.min(initial=first) - 0.8)
@@ -205,6 +207,7 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
     # Trials that begin at the same phase share their paths, the longest counts.
     ends_s: dict[float, float] = {}
     for trial in trials:
+        # Without a track nobody knows how long the trial lasted.
         if trial.result.motion is not None and trial.track is not None:
             phase_s = trial.result.motion.phase_s
             end_s = phase_s + trial.end_s
@@ -217,6 +220,7 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
         paths = drawing.motion_paths(world.tracks, times_s)
         drawing.draw_motion_paths(axes, paths, alpha=0.55, zorder=1.5)
         for path in paths:
+            # On a closed or short path an arrow has no direction to show.
             if np.hypot(*(path[-1] - path[0])) > _MIN_ARROW_M:
                 drawing.draw_arrow(
                     axes,
@@ -242,6 +246,7 @@ def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Art
     motion = trial.result.motion
     if motion is None or motion.touched not in world.tracks.names:
         return []
+    # The phase is the obstacles' own time at which the trial began.
     outlines = moving_bodies(world.tracks, motion.phase_s + trial.end_s).outlines()
     outline = outlines[world.tracks.names.index(motion.touched)]
     patch = PolyCollection(
@@ -303,6 +308,7 @@ def overlay(
     side_in = _OVERLAY_SIDE_IN
     if world.corner_m is not None:
         side_in += _ARENA_SIDE_IN
+    # As wide as the map is at this height, so that no margin is left empty.
     map_in = (_OVERLAY_HEIGHT_IN - 1.0) * width / height
     figure = new_figure(_OVERLAY_HEIGHT_IN, side_in + map_in)
     axes = figure.add_subplot()
@@ -310,6 +316,7 @@ def overlay(
     draw_motion(axes, world, trials)
     trails = [_draw_trial(axes, world, trial, by) for trial in trials]
     if by == "speed":
+        # One scale for all trials, else their colors could not be compared.
         drawing.scale_speeds(axes, trails)
     _show_area(axes, low, high)
     axes.set_title(f"world {world_number}: {count_noun(len(trials), 'trial')}")
@@ -335,6 +342,7 @@ def select_trials(
     Raises:
         ConfigError: There is no such trial, or worlds of that number differ.
     """
+    # Names first: a typing error must not read as a lack of trials.
     _require_selection(entries, world, planners, outcome)
     selection = []
     for entry in entries:
@@ -369,6 +377,7 @@ def _require_selection(
 ) -> None:
     """Raise ConfigError for a planner, an outcome or a world that does not exist."""
     available = {entry.planner for entry in entries}
+    # Any one of them will do for the message.
     for name in set(planners) - available:
         raise ConfigError(
             f"planner {name!r}: has no trial here{suggest(name, available)}; "

@@ -103,11 +103,13 @@ def draw(
     handles = chart.draw(data, make_panels)
     if width_mm:
         for axes in panels:
+            # In a narrow figure a long label would be higher than its panel.
             axes.set_ylabel(fill(axes.get_ylabel(), 25))
     if not handles:
         return panels
     labels = [plain_text(str(handle.get_label())) for handle in handles]
     if ax is not None:
+        # The figure is the user's, so the legend stays inside of the axes.
         panels[0].legend(handles, labels)
         return panels
     figure = figure_of(panels)
@@ -144,6 +146,7 @@ def plot(
     hardest = {}
     if name == "hardest":
         hardest = select_hardest(order, *read_trials(entries), DEFAULT_HARDEST)
+    # Most charts need no comparisons, which take seconds.
     overview = cache(
         lambda: analyze(entries, order, lambda jobs: [job() for job in jobs])
     )
@@ -225,6 +228,7 @@ class Report:
         """
         jobs = [
             partial(finish_chart, chart, self.data, pdf=self.pdf)
+            # Maps take longest and are registered last.
             for chart in reversed(CHARTS.values())
         ]
         figures = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
@@ -294,6 +298,7 @@ def replay_links(
         trial_id = trial.result.trial_id
         bag = source.bag(trial_id)
         page = source.path / REPLAYS / f"{trial_id}.html"
+        # Two folders may have trials of one name.
         if replays is not None and bag.exists():
             page = replays / f"{source.path.resolve().name}_{trial_id}.html"
             write_page(page, replay_page(read_recorded_trial(bag)))
@@ -319,6 +324,7 @@ def report_page(
     data = trial_data(
         report.entries, report.trials, report.worlds, links, report.columns
     )
+    # The page's filters need the worlds of each band.
     data["bands"] = [
         {"name": band.name, "worlds": band.worlds} for band in report.overview.bands
     ]

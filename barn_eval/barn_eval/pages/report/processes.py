@@ -38,11 +38,14 @@ def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[An
     processes = min(len(os.sched_getaffinity(0)), _MAX_PROCESSES)
     pool = ProcessPoolExecutor(
         processes,
+        # Entries with all their tracks are large, and a spawned process would have to
+        # be sent them.
         mp_context=get_context("fork"),
         initializer=_initialize_fork,
         initargs=(jobs,),
     )
     try:
+        # Only a number crosses to the fork, which has the job already.
         futures = [pool.submit(_run_job, position) for position in range(len(jobs))]
         for future in futures:
             future.add_done_callback(

@@ -105,6 +105,7 @@ def _add_moving_clearance(
         return track
     samples = track.samples.copy()
     phase_s = result.motion.phase_s
+    # A track's times begin with the trial, the obstacles' motion began before.
     places, _ = world.tracks.over(samples[:, 0] + phase_s)
     gaps = compute_gaps(
         moving_bodies(world.tracks, phase_s),
@@ -224,6 +225,7 @@ def _trial_row(
     ]
     for key in keys:
         value = MEASURES[key].value(result)
+        # More digits than any column shows would only make the page larger.
         cells.append(None if value is None else round(value, 4))
 
     # JavaScript has no whole numbers beyond 53 bits, so seeds are texts.
@@ -260,6 +262,7 @@ def _world_data(world: World, source: Source | None) -> dict[str, Any]:
         for name, values in arrays.items():
             arrays[name] = np.round(1000.0 * values).astype("i2")
 
+    # A world without a known course is drawn without start and goal.
     ends = np.empty((0, 2))
     if source is not None:
         ends = make_scene_if_known(source, world).ends_m()

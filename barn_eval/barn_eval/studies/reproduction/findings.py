@@ -189,6 +189,7 @@ def draw_worlds(
     """
     if strata == 0 or strata >= len(world_numbers):
         return tuple(world_numbers)
+    # A key of its own keeps these draws apart from those of the trials.
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     parts = np.array_split(np.asarray(world_numbers, np.int64), strata)
     return tuple(int(part[int(generator.random() * len(part))]) for part in parts)

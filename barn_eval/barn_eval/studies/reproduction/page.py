@@ -93,6 +93,7 @@ def write_figures(findings: Findings, folder: Path) -> None:
         StoreError: If a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    # Style is for making a figure; writing applies it again.
     for name, draw in (("worlds", worlds_figure), ("model", model_figure)):
         with style():
             figure = draw(findings)
@@ -122,6 +123,7 @@ def worlds_figure(findings: Findings) -> Figure:
         label_axes(axes, "", "time per meter [s/m]", _TITLES[name])
 
     learning = findings.learning
+    # The evaluation has the worlds by number, the figure by difficulty.
     place_of = {row.world: place for place, row in enumerate(rows, 1)}
     panels[-1].scatter(
         [place_of[world] for world in learning.world_numbers],

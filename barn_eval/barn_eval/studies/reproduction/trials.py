@@ -128,6 +128,7 @@ def _planner_trials(
 ) -> PlannerTrials:
     scores = {(row.world, row.repetition): row.scores for row in results}
     repetitions = sorted({repetition for _, repetition in scores})
+    # A full grid, since spreads over unequal numbers of trials cannot be averaged.
     places = list(product(worlds, repetitions))
     missing = [place for place in places if place not in scores]
     if len(repetitions) < 2 or missing:
@@ -165,6 +166,7 @@ def summarize_trials(
     """
     dwa, eband = (planner_trials[planner].normalised_s_per_m for planner in PLANNERS)
     worlds = planner_trials["dwa"].worlds
+    # As in Fig. 6, all trials of a world count alike, whoever drove them.
     both = np.concatenate([dwa, eband], axis=1)
     # Equally difficult worlds are in the order of their numbers.
     order = np.lexsort((worlds, both.mean(axis=1)))
@@ -198,6 +200,7 @@ def _summarize_planner(
     planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
     failed = ~trials.succeeded
+    # Flat, a value per trial; the world of each is in the same order.
     failures = failed.ravel()
     times_s = trials.time_s.ravel()
     worlds = trials.trial_worlds
