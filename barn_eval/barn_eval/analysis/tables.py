@@ -1,10 +1,9 @@
-"""Tables of trials, planners, difficulty bands, comparisons, and tables for papers.
+"""Tables of trials, planners, difficulty bands and comparisons.
 
 Names and digits of measures are those of the catalog.
 """
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band
@@ -12,30 +11,23 @@ from barn_eval.analysis.measures import (
     MEASURES,
     SHOWN,
     Measure,
-    ranking_measure,
-    require_measures,
 )
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.summary import (
     Summary,
-    common_trials,
     finite_keys,
     sort_positions,
-    summarize,
 )
 from barn_eval.analysis.text_table import (
     TextTable,
     count_noun,
-    latex_text,
 )
-from barn_eval.analysis.verdict import rank_results, warn_of_few_worlds
-from barn_eval.trials.result import Rows, RowsByPlanner
-from barn_metrics.bootstrap import Interval, number
-from barn_worlds.base.errors import ConfigError
+from barn_eval.analysis.verdict import warn_of_few_worlds
+from barn_eval.trials.result import Rows
+from barn_metrics.bootstrap import number
 
 SPREAD = "spread over a world's trials [s/m]"
-_LATEX_LABEL = re.compile(r"[\w:.-]+")
 
 
 def trials_table(results: Rows, title: str) -> TextTable:
@@ -237,121 +229,3 @@ def _spread_text(summary: Summary) -> str:
     """Return the spread over a world's trials."""
     digits = MEASURES["normalised_time_s_per_m"].digits
     return number(summary.spread_s_per_m, digits)
-
-
-def paper_table(
-    results: RowsByPlanner,
-    keys: Sequence[str] = (),
-    *,
-    caption: str = "",
-    label: str = "tab:planners",
-) -> str:
-    """Return a LaTeX table, for the package booktabs, of planners on common trials.
-
-    The best planner by each measure is bold, and so are those that are not
-    significantly worse, as rankings judge it.
-
-    Args:
-        results: Results by planner.
-        keys: Keys of measures. By default the ranking measure of the protocol, then
-            those that `SHOWN` has for papers.
-        caption: Caption of the table. By default what the means are over.
-        label: Label by which LaTeX refers to the table.
-
-    Raises:
-        ConfigError: A measure is unknown, LaTeX would not accept the label, or planners
-            have not done the same task.
-    """
-    if not _LATEX_LABEL.fullmatch(label):
-        raise ConfigError(
-            "label: must have letters, digits, colons, dots and hyphens only, "
-            f"got {label!r}"
-        )
-    first = next(iter(results.values()))
-    default_keys = (ranking_measure(first).key, *SHOWN["paper"])
-    measures = [MEASURES[key] for key in require_measures(keys or default_keys)]
-    measure_keys = [measure.key for measure in measures]
-    # On other trials a planner might only have met easier worlds.
-    common = common_trials(list(results.values()))
-    groups = dict(zip(results, common, strict=True))
-    summaries = {name: summarize(rows, measure_keys) for name, rows in groups.items()}
-    bold = {m.key: _find_best(groups, summaries, m) for m in measures}
-
-    lines = [
-        r"\begin{table}",
-        r"\centering",
-        rf"\caption{{{latex_text(caption or _default_caption(groups))}}}",
-        rf"\label{{{label}}}",
-        rf"\begin{{tabular}}{{l{'r' * len(measures)}}}",
-        r"\toprule",
-        " & ".join(["planner", *map(_latex_heading, measures)]) + r" \\",
-        r"\midrule",
-    ]
-    for name, summary in summaries.items():
-        cells = [
-            _latex_cell(summary[measure.key], measure, name in bold[measure.key])
-            for measure in measures
-        ]
-        # See `latex_row` for the braces; these cells are LaTeX already.
-        lines.append("{}" + " & ".join([latex_text(name), *cells]) + r" \\")
-    lines += [r"\bottomrule", r"\end{tabular}", r"\end{table}", ""]
-    return "\n".join(lines)
-
-
-def _find_best(
-    groups: RowsByPlanner, summaries: Mapping[str, Summary], measure: Measure
-) -> set[str]:
-    """Return the best planner and those that are not significantly worse.
-
-    There is none for a measure without a better direction, and for a single planner.
-    """
-    if not measure.better or len(groups) < 2:
-        return set()
-    ranking = rank_results(groups, measure)
-    # By the mean that the table shows; a ranking leaves out trials without a value.
-    best_position = sort_positions(measure, list(summaries.values()))[0]
-    best_place = ranking.names.index(list(summaries)[best_position])
-    best = set()
-    for place, name in enumerate(ranking.names):
-        # Planners ahead in the ranking's trials are no worse than the best by the mean.
-        if place <= best_place or not ranking.is_clear(best_place, place):
-            best.add(name)
-    return best
-
-
-def _latex_cell(mean: Interval, measure: Measure, is_bold: bool) -> str:
-    """Return a mean and, in small type, its limits."""
-    estimate, _, limits = measure.text(mean).partition(" ")
-    cell = latex_text(estimate)
-    if is_bold:
-        cell = rf"\textbf{{{cell}}}"
-    if limits:
-        cell += rf" {{\scriptsize {latex_text(limits)}}}"
-    return cell
-
-
-def _latex_heading(measure: Measure) -> str:
-    """Return the heading of a measure with an arrow in its better direction."""
-    arrows = {"larger": r" $\uparrow$", "smaller": r" $\downarrow$"}
-    return latex_text(measure.heading) + arrows.get(measure.better, "")
-
-
-def _default_caption(groups: RowsByPlanner) -> str:
-    """Say what the means of a paper's table are over."""
-    results = next(iter(groups.values()))
-    worlds = len({result.world for result in results})
-    # Unfinished runs have unequal worlds.
-    if len(results) % worlds:
-        trials = f"{len(results)} trials"
-    else:
-        trials = f"{count_noun(len(results) // worlds, 'trial')} each"
-    text = (
-        f"Means with 95 % intervals over {count_noun(worlds, 'world')} of "
-        f"{results[0].dataset}, {trials}, protocol {results[0].protocol}."
-    )
-    if len(groups) > 1:
-        text += (
-            " Bold: the best, and those not clearly worse "
-            "(test over worlds, 5 %, after Holm)."
-        )
-    return text

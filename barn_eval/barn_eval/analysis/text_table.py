@@ -1,4 +1,4 @@
-"""Tables of text: on the terminal, in a page, as CSV, LaTeX and Markdown."""
+"""Tables of text for the terminal, pages and files, and how they are worded."""
 
 import csv
 import io
@@ -42,29 +42,6 @@ class TextTable:
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
         return buffer.getvalue()
-
-    def latex(self) -> str:
-        """Return the table as a LaTeX tabular for the package booktabs."""
-        alignment = "l" * self.texts + "r" * (len(self.columns) - self.texts)
-        lines = [
-            f"% {one_line(self.title)}",
-            rf"\begin{{tabular}}{{{alignment}}}",
-            r"\toprule",
-            latex_row(self.columns),
-            r"\midrule",
-            *map(latex_row, self.rows),
-            r"\bottomrule",
-            r"\end{tabular}",
-            "",
-        ]
-        return "\n".join(lines)
-
-
-def latex_row(cells: Sequence[str]) -> str:
-    """Return plain cells as a row of a LaTeX tabular."""
-    # The braces keep a row that begins with a bracket or a star from being read as an
-    # option of the line break before it.
-    return "{}" + " & ".join(map(latex_text, cells)) + r" \\"
 
 
 def latex_text(text: str) -> str:

@@ -26,7 +26,7 @@ from barn_eval.analysis.sources import (
     select_planners,
 )
 from barn_eval.analysis.summary import summarize, summarize_run
-from barn_eval.analysis.tables import headline_table, paper_table
+from barn_eval.analysis.tables import headline_table
 from barn_eval.analysis.verdict import conclude_results, list_cautions
 from barn_eval.api.folders import (
     Folder,
@@ -41,6 +41,7 @@ from barn_eval.api.folders import (
 )
 from barn_eval.api.trial import Trial
 from barn_eval.pages.figures import Page, Plot, figure_of
+from barn_eval.pages.latex import paper_table
 from barn_eval.pages.replay.files import sort_by_ending
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import plot

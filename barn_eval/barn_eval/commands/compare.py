@@ -12,7 +12,7 @@ from barn_eval.analysis.precision import (
     figures_table,
     needs_table,
 )
-from barn_eval.analysis.tables import comparison_table, paper_table
+from barn_eval.analysis.tables import comparison_table
 from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
     count_option,
@@ -27,6 +27,7 @@ from barn_eval.commands.options import (
     split_names,
 )
 from barn_eval.commands.tables import rich_table
+from barn_eval.pages.latex import paper_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
 from barn_worlds.base.config import as_dict

@@ -9,7 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.text_table import count_noun
+from barn_eval.analysis.text_table import count_noun, latex_text, one_line
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
@@ -112,6 +112,15 @@ def _environment() -> jinja2.Environment:
         "page_colors": PAGE,
         "planner_colors": PLANNERS_ON_DARK,
     }
-    for function in (script_json, count_noun, number, property_name, spelling, themed):
+    for function in (
+        script_json,
+        count_noun,
+        latex_text,
+        number,
+        one_line,
+        property_name,
+        spelling,
+        themed,
+    ):
         environment.filters[function.__name__] = function
     return environment

@@ -8,7 +8,7 @@ import pytest
 from analysis.test_compare import results
 
 import barn_eval as barn
-from barn_eval.analysis.tables import paper_table
+from barn_eval.pages.latex import paper_table
 from barn_worlds.base.errors import ConfigError
 
 

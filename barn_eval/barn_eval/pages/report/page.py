@@ -27,6 +27,7 @@ from barn_eval.pages.figures import (
     plain_text,
     style,
 )
+from barn_eval.pages.latex import latex_table
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report.charts import CHARTS, Chart, ChartData, Panels
 from barn_eval.pages.report.maps import select_hardest
@@ -357,7 +358,7 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
     """
     for table in report.tables:
         write_page(folder / f"{table.name}.csv", table.csv())
-        write_page(folder / f"{table.name}.tex", table.latex())
+        write_page(folder / f"{table.name}.tex", latex_table(table))
     figures = list(report.figures.values())
     if width_mm is not None:
         jobs = [
