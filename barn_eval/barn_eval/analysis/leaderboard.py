@@ -1,7 +1,5 @@
 """Planners of many runs, or settings of a sweep, in one order; ties share a rank."""
 
-import hashlib
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +22,7 @@ from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
+from barn_eval.trials.identity import fingerprint
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.datasets.dataset import select_worlds
 
@@ -246,8 +245,7 @@ def configuration_hash(source: Source, planner: str) -> str:
     """
     choices = planner_choices(source.configuration, planner)
     # Other planners of the run do not change what this one did.
-    content = json.dumps({**source.configuration, "planners": choices}, sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()[:12]
+    return fingerprint({**source.configuration, "planners": choices})
 
 
 def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:

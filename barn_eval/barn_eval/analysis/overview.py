@@ -76,7 +76,6 @@ class Overview:
     summaries: tuple[Summary, ...]
     """In the order of entries."""
 
-    order: WorldOrder
     bands: tuple[Band, ...]
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
@@ -137,7 +136,6 @@ def analyze(
         where = conclude_bands(entries, bands)
     return Overview(
         summaries=tuple(figures[len(pairs) :]),
-        order=order,
         bands=tuple(bands),
         comparisons=comparisons,
         refusals=tuple(refusals),
@@ -303,18 +301,16 @@ def reproduce(source: Source) -> Reproduction:
 
     planners = []
     for planner in run.planners:
-        if planner.preset:
-            planners.append(f"{planner.name}:{planner.preset}")
-        else:
-            planners.append(planner.name)
+        # Nothing follows the name of a planner without a preset.
+        planners.append(f"{planner.name}:{planner.preset}".removesuffix(":"))
     # All that decides results is named, defaults too: those may change.
     words = ["barn", "run", "--dataset", run.dataset, "--worlds", run.worlds]
     words += ["--repetitions", str(run.repetitions), "--seed", str(run.seed)]
     words += ["--mode", run.mode, "--planners", ",".join(planners), "--bags", run.bags]
     notes = []
     for planner in run.planners:
-        parameters = {f"{planner.name}.{k}": v for k, v in planner.overrides.items()}
-        words += _option_words("--set", parameters)
+        for key, value in planner.overrides.items():
+            words += ["--set", f"{planner.name}.{key}={json.dumps(value)}"]
         if planner.command:
             words += ["--planner-command", f"{planner.name}={planner.command}"]
 
@@ -341,8 +337,8 @@ def reproduce(source: Source) -> Reproduction:
 
     # Against what this command would use by itself, not against the class's defaults.
     standard = simulator_config(run.protocol, None, robot)
-    words += _option_words("--sim", _changed_fields(run.simulator, standard))
-    words += _option_words("--ros", _changed_fields(run.ros, RosConfig()))
+    words += _option_words("--sim", run.simulator, standard)
+    words += _option_words("--ros", run.ros, RosConfig())
     words += ["--out", "results"]
     protocol_yaml = ""
     if not is_shipped_protocol:
@@ -351,19 +347,11 @@ def reproduce(source: Source) -> Reproduction:
     return Reproduction(shlex.join(words), protocol_yaml, " ".join(notes))
 
 
-def _changed_fields(config: Checked, standard: Checked) -> dict[str, Any]:
-    """Return the fields of a configuration that differ from the standard, dotted."""
+def _option_words(option: str, config: Checked, standard: Checked) -> list[str]:
+    """Return an option for each field of a configuration that is not the standard."""
     standard_values = {name: value for name, _, value in fields_of(standard)}
-    return {
-        name: value
-        for name, _, value in fields_of(config)
-        if standard_values[name] != value
-    }
-
-
-def _option_words(option: str, values: Mapping[str, Any]) -> list[str]:
-    """Return an option of the command line for each value."""
     words = []
-    for key, value in values.items():
-        words += [option, f"{key}={json.dumps(value)}"]
+    for name, _, value in fields_of(config):
+        if standard_values[name] != value:
+            words += [option, f"{name}={json.dumps(value)}"]
     return words

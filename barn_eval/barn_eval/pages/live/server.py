@@ -151,17 +151,19 @@ def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
     The rate is that of the last trials; there is none before two of them have ended.
     """
     # Only the last trials: early ones compile kernels, and planners differ in speed.
+    pace: dict[str, Any] = {"last": "", "per_minute": None, "left_s": None}
     ends = sorted(filter(None, map(_end_of, rows[-_RATE_TRIALS:])))
-    last = ends[-1].isoformat() if ends else ""
-    span_s = (ends[-1] - ends[0]).total_seconds() if ends else 0.0
-    if span_s <= 0.0:
-        return {"last": last, "per_minute": None, "left_s": None}
-    rate = (len(ends) - 1) / span_s
-    left_s = None
-    if planned:
-        done = sum(row.is_scored for row in rows)
-        left_s = max(0, planned - done) / rate
-    return {"last": last, "per_minute": 60.0 * rate, "left_s": left_s}
+    if not ends:
+        return pace
+    pace["last"] = ends[-1].isoformat()
+    span_s = (ends[-1] - ends[0]).total_seconds()
+    if span_s > 0.0:
+        rate = (len(ends) - 1) / span_s
+        pace["per_minute"] = 60.0 * rate
+        if planned:
+            done = sum(row.is_scored for row in rows)
+            pace["left_s"] = max(0, planned - done) / rate
+    return pace
 
 
 def _end_of(row: TrialResult) -> datetime | None:
