@@ -234,8 +234,10 @@ def computing_of(results: Rows) -> Computing:
     for result in results:
         if result.wall_clock.computer is not None:
             computers.append(result.wall_clock.computer)
-    # A median, since single trials may have met a busy machine.
-    computer = median(computers) if computers else 0.0
+    computer = 0.0
+    if computers:
+        # A median, since single trials may have met a busy machine.
+        computer = median(computers)
     return Computing(tuple(sorted(modes)), computer)
 
 
@@ -327,7 +329,7 @@ def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
 def _planner_settings(entry: Entry) -> dict[str, Any]:
     """Return what was set of an entry's planner, however malformed its run.json."""
     choices = planner_choices(entry.source.configuration, entry.planner)
-    choice = choices[0] if choices else {}
+    choice: dict[str, Any] = next(iter(choices), {})
     settings = {
         key: choice[key] for key in ("preset", "max_speed_mps") if choice.get(key)
     }

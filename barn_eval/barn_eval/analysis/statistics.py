@@ -52,7 +52,9 @@ class TrialValues:
     @property
     def average(self) -> float:
         """The mean of all values, which are finite; NaN if there is none."""
-        return float(self.values.mean()) if len(self.values) else math.nan
+        if not len(self.values):
+            return math.nan
+        return float(self.values.mean())
 
     @property
     def counts_failures(self) -> bool:

@@ -63,16 +63,16 @@ def headline_table(
     """
     keys = keys or finite_keys(summaries, SHOWN["headline"])
     # The ranking measure comes first, wherever else it stands.
-    all_keys = tuple(dict.fromkeys((measure.key, *keys)))
+    measures = [MEASURES[key] for key in dict.fromkeys((measure.key, *keys))]
 
     rows = []
     for position in sort_positions(measure, summaries):
         summary = summaries[position]
-        cells = [_mean_with_count(MEASURES[key], summary) for key in all_keys]
+        cells = [_mean_with_count(measure, summary) for measure in measures]
         extent = f"{summary.trials} in {summary.worlds}"
         rows.append((labels[position], extent, *cells, _spread_text(summary)))
 
-    headings = [MEASURES[key].heading for key in all_keys]
+    headings = [measure.heading for measure in measures]
     columns = ("planner", "trials in worlds", *headings, SPREAD)
     title = "Success, time and scores with 95 % intervals"
     return TextTable("headline", title, columns, tuple(rows))
@@ -145,16 +145,17 @@ def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
         labels: Name of each planner.
         bands: Bands from easy to difficult.
     """
+    measures = [MEASURES[key] for key in SHOWN["bands"]]
     rows = []
     for band in bands:
         low, high = band.limits_s_per_m
         worlds = count_noun(len(band.worlds), "world")
         name = f"{band.name} ({worlds}, {low:.2f} to {high:.2f} s/m)"
         for label, summary in zip(labels, band.summaries, strict=True):
-            cells = [MEASURES[key].text(summary[key]) for key in SHOWN["bands"]]
+            cells = [measure.text(summary[measure.key]) for measure in measures]
             rows.append((name, label, str(summary.trials), *cells))
 
-    headings = [MEASURES[key].heading for key in SHOWN["bands"]]
+    headings = [measure.heading for measure in measures]
     columns = ("band", "planner", "trials", *headings)
     title = "Success and time by difficulty band, 95 % intervals"
     return TextTable("bands", title, columns, tuple(rows), texts=2)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import click
@@ -56,7 +56,8 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
     forever = threading.Event()
     with ExitStack() as servers:
         if live is not None:
-            view = servers.enter_context(FoxgloveStream(folder, host=host, port=live))
+            stream = FoxgloveStream(folder, host=host, port=live)
+            view = servers.enter_context(closing(stream))
             print_notes(
                 f"live view: open {view.url} in Foxglove with"
                 " share/barn_eval/config/barn_foxglove.json"

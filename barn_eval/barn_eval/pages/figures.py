@@ -17,12 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup, escape
-from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
 from matplotlib.style import context
 
 from barn_eval.pages.template import themed
@@ -61,14 +59,11 @@ def style(width_mm: float | None = None) -> AbstractContextManager[None]:
         width_mm: Width of a figure in a paper, which gets type of 7 to 9 pt. By default
             the figure is for a page.
     """
-    names = ["figures", "paper"] if width_mm else ["figures"]
     folder = resources.files("barn_eval") / "data"
-    return context([str(folder / f"{name}.mplstyle") for name in names])
-
-
-def small_type_pt() -> float:
-    """Return the size of small type in points, inside `style`."""
-    return FontProperties(size=rcParams["legend.fontsize"]).get_size_in_points()
+    styles = [str(folder / "figures.mplstyle")]
+    if width_mm:
+        styles.append(str(folder / "paper.mplstyle"))
+    return context(styles)
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:

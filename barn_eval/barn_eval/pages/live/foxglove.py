@@ -5,7 +5,6 @@ while nobody watches.
 """
 
 import threading
-from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -39,7 +38,7 @@ def require_sdk() -> None:
         raise ConfigError(MISSING)
 
 
-class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
+class FoxgloveStream:
     """Follows the trials of a results folder and serves them until it is closed."""
 
     def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT) -> None:
@@ -83,10 +82,6 @@ class FoxgloveStream(AbstractContextManager["FoxgloveStream"]):
         self.url = f"ws://{host}:{self._server.port}"
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
-
-    def __exit__(self, *_: object) -> None:
-        """Stop to serve."""
-        self.close()
 
     def close(self) -> None:
         """Stop to serve."""

@@ -112,8 +112,11 @@ def bounds(recorded: RecordedTrial) -> list[float]:
         size = np.array(grid.data.shape[::-1]) * grid.resolution
         areas.append((np.stack([corner, corner + size]), 0.0))
 
-    low = np.min([points.min(axis=0) - room_m for points, room_m in areas], axis=0)
-    high = np.max([points.max(axis=0) + room_m for points, room_m in areas], axis=0)
+    low = np.full(2, np.inf)
+    high = np.full(2, -np.inf)
+    for points, room_m in areas:
+        low = np.minimum(low, points.min(axis=0) - room_m)
+        high = np.maximum(high, points.max(axis=0) + room_m)
     if scene is not None:
         low, high = scene.view_m(low, high, trail)
     return [*low.tolist(), *high.tolist()]

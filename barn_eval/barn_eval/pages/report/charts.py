@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain, cycle
 from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
@@ -34,7 +36,6 @@ from barn_eval.pages.figures import (
     label_axes,
     marker_of,
     plain_text,
-    small_type_pt,
 )
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.running.setting_folders import LATENCY, format_setting_value
@@ -63,20 +64,25 @@ _PAPER_HEIGHT = 0.55
 _PAPER_STRIP_HEIGHT = 0.9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ChartData:
     """What charts are drawn from."""
 
     entries: Sequence[Entry]
     order: WorldOrder
 
-    overview: Callable[[], Overview]
-    """Returns intervals and comparisons, which take time and not all charts need."""
+    compute_overview: Callable[[], Overview]
+    """Computes what `overview` is."""
 
     hardest: Mapping[int, tuple[World, Sequence[DrivenTrial]]] = field(
         default_factory=dict
     )
     """The hardest worlds with their trials, by number, hardest first."""
+
+    @cached_property
+    def overview(self) -> Overview:
+        """Intervals and comparisons, which take time and not all charts need."""
+        return self.compute_overview()
 
     @property
     def looks(self) -> list[dict[str, Any]]:
@@ -202,7 +208,7 @@ def _running_means(values: Floats, window: int) -> Floats:
 
 @chart("Metric, success and time per meter by band of difficulty, with 95 % intervals")
 def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
-    bands = data.overview().bands
+    bands = data.overview.bands
     if not bands:
         return ()
     measures = data.difference_measures
@@ -288,7 +294,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     " the right the one on the right"
 )
 def _paired(data: ChartData, make_panels: MakePanels) -> Handles:
-    comparisons = data.overview().comparisons
+    comparisons = data.overview.comparisons
     if not comparisons:
         return ()
     measures = data.difference_measures
@@ -361,7 +367,7 @@ def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
     is_numeric = all(isinstance(value, float) for value in values)
     ticks = np.array(values if is_numeric else range(len(values)), np.float64)
     label = "delay of commands [s]" if parameters == [LATENCY] else parameters[0]
-    summaries = data.overview().summaries
+    summaries = data.overview.summaries
     measures = data.difference_measures
     panels = make_panels(Panels(3.8, len(measures)))
     for axes, measure in zip(panels, measures, strict=True):
@@ -420,7 +426,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
     " over time in contact where there was any, with 95 % intervals of both"
 )
 def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
-    summaries = data.overview().summaries
+    summaries = data.overview.summaries
     measures = [data.clearance_measure]
     if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
         measures.append(MEASURES["contact_s"])
@@ -448,7 +454,7 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
             transform=axes.transAxes,
             ha=side,
             va="bottom",
-            fontsize=small_type_pt(),
+            fontsize=rcParams["legend.fontsize"],
         )
         # Limits of the outermost planners stay within the frame.
         axes.margins(0.15)
@@ -511,7 +517,7 @@ def _label_worlds(axes: Axes, order: WorldOrder) -> None:
         return
     ranks = range(1, len(order.worlds) + 1)
     numbers = [str(world) for world in order.worlds]
-    axes.set_xticks(ranks, numbers, fontsize=small_type_pt())
+    axes.set_xticks(ranks, numbers, fontsize=rcParams["legend.fontsize"])
     axes.set_xlabel("world, from easy to difficult [number]")
 
 

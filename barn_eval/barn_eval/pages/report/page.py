@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from pathlib import Path
 from textwrap import fill
 from urllib.parse import quote
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from barn_eval.analysis.difficulty import order_worlds
 from barn_eval.analysis.measures import ranking_measure, require_measures
-from barn_eval.analysis.overview import Overview, analyze, make_tables, reproduce
+from barn_eval.analysis.overview import analyze, make_tables, reproduce
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.summary import make_bars
@@ -147,11 +147,15 @@ def plot(
     hardest = {}
     if name == "hardest":
         hardest = select_hardest(order, *read_trials(entries), DEFAULT_HARDEST)
-    # Most charts need no comparisons, which take seconds.
-    overview = cache(
-        lambda: analyze(entries, order, lambda jobs: [job() for job in jobs])
+    data = ChartData(
+        entries=entries,
+        order=order,
+        # Most charts need no comparisons, which take seconds.
+        compute_overview=lambda: analyze(
+            entries, order, lambda jobs: [job() for job in jobs]
+        ),
+        hardest=hardest,
     )
-    data = ChartData(entries, order, overview, hardest)
     with style(width_mm):
         panels = draw(CHARTS[name], data, ax, width_mm)
     if not panels:
@@ -186,15 +190,9 @@ def finish_chart(
         return finish_figure(figure_of(panels), chart.name, chart.about, pdf=pdf)
 
 
-@dataclass(frozen=True, eq=False)
-class Report:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Report(ChartData):
     """Everything that a report shows."""
-
-    entries: Sequence[Entry]
-    overview: Overview
-
-    data: ChartData
-    """What its figures are drawn from."""
 
     trials: Sequence[DrivenTrial]
 
@@ -228,7 +226,7 @@ class Report:
         matplotlib.
         """
         jobs = [
-            partial(finish_chart, chart, self.data, pdf=self.pdf)
+            partial(finish_chart, chart, self, pdf=self.pdf)
             # Maps take longest and are registered last.
             for chart in reversed(CHARTS.values())
         ]
@@ -267,12 +265,11 @@ def build_report(
         lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)),
         keys,
     )
-    maps = select_hardest(order, trials, worlds, hardest)
-    data = ChartData(entries, order, lambda: overview, maps)
     return Report(
         entries=entries,
-        overview=overview,
-        data=data,
+        order=order,
+        compute_overview=lambda: overview,
+        hardest=select_hardest(order, trials, worlds, hardest),
         trials=trials,
         worlds=worlds,
         columns=keys,
@@ -365,7 +362,7 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
             partial(
                 finish_chart,
                 CHARTS[figure.name],
-                report.data,
+                report,
                 pdf=True,
                 width_mm=width_mm,
             )

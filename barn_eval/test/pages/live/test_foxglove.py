@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 
 import pytest
 from live_client import LiveClient
@@ -104,7 +105,7 @@ def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
         "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
     )
     with (
-        live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0) as view,
+        closing(live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0)) as view,
         Recorder(tmp_path / "bags" / "one") as recorder,
     ):
         record(recorder, 0, 3)

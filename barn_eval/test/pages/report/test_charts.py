@@ -43,7 +43,7 @@ def test_planners_have_the_colors_of_the_page_in_its_figures(report):
 
 def test_differences_favor_the_planner_named_on_their_side(report):
     with style():
-        first, *rest = draw(CHARTS["paired"], report.data)
+        first, *rest = draw(CHARTS["paired"], report)
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *rest)]
     assert titles == [
         "challenge metric",
@@ -69,7 +69,7 @@ def test_differences_favor_the_planner_named_on_their_side(report):
 
 
 def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
-    (axes,) = draw(CHARTS["trade"], report.data)
+    (axes,) = draw(CHARTS["trade"], report)
     for place, summary in enumerate(report.overview.summaries):
         (line, _, (across, up)) = axes.containers[place]
         time = summary["normalised_time_s_per_m"]
@@ -87,7 +87,7 @@ def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(
     report, chart, width_mm
 ):
     with style(width_mm):
-        figure = figure_of(draw(chart, report.data, width_mm=width_mm))
+        figure = figure_of(draw(chart, report, width_mm=width_mm))
     assert figure.get_figwidth() == pytest.approx(width_mm / 25.4)
     sizes = {text.get_fontsize() for text in figure.findobj(Text) if text.get_text()}
     assert sizes and all(7.0 <= size <= 9.0 for size in sizes)

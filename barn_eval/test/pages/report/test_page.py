@@ -104,7 +104,7 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
 
 
 def test_worlds_are_ordered_from_easy_to_difficult(report, folder):
-    order = report.data.order
+    order = report.order
     assert list(order.mean_s_per_m) == sorted(order.mean_s_per_m)
     results = [
         result.scores.normalised_time_s_per_m
