@@ -101,11 +101,11 @@ def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
     for name, part in zip(names, positions, strict=True):
         worlds = tuple(order.worlds[position] for position in part)
         summaries = []
-        for group in groups:
+        for entry, group in zip(entries, groups, strict=True):
             results: list[TrialResult] = []
             for world in worlds:
                 results += group.get(world, [])
-            summaries.append(summarize(results, SHOWN["bands"]))
+            summaries.append(summarize(results, SHOWN["bands"], entry.label))
         bands.append(
             Band(
                 name=name,

@@ -112,7 +112,7 @@ def analyze(
     compared_keys = tuple(dict.fromkeys((*COMPARED, *keys)))
     jobs: list[Callable[[], Any]] = [
         *(partial(_compare_entries, a, b, compared_keys) for a, b in pairs),
-        *(partial(summarize, results, summary_keys) for results in groups),
+        *(partial(summarize, e.results, summary_keys, e.label) for e in entries),
         partial(make_bands, entries, order),
     ]
     *figures, bands = run(jobs)
@@ -250,19 +250,18 @@ def make_tables(
         overview: Its figures.
         keys: Keys of the measures of the headline. By default rates, times and scores.
     """
-    labels = [entry.label for entry in entries]
     summaries = overview.summaries
     measure = ranking_measure(entries[0].results)
     other_keys = [key for key in summaries[0].means if key not in SCORED]
     tables = [
-        headline_table(labels, summaries, measure, keys),
-        measures_table(labels, summaries, finite_keys(summaries, other_keys)),
+        headline_table(summaries, measure, keys),
+        measures_table(summaries, finite_keys(summaries, other_keys)),
     ]
     if overview.bands:
-        tables.append(bands_table(labels, overview.bands))
+        tables.append(bands_table(overview.bands))
     for number, comparison in enumerate(overview.comparisons, 1):
         tables.append(comparison_table(comparison, f"paired_{number}"))
-    tables.append(outcomes_table(labels, summaries))
+    tables.append(outcomes_table(summaries))
     return tables
 
 

@@ -302,11 +302,9 @@ def label_entries(entries: Sequence[Entry]) -> list[Entry]:
         by_path.append(f"{name} ({entry.source.path})")
 
     # Paths are distinct in any case; the shorter labels are tried first.
-    labels = by_path
-    if len(set(by_setting)) == len(entries):
-        labels = by_setting
-    elif len(set(by_name)) == len(entries):
-        labels = by_name
+    for labels in (by_setting, by_name, by_path):
+        if len(set(labels)) == len(entries):
+            break
     colors = assign_colors([entry.planner for entry in entries])
     return [
         replace(entry, label=label, color=color)

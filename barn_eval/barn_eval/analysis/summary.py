@@ -41,6 +41,10 @@ class Summary:
     """Figures of one planner's trials; intervals are of 95 %."""
 
     planner: str
+
+    label: str
+    """Name of the planner in tables."""
+
     trials: int
     worlds: int
 
@@ -112,12 +116,13 @@ class RunSummary:
         }
 
 
-def summarize(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
+def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> Summary:
     """Return the rates and means of one planner's results.
 
     Args:
         results: Results of the planner; there may be none.
         keys: Keys of measures. The success rate is always among the means.
+        label: Name of the planner in tables. By default its usual spelling.
     """
     worlds = np.array([result.world for result in results], np.int64)
     successes = np.array([result.scores.success for result in results], np.int64)
@@ -128,8 +133,10 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
             means[key] = trial_values(results, MEASURES[key]).mean()
 
     times = MEASURES["normalised_time_s_per_m"].values(results)
+    planner = results[0].planner if results else ""
     return Summary(
-        planner=results[0].planner if results else "",
+        planner=planner,
+        label=label or spelling(planner),
         trials=len(results),
         worlds=len(np.unique(worlds)),
         outcomes=count_outcomes(results),

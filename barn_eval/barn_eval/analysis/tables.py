@@ -48,7 +48,6 @@ def trials_table(results: Rows, title: str) -> TextTable:
 
 
 def headline_table(
-    labels: Sequence[str],
     summaries: Sequence[Summary],
     measure: Measure,
     keys: Sequence[str] = (),
@@ -56,7 +55,6 @@ def headline_table(
     """Return the main measures, a planner per row from best to worst.
 
     Args:
-        labels: Name of each planner.
         summaries: Summary of each planner.
         measure: The ranking measure, which comes first.
         keys: Keys of the measures. By default rates, times and scores.
@@ -70,7 +68,7 @@ def headline_table(
         summary = summaries[position]
         cells = [_mean_with_count(measure, summary) for measure in measures]
         extent = f"{summary.trials} in {summary.worlds}"
-        rows.append((labels[position], extent, *cells, _spread_text(summary)))
+        rows.append((summary.label, extent, *cells, _spread_text(summary)))
 
     headings = [measure.heading for measure in measures]
     columns = ("planner", "trials in worlds", *headings, SPREAD)
@@ -78,13 +76,10 @@ def headline_table(
     return TextTable("headline", title, columns, tuple(rows))
 
 
-def measures_table(
-    labels: Sequence[str], summaries: Sequence[Summary], keys: Sequence[str]
-) -> TextTable:
+def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTable:
     """Return the means of measures, a planner per column.
 
     Args:
-        labels: Name of each planner.
         summaries: Summary of each planner.
         keys: Keys of the measures, which all summaries have.
     """
@@ -93,20 +88,21 @@ def measures_table(
         measure = MEASURES[key]
         cells = [measure.text(summary[key]) for summary in summaries]
         rows.append((measure.heading, *cells))
+    labels = [summary.label for summary in summaries]
     title = "Measures: mean and 95 % interval"
     return TextTable("measures", title, ("measure", *labels), tuple(rows))
 
 
 def summary_table(summaries: Sequence[Summary]) -> TextTable:
     """Return everything in summaries of the same measures, a planner per column."""
-    labels = [spelling(summary.planner) for summary in summaries]
-    rows = list(measures_table(labels, summaries, list(summaries[0].means)).rows)
+    measures = measures_table(summaries, list(summaries[0].means))
+    rows = list(measures.rows)
     rows.append((SPREAD, *map(_spread_text, summaries)))
 
     planner_outcomes = []
-    for label, summary in zip(labels, summaries, strict=True):
+    for summary in summaries:
         counts = [f"{name} {count}" for name, count in summary.outcomes.items()]
-        planner_outcomes.append(f"{label} {', '.join(counts)}")
+        planner_outcomes.append(f"{summary.label} {', '.join(counts)}")
     worlds = max(summary.worlds for summary in summaries)
     notes = [f"outcomes: {'; '.join(planner_outcomes)}", warn_of_few_worlds(worlds)]
 
@@ -114,35 +110,33 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
     return TextTable(
         "summary",
         f"{trials} in {count_noun(worlds, 'world')}",
-        ("mean and 95 % interval", *labels),
+        ("mean and 95 % interval", *measures.columns[1:]),
         tuple(rows),
         caption=". ".join(note for note in notes if note),
     )
 
 
-def outcomes_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
+def outcomes_table(summaries: Sequence[Summary]) -> TextTable:
     """Return how often each outcome occurred, a planner per row.
 
     Args:
-        labels: Name of each planner.
         summaries: Summary of each planner.
     """
     outcomes: dict[str, int] = {}
     for summary in summaries:
         outcomes |= summary.outcomes
     rows = []
-    for label, summary in zip(labels, summaries, strict=True):
+    for summary in summaries:
         counts = [str(summary.outcomes.get(name, 0)) for name in outcomes]
-        rows.append((label, *counts))
+        rows.append((summary.label, *counts))
     columns = ("planner", *outcomes)
     return TextTable("outcomes", "Trials by outcome", columns, tuple(rows))
 
 
-def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
+def bands_table(bands: Sequence[Band]) -> TextTable:
     """Return success and time of each planner in each difficulty band.
 
     Args:
-        labels: Name of each planner.
         bands: Bands from easy to difficult.
     """
     measures = [MEASURES[key] for key in SHOWN["bands"]]
@@ -151,9 +145,9 @@ def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
         low, high = band.limits_s_per_m
         worlds = count_noun(len(band.worlds), "world")
         name = f"{band.name} ({worlds}, {low:.2f} to {high:.2f} s/m)"
-        for label, summary in zip(labels, band.summaries, strict=True):
+        for summary in band.summaries:
             cells = [measure.text(summary[measure.key]) for measure in measures]
-            rows.append((name, label, str(summary.trials), *cells))
+            rows.append((name, summary.label, str(summary.trials), *cells))
 
     headings = [measure.heading for measure in measures]
     columns = ("band", "planner", "trials", *headings)

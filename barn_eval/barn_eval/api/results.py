@@ -478,12 +478,9 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: a table of planners and a figure."""
-        rows_by_spelling = self._rows_by_spelling()
-        table = headline_table(
-            list(rows_by_spelling),
-            [summarize(rows) for rows in rows_by_spelling.values()],
-            ranking_measure(self.trials),
-        )
+        groups = group_by_planner(self.trials).values()
+        summaries = [summarize(rows) for rows in groups]
+        table = headline_table(summaries, ranking_measure(self.trials))
         return render(
             "notebook.html",
             about=repr(self),
