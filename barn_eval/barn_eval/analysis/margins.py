@@ -49,6 +49,7 @@ class Margin:
             raise ConfigError(
                 f"--fail-if-worse {key}: {rule}, got {format_value(size)}"
             )
+        # A percent sign always means a share of A's mean, also for shares.
         relative = size.endswith("%")
         return cls(key, margin / 100.0 if relative else margin, relative)
 

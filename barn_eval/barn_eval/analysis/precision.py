@@ -208,6 +208,7 @@ def needs_table(precision: Precision) -> TextTable:
             text = f"over {precision.available}"
         cells.setdefault(question, {})[need.repetitions] = text
 
+    # Each question was answered for the same numbers of repetitions.
     counts = list(dict.fromkeys(need.repetitions for need in precision.needs))
     rows = []
     for count in counts:

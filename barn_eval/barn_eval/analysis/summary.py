@@ -190,6 +190,7 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
     groups = common_trials([entry.results for entry in entries])
     summaries = [summarize(rows, (measure.key,)) for rows in groups]
     intervals = [measure.in_heading_unit(summary[measure.key]) for summary in summaries]
+    # As numbers, None becomes NaN.
     limits = np.array([(i.estimate, i.low, i.high) for i in intervals], np.float64)
     # An estimate without limits stands for them; a planner without a value has no bar.
     limits = np.where(np.isnan(limits), limits[:, :1], limits)

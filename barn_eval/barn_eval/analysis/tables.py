@@ -122,6 +122,7 @@ def outcomes_table(summaries: Sequence[Summary]) -> TextTable:
     Args:
         summaries: Summary of each planner.
     """
+    # Only outcomes that occurred get a column.
     outcomes: dict[str, int] = {}
     for summary in summaries:
         outcomes |= summary.outcomes

@@ -158,6 +158,7 @@ def rank(
     """
     matched = matched_trials(list(planners.values()))
     trials = dict(zip(planners, matched, strict=True))
+    # Over common trials only, so that no planner is ahead by its easier worlds.
     means = {name: values.average for name, values in trials.items()}
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))

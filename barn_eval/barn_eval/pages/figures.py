@@ -174,7 +174,7 @@ def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> Report
     """Draw a figure once for page and files; its layout stays what it is then.
 
     Args:
-        figure: The figure.
+        figure: What is drawn; made within `style`, so that its sizes fit.
         name: Name of its files and prefix of its identifiers.
         about: Description for readers who do not see it.
         pdf: Whether it is drawn as PDF too.
@@ -205,7 +205,7 @@ def unique_svg(figure: Figure, name: str, description: str) -> str:
     """Return a figure as SVG whose identifiers are unique in a page.
 
     Args:
-        figure: The figure.
+        figure: What is drawn; its layout is made anew.
         name: Prefix of its identifiers.
         description: Text for readers who do not see it.
     """
@@ -223,7 +223,7 @@ def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure on white.
 
     Args:
-        figure: The figure.
+        figure: What is drawn; its background becomes white.
         path: A file ending in .png, .svg or .pdf.
 
     Raises:

@@ -30,7 +30,7 @@ from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import planner_config
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.config import Checked, quantity, replace_dotted
+from barn_worlds.base.config import Checked, from_dict, quantity, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import Velocity2D
@@ -121,10 +121,8 @@ def read_figures(path: Path) -> list[Measurement]:
         ConfigError: If the file has another content.
     """
     try:
-        return [
-            Measurement(**{**figure, "samples": tuple(figure.get("samples", ()))})
-            for figure in read_json(path)["figures"]
-        ]
+        figures = read_json(path)["figures"]
+        return [from_dict(Measurement, figure, "figures") for figure in figures]
     except (ConfigError, KeyError, TypeError) as error:
         raise ConfigError(
             f"--against {path}: not a result of barn bench --json ({error})"

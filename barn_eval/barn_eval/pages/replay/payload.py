@@ -307,7 +307,7 @@ def motion_arrays(world: World, arrays: Arrays) -> dict[str, float]:
     """Add walls, and the motions of a world's obstacles as polynomials.
 
     Args:
-        world: The world.
+        world: Has the motions of its obstacles as polynomials.
         arrays: Arrays of the page, which get new ones.
 
     Returns:

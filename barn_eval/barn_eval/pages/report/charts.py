@@ -405,7 +405,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
         if key == "min_clearance_m":
             measure = data.clearance_measure
         for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
-            # A planner that never succeeded has no line.
+            # A planner none of whose trials has the measure has no line.
             values = _finite_values(measure, entry)
             if len(values):
                 handles[entry.label] = axes.ecdf(

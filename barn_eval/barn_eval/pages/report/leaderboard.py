@@ -25,7 +25,7 @@ def write_boards(boards: Sequence[Board], path: Path) -> None:
     """Write boards to a file.
 
     Args:
-        boards: The boards.
+        boards: One per protocol, class and set of worlds, from `make_boards`.
         path: A file ending in .md or .html.
 
     Raises:

@@ -200,7 +200,7 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
     Args:
         axes: What is drawn onto.
         world: The world of the trials.
-        trials: Trials in it.
+        trials: Those whose phases and lengths decide what paths are drawn.
     """
     if not world.moving:
         return
@@ -238,7 +238,7 @@ def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Art
     Args:
         axes: What is drawn onto.
         world: The world of the trial.
-        trial: The trial.
+        trial: Its result names the obstacle, its track the time of the end.
 
     Returns:
         What was drawn, nothing if no moving obstacle ended the trial.
@@ -287,7 +287,7 @@ def overlay(
 
     Args:
         folders: Results folders.
-        world_number: Number of the world.
+        world_number: Place of the world in its data set.
         by: What colors the trajectories, one of `OVERLAY_COLORS`.
         planners: Planners whose trials are drawn. By default all.
         outcome: Outcome that trials must have. By default any.
@@ -335,7 +335,7 @@ def select_trials(
 
     Args:
         entries: Planners of results folders.
-        world: Number of the world.
+        world: Number of the world in its data set.
         planners: Planners whose trials are returned; all if empty.
         outcome: Outcome that trials must have; any if empty.
 

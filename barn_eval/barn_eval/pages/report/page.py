@@ -60,7 +60,7 @@ def draw(
     """Draw a chart of the catalog.
 
     Args:
-        chart: The chart.
+        chart: One of `CHARTS`.
         data: What it is drawn from.
         ax: What to draw onto, as many axes as the chart has panels. By default a figure
             of its own.
@@ -175,7 +175,7 @@ def finish_chart(
     """Return a chart as pages or papers have it.
 
     Args:
-        chart: The chart.
+        chart: One of `CHARTS`.
         data: What it is drawn from.
         pdf: Whether it is drawn as PDF too.
         width_mm: Width in a paper. By default the chart is for a page.
@@ -286,7 +286,7 @@ def replay_links(
     Pages in the folder replays/ of a results folder are linked too.
 
     Args:
-        report: The report.
+        report: Its trials are linked if a replay or a bag exists.
         out: Its page.
         replays: Folder into which replays are drawn. By default none is drawn.
     """
@@ -312,7 +312,7 @@ def report_page(
     """Return the page of a report, in which text from files is no markup.
 
     Args:
-        report: The report.
+        report: What `build_report` has computed.
         title: Title of the page.
         links: What `replay_links` returns.
     """
@@ -348,7 +348,7 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
     """Write figures as SVG and PDF, and tables as CSV and LaTeX.
 
     Args:
-        report: The report.
+        report: Its tables, and its figures if they were drawn as PDF too.
         folder: Folder of the files.
         width_mm: Width of the figures in a paper. By default they are those of the
             page.
