@@ -26,6 +26,7 @@ from barn_eval.analysis.text_table import count_noun
 from barn_eval.results.rows import results_table, timing_table
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
+from barn_eval.trials.trajectory import NEAR_CONTACT_M
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
@@ -227,6 +228,11 @@ def test_safety_is_clearance_to_movers_if_all_met_some():
         "moving_clearance_m",
         "min_clearance_m",
     ]
+
+
+def test_the_label_of_near_contact_names_its_distance():
+    label = MEASURES["near_contact_s"].label
+    assert label == f"time within {NEAR_CONTACT_M:g} m of obstacles"
 
 
 def test_measures_are_named_once():
