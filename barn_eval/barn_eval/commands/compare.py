@@ -17,7 +17,6 @@ from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
     count_option,
     file_option,
-    flag_option,
     folder_argument,
     json_option,
     path_argument,
