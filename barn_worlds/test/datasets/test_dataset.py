@@ -40,9 +40,8 @@ def layout(tmp_path, worlds):
 
 
 def same(dataset, worlds):
-    return {k: dataset.load(k).checksum for k in dataset.world_numbers} == {
-        k: w.checksum for k, w in worlds.items()
-    }
+    checksums = {k: dataset.load(k).checksum for k in dataset.world_numbers}
+    return checksums == {k: world.checksum for k, world in worlds.items()}
 
 
 @pytest.mark.parametrize(
@@ -55,13 +54,8 @@ def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missi
     assert (dataset.name, dataset.world_numbers) == ("layout", (0, 6, 120))
     assert same(dataset, worlds)
     assert dataset.load(6).provenance.source == "original"
-    assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [
-        0,
-        1,
-        2,
-        3,
-        4,
-    ]
+    metrics = np.load(layout / "metrics_files" / "metrics_6.npy")
+    assert metrics.tolist() == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("part", ["grid_files", "world_files", "map_files"])

@@ -53,7 +53,8 @@ def test_generated_worlds_can_be_passed(seed, parameters):
         return
     assert world.grid.shape == (parameters.rows, parameters.cols)
     assert world.grid[[0, -1]].all()
-    assert not world.cspace[world.path[:, 0], world.path[:, 1]].any()
+    rows, columns = world.path.T
+    assert not world.cspace[rows, columns].any()
     assert world.path[[0, -1], 1].tolist() == [0, parameters.cols - 1]
     assert (world.resolution_m, world.footprint_cells) == (
         parameters.resolution_m,
@@ -65,11 +66,11 @@ def test_generated_worlds_can_be_passed(seed, parameters):
 
 def test_a_world_does_not_depend_on_how_many_others_there_are():
     few = generate_dataset(SMALL)
-    many = generate_dataset(
-        dataclasses.replace(SMALL, worlds_per_set=4, sets=TABLE_I[:5])
-    )
+    larger = dataclasses.replace(SMALL, worlds_per_set=4, sets=TABLE_I[:5])
+    many = generate_dataset(larger)
+    same_places = [4 * s + k for s in range(4) for k in range(2)]
     assert [world.checksum for world in few] == [
-        many[4 * s + k].checksum for s in range(4) for k in range(2)
+        many[place].checksum for place in same_places
     ]
     other = generate_dataset(dataclasses.replace(SMALL, seed=4))
     assert not {world.checksum for world in few} & {world.checksum for world in other}
@@ -109,30 +110,19 @@ def test_worlds_can_be_numbered_by_any_score(tmp_path):
     worlds = generate_dataset(SMALL)
     scores = tuple(float(k % 3) for k in range(8))
     numbered = renumber(worlds, WorldOrder("a test", scores))
-    assert [numbered[k].checksum for k in range(8)] == [
-        worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)
-    ]
+    checksums = [numbered[k].checksum for k in range(8)]
+    assert checksums == [worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)]
     assert [numbered[k].name for k in range(2)] == ["world_0", "world_1"]
-    with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
-        renumber(worlds, WorldOrder("a test", scores[1:]))
-    with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
-        renumber(worlds, WorldOrder("a test", (*scores[1:], float("nan"))))
+    for wrong_scores in (scores[1:], (*scores[1:], float("nan"))):
+        with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
+            renumber(worlds, WorldOrder("a test", wrong_scores))
 
-    write_ordered(
-        tmp_path / "small.npz",
-        "small",
-        worlds,
-        WorldOrder("a test", scores),
-        {"seed": 3},
-    )
+    order = WorldOrder("a test", scores)
+    write_ordered(tmp_path / "small.npz", "small", worlds, order, {"seed": 3})
     dataset = open_dataset(tmp_path / "small.npz")
-    assert [dataset.load(k).checksum for k in range(8)] == [
-        numbered[k].checksum for k in range(8)
-    ]
-    assert (
-        dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)}
-        and dataset.manifest["seed"] == 3
-    )
+    assert [dataset.load(k).checksum for k in range(8)] == checksums
+    assert dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)}
+    assert dataset.manifest["seed"] == 3
 
 
 def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):
@@ -177,9 +167,8 @@ def plain_smooth(grid, fill_threshold, clear_threshold):
     walled = np.pad(
         np.pad(grid, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=True
     )
-    count = ndimage.convolve(walled.astype(int), [[1, 1, 1], [1, 0, 1], [1, 1, 1]])[
-        1:-1, 1:-1
-    ]
+    neighbors = [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
+    count = ndimage.convolve(walled.astype(int), neighbors)[1:-1, 1:-1]
     return np.where(
         count >= fill_threshold, True, np.where(count <= clear_threshold, False, grid)
     )
@@ -188,10 +177,8 @@ def plain_smooth(grid, fill_threshold, clear_threshold):
 @given(GRIDS, st.integers(0, 9), st.integers(-1, 8))
 def test_smoothing_equals_the_plain_rule(grid, fill, clear):
     before = grid.copy()
-    assert np.array_equal(
-        smooth(grid, fill, min(clear, fill - 1)),
-        plain_smooth(grid, fill, min(clear, fill - 1)),
-    )
+    clear = min(clear, fill - 1)
+    assert np.array_equal(smooth(grid, fill, clear), plain_smooth(grid, fill, clear))
     assert np.array_equal(grid, before)
 
 
@@ -201,7 +188,7 @@ def test_iterations_are_successive_and_keep_the_side_walls(seed, parameters):
     assert len(grids) == parameters.smoothing_iterations + 1
     for before, after in itertools.pairwise(grids):
         assert np.array_equal(after, smooth(before, 5, 1))
-    assert all(grid[[0, -1]].all() for grid in grids)
+    assert np.stack(grids)[:, [0, -1]].all()
 
 
 def test_random_fill_has_the_share_asked_for():

@@ -20,49 +20,43 @@ from barn_worlds.datasets.generate_motion import (
 @pytest.fixture(scope="module", params=sorted(MOTION_CLASSES))
 def arenas(request):
     """The parameters of a class, and ten arenas of it."""
-    return MOTION_CLASSES[request.param], generate_arenas(
-        MOTION_CLASSES[request.param], 10, seed=3
-    )
+    parameters = MOTION_CLASSES[request.param]
+    return parameters, generate_arenas(parameters, 10, seed=3)
 
 
 def test_arenas_have_as_many_obstacles_as_their_class(arenas):
     parameters, worlds = arenas
     counts = [len(world.moving) for world in worlds]
-    assert (
-        parameters.obstacles_min <= min(counts)
-        and max(counts) <= parameters.obstacles_max
-    )
+    assert parameters.obstacles_min <= min(counts)
+    assert max(counts) <= parameters.obstacles_max
     assert len(set(counts)) > 2
     for world in worlds:
-        assert len({obstacle.motion for obstacle in world.moving}) == len(world.moving)
+        motions = {obstacle.motion for obstacle in world.moving}
+        assert len(motions) == len(world.moving)
 
 
 def test_motions_cross_the_arena_at_grid_speeds(arenas):
     parameters, worlds = arenas
     for obstacle in {obstacle for world in worlds for obstacle in world.moving}:
         keys = np.array(obstacle.motion.keys)
-        assert (
-            np.abs(keys[:, 1:]).max() <= 10.0
-            and keys[0, 0] == 0.0
-            and keys[-1, 0] == obstacle.motion.period_s
-        )
-        lengths = np.hypot(*np.diff(keys[:, 1:], axis=0).T)
-        durations = np.diff(keys[:, 0])
+        assert np.abs(keys[:, 1:]).max() <= 10.0
+        assert keys[0, 0] == 0.0
+        assert keys[-1, 0] == obstacle.motion.period_s
+        steps = np.diff(keys, axis=0)
+        lengths = np.hypot(steps[:, 1], steps[:, 2])
+        durations = steps[:, 0]
         grid = np.round(lengths / durations / 0.1) * 0.1
-        assert (np.abs(lengths - grid * durations) < 0.02 + 0.01 * grid)[
-            durations > 0.2
-        ].all()  # keys are rounded
+        off_grid = np.abs(lengths - grid * durations)
+        rounding = 0.02 + 0.01 * grid  # of the keys
+        assert (off_grid < rounding)[durations > 0.2].all()
         mean = lengths.sum() / durations.sum()
         assert parameters.speed_min_mps - 0.2 <= mean <= parameters.speed_max_mps + 0.2
 
 
 def test_motions_go_both_ways(arenas):
     _, worlds = arenas
-    ways = [
-        obstacle.motion.keys[-1][1] > obstacle.motion.keys[0][1]
-        for world in worlds
-        for obstacle in world.moving
-    ]
+    motions = [obstacle.motion for world in worlds for obstacle in world.moving]
+    ways = [motion.keys[-1][1] > motion.keys[0][1] for motion in motions]
     assert 0.2 < np.mean(ways) < 0.8
 
 
@@ -80,30 +74,20 @@ def test_a_world_depends_on_its_seed_and_number_alone(arenas):
 def test_motion_is_added_to_the_field_of_a_static_world():
     world = open_dataset("barn300").load(100)
     moving_world = add_motion(world, motion_class("easy"), seed=1, obstacles=4)
-    assert (
-        len(moving_world.moving) == 4
-        and np.array_equal(moving_world.grid, world.grid)
-        and np.array_equal(moving_world.path, world.path)
-    )
+    assert len(moving_world.moving) == 4
+    assert np.array_equal(moving_world.grid, world.grid)
+    assert np.array_equal(moving_world.path, world.path)
     positions, _ = moving_world.tracks.over(np.linspace(0.0, 60.0, 600))
     left, _, right, above = world.bounds_m
     beyond_m = 0.5  # a spline swings out between keys
-    assert (
-        positions[..., 0].min() > left - beyond_m
-        and positions[..., 0].max() < right + beyond_m
+    x, y = np.moveaxis(positions, -1, 0)
+    assert left - beyond_m < x.min() and x.max() < right + beyond_m
+    assert 5.1 - beyond_m < y.min() and y.max() < above + beyond_m
+    again, other = (
+        add_motion(world, motion_class("easy"), seed=seed, obstacles=4)
+        for seed in (1, 2)
     )
-    assert (
-        positions[..., 1].min() > 5.1 - beyond_m
-        and positions[..., 1].max() < above + beyond_m
-    )
-    assert (
-        add_motion(world, motion_class("easy"), seed=1, obstacles=4).checksum
-        == moving_world.checksum
-    )
-    assert (
-        add_motion(world, motion_class("easy"), seed=2, obstacles=4).checksum
-        != moving_world.checksum
-    )
+    assert again.checksum == moving_world.checksum != other.checksum
 
 
 def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
@@ -115,11 +99,10 @@ def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
     assert steps.max() <= 0.01 * 1.4 + 1e-9
     assert np.allclose(positions[..., 0].min(axis=0), -4.5, atol=0.02)
     assert np.allclose(positions[..., 0].max(axis=0), 0.0, atol=0.02)
-    on_path = world.path_m()[:, 1]
-    assert all(
-        np.abs(on_path - mover.motion.keys[0][2]).min() < 1e-9
-        for mover in moving_world.moving
-    )
+    rows_m = world.path_m()[:, 1]
+    crossings_m = np.array([mover.motion.keys[0][2] for mover in moving_world.moving])
+    away_m = np.abs(rows_m - crossings_m[:, None])
+    assert (away_m.min(axis=1) < 1e-9).all()
 
 
 def test_crossings_of_an_arena_are_square_to_its_drive():
@@ -129,9 +112,8 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
         (_, x0, y0), (_, x1, y1), _ = mover.motion.keys
         assert x0 == x1 and {y0, y1} == {-10.0, 10.0}
         speed = 20.0 / mover.motion.keys[1][0]
-        assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9 and math.isclose(
-            speed, round(speed, 1), abs_tol=1e-9
-        )
+        assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9
+        assert math.isclose(speed, round(speed, 1), abs_tol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -58,9 +58,8 @@ def test_other_images_are_read_alike(tmp_path, kind):
     if kind == "plain pgm":
         (tmp_path / "m.pgm").write_text("P2\n3 2\n255\n0 89 90 191 192 255\n")
     elif kind == "1-bit":
-        gray.point(lambda v: 255 * (v > 128)).convert("1").save(
-            tmp_path / "m.pgm", "PNG"
-        )
+        black_and_white = gray.point(lambda v: 255 * (v > 128)).convert("1")
+        black_and_white.save(tmp_path / "m.pgm", "PNG")
         expected = np.array([[0, 0, 0], [100, 100, 100]])
     else:
         (gray.convert("RGB") if kind == "ppm" else gray).save(tmp_path / "m.pgm", kind)
@@ -73,9 +72,8 @@ def test_worlds_come_back_from_their_maps(historical, grid):
     grid[[0, -1]] = True
     grid[1] = False
     world = World("w", grid, np.array([[1, 0]]))
-    assert np.array_equal(
-        extract_grid(world.occupancy_map(historical=historical)), grid
-    )
+    occupancy = world.occupancy_map(historical=historical)
+    assert np.array_equal(extract_grid(occupancy), grid)
 
 
 def test_original_maps_give_the_original_grids(original_folder):

@@ -38,19 +38,18 @@ def world():
 def test_the_trajectories_of_an_actor_go_as_the_obstacle_does(obstacle):
     """Gazebo joins waypoints by the spline of motions of the kind `gazebo`; trajectories follow each other."""
     parts = trajectories(obstacle)
-    end_s = 0.0
+    begin_s = 0.0
     largest_m = 0.0
-    assert sum(part[-1][0] for part in parts) == pytest.approx(obstacle.motion.period_s)
     for part in parts:
-        spline = MovingObstacle(
-            "part", radius_m=1.0, motion=Motion("gazebo", part[-1][0], tuple(part))
-        )
-        times_s = np.linspace(0.0, part[-1][0], 500)[:-1]
-        positions, _ = Tracks([obstacle]).over(times_s + end_s)
-        largest_m = max(
-            largest_m, np.abs(Tracks([spline]).over(times_s)[0] - positions).max()
-        )
-        end_s += part[-1][0]
+        length_s = part[-1][0]
+        motion = Motion("gazebo", length_s, tuple(part))
+        spline = MovingObstacle("part", radius_m=1.0, motion=motion)
+        times_s = np.linspace(0.0, length_s, 500)[:-1]
+        positions, _ = Tracks([obstacle]).over(times_s + begin_s)
+        errors_m = Tracks([spline]).over(times_s)[0] - positions
+        largest_m = max(largest_m, np.abs(errors_m).max())
+        begin_s += length_s
+    assert begin_s == pytest.approx(obstacle.motion.period_s)
     assert largest_m < (1e-9 if obstacle.name == "as <it> is" else 0.03)
     assert len(parts) == (2 if obstacle.phase_s else 1)
 
@@ -64,12 +63,11 @@ def test_sdf_has_walls_and_an_actor_for_each_moving_obstacle(world, flavour):
         item.name for item in MOVING
     ]
     actor = root.find("actor")
-    waypoints = actor.findall("script/trajectory/waypoint")
-    waypoint_poses = [
+    waypoints = [
         (float(item.findtext("time")), *map(float, item.findtext("pose").split()[:2]))
-        for item in waypoints
+        for item in actor.findall("script/trajectory/waypoint")
     ]
-    assert tuple(waypoint_poses) == KEYS
+    assert tuple(waypoints) == KEYS
     assert actor.findtext("script/loop") == "true"
     if flavour == "gz":
         assert actor.findtext("skin/filename") == "cylinder_0.5_1.obj"
@@ -85,26 +83,27 @@ def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
     assert names == {file.name for file in tmp_path.glob("*.obj")}
 
 
-@pytest.mark.parametrize("obstacle", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
-def test_a_mesh_is_closed_outward_and_of_the_right_size(obstacle):
+@pytest.mark.parametrize(
+    ("obstacle", "volume_m3", "size_m"),
+    [(MOVING[0], np.pi * 0.25, [1.0, 1.0, 1.0]), (MOVING[4], 2.0, [1.0, 2.0, 1.0])],
+    ids=["cylinder", "box"],
+)
+def test_a_mesh_is_closed_outward_and_of_the_right_size(obstacle, volume_m3, size_m):
     lines = [line.split() for line in obj_mesh(obstacle).splitlines()]
-    points = np.array(
-        [[float(word) for word in line[1:]] for line in lines if line[0] == "v"]
-    )
-    faces = [[int(word) - 1 for word in line[1:]] for line in lines if line[0] == "f"]
+    points = np.array([line[1:] for line in lines if line[0] == "v"], float)
+    faces = [np.array(line[1:], int) - 1 for line in lines if line[0] == "f"]
     edges = [(face[k - 1], face[k]) for face in faces for k in range(len(face))]
     assert len(set(edges)) == len(edges) and {(b, a) for a, b in edges} == set(edges)
-    volume = sum(
-        points[face[0]] @ np.cross(points[face[k]], points[face[k + 1]]) / 6.0
-        for face in faces
-        for k in range(1, len(face) - 1)
+    triangles = np.array(
+        [
+            points[[face[0], face[k], face[k + 1]]]
+            for face in faces
+            for k in range(1, len(face) - 1)
+        ]
     )
-    assert volume == pytest.approx(
-        np.pi * 0.25 if obstacle.shape == "cylinder" else 2.0, rel=0.01
-    )
-    assert np.ptp(points, axis=0) == pytest.approx(
-        [1.0, 1.0, 1.0] if obstacle.shape == "cylinder" else [1.0, 2.0, 1.0]
-    )
+    volumes_m3 = np.linalg.det(triangles) / 6.0  # each with the origin
+    assert volumes_m3.sum() == pytest.approx(volume_m3, rel=0.01)
+    assert np.ptp(points, axis=0) == pytest.approx(size_m)
 
 
 def test_an_animation_of_what_does_not_move_is_refused(small_world, tmp_path):
@@ -114,15 +113,14 @@ def test_an_animation_of_what_does_not_move_is_refused(small_world, tmp_path):
 
 def colored(image, color):
     """Return the centers (x, y) in pixels of all pixels near a color."""
-    near = np.abs(np.asarray(image.convert("RGB"), int) - color).max(axis=2) < 40
-    return np.argwhere(near)[:, ::-1]
+    differences = np.asarray(image.convert("RGB"), int) - color
+    return np.argwhere(np.abs(differences).max(axis=2) < 40)[:, ::-1]
 
 
 def test_an_animation_shows_obstacles_that_move(tmp_path):
     keys = ((0.0, -8.0, 0.0), (4.0, 8.0, 0.0), (8.0, -8.0, 0.0))
-    world = build_arena(
-        "one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))]
-    )
+    motion = Motion("linear", 8.0, keys)
+    world = build_arena("one", [MovingObstacle("a", radius_m=0.8, motion=motion)])
     write_animation(world, tmp_path / "one.gif")
     image = Image.open(tmp_path / "one.gif")
     places = []
@@ -131,14 +129,15 @@ def test_an_animation_shows_obstacles_that_move(tmp_path):
         image.seek(frame)
         pixels = colored(image, (0xC7, 0x7E, 0xA9))
         places.append(np.median(pixels, axis=0))
-    metres_per_pixel = 8.0 / (places[1][0] - places[0][0])  # from x = -8 m to x = 0
-    assert 0.03 < metres_per_pixel < 0.09
-    assert abs(places[1][1] - places[0][1]) < 3
+    along, across = places[1] - places[0]
+    assert 0.03 < 8.0 / along < 0.09  # m per pixel, from x = -8 m to x = 0
+    assert abs(across) < 3
 
 
 def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_path):
     write_png(world_figure(world), tmp_path / "one.png")
-    assert len(colored(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
+    drawn = colored(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))
+    assert len(drawn) > 500
     sheet = sheet_figure({0: world, 1: small_world})
     (axes,) = sheet.axes
     collections = []
@@ -147,10 +146,7 @@ def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_pat
         for path in collection.get_paths():
             vertices = to_axes.transform(path.vertices)
             collections.append(0.5 * (vertices.min(axis=0) + vertices.max(axis=0)))
-    places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [
-        -0.5,
-        5.5,
-    ]  # cells from the corner
-    assert all(
-        np.hypot(*(np.array(collections) - place).T).min() < 0.1 for place in places
-    )
+    offsets_m = world.tracks.at(0.0)[0] - [-10.25, 10.25]
+    places = offsets_m / [0.5, -0.5] + [-0.5, 5.5]  # cells from the corner
+    distances = np.array(collections) - places[:, None]
+    assert (np.hypot(*distances.T).min(axis=0) < 0.1).all()

@@ -80,9 +80,8 @@ def test_worlds_with_motion_come_back_from_a_data_set_file(dataset_file, scenes)
     assert dataset.world_numbers == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
-    assert (
-        len(read_dataset_file(dataset_file).arrays["motion_kind"]) == 3
-    )  # equal motions are stored once
+    motions = read_dataset_file(dataset_file).arrays["motion_kind"]
+    assert len(motions) == 3  # equal motions are stored once
 
 
 def test_static_data_sets_are_written_as_before(small_world, tmp_path):
@@ -106,18 +105,15 @@ def test_every_world_of_dynabarn_survives_yaml(tmp_path):
     dataset = open_dataset("dynabarn60")
     for index in dataset.world_numbers[::15]:
         write_world_yaml(dataset.load(index), tmp_path / "one.world.yaml")
-        assert_same(
-            open_dataset(tmp_path / "one.world.yaml").load(0), dataset.load(index)
-        )
+        copy = open_dataset(tmp_path / "one.world.yaml").load(0)
+        assert_same(copy, dataset.load(index))
 
 
 def test_dynabarn60_is_what_was_published():
     dataset = open_dataset("dynabarn60")
     assert dataset.world_numbers == tuple(range(60))
-    assert (
-        "MIT" in dataset.manifest["licence"]
-        and "DynaBARN" in dataset.manifest["credit"]
-    )
+    assert "MIT" in dataset.manifest["licence"]
+    assert "DynaBARN" in dataset.manifest["credit"]
     assert "Zifan Xu" in dataset.manifest["data"]
     for first, difficulty, low, high in (
         (0, "easy", 5, 14),
@@ -125,21 +121,12 @@ def test_dynabarn60_is_what_was_published():
         (40, "hard", 20, 24),
     ):
         worlds = [dataset.load(index) for index in range(first, first + 20)]
-        assert {world.provenance.parameters["difficulty"] for world in worlds} == {
-            difficulty
-        }
+        difficulties = {world.provenance.parameters["difficulty"] for world in worlds}
+        assert difficulties == {difficulty}
         counts = [len(world.moving) for world in worlds]
         assert (min(counts), max(counts)) == (low, high)
-    assert (
-        len(
-            {
-                obstacle
-                for index in dataset.world_numbers
-                for obstacle in dataset.load(index).moving
-            }
-        )
-        == 469
-    )
+    worlds = map(dataset.load, dataset.world_numbers)
+    assert len({obstacle for world in worlds for obstacle in world.moving}) == 469
 
 
 def changed(text, **changes):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from barn_worlds.geometry.bodies import shape_rows
 from barn_worlds.geometry.footprint import Footprint, Rectangle
@@ -45,23 +46,22 @@ def inside(outline, point):
     after = np.roll(outline.corners_m, -1, axis=0)
     sides = after - corners
     away = np.asarray(point) - corners
-    return bool((sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all())
+    cross = sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0]
+    return (cross > 0.0).all()
 
 
 def test_point_distances_are_to_the_nearest_edge_point(outline):
     edge = boundary(outline)
     rng = np.random.default_rng(0)
-    points = rng.uniform(-0.9, 0.9, (200, 2)).tolist()
-    for x, y in points:
-        distance = np.hypot(*(edge - (x, y)).T).min() * (
-            -1.0 if inside(outline, (x, y)) else 1.0
-        )
-        assert outline.distances(np.array([x]), np.array([y]))[0] == pytest.approx(
-            distance, abs=1e-3
-        )
-        away = np.hypot(*(outline.nearest(x, y) - (x, y)))
+    points = rng.uniform(-0.9, 0.9, (200, 2))
+    is_inside = [inside(outline, point) for point in points]
+    nearest_m = cdist(points, edge).min(axis=1)
+    expected = np.where(is_inside, -nearest_m, nearest_m)
+    assert outline.distances(*points.T.copy()) == pytest.approx(expected, abs=1e-3)
+    for point, distance in zip(points, expected, strict=True):
+        away = math.dist(outline.nearest(*point), point)
         assert away == (pytest.approx(distance, abs=1e-3) if distance > 0.0 else 0.0)
-    assert sum(inside(outline, point) for point in points) > 5
+    assert sum(is_inside) > 5
 
 
 def some_shapes(rng, count=60):
@@ -79,14 +79,14 @@ def points_of(shape):
         angles, radii = np.meshgrid(
             np.linspace(0.0, 2.0 * math.pi, 200), np.linspace(0.0, shape[2], 12)
         )
-        return shape[:2] + np.stack(
-            [radii * np.cos(angles), radii * np.sin(angles)], axis=-1
-        ).reshape(-1, 2)
-    u, v = np.meshgrid(
-        np.linspace(-shape[3], shape[3], 60), np.linspace(-shape[4], shape[4], 60)
-    )
+        along = radii * np.cos(angles)
+        across = radii * np.sin(angles)
+    else:
+        along, across = np.meshgrid(
+            np.linspace(-shape[3], shape[3], 60), np.linspace(-shape[4], shape[4], 60)
+        )
     turn = np.array([[shape[5], shape[6]], [-shape[6], shape[5]]])
-    return shape[:2] + np.stack([u, v], axis=-1).reshape(-1, 2) @ turn
+    return shape[:2] + np.column_stack([along.ravel(), across.ravel()]) @ turn
 
 
 def test_gaps_are_those_of_a_search(outline):
@@ -98,10 +98,8 @@ def test_gaps_are_those_of_a_search(outline):
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     for gap, shape in zip(gaps, shapes, strict=True):
         local = (points_of(shape) - (x, y)) @ turn
-        expected = max(
-            0.0, float(outline.distances(local[:, 0].copy(), local[:, 1].copy()).min())
-        )
-        assert gap == pytest.approx(expected, abs=0.02)
+        distance = outline.distances(*local.T.copy()).min()
+        assert gap == pytest.approx(max(distance, 0.0), abs=0.02)
     assert (gaps == 0.0).any()
     assert (gaps > 0.5).any()
 
@@ -112,9 +110,7 @@ def test_times_to_contact_are_those_of_a_search(outline, yaw, speed):
     shapes = some_shapes(rng, 40)
     velocities = rng.uniform(-1.0, 1.0, (40, 2))
     discs = shapes.copy()
-    discs[:, 2] = np.where(
-        shapes[:, 2] > 0.0, shapes[:, 2], np.hypot(shapes[:, 3], shapes[:, 4])
-    )
+    discs[:, 2] += np.hypot(shapes[:, 3], shapes[:, 4])  # around boxes
     discs[:, 3:5] = 0.0
     x = 0.2
     y = -0.1
@@ -159,13 +155,12 @@ def test_what_can_touch_of_robots():
 @pytest.mark.parametrize("seed", range(5))
 def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
     rng = np.random.default_rng(seed)
-    line, (x, y) = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(-2.0, 2.0, 2)
+    line = rng.uniform(-1.0, 1.0, (6, 2))
+    x, y = point = rng.uniform(-2.0, 2.0, 2)
     line[3] = line[2]
     dense = np.linspace(line[:-1], line[1:], 2001).reshape(-1, 2)
-    assert distance_to_line(line, x, y) == pytest.approx(
-        np.hypot(*(dense - [x, y]).T).min(), abs=2e-3
-    )
-    assert distance_to_line(line[:1], x, y) == pytest.approx(
-        math.hypot(x - line[0, 0], y - line[0, 1])
-    )
-    assert distance_to_line(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0
+    nearest_m = np.linalg.norm(dense - point, axis=1).min()
+    assert distance_to_line(line, x, y) == pytest.approx(nearest_m, abs=2e-3)
+    assert distance_to_line(line[:1], x, y) == pytest.approx(math.dist(line[0], point))
+    straight = np.array([[0.0, 0.0], [4.0, 0.0]])
+    assert distance_to_line(straight, -1.0, 0.0) == 1.0

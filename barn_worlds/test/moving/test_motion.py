@@ -1,5 +1,6 @@
 """Motions and where obstacles are at a time, against splines evaluated in another way."""
 
+import dataclasses
 import math
 import re
 
@@ -22,6 +23,9 @@ from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.0, 3.0, 2.0), (4.0, 3.0, 5.0))
+CURVE = Motion(
+    "polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0))
+)
 
 
 def gazebo_positions(keys, period_s, times_s):
@@ -61,23 +65,17 @@ def profiles():
     }
 
 
-def test_dynabarn_motions_are_where_gazebo_puts_them(
-    profiles,
-):
+def test_dynabarn_motions_are_where_gazebo_puts_them(profiles):
     assert len(profiles) == 469
     generator = np.random.default_rng(0)
-    tracks = Tracks(list(profiles.values()))
-    longest_s = max(profile.motion.period_s for profile in profiles.values())
+    motions = [profile.motion for profile in profiles.values()]
+    longest_s = max(motion.period_s for motion in motions)
     times_s = generator.uniform(0.0, 4.0 * longest_s, 1000)
-    positions, _ = tracks.over(times_s)
+    positions, _ = Tracks(list(profiles.values())).over(times_s)
     assert positions.shape == (1000, 469, 2)
-    for k, profile in enumerate(profiles.values()):
-        keys = profile.motion.keys
-        period_s = profile.motion.period_s
-        assert (
-            np.abs(positions[:, k] - gazebo_positions(keys, period_s, times_s)).max()
-            < 1e-9
-        )
+    for k, motion in enumerate(motions):
+        expected = gazebo_positions(motion.keys, motion.period_s, times_s)
+        assert np.abs(positions[:, k] - expected).max() < 1e-9
 
 
 @given(
@@ -95,49 +93,35 @@ def test_rests_and_phases_are_as_in_gazebo(
     points = [*points, points[0]] if closed else points
     times = np.cumsum([first, *steps])[: len(points)].tolist()
     keys = tuple((at, *point) for at, point in zip(times, points, strict=True))
-    motion = Motion("gazebo", max(times[-1] + rest, 0.01), keys)
+    period_s = max(times[-1] + rest, 0.01)
+    motion = Motion("gazebo", period_s, keys)
     position = Tracks([obstacle(motion, phase_s=phase)]).at(time)[0][0]
-    motion_time = math.fmod(time + phase, motion.period_s)
-    if (
-        min(motion_time % motion.period_s, -motion_time % motion.period_s) > 1e-9
-    ):  # which side of the jump is a matter of rounding
-        assert (
-            np.abs(
-                position
-                - gazebo_positions(keys, motion.period_s, np.array([time + phase]))
-            ).max()
-            < 1e-9
-        )
+    motion_time = math.fmod(time + phase, period_s)
+    if min(motion_time % period_s, -motion_time % period_s) <= 1e-9:
+        return  # which side of the jump is a matter of rounding
+    expected = gazebo_positions(keys, period_s, np.array([time + phase]))
+    assert np.abs(position - expected).max() < 1e-9
 
 
 def test_a_linear_motion_is_straight_and_rests_at_the_end():
     tracks = Tracks([obstacle(Motion("linear", 6.0, KEYS))])
     positions, velocities = tracks.over(np.array([0.5, 2.5, 5.0, 6.5]))
-    assert np.allclose(
-        positions[:, 0], [[2.0, 2.0], [3.0, 3.5], [3.0, 5.0], [2.0, 2.0]], atol=1e-12
-    )
-    assert np.allclose(
-        velocities[:, 0], [[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [2.0, 0.0]], atol=1e-12
-    )
+    places_m = [[2.0, 2.0], [3.0, 3.5], [3.0, 5.0], [2.0, 2.0]]
+    speeds_mps = [[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [2.0, 0.0]]
+    assert np.allclose(positions[:, 0], places_m, atol=1e-12)
+    assert np.allclose(velocities[:, 0], speeds_mps, atol=1e-12)
 
 
 def test_a_closed_polynomial_has_no_jump():
     # x = 4 s (1 - s), y = 1 + s - s^3 over the share s
-    motion = Motion(
-        "polynomial",
-        8.0,
-        coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0)),
-    )
-    tracks = Tracks([obstacle(motion)])
+    tracks = Tracks([obstacle(CURVE)])
     for time_s in (0.0, 1.0, 5.0, 7.999, 11.0):
         share = time_s % 8.0 / 8.0
         positions, velocities = tracks.at(time_s)
-        assert np.allclose(
-            positions[0], [4 * share * (1 - share), 1 + share - share**3], atol=1e-12
-        )
-        assert np.allclose(
-            velocities[0], np.array([4 - 8 * share, 1 - 3 * share**2]) / 8.0, atol=1e-12
-        )
+        place_m = [4 * share * (1 - share), 1 + share - share**3]
+        slope_m = np.array([4 - 8 * share, 1 - 3 * share**2])
+        assert np.allclose(positions[0], place_m, atol=1e-12)
+        assert np.allclose(velocities[0], slope_m / 8.0, atol=1e-12)
     assert np.abs(tracks.at(8.0 - 1e-9)[0] - tracks.at(0.0)[0]).max() < 1e-8
 
 
@@ -149,9 +133,8 @@ def test_velocities_are_how_fast_positions_change(profiles):
         (before, _), (at, velocities), (after, _) = (
             tracks.at(time_s + k * step_s) for k in (-1, 0, 1)
         )
-        smooth = (
-            np.abs(after + before - 2 * at).max(axis=1) < 1e-8
-        )  # no key or jump between
+        bends = np.abs(after + before - 2 * at).max(axis=1)
+        smooth = bends < 1e-8  # no key or jump between
         slope = (after - before) / (2 * step_s)
         assert smooth.mean() > 0.8
         assert np.abs(slope - velocities)[smooth].max() < 1e-3
@@ -162,21 +145,15 @@ def test_obstacles_of_all_kinds_are_placed_together():
         obstacle(Motion(kind, 6.0, KEYS), name=kind, phase_s=1.0)
         for kind in ("gazebo", "linear")
     ]
-    circle = Motion(
-        "polynomial", 3.0, coefficients_m=((1.0, 1.0), (2.0, 3.0), (-2.0, -3.0))
-    )
-    obstacles.append(
-        MovingObstacle(
-            "box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.3, motion=circle
-        )
-    )
+    sizes = {"size_x_m": 1.0, "size_y_m": 2.0, "yaw_rad": 0.3}
+    obstacles.append(MovingObstacle("box", "box", **sizes, motion=CURVE))
     tracks = Tracks(obstacles)
     assert tracks.names == ("gazebo", "linear", "box")
-    assert tracks.radius_m.tolist() == [0.5, 0.5, 0.0] and tracks.size_m.tolist()[
-        2
-    ] == [1.0, 2.0]
-    for k, single in enumerate(obstacles):
-        assert np.array_equal(tracks.at(2.2)[0][k], Tracks([single]).at(2.2)[0][0])
+    assert tracks.radius_m.tolist() == [0.5, 0.5, 0.0]
+    assert tracks.size_m.tolist()[2] == [1.0, 2.0]
+    positions, _ = tracks.at(2.2)
+    for position, single in zip(positions, obstacles, strict=True):
+        assert np.array_equal(position, Tracks([single]).at(2.2)[0][0])
     assert Tracks([]).at(1.0)[0].shape == (0, 2)
 
 
@@ -283,43 +260,39 @@ def test_a_wrong_obstacle_is_one_clear_line(arguments, message, refused):
         obstacle(Motion("linear", 6.0, KEYS), **arguments)
 
 
-def test_a_world_has_few_obstacles_with_unique_names(small_world):
-    mover = obstacle(Motion("linear", 6.0, KEYS))
-    for moving, message in (
-        ((mover, mover), "w: two moving obstacles have the name 'one'"),
+@pytest.mark.parametrize(
+    ("count", "message"),
+    [
+        (2, "two moving obstacles have the name 'one'"),
         (
-            (mover,) * (MOST_MOVING + 1),
-            f"w: must have at most {MOST_MOVING} moving obstacles, got {MOST_MOVING + 1}",
+            MOST_MOVING + 1,
+            f"must have at most {MOST_MOVING} moving obstacles, got {MOST_MOVING + 1}",
         ),
-    ):
-        with pytest.raises(WorldError) as caught:
-            World(
-                "w",
-                small_world.grid,
-                small_world.path,
-                footprint_cells=3,
-                moving=moving,
-            )
-        assert str(caught.value) == message
+    ],
+)
+def test_a_world_has_few_obstacles_with_unique_names(small_world, count, message):
+    mover = obstacle(Motion("linear", 6.0, KEYS))
+    with pytest.raises(WorldError) as caught:
+        dataclasses.replace(small_world, moving=(mover,) * count)
+    assert str(caught.value) == f"small: {message}"
 
 
 def test_movers_are_in_the_checksum_but_not_their_names(small_world):
     def checksum(**fields):
-        return World(
-            "w", small_world.grid, small_world.path, footprint_cells=3, **fields
-        ).checksum
+        return dataclasses.replace(small_world, **fields).checksum
 
     mover = obstacle(Motion("linear", 6.0, KEYS))
-    later = obstacle(Motion("linear", 6.0, KEYS), phase_s=0.5)
-    variants = [
+    later = dataclasses.replace(mover, phase_s=0.5)
+    renamed = dataclasses.replace(mover, name="two")
+    variants = {
         checksum(),
         checksum(moving=(mover,)),
         checksum(moving=(later,)),
         checksum(walls=(Wall(),)),
-    ]
-    variants.append(checksum(corner_m=(0.0, 0.0)))
-    assert len(set(variants)) == 5 and variants[0] == small_world.checksum
-    assert checksum(moving=(obstacle(mover.motion, name="two"),)) == variants[1]
+        checksum(corner_m=(0.0, 0.0)),
+    }
+    assert len(variants) == 5
+    assert checksum(moving=(renamed,)) == checksum(moving=(mover,))
 
 
 def test_an_arena_has_its_cells_at_its_corner():
@@ -331,18 +304,14 @@ def test_an_arena_has_its_cells_at_its_corner():
 
 
 def test_a_turned_wall_occupies_the_cells_that_its_points_are_in():
-    wall = Wall(1.0, 1.0, 2.0, 0.4, yaw_rad=0.6)
-    world = World(
-        "w",
-        np.zeros((30, 30), bool),
-        np.array([[0, 0]]),
-        0.1,
-        walls=(wall,),
-        corner_m=(0.0, 0.0),
-    )
+    walls = (Wall(1.0, 1.0, 2.0, 0.4, yaw_rad=0.6),)
+    free = np.zeros((30, 30), bool)
+    path = np.array([[0, 0]])
+    world = World("w", free, path, 0.1, walls=walls, corner_m=(0.0, 0.0))
     grid = world.occupancy_map()
-    along, across = (1.0 - 1e-9) * np.array(
-        np.meshgrid(np.linspace(-1.0, 1.0, 2001), np.linspace(-0.2, 0.2, 401))
+    inside = 1.0 - 1e-9
+    along, across = np.meshgrid(
+        inside * np.linspace(-1.0, 1.0, 2001), inside * np.linspace(-0.2, 0.2, 401)
     )
     x = 1.0 + along * math.cos(0.6) - across * math.sin(0.6)
     y = 1.0 + along * math.sin(0.6) + across * math.cos(0.6)
@@ -354,11 +323,10 @@ def test_a_turned_wall_occupies_the_cells_that_its_points_are_in():
 def test_nothing_is_faster_than_the_bound_of_its_speed():
     for index in (0, 25, 59):
         tracks = open_dataset("dynabarn60").load(index).tracks
-        velocities = tracks.over(np.linspace(0.0, 100.0, 5001))[1]
+        _, velocities = tracks.over(np.linspace(0.0, 100.0, 5001))
         fastest = np.hypot(velocities[..., 0], velocities[..., 1]).max(axis=0)
-        assert (fastest <= tracks.fastest_mps + 1e-9).all() and (
-            tracks.fastest_mps < 3.0 * fastest
-        ).all()
+        assert (fastest <= tracks.fastest_mps + 1e-9).all()
+        assert (tracks.fastest_mps < 3.0 * fastest).all()
 
 
 def test_numbers_of_tracks_are_floats_where_all_are_whole():
