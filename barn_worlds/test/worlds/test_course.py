@@ -19,6 +19,7 @@ from barn_worlds.worlds.world import World
 
 CELL_M = 0.1
 CORNER_M = (-2.0, 1.0)
+COURSE = (0.0, 3.0, 0.5, 1.0, 18.0)
 
 
 def hall(gap_m: float = 2.0) -> np.ndarray:
@@ -30,25 +31,38 @@ def hall(gap_m: float = 2.0) -> np.ndarray:
 
 
 def written(tmp_path, grid, *course):
-    write_map(
-        OccupancyMap(np.where(grid.T, 100, 0).astype(np.int8), CELL_M, *CORNER_M),
-        tmp_path / "hall.yaml",
-    )
+    path = tmp_path / "hall.yaml"
+    cells = np.where(grid.T, 100, 0).astype(np.int8)
+    write_map(OccupancyMap(cells, CELL_M, *CORNER_M), path)
     if course:
-        path = tmp_path / "hall.yaml"
-        path.write_text(
-            path.read_text() + f"start: {list(course[:3])}\ngoal: {list(course[3:])}\n"
-        )
-    return tmp_path / "hall.yaml"
+        lines = f"start: {list(course[:3])}\ngoal: {list(course[3:])}\n"
+        path.write_text(path.read_text() + lines)
+    return path
 
 
 def opened(path, robot=STANDARD_ROBOT):
     return open_dataset(path, robot).load(0)
 
 
-def test_a_map_without_a_course_gets_far_apart_ends(
-    tmp_path,
-):
+@pytest.fixture
+def world(tmp_path):
+    """The hall without a course."""
+    return opened(written(tmp_path, hall()))
+
+
+@pytest.fixture
+def driven(tmp_path):
+    """The hall with a course in its file."""
+    return opened(written(tmp_path, hall(), *COURSE))
+
+
+def is_free(world):
+    """Tell whether the robot touches nothing on the path."""
+    cspace = configuration_space(world.grid, world.footprint_cells)
+    return not cspace[tuple(world.path.T)].any()
+
+
+def test_a_map_without_a_course_gets_far_apart_ends(tmp_path):
     grid = hall()
     grid[40:80, 20:60] = True  # in it a closed room, smaller than the hall
     grid[45:75, 25:55] = False
@@ -56,17 +70,14 @@ def test_a_map_without_a_course_gets_far_apart_ends(
     ends = np.array([(world.start.x, world.start.y), (world.goal.x, world.goal.y)])
     assert np.allclose(world.path_m()[[0, -1]], ends)
     assert 15.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
-    room = np.array([[40, 20], [80, 60]]) * CELL_M + np.array(CORNER_M)
-    assert not ((room[0] < ends) & (ends < room[1])).all(axis=1).any()
-    assert not configuration_space(grid, world.footprint_cells)[
-        tuple(world.path.T)
-    ].any()
+    low, high = np.array([[40, 20], [80, 60]]) * CELL_M + np.array(CORNER_M)
+    assert not ((low < ends) & (ends < high)).all(axis=1).any()
+    assert np.array_equal(world.grid, grid) and is_free(world)
     assert world.provenance.path_source == "chosen"
     assert opened(written(tmp_path, grid)).checksum == world.checksum
 
 
-def test_a_chosen_start_looks_along_its_way(tmp_path):
-    world = opened(written(tmp_path, hall()))
+def test_a_chosen_start_looks_along_its_way(world):
     along = world.path_m()[10] - world.path_m()[0]
     assert world.start.yaw == pytest.approx(math.atan2(along[1], along[0]))
 
@@ -75,38 +86,32 @@ def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
     grid = np.zeros((900, 900), bool)
     grid[450:460, 450:460] = True  # the ends are where the lidar sees something
     world = opened(written(tmp_path, grid))
-    away = np.abs(
-        world.cylinders_m[:, None]
-        - [(pose.x, pose.y) for pose in (world.start, world.goal)]
-    )
+    ends = [(pose.x, pose.y) for pose in (world.start, world.goal)]
+    away = np.abs(world.cylinders_m[:, None] - ends)
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
     assert 10.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
 
 
-def test_start_and_goal_come_from_the_file_of_the_map(tmp_path):
-    world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
-    assert world.start == Pose2D(0.0, 3.0, 0.5)
-    assert (world.goal.x, world.goal.y) == (1.0, 18.0)
-    assert world.goal.yaw == pytest.approx(math.atan2(15.0, 1.0))
-    assert (
-        np.abs(world.path_m()[[0, -1]] - [[0.0, 3.0], [1.0, 18.0]]).max()
-        <= CELL_M / 2 + 1e-9
-    )
-    x_at_the_wall = world.path_m()[np.abs(world.path_m()[:, 1] - 11.1).argmin(), 0]
-    assert x_at_the_wall > 8.0  # through the gap
+def test_start_and_goal_come_from_the_file_of_the_map(driven):
+    assert driven.start == Pose2D(0.0, 3.0, 0.5)
+    assert (driven.goal.x, driven.goal.y) == (1.0, 18.0)
+    assert driven.goal.yaw == pytest.approx(math.atan2(15.0, 1.0))
+    path_m = driven.path_m()
+    off_m = path_m[[0, -1]] - [[0.0, 3.0], [1.0, 18.0]]
+    assert np.abs(off_m).max() <= CELL_M / 2 + 1e-9
+    at_the_wall = np.abs(path_m[:, 1] - 11.1).argmin()
+    assert path_m[at_the_wall, 0] > 8.0  # through the gap
 
 
-def test_start_and_goal_stay_with_a_world_in_every_format(tmp_path):
-    world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
-    write_dataset_file(tmp_path / "set.npz", "set", {0: world})
-    write_world_yaml(world, tmp_path / "world_0.world.yaml")
-    write_map(
-        world.occupancy_map(), tmp_path / "again_0.yaml", course=world.course_numbers
-    )
+def test_start_and_goal_stay_with_a_world_in_every_format(driven, tmp_path):
+    write_dataset_file(tmp_path / "set.npz", "set", {0: driven})
+    write_world_yaml(driven, tmp_path / "world_0.world.yaml")
+    course = driven.course_numbers
+    write_map(driven.occupancy_map(), tmp_path / "again_0.yaml", course=course)
     for name in ("set.npz", "world_0.world.yaml", "again_0.yaml"):
-        dataset = opened(tmp_path / name)
-        assert dataset.checksum == world.checksum
-        assert (dataset.start, dataset.goal) == (world.start, world.goal)
+        copy = opened(tmp_path / name)
+        assert copy.checksum == driven.checksum
+        assert (copy.start, copy.goal) == (driven.start, driven.goal)
 
 
 @pytest.mark.parametrize("flavour", ["classic", "gz"])
@@ -116,45 +121,27 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
     world = fit_to_robot(world, STANDARD_ROBOT, course)
     write_sdf(world, tmp_path / "w_0.world", flavour)
     assert opened(tmp_path / "w_0.world").course_numbers == course
-    copy = opened(
-        written(
-            tmp_path,
-            np.kron(hall(), np.ones((3, 3), bool))[:, ::3],
-            0.0,
-            3.0,
-            0.5,
-            1.0,
-            18.0,
-            0.0,
-        )
-    )
+    wide_hall = np.kron(hall(), np.ones((3, 3), bool))[:, ::3]
+    copy = opened(written(tmp_path, wide_hall, *COURSE, 0.0))
     write_sdf(copy, tmp_path / "h_0.world", flavour)
     again = opened(tmp_path / "h_0.world")
-    assert (again.grid == copy.grid).all() and np.allclose(
-        again.bounds_m + again.course_numbers, copy.bounds_m + copy.course_numbers
-    )
-    text = (
-        (tmp_path / "w_0.world")
-        .read_text()
-        .replace('frame name="goal"', 'frame name="other"')
-    )
-    (tmp_path / "half_0.world").write_text(text)
+    assert np.array_equal(again.grid, copy.grid)
+    assert np.allclose(again.bounds_m, copy.bounds_m)
+    assert np.allclose(again.course_numbers, copy.course_numbers)
+    text = (tmp_path / "w_0.world").read_text()
+    half = text.replace('frame name="goal"', 'frame name="other"')
+    (tmp_path / "half_0.world").write_text(half)
     with pytest.raises(WorldError, match="frames start and goal, or none"):
         opened(tmp_path / "half_0.world")
 
 
-def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
-    path = written(tmp_path, hall())
+def test_a_larger_robot_gets_ends_and_a_way_of_its_own(world, tmp_path):
     husky = load_robot("husky")
-    world = opened(path)
     driven = fit_to_robot(world, husky)
-    assert (
-        driven.footprint_cells == husky.footprint_cells(CELL_M) > world.footprint_cells
-    )
-    assert not configuration_space(driven.grid, driven.footprint_cells)[
-        tuple(driven.path.T)
-    ].any()
-    assert driven.checksum == opened(path, husky).checksum
+    assert driven.footprint_cells == husky.footprint_cells(CELL_M)
+    assert driven.footprint_cells > world.footprint_cells
+    assert is_free(driven)
+    assert driven.checksum == opened(tmp_path / "hall.yaml", husky).checksum
     assert fit_to_robot(world, STANDARD_ROBOT) is world
 
 
@@ -164,16 +151,12 @@ def test_benchmark_worlds_have_no_start_of_their_own():
     assert fit_to_robot(world, load_robot("husky")) is world
 
 
-def test_a_course_is_put_in_place_of_a_worlds_own(tmp_path):
-    world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
-    driven = fit_to_robot(world, STANDARD_ROBOT, (2.0, 3.0, 1.0, 5.0, 8.0))
-    assert (driven.start, driven.goal.x, driven.goal.y) == (
-        Pose2D(2.0, 3.0, 1.0),
-        5.0,
-        8.0,
-    )
-    assert driven.path_length_m < world.path_length_m
-    assert driven.checksum != world.checksum
+def test_a_course_is_put_in_place_of_a_worlds_own(driven):
+    other = fit_to_robot(driven, STANDARD_ROBOT, (2.0, 3.0, 1.0, 5.0, 8.0))
+    assert other.start == Pose2D(2.0, 3.0, 1.0)
+    assert (other.goal.x, other.goal.y) == (5.0, 8.0)
+    assert other.path_length_m < driven.path_length_m
+    assert other.checksum != driven.checksum
 
 
 @pytest.mark.parametrize(
@@ -216,19 +199,26 @@ def test_a_course_that_cannot_be_driven_is_refused_in_one_line(
         fit_to_robot(world, STANDARD_ROBOT, course)
 
 
-def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(tmp_path):
-    world = opened(written(tmp_path, hall()))
+def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(world):
     driven = fit_to_robot(world, STANDARD_ROBOT, (0.0, 10.75, 0.0, 5.0, 5.0))
-    assert configuration_space(world.grid, world.footprint_cells)[tuple(driven.path[0])]
+    cspace = configuration_space(world.grid, world.footprint_cells)
+    assert cspace[tuple(driven.path[0])]
 
 
-def test_a_map_without_room_for_the_robot_is_refused(tmp_path):
-    with pytest.raises(
-        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no path in it"
-    ):
-        opened(written(tmp_path, np.tile(np.arange(60) % 4 == 0, (60, 1))))
-    with pytest.raises(WorldError, match="hall: no cell of it is free"):
-        opened(written(tmp_path, np.ones((20, 20), bool)))
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        (
+            np.tile(np.arange(60) % 4 == 0, (60, 1)),
+            r"robot jackal, 7 x 7 cells, finds no path in it",
+        ),
+        (np.ones((20, 20), bool), "no cell of it is free"),
+    ],
+    ids=["narrow", "full"],
+)
+def test_a_map_without_room_for_the_robot_is_refused(tmp_path, grid, message):
+    with pytest.raises(WorldError, match=f"hall: {message}"):
+        opened(written(tmp_path, grid))
 
 
 def test_start_without_goal_is_refused(tmp_path):
@@ -236,32 +226,21 @@ def test_start_without_goal_is_refused(tmp_path):
     path.write_text(path.read_text() + "start: [0, 3, 0]\n")
     with pytest.raises(WorldError, match="goal must be given, too"):
         opened(path)
+    start = Pose2D(0.0, 0.0, 0.0)
     with pytest.raises(WorldError, match="start and goal must both be given, or none"):
-        World(
-            "w",
-            np.zeros((3, 3), bool),
-            np.zeros((1, 2), int),
-            start=Pose2D(0.0, 0.0, 0.0),
-        )
+        World("w", np.zeros((3, 3), bool), np.zeros((1, 2), int), start=start)
 
 
 def test_maps_of_moving_ai_have_their_first_row_on_top(tmp_path):
     path = tmp_path / "arena.map"
-    rows = [
-        "@" * 14,
-        "@" + "." * 12 + "@",
-        "@" + "." * 12 + "@",
-        "@TTTTTTTTTT..@",
-        "@" + "." * 12 + "@",
-        "@" * 14,
-    ]
+    wall = "@" * 14
+    free = "@" + "." * 12 + "@"
+    rows = [wall, free, free, "@TTTTTTTTTT..@", free, wall]
     path.write_text("type octile\nheight 6\nwidth 14\nmap\n" + "\n".join(rows) + "\n")
     world = opened(path)
     assert world.resolution_m == 1.0
-    assert [
-        "".join("@" if filled else "." for filled in world.grid[:, 5 - k])
-        for k in range(6)
-    ] == [row.replace("T", "@") for row in rows]
+    is_filled = np.array([[letter != "." for letter in row] for row in rows])
+    assert np.array_equal(world.grid.T[::-1], is_filled)
     assert world.path_length_m > 12.0
 
 

@@ -21,6 +21,9 @@ CSPACES = npst.arrays(
 )
 
 
+STEPS = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
+
+
 def ends(cspace, data):
     free = np.argwhere(~cspace).tolist()
     if not free:
@@ -32,28 +35,16 @@ def ends(cspace, data):
 def turned_deg(before, after):
     if before is None:
         return 0.0
-    return abs(
-        (math.degrees(math.atan2(*after) - math.atan2(*before)) + 180.0) % 360.0 - 180.0
-    )
+    turn = math.atan2(*after) - math.atan2(*before)
+    return abs((math.degrees(turn) + 180.0) % 360.0 - 180.0)
 
 
 def steps_from(cspace, cell, entered):
     """Yield the steps that a path may take from a cell that it has entered by a step, in the order of the original."""
-    for down, right in [
-        (0, 1),
-        (0, -1),
-        (1, 0),
-        (-1, 0),
-        (1, 1),
-        (1, -1),
-        (-1, 1),
-        (-1, -1),
-    ]:
+    for down, right in STEPS:
         row, col = neighbor = cell[0] + down, cell[1] + right
-        if (
-            not (0 <= row < cspace.shape[0] and 0 <= col < cspace.shape[1])
-            or cspace[neighbor]
-        ):
+        is_inside = 0 <= row < cspace.shape[0] and 0 <= col < cspace.shape[1]
+        if not is_inside or cspace[neighbor]:
             continue
         between_walls = down and right and cspace[cell[0], col] and cspace[row, cell[1]]
         if not between_walls and turned_deg(entered, (down, right)) <= 46.0:
@@ -89,12 +80,11 @@ def test_paths_are_free_connected_and_limited_in_their_turns(cspace, data):
         return
     assert tuple(path[0]) == start
     assert tuple(path[-1]) == goal
-    assert not cspace[path[:, 0], path[:, 1]].any()
-    assert (np.abs(np.diff(path, axis=0)).max(axis=1, initial=0) == 1).all()
-    assert all(
-        turned_deg(*both) <= 45.0 + 1e-6
-        for both in itertools.pairwise(np.diff(path, axis=0))
-    )
+    assert not cspace[tuple(path.T)].any()
+    steps = np.diff(path, axis=0)
+    assert (np.abs(steps).max(axis=1, initial=0) == 1).all()
+    turns_deg = [turned_deg(*both) for both in itertools.pairwise(steps)]
+    assert max(turns_deg, default=0.0) <= 45.0 + 1e-6
     for (r0, c0), (r1, c1) in itertools.pairwise(path):
         assert not (r0 != r1 and c0 != c1 and cspace[r0, c1] and cspace[r1, c0])
     assert np.array_equal(path, plan_path(cspace, start, goal))
@@ -109,7 +99,8 @@ def test_without_inflation_the_complete_search_is_shortest(cspace, data):
     shortest = plain_shortest(cspace, *picked)
     assert (len(path) == 0) == (shortest is None)
     if shortest is not None:
-        assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(shortest)
+        lengths = np.hypot(*np.diff(path, axis=0).T)
+        assert lengths.sum() == pytest.approx(shortest)
 
 
 @given(CSPACES)
@@ -118,9 +109,8 @@ def test_inflation_falls_with_obstacle_distance(cspace):
     costs = inflation(cspace)
     for cell in np.argwhere(~cspace):
         distance = np.hypot(*(occupied - cell).T).min(initial=np.inf)
-        assert costs[tuple(cell)] == pytest.approx(
-            5.0 / distance if distance <= 2.0 else 0.0
-        )
+        expected = 5.0 / distance if distance <= 2.0 else 0.0
+        assert costs[tuple(cell)] == pytest.approx(expected)
 
 
 def plain_original(cspace, start, goal, penalty):
@@ -171,9 +161,8 @@ def test_paths_repeat_the_published_ones_cell_by_cell(original_folder):
     for index in dataset.world_numbers:
         world = dataset.load(index)
         path = plan_path(world.cspace, world.path[0], world.path[-1])
-        assert np.array_equal(path, world.path[1:]), (
-            index
-        )  # the first cell is there twice
+        # the first cell is there twice
+        assert np.array_equal(path, world.path[1:]), index
 
 
 def test_ends_that_are_occupied_or_outside():

@@ -16,31 +16,22 @@ STRAIGHT = np.stack([np.full(30, 15), np.arange(30)], axis=1)
 
 
 def test_cells_stand_where_the_gazebo_files_put_them():
-    rows, cols = np.indices((30, 30)).reshape(2, -1)
-    centers = geometry.cell_centers(np.stack([rows, cols], axis=1), 30, 0.15)
-    assert np.allclose(
-        centers,
-        np.stack([-4.425 + 0.15 * rows, 5.175 + 0.15 * cols], axis=1),
-        atol=1e-12,
-    )
-    assert np.array_equal(
-        geometry.containing_cells(centers, 30, 0.15), np.stack([rows, cols], axis=1)
-    )
+    cells = np.argwhere(~OPEN)
+    centers = geometry.cell_centers(cells, 30, 0.15)
+    assert np.allclose(centers, [-4.425, 5.175] + 0.15 * cells, atol=1e-12)
+    assert np.array_equal(geometry.containing_cells(centers, 30, 0.15), cells)
 
 
 def test_historical_conversion_is_that_of_the_original_tools():
     world = World("w", OPEN, STRAIGHT)
-    row, col = STRAIGHT.T
-    historical = np.stack([-4.575 + 0.15 * row, 5.075 + 0.15 * col], axis=1)
+    historical = [-4.575, 5.075] + 0.15 * STRAIGHT
     assert np.allclose(world.path_m(historical=True), historical, atol=1e-12)
     assert np.allclose(world.path_m() - historical, [0.15, 0.10], atol=1e-12)
 
 
 def test_containment_is_a_back_wall_and_two_side_walls():
-    walls = {
-        (round(x, 6), round(y, 6))
-        for x, y in World("w", OPEN, STRAIGHT).containment_m.tolist()
-    }
+    containment_m = World("w", OPEN, STRAIGHT).containment_m
+    walls = set(map(tuple, containment_m.round(6).tolist()))
     back = {(round(-0.075 - 0.15 * k, 6), 0.075) for k in range(30)}
     sides = {
         (x, round(0.075 + 0.15 * k, 6)) for k in range(34) for x in (-0.075, -4.425)
@@ -50,22 +41,21 @@ def test_containment_is_a_back_wall_and_two_side_walls():
 
 
 def test_hollow_interiors_are_left_out_of_the_cylinders(small_world):
-    cells = geometry.containing_cells(small_world.obstacles_m, 9, 0.15).tolist()
+    shown = np.zeros_like(small_world.grid)
+    cells = geometry.containing_cells(small_world.obstacles_m, 9, 0.15)
+    shown[tuple(cells.T)] = True
     # rows 0 to 3 of columns 4 to 8 are filled: rows 1 and 2 are surrounded in columns 5 to 7
-    hidden = {(row, col) for row in (1, 2) for col in (5, 6, 7)}
-    assert {tuple(cell) for cell in np.argwhere(small_world.grid).tolist()} - set(
-        map(tuple, cells)
-    ) == hidden
-    assert len(small_world.cylinders_m) == len(small_world.obstacles_m) + len(
-        small_world.containment_m
-    )
+    hidden = np.zeros_like(shown)
+    hidden[1:3, 5:8] = True
+    assert np.array_equal(small_world.grid & ~shown, hidden)
+    outside = len(small_world.containment_m)
+    assert len(small_world.cylinders_m) == len(small_world.obstacles_m) + outside
 
 
 def test_path_length_counts_repeated_cells_once():
     path = np.array([[5, 0], [5, 0], [5, 1], [6, 2], [6, 3]])
-    assert World("w", OPEN, path).path_length_m == pytest.approx(
-        0.15 * (2 + np.sqrt(2))
-    )
+    length_m = 0.15 * (2 + np.sqrt(2))
+    assert World("w", OPEN, path).path_length_m == pytest.approx(length_m)
 
 
 def test_arrays_are_copies_that_cannot_be_written():
@@ -143,47 +133,40 @@ def test_original_worlds_have_the_published_path_lengths(original_folder):
     )
     assert len(table) == len(dataset.world_numbers) > 0
     for index, length_m in table:
-        assert dataset.load(int(index)).path_length_m == pytest.approx(
-            length_m, abs=1e-5
-        )
+        world = dataset.load(int(index))
+        assert world.path_length_m == pytest.approx(length_m, abs=1e-5)
 
 
 def test_historical_maps_equal_the_original_ones(original_folder):
     dataset = open_dataset(original_folder)
+    place = (0.15, -4.5, 0.0)
     for index in dataset.world_numbers:
         published = read_map(original_folder / "map_files" / f"yaml_{index}.yaml")
         ours = dataset.load(index).occupancy_map(historical=True)
         assert published.data.shape == (66, 30)
-        assert (published.resolution, published.origin_x, published.origin_y) == (
-            0.15,
-            -4.5,
-            0.0,
-        )
         assert np.array_equal(ours.data, published.data), index
-        assert (ours.resolution, ours.origin_x, ours.origin_y) == pytest.approx(
-            (0.15, -4.5, 0.0)
-        )
+        assert (published.resolution, published.origin_x, published.origin_y) == place
+        origin = (ours.origin_x, ours.origin_y)
+        assert (ours.resolution, *origin) == pytest.approx(place)
 
 
 @pytest.mark.parametrize("resolution_m", [None, 0.03, 0.05, 0.1, 0.4])
 def test_a_map_is_occupied_where_a_cylinder_reaches(small_world, resolution_m):
     occupancy = small_world.occupancy_map(resolution_m)
     assert occupancy.resolution == (resolution_m or small_world.resolution_m)
-    (height, width), resolution_m = occupancy.data.shape, occupancy.resolution
+    resolution_m = occupancy.resolution
+    height, width = occupancy.data.shape
     left = occupancy.origin_x + np.arange(width) * resolution_m
     below = occupancy.origin_y + np.arange(height) * resolution_m
     expected = np.zeros((height, width), bool)
-    hollow = np.argwhere(
-        geometry.hollow_cells(small_world.grid)
-    )  # where .world files leave cylinders out
-    for x, y in np.concatenate(
-        [small_world.cylinders_m, geometry.cell_centers(hollow, small_world.rows, 0.15)]
-    ):
+    # where .world files leave cylinders out
+    hollow = np.argwhere(geometry.hollow_cells(small_world.grid))
+    hollow_m = geometry.cell_centers(hollow, small_world.rows, 0.15)
+    for x, y in np.concatenate([small_world.cylinders_m, hollow_m]):
         dx = np.maximum(0.0, np.maximum(left - x, x - left - resolution_m))
         dy = np.maximum(0.0, np.maximum(below - y, y - below - resolution_m))
-        expected |= (
-            np.hypot(dx[None], dy[:, None]) < small_world.cylinder_radius_m - 1e-9
-        )
+        distances = np.hypot(dx[None], dy[:, None])
+        expected |= distances < small_world.cylinder_radius_m - 1e-9
     assert np.array_equal(occupancy.data, np.where(expected, 100, 0))
     x_min, _, x_max, y_max = small_world.bounds_m
     assert width * resolution_m >= x_max - x_min - 1e-9
