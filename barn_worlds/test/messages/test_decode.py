@@ -97,6 +97,13 @@ def content(value):
     return value
 
 
+def tilted(yaw):
+    """Return a pose at the origin, turned."""
+    pose = make_message("geometry_msgs/msg/Pose")
+    pose.orientation.z, pose.orientation.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    return pose
+
+
 @given(stamps, frames, frames, poses, velocities)
 def test_odometry_of_whatever_frames(stamp_ns, frame, child, pose, velocity):
     data = encode.OdometryEncoder(frame, child).encode(
@@ -142,14 +149,10 @@ def test_either_kind_of_command_is_read(frame, velocity):
         ),
     ):
         message = deserialize(data, type_name)
-        getattr(message, "twist", message).linear.y = getattr(
-            message, "twist", message
-        ).angular.x = 9.0
-        assert (
-            decode.command(data, type_name)
-            == decode.command(serialize(message), type_name)
-            == velocity
-        )
+        twist = getattr(message, "twist", message)
+        twist.linear.y = twist.angular.x = 9.0
+        assert decode.command(data, type_name) == velocity
+        assert decode.command(serialize(message), type_name) == velocity
         assert not decode.command(data[:9], type_name).is_finite()
 
 
@@ -161,57 +164,47 @@ def test_either_kind_of_command_is_read(frame, velocity):
 )
 def test_scans_keep_every_bit(stamp_ns, frame, values, intensities):
     sent = Scan(stamp_ns, np.array(values, np.float32), -1.0, 0.5, 0.125, 30.0)
-    message = deserialize(
-        encode.ScanEncoder(sent, frame, 0.05).encode(sent, stamp_ns),
-        "sensor_msgs/msg/LaserScan",
-    )
+    data = encode.ScanEncoder(sent, frame, 0.05).encode(sent, stamp_ns)
+    message = deserialize(data, "sensor_msgs/msg/LaserScan")
     message.intensities = np.array(intensities, np.float32)
     data = serialize(message)
     scan = decode.scan(data)
     assert content(scan) == content(sent)
-    assert (
-        scan.ranges.flags.writeable
-        and scan.ranges.flags.aligned
-        and scan.ranges.dtype.isnative
-    )
+    assert scan.ranges.flags.writeable and scan.ranges.flags.aligned
+    assert scan.ranges.dtype.isnative
     assert decode.header(data).frame == frame
     assert message.angle_max == pytest.approx(-1.0 + 0.5 * (len(values) - 1))
 
 
 @given(st.tuples(st.integers(0, 9), st.integers(0, 9)), meters, meters)
 def test_maps(size, x, y):
-    sent = OccupancyMap(
-        np.arange(size[0] * size[1], dtype=np.int8).reshape(size), 0.25, x, y
-    )
+    cells = np.arange(size[0] * size[1], dtype=np.int8).reshape(size)
+    sent = OccupancyMap(cells, 0.25, x, y)
     grid_map = decode.occupancy_map(encode.encode_map(sent, 7, "map"))
     assert content(grid_map) == content(sent)
     assert grid_map.data.flags.writeable
 
 
-def test_a_map_of_a_wrong_size_or_rotated_is_refused():
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("width", 4, "data has 6 cells, its size says 2 x 4"),
+        ("origin", tilted(0.5), "origin must not be rotated, got a yaw of 0.5 rad"),
+    ],
+)
+def test_a_map_of_a_wrong_size_or_rotated_is_refused(field, value, message):
     type_name = "nav_msgs/msg/OccupancyGrid"
-    wide, turned = (deserialize(SAMPLES[type_name][1], type_name) for _ in range(2))
-    wide.info.width = 4
-    with pytest.raises(
-        MessageError, match=r"^map data has 6 cells, its size says 2 x 4$"
-    ):
-        decode.occupancy_map(serialize(wide))
-    turned.info.origin.orientation.z, turned.info.origin.orientation.w = (
-        math.sin(0.25),
-        math.cos(0.25),
-    )
-    with pytest.raises(
-        MessageError, match=r"^map origin must not be rotated, got a yaw of 0.5 rad$"
-    ):
-        decode.occupancy_map(serialize(turned))
+    grid = deserialize(SAMPLES[type_name][1], type_name)
+    setattr(grid.info, field, value)
+    with pytest.raises(MessageError, match=f"^map {message}$"):
+        decode.occupancy_map(serialize(grid))
 
 
 @given(st.booleans(), st.floats(), frames)
 def test_single_values(touched, value, text):
     assert decode.boolean(encode.encode_bool(touched)) is touched
-    assert content(np.array(decode.number(encode.encode_number(value)))) == content(
-        np.array(value)
-    )
+    number = decode.number(encode.encode_number(value))
+    assert content(np.array(number)) == content(np.array(value))
     assert decode.text(encode.encode_text(text)) == text
 
 
@@ -219,62 +212,49 @@ def test_single_values(touched, value, text):
     "points", [np.zeros((0, 2)), np.array([[0.0, 1.0, 1.0], [2.0, 3.0, 0.5]])]
 )
 def test_paths(points):
-    np.testing.assert_array_equal(
-        decode.path(encode.PathEncoder("map").encode(points, 9)), points[:, :2]
-    )
+    data = encode.PathEncoder("map").encode(points, 9)
+    np.testing.assert_array_equal(decode.path(data), points[:, :2])
 
 
 def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
     def marker(kind, action=encode.ADD, x=0.0, points=()):
         message = encode.make_marker("odom", "some", kind, action=action)
         message.scale.x = 0.5
+        message.pose = tilted(0.5 * math.pi)
         message.pose.position.x = x
-        message.pose.orientation.z, message.pose.orientation.w = (
-            math.sin(math.pi / 4.0),
-            math.cos(math.pi / 4.0),
-        )
-        message.points = [
-            make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points
-        ]
+        message.points = [make_message("geometry_msgs/msg/Point", x=x) for x in points]
         return message
 
     markers = [
         marker(encode.CYLINDER, encode.DELETE_ALL),
         marker(encode.CYLINDER, x=1.0),
         marker(encode.SPHERE, x=2.0),
-        marker(encode.LINE_STRIP, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),
-        marker(
-            encode.LINE_LIST, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]
-        ),  # half a line at its end
+        marker(encode.LINE_STRIP, points=[1.0, 2.0, 3.0]),
+        marker(encode.LINE_LIST, points=[1.0, 2.0, 3.0]),  # half a line at its end
         marker(encode.CUBE),
     ]
-    shapes = decode.markers(
-        serialize(make_message("visualization_msgs/msg/MarkerArray", markers=markers))
-    )
+    message = make_message("visualization_msgs/msg/MarkerArray", markers=markers)
+    shapes = decode.markers(serialize(message))
     assert shapes.frame == "odom"
     assert shapes.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
-    assert [len(line) for line in shapes.lines] == [3, 2]
-    np.testing.assert_allclose(
-        shapes.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12
-    )
+    strip, line = shapes.lines
+    assert len(line) == 2
+    np.testing.assert_allclose(strip, [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12)
 
 
 def test_transforms_and_diagnostics():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
     sent = encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], 12_000_000_345)
-    transforms = decode.transforms(sent)
-    assert transforms == [
+    assert decode.transforms(sent) == [
         ("map", "odom", POSE.through_quaternion()),
         ("odom", "base_link", Pose2D(1.0, 2.0, 0.0)),
     ]
-    stamps = [
-        stamp.header.stamp for stamp in deserialize(sent, encoder.type_name).transforms
-    ]
-    assert [(stamp.sec, stamp.nanosec) for stamp in stamps] == [(12, 345)] * 2
+    for transform in deserialize(sent, encoder.type_name).transforms:
+        stamp = transform.header.stamp
+        assert (stamp.sec, stamp.nanosec) == (12, 345)
     values = {"status": "blocked", "cost": "1.5"}
-    assert decode.diagnostics(
-        encode.encode_diagnostics(7, encode.FINE, "planner", "", values)
-    ) == [values]
+    data = encode.encode_diagnostics(7, encode.FINE, "planner", "", values)
+    assert decode.diagnostics(data) == [values]
 
 
 def refusal(decoder, data, expected=None):
@@ -303,11 +283,11 @@ def test_every_length_that_is_too_short_is_refused(type_name):
 @given(damage=st.data())
 def test_malformed_bytes_raise_only_refusals(type_name, damage):
     decoder, data = SAMPLES[type_name]
-    broken = bytearray(data[: damage.draw(st.integers(0, len(data)))])
+    length = damage.draw(st.integers(0, len(data)))
+    broken = bytearray(data[:length])
     for _ in range(damage.draw(st.integers(0, 8)) if broken else 0):
-        broken[damage.draw(st.integers(0, len(broken) - 1))] = damage.draw(
-            st.sampled_from([0, 1, 127, 128, 255])
-        )
+        place = damage.draw(st.integers(0, length - 1))
+        broken[place] = damage.draw(st.sampled_from([0, 1, 127, 128, 255]))
     for read in (decoder, decode.header):
         assert len(refusal(read, bytes(broken)).splitlines()) <= 1
 
@@ -325,10 +305,8 @@ def test_a_length_of_four_gigabytes_takes_no_memory():
 def test_other_encodings_are_named():
     _, data = SAMPLES["geometry_msgs/msg/Twist"]
     for first in (b"\0\7", b"\0\0"):  # parameter lists, big-endian
-        with pytest.raises(
-            MessageError,
-            match=rf"^not a message of type .*/Twist in plain CDR, .* 0x{first.hex()}$",
-        ):
+        message = rf"^not a message of type .*/Twist in plain CDR, .* 0x{first.hex()}$"
+        with pytest.raises(MessageError, match=message):
             decode.twist(first + data[2:])
 
 

@@ -1,6 +1,7 @@
 """What stands and moves as messages: what goes in comes out, and nothing else is taken for it."""
 
 import math
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -59,51 +60,34 @@ def world() -> World:
 
 
 def test_markers_and_poses_are_those_of_the_tracks(world):
-    expected = world.tracks.at(12.3)[0]
-    message = deserialize(
-        encode_moving_poses(world, 12.3, 5_000_000_007), MOVING_POSES.type_name
-    )
-    assert (
-        message.header.frame_id,
-        message.header.stamp.sec,
-        message.header.stamp.nanosec,
-    ) == ("map", 5, 7)
-    assert [(pose.position.x, pose.position.y) for pose in message.poses] == [
-        tuple(row) for row in expected.tolist()
-    ]
+    expected = world.tracks.at(12.3)[0].tolist()
+    data = encode_moving_poses(world, 12.3, 5_000_000_007)
+    message = deserialize(data, MOVING_POSES.type_name)
+    stamp = message.header.stamp
+    assert (message.header.frame_id, stamp.sec, stamp.nanosec) == ("map", 5, 7)
+    places = [pose.position for pose in message.poses]
+    assert [[place.x, place.y] for place in places] == expected
     assert message.poses[-1].orientation.z == pytest.approx(np.sin(0.25))
-    markers = deserialize(
-        encode_moving(world, 12.3, 5_000_000_007), MOVING.type_name
-    ).markers
-    kinds = {
-        name: [marker for marker in markers if marker.ns == name]
+
+    data = encode_moving(world, 12.3, 5_000_000_007)
+    markers = deserialize(data, MOVING.type_name).markers
+    obstacles, walls, trails = (
+        [marker for marker in markers if marker.ns == name]
         for name in ("obstacles", "walls", "trails")
-    }
-    assert (
-        sum(map(len, kinds.values()))
-        == len(markers)
-        == len(world.moving) + len(world.walls) + 1
     )
-    assert [
-        (marker.pose.position.x, marker.pose.position.y)
-        for marker in kinds["obstacles"]
-    ] == [tuple(p) for p in expected]
-    first = kinds["obstacles"][0]
-    box = kinds["obstacles"][-1]
-    wall = kinds["walls"][0]
-    assert (first.type, first.scale.x, first.scale.z, first.pose.position.z) == (
-        CYLINDER,
-        1.0,
-        1.0,
-        0.5,
-    )
-    assert (box.type, box.scale.x, box.scale.y, box.scale.z) == (CUBE, 1.0, 0.5, 0.7)
-    assert (wall.type, wall.scale.x, wall.scale.y) == (
-        CUBE,
-        world.walls[0].size_x_m,
-        world.walls[0].size_y_m,
-    )
-    assert kinds["trails"][0].type == LINE_LIST
+    assert (len(walls), len(trails)) == (len(world.walls), 1)
+    assert len(markers) == len(obstacles) + len(walls) + 1
+    places = [marker.pose.position for marker in obstacles]
+    assert [[place.x, place.y] for place in places] == expected
+    size = obstacles[0].scale
+    assert (obstacles[0].type, size.x, size.z) == (CYLINDER, 1.0, 1.0)
+    assert places[0].z == 0.5
+    size = obstacles[-1].scale
+    assert (obstacles[-1].type, size.x, size.y, size.z) == (CUBE, 1.0, 0.5, 0.7)
+    wall = world.walls[0]
+    size = walls[0].scale
+    assert (walls[0].type, size.x, size.y) == (CUBE, wall.size_x_m, wall.size_y_m)
+    assert trails[0].type == LINE_LIST
     assert len({(marker.ns, marker.id) for marker in markers}) == len(markers)
 
 
@@ -123,16 +107,13 @@ def test_what_is_written_is_read_again(world):
     for bodies_read, written in zip((bodies, walls), expected, strict=True):
         for value, other in zip(bodies_read, written, strict=True):
             np.testing.assert_allclose(value, other, atol=1e-12)
-    np.testing.assert_array_equal(
-        decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2]
-    )
+    poses = decode_moving_poses(encode_moving_poses(world, 12.3, 0))
+    np.testing.assert_array_equal(poses, bodies.poses[:, :2])
 
 
 def test_no_obstacles_are_none():
-    empty = serialize(
-        make_message(MOVING_POSES.type_name, header=make_header("map", 0))
-    )
-    assert decode_moving_poses(empty).shape == (0, 2)
+    message = make_message(MOVING_POSES.type_name, header=make_header("map", 0))
+    assert decode_moving_poses(serialize(message)).shape == (0, 2)
 
 
 def changed(data, type_name, change):
@@ -142,21 +123,31 @@ def changed(data, type_name, change):
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("part", "field", "value"),
     [
-        lambda message: setattr(message.markers[0], "ns", "others"),
-        lambda message: setattr(message.markers[0], "id", 7),
-        lambda message: setattr(message.markers[0], "type", LINE_LIST),
-        lambda message: setattr(message.markers[0].scale, "x", 2.0),
-        lambda message: setattr(message.markers[0].scale, "z", -1.0),
-        lambda message: setattr(message.markers[0].pose.position, "x", math.nan),
-        lambda message: setattr(message.markers[0].header, "frame_id", "odom"),
-        lambda message: [setattr(message.markers[0].scale, axis, 0.0) for axis in "xy"],
+        ("", "ns", "others"),
+        ("", "id", 7),
+        ("", "type", LINE_LIST),
+        ("scale", "x", 2.0),
+        ("scale", "z", -1.0),
+        ("pose.position", "x", math.nan),
+        ("header", "frame_id", "odom"),
     ],
 )
-def test_other_markers_are_refused(world, change):
+def test_other_markers_are_refused(world, part, field, value):
+    message = deserialize(encode_moving(world, 1.0, 0), MOVING.type_name)
+    marker = message.markers[0]
+    setattr(attrgetter(part)(marker) if part else marker, field, value)
     with pytest.raises(MessageError):
-        decode_moving(changed(encode_moving(world, 1.0, 0), MOVING.type_name, change))
+        decode_moving(serialize(message))
+
+
+def test_a_marker_without_a_size_is_refused(world):
+    message = deserialize(encode_moving(world, 1.0, 0), MOVING.type_name)
+    scale = message.markers[0].scale
+    scale.x = scale.y = 0.0
+    with pytest.raises(MessageError):
+        decode_moving(serialize(message))
 
 
 @pytest.mark.parametrize(
@@ -190,9 +181,9 @@ def test_outlines_are_those_of_the_shapes(world):
     outlines = moving_bodies(world.tracks, 3.0).outlines()
     centers = world.tracks.at(3.0)[0]
     assert np.hypot(*(outlines[0] - centers[0]).T) == pytest.approx(0.5)
-    cart = outlines[-1] - centers[-1]
-    turned = cart @ np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
-    assert np.abs(turned).tolist() == [[pytest.approx(0.5), pytest.approx(0.25)]] * 4
+    sin, cos = np.sin(0.5), np.cos(0.5)
+    cart = (outlines[-1] - centers[-1]) @ np.array([[cos, -sin], [sin, cos]])
+    assert np.abs(cart) == pytest.approx(np.tile([0.5, 0.25], (4, 1)))
 
 
 SCENE = TrialScene(
@@ -217,38 +208,34 @@ def test_a_scene_comes_out_as_it_went_in():
     assert (scene.radius_m, scene.height_m, len(scene.walls_m)) == (0.075, 1.0, 1)
     assert scene.path_m.tolist() == SCENE.path_m.tolist()
     assert (scene.goal.x, scene.goal.y, scene.goal_distance_m) == (-2.25, 13.0, 0.3)
-    assert (scene.start.x, scene.start.y, scene.start.yaw) == pytest.approx(
-        (-2.25, 3.0, 1.5)
-    )
-    bare = decode_scene(
-        encode_scene(
-            TrialScene(SCENE.obstacles_m, SCENE.walls_m, 0.075, 1.0, np.empty((0, 2))),
-            0,
-        )
-    )
+    start = (scene.start.x, scene.start.y, scene.start.yaw)
+    assert start == pytest.approx((-2.25, 3.0, 1.5))
+    no_path = np.empty((0, 2))
+    bare = TrialScene(SCENE.obstacles_m, SCENE.walls_m, 0.075, 1.0, no_path)
+    bare = decode_scene(encode_scene(bare, 0))
     assert (bare.start, bare.goal, len(bare.path_m)) == (None, None, 0)
 
 
 def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
+    later = SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0)
     first, moved = (
         deserialize(encode_scene(scene, 7), WORLD.type_name).markers
-        for scene in (SCENE, SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0))
+        for scene in (SCENE, later)
     )
     keys = [(marker.ns, marker.id) for marker in first]
     assert len(set(keys)) == len(keys) == 6
     assert keys == [(marker.ns, marker.id) for marker in moved]
-    assert {marker.header.frame_id for marker in first} == {"map"}
-    assert all(
-        marker.color.a > 0.0 and marker.scale.x > 0.0 and marker.action == 0
-        for marker in first
-    )
-    assert all(marker.pose.orientation.w != 0.0 for marker in first)
+    for marker in first:
+        assert marker.header.frame_id == "map"
+        assert marker.color.a > 0.0 and marker.scale.x > 0.0
+        assert marker.action == 0
+        assert marker.pose.orientation.w != 0.0
     upright = [
         marker for marker in first if marker.type == CYLINDER and marker.ns != "goal"
     ]
-    assert [(marker.pose.position.z, marker.scale.z) for marker in upright] == [
-        (0.5, 1.0)
-    ] * 3
+    assert len(upright) == 3
+    for marker in upright:
+        assert (marker.pose.position.z, marker.scale.z) == (0.5, 1.0)
     assert [marker.pose.position.x for marker in moved[:3]] == [0.0, -1.5, 1.0]
 
 

@@ -89,14 +89,15 @@ def test_wrong_value_or_type_is_one_line(context, overrides, config, message, re
 
 
 def test_an_integer_serves_where_a_float_is_wanted(context):
-    node = make(context, **{"inner.range_max_m": 10})
+    name = "inner.range_max_m"
+    node = make(context, **{name: 10})
     assert declare_parameters(node, Config()).inner.range_max_m == 10.0
     refuse_invalid_changes(node, Config())
-    assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
+    (change,) = node.set_parameters([Parameter(name, value=20)])
+    assert change.successful
     assert read_parameters(node, Config()).inner.range_max_m == 20.0
-    assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[
-        0
-    ].successful
+    (change,) = node.set_parameters([Parameter(name, value="far")])
+    assert not change.successful
 
 
 def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):

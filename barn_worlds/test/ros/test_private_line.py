@@ -29,20 +29,19 @@ def test_readings_and_objects_arrive_whole_and_in_order():
 
 def test_an_unheard_simulator_waits_and_loses_nothing():
     simulator, evaluator = ends()
-    sender = threading.Thread(
-        target=lambda: [
-            simulator.publish("odom", bytes([k % 256]) * 700) for k in range(500)
-        ]
-    )
+    numbers = [k % 256 for k in range(500)]
+
+    def send():
+        for number in numbers:
+            simulator.publish("odom", bytes([number]) * 700)
+
+    sender = threading.Thread(target=send)
     sender.start()
     sender.join(0.5)
     assert sender.is_alive()  # so it does not run ahead either
-    heard = []
-    while len(heard) < 500:
-        packet = evaluator.receive(wait=True)
-        heard.append(packet.data[0])
+    heard = [evaluator.receive(wait=True).data[0] for _ in numbers]
     sender.join()
-    assert heard == [k % 256 for k in range(500)]
+    assert heard == numbers
     assert evaluator.receive() is None
 
 
