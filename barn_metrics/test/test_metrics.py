@@ -157,9 +157,7 @@ def test_every_free_cell_equals_the_plain_reference(formula, cspace):
     )
 
 
-@pytest.mark.parametrize(
-    ("formula", "within"), [("published", 1e-9), ("corrected", 1e-6)]
-)
+@pytest.mark.parametrize("formula, within", [("published", 1e-9), ("corrected", 1e-6)])
 def test_a_formula_gives_the_values_that_it_is_named_after(originals, formula, within):
     ours = [
         path_metrics(world.cspace, world.path, formula).as_array()

@@ -24,7 +24,7 @@ def planner_of(name, preset="challenge"):
 
 
 @pytest.mark.parametrize(
-    ("name", "preset"),
+    "name, preset",
     [("dwa", "paper2020"), ("dwa", "challenge"), ("mppi", "challenge")],
 )
 def test_a_straight_corridor_is_driven_straight_and_fast(flat_world, name, preset):
@@ -42,7 +42,7 @@ def test_a_straight_corridor_is_driven_straight_and_fast(flat_world, name, prese
 
 # In gaps under about 1.06 m the costs as configured make a robot without slip or delay turn on the spot for ever.
 @pytest.mark.parametrize(
-    ("name", "preset", "half_width", "clear_m"),
+    "name, preset, half_width, clear_m",
     [
         ("dwa", "paper2020", 1.2, 0.19),
         ("dwa", "challenge", 1.6, 0.19),
@@ -66,7 +66,7 @@ def test_a_slalom_is_driven_without_touching(
 
 
 @pytest.mark.parametrize(
-    ("name", "goal"),
+    "name, goal",
     [
         ("dwa", Pose2D(-1.5, 1.5, math.pi / 2.0)),
         ("mppi", Pose2D(-2.0, 1.0, math.pi / 2.0)),

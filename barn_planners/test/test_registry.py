@@ -65,7 +65,7 @@ def test_every_planner_can_be_built_with_every_preset():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments, message",
     [
         (("dva",), "unknown planner 'dva'; did you mean 'dwa'?"),
         (
@@ -158,7 +158,7 @@ def test_one_preset_named_default_serves_every_protocol(announced):
 
 
 @pytest.mark.parametrize(
-    ("value", "message"),
+    "value, message",
     [
         (
             "no_module:ENTRY",

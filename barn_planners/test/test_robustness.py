@@ -174,7 +174,7 @@ def test_a_goal_that_is_nowhere_harms_nobody(flat_world, name, goal):
     assert world.clearance > 0.3
 
 
-@pytest.mark.parametrize(("name", "preset"), planners())
+@pytest.mark.parametrize("name, preset", planners())
 def test_a_goal_inside_an_obstacle_is_not_driven_into(flat_world, name, preset):
     world = flat_world(BOX, [(3.0, 0.0, 0.15)])
     planner = started(name, preset, Pose2D(3.0, 0.0, 0.0))
@@ -187,7 +187,7 @@ def test_a_goal_inside_an_obstacle_is_not_driven_into(flat_world, name, preset):
         assert abs(world.velocity.linear) < 0.02
 
 
-@pytest.mark.parametrize(("name", "preset"), planners())
+@pytest.mark.parametrize("name, preset", planners())
 def test_an_enclosed_robot_stays_where_it_is(flat_world, name, preset):
     ring = [
         (0.55 * math.cos(a), 0.55 * math.sin(a), 0.075)
@@ -204,7 +204,7 @@ def test_an_enclosed_robot_stays_where_it_is(flat_world, name, preset):
     assert abs(world.velocity.linear) < 0.02
 
 
-@pytest.mark.parametrize(("name", "preset"), planners())
+@pytest.mark.parametrize("name, preset", planners())
 def test_a_plan_that_vanishes_ends_in_a_stop(flat_world, name, preset):
     """Walls appear all round while the robot drives."""
     world = flat_world(BOX)

@@ -70,7 +70,7 @@ def expected(sensors):
 
 
 @pytest.mark.parametrize(
-    ("robot", "movable"),
+    "robot, movable",
     [("jackal", False), ("jackal", True), ("turtlebot4", False), ("husky", False)],
 )
 def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable):

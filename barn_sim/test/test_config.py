@@ -19,7 +19,7 @@ from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 
 @pytest.mark.parametrize(
-    ("changes", "reason"),
+    "changes, reason",
     [
         (
             {"control_period_s": 0.052},
@@ -37,14 +37,14 @@ from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
         ({"lidar.range_max_m": 0.1}, "range_max_m must be above range_min_m"),
     ],
 )
-def test_what_is_not_allowed_is_refused_in_one_line(changes: dict, reason: str) -> None:
+def test_what_is_not_allowed_is_refused_in_one_line(changes, reason):
     with pytest.raises(ConfigError) as error:
         replace_dotted(SimulatorConfig(), changes, "--sim")
     assert reason in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_periods_are_whole_numbers_of_ticks() -> None:
+def test_periods_are_whole_numbers_of_ticks():
     config = SimulatorConfig(
         physics=PhysicsConfig(tick_s=0.001),
         lidar=LidarConfig(rate_hz=40.0),
@@ -58,7 +58,7 @@ def test_periods_are_whole_numbers_of_ticks() -> None:
     ) == (50, 25, 10)
 
 
-def test_robot_of_plain_data() -> None:
+def test_robot_of_plain_data():
     assert chassis_in({}) == chassis_in(None) == load_robot("jackal").chassis
     with pytest.raises(ConfigError, match=r"simulator\.chassis"):
         chassis_in({"chassis": {"name": "x"}})
@@ -67,7 +67,7 @@ def test_robot_of_plain_data() -> None:
 MODEL = model_of(STANDARD_ROBOT.chassis)
 
 
-def test_the_body_is_that_of_the_jackal() -> None:
+def test_the_body_is_that_of_the_jackal():
     assert MODEL.mass_kg == pytest.approx(16.523 + 4 * 0.477)
     assert MODEL.track_m == pytest.approx(0.37559)
     assert np.ptp(MODEL.wheels[:, 0]) == pytest.approx(0.262)
@@ -78,7 +78,7 @@ def test_the_body_is_that_of_the_jackal() -> None:
     )
 
 
-def test_center_of_mass_and_inertia_include_the_wheels() -> None:
+def test_center_of_mass_and_inertia_include_the_wheels():
     chassis = 16.523
     wheel = 0.477
     height = (chassis * 0.067 + 4 * wheel * 0.0345) / MODEL.mass_kg
@@ -91,7 +91,7 @@ def test_center_of_mass_and_inertia_include_the_wheels() -> None:
     assert MODEL.inertia[2] == pytest.approx(spin)
 
 
-def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
+def test_the_shapes_of_the_jackal_are_those_of_its_urdf():
     root = fromstring(robot_description(LidarConfig(), STANDARD_ROBOT.chassis))
     (box,) = root.iterfind("link/collision/geometry/box")
     body, *wheels = MODEL.shapes

@@ -145,7 +145,7 @@ def test_localization_variance_is_stated_unless_exact():
 
 
 @pytest.mark.parametrize(
-    ("period_s", "expected"),
+    "period_s, expected",
     [(None, PRESETS["paper2020"].control_period_s), (0.025, 0.025)],
 )
 def test_a_scan_says_how_long_it_is_to_the_next(period_s, expected):

@@ -66,8 +66,8 @@ CONFIGS = {
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
-    walled_world, empty_world, name: str
-) -> None:
+    walled_world, empty_world, name
+):
     """Whatever was in the client, bodies that had been pushed over and a robot in motion included."""
     fresh = drive(walled_world, CONFIGS[name], AT_THE_WALL)
     scenes = ScenePool()
@@ -91,7 +91,7 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
     assert fingerprint(fresh) == fingerprint(again) == fingerprint(anew)
 
 
-def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
+def test_repeats_itself_in_another_process(walled_world, tmp_path):
     write_dataset_file(tmp_path / "world.npz", "walled", {0: walled_world})
     script = (
         "import sys, test_simulator as cases\n"
@@ -114,14 +114,14 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
     )  # and nothing else: PyBullet's banner is kept out of standard output
 
 
-def test_seeds_differ(empty_world) -> None:
+def test_seeds_differ(empty_world):
     first = drive(empty_world, seed=1, steps=1)
     second = drive(empty_world, seed=2, steps=1)
     assert (first[0].scan.ranges != second[0].scan.ranges).any()
     assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
 
 
-def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
+def test_one_sensor_does_not_change_the_noise_of_another(walled_world):
     plain = drive(walled_world)
     fewer_beams = drive(walled_world, SimulatorConfig(lidar=LidarConfig(beams=10)))
     amcl = drive(
@@ -133,7 +133,7 @@ def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
         np.testing.assert_array_equal(ours.scan.ranges, theirs.scan.ranges)
 
 
-def test_noise_does_not_move_the_robot(walled_world) -> None:
+def test_noise_does_not_move_the_robot(walled_world):
     noisy = drive(walled_world)
     quiet = drive(
         walled_world,
@@ -142,7 +142,7 @@ def test_noise_does_not_move_the_robot(walled_world) -> None:
     assert [s.truth for s in noisy] == [s.truth for s in quiet]
 
 
-def test_starts_where_it_is_put_with_odometry_at_zero(empty_world, simulators) -> None:
+def test_starts_where_it_is_put_with_odometry_at_zero(empty_world, simulators):
     config = SimulatorConfig(odometry=OdometryConfig(yaw_noise_rad=0.0))
     simulator = simulators(empty_world, config, START, 0)
     sensors = simulator.sense()
@@ -154,13 +154,13 @@ def test_starts_where_it_is_put_with_odometry_at_zero(empty_world, simulators) -
     assert not sensors.collision
 
 
-def test_poses_are_as_they_come_out_of_messages(walled_world) -> None:
+def test_poses_are_as_they_come_out_of_messages(walled_world):
     for sensors in drive(walled_world, PRESETS["paper2020"]):
         for pose in (sensors.odometry.pose, sensors.truth.pose, sensors.localization):
             assert pose == pose.through_quaternion()
 
 
-def test_time_passes_by_whole_control_periods(empty_world) -> None:
+def test_time_passes_by_whole_control_periods(empty_world):
     readings = drive(empty_world, steps=5)
     assert [sensors.stamp_ns for sensors in readings] == [
         50_000_000 * k for k in range(6)
@@ -175,13 +175,13 @@ def test_time_passes_by_whole_control_periods(empty_world) -> None:
         assert len(stamps) == 1
 
 
-def test_sensing_again_gives_the_same_readings(empty_world, simulators) -> None:
+def test_sensing_again_gives_the_same_readings(empty_world, simulators):
     simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     simulator.step(Velocity2D(0.5, 0.0))
     assert simulator.sense() is simulator.sense()
 
 
-def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
+def test_truth_velocity_is_the_change_of_the_truth(empty_world):
     readings = drive(empty_world, steps=60)[20:]
     for before, after in pairwise(readings):
         turned = (
@@ -194,7 +194,7 @@ def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
         assert traveled == pytest.approx(after.truth.velocity.linear, abs=0.06)
 
 
-def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:
+def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world):
     last = drive(empty_world, steps=80)[-1]
     measured = START @ last.odometry.pose
     true = last.truth.pose
@@ -202,7 +202,7 @@ def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) ->
     assert abs(math.remainder(measured.yaw - true.yaw, 2 * math.pi)) < 0.025
 
 
-def test_contact_is_reported_once_per_contact_between_readings(walled_world) -> None:
+def test_contact_is_reported_once_per_contact_between_readings(walled_world):
     readings = drive(walled_world, start=AT_THE_WALL)
     touched = [sensors.collision for sensors in readings]
     assert not any(touched[:5])
@@ -211,7 +211,7 @@ def test_contact_is_reported_once_per_contact_between_readings(walled_world) -> 
     assert where.y + 0.229 == pytest.approx(5.175 - 0.075, abs=0.1)
 
 
-def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> None:
+def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators):
     simulator = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     simulator.command(Velocity2D(2.0, 0.0))
     for _ in range(40):
@@ -224,7 +224,7 @@ def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> N
     assert not simulator.read_collision()
 
 
-def test_a_nan_command_stops_the_robot_and_is_counted(empty_world, simulators) -> None:
+def test_a_nan_command_stops_the_robot_and_is_counted(empty_world, simulators):
     simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     for _ in range(20):
         simulator.step(Velocity2D(0.5, 0.0))
@@ -236,7 +236,7 @@ def test_a_nan_command_stops_the_robot_and_is_counted(empty_world, simulators) -
     assert sensors.truth.velocity.linear == pytest.approx(0.0, abs=1e-3)
 
 
-def test_without_commands_the_watchdog_stops_the_robot(empty_world, simulators) -> None:
+def test_without_commands_the_watchdog_stops_the_robot(empty_world, simulators):
     simulator = simulators(
         empty_world,
         SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)),
@@ -251,7 +251,7 @@ def test_without_commands_the_watchdog_stops_the_robot(empty_world, simulators) 
 
 def test_readings_at_rates_of_their_own_are_of_the_same_motion(
     walled_world, simulators
-) -> None:
+):
     stepped = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     ticked = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     for command in commands(40):
@@ -263,7 +263,7 @@ def test_readings_at_rates_of_their_own_are_of_the_same_motion(
         assert stepped.step(command).truth == ticked.read_truth()
 
 
-def test_closing_twice_does_nothing(empty_world) -> None:
+def test_closing_twice_does_nothing(empty_world):
     simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
     expected = simulator.step(STOP)
     simulator.close()
@@ -275,7 +275,7 @@ def test_closing_twice_does_nothing(empty_world) -> None:
     successor.close()
 
 
-def test_clients_are_given_back(walled_world) -> None:
+def test_clients_are_given_back(walled_world):
     """PyBullet has room for a limited number of them in a process."""
     clients = set()
     for _ in range(10):
@@ -288,7 +288,7 @@ def test_clients_are_given_back(walled_world) -> None:
 
 
 @pytest.mark.parametrize("mode", ["exact", "amcl"])
-def test_an_offset_moves_what_is_believed_and_nothing_else(walled_world, mode) -> None:
+def test_an_offset_moves_what_is_believed_and_nothing_else(walled_world, mode):
     plain = drive(
         walled_world, SimulatorConfig(localisation=LocalizationConfig(mode=mode))
     )

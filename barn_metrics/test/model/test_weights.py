@@ -66,7 +66,7 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         ({"schema": 2}, "schema version must be 1, got 2"),
         ({"inputs": "five"}, "inputs must be one of strips, got 'five'"),

@@ -133,7 +133,7 @@ def test_costs_beside_a_lethal_cell_are_the_published_ones():
 
 
 @pytest.mark.parametrize(
-    ("config", "share"),
+    "config, share",
     [
         (CostmapConfig(), 0.02),
         (CostmapConfig(footprint_padding_m=0.03, soft_costs=False), 0.02),

@@ -22,7 +22,7 @@ def lines(count, length):
 
 
 @pytest.mark.parametrize(
-    ("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)]
+    "count, length", [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)]
 )
 def test_few_are_shown_from_end_to_end(count, length):
     selection = select_candidates(lines(count, length), np.zeros(count))

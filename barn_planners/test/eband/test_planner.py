@@ -65,9 +65,7 @@ def test_radii_of_the_paper():
     )
 
 
-@pytest.mark.parametrize(
-    ("length", "speed"), [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)]
-)
+@pytest.mark.parametrize("length, speed", [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
 def test_speed_in_the_open(length, speed):
     control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(length)))
     assert control.command == Velocity2D(
@@ -95,7 +93,7 @@ def test_small_bearing_steers_while_driving(yaw):
     )
 
 
-@pytest.mark.parametrize(("yaw", "rate"), [(2.0, -1.57), (-2.0, 1.57), (0.7, -1.57)])
+@pytest.mark.parametrize("yaw, rate", [(2.0, -1.57), (-2.0, 1.57), (0.7, -1.57)])
 def test_large_bearing_turns_in_place(yaw, rate):
     command = (
         controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan())).command

@@ -227,7 +227,7 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(
 
 
 @pytest.mark.parametrize(
-    ("parameter", "message"),
+    "parameter, message",
     [
         ({"planner": "dva"}, "unknown planner 'dva'; did you mean 'dwa'?"),
         ({"dwa.max_speed_mps": -1.0}, "dwa.max_speed_mps out of range"),

@@ -111,7 +111,7 @@ def test_band(count):
 
 
 @pytest.mark.parametrize(
-    ("count", "length"), [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)]
+    "count, length", [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)]
 )
 def test_candidates(count, length):
     draw = np.random.default_rng(count)

@@ -218,7 +218,7 @@ def test_a_scan_with_lost_odometry_is_used_with_the_next():
     ]
 
 
-@pytest.mark.parametrize(("age", "count"), [(0.1, 2), (1.0, 4)])
+@pytest.mark.parametrize("age, count", [(0.1, 2), (1.0, 4)])
 def test_odometry_that_is_too_old_is_not_used(age, count):
     sync = Synchronizer(SyncConfig(odometry_age_s=age), use_pose=False)
     observations = feed(

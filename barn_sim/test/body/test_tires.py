@@ -133,7 +133,7 @@ def reference_friction(
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
+def test_friction_is_that_of_a_general_optimiser(seed):
     rng = np.random.default_rng(seed)
     model = model_of(STANDARD_ROBOT.chassis)
     yaw = rng.uniform(-3.0, 3.0)
@@ -174,7 +174,7 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     assert (impulses <= limits * (1 + 1e-12)).all()
 
 
-def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
+def test_a_body_too_light_for_the_physics_step_is_refused():
     chassis = load_robot("husky").chassis
     light = replace(chassis, name="feather", inertia_kg_m2=(0.2, 1.0, 1.0))
     with pytest.raises(
@@ -187,7 +187,7 @@ def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
     ] == pytest.approx(0.187, abs=0.001)
 
 
-def test_inertias_turn_with_the_body() -> None:
+def test_inertias_turn_with_the_body():
     rng = np.random.default_rng(3)
     for _ in range(200):
         turn = np.array(rotation(tuple(Rotation.random(rng=rng).as_quat().tolist())))
@@ -200,10 +200,8 @@ def test_inertias_turn_with_the_body() -> None:
         )
 
 
-@pytest.mark.parametrize(("robot", "within"), [("jackal", 1e-3), ("turtlebot4", 0.02)])
-def test_loads_carry_the_weight_and_balance_at_rest(
-    empty_world, robot: str, within: float
-) -> None:
+@pytest.mark.parametrize("robot, within", [("jackal", 1e-3), ("turtlebot4", 0.02)])
+def test_loads_carry_the_weight_and_balance_at_rest(empty_world, robot, within):
     """Of four wheels, and of two and a caster."""
     config = with_robot(SimulatorConfig(), load_robot(robot))
     with closing(Simulator(empty_world, config, Pose2D(0.0, 0.0, 0.7), 0)) as simulator:
@@ -217,7 +215,7 @@ def test_loads_carry_the_weight_and_balance_at_rest(
     assert np.abs(torque).max() < within * weight * 0.26
 
 
-def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
+def test_starts_at_rest_where_it_was_put_and_stays(driven):
     robot = driven(yaw=0.7)
     robot.run(0.0, 0.0, 5.0)
     pose = robot.pose
@@ -229,14 +227,14 @@ def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2.0, -0.5])
-def test_drives_straight_at_the_speed_of_its_wheels(driven, speed: float) -> None:
+def test_drives_straight_at_the_speed_of_its_wheels(driven, speed):
     robot = driven()
     robot.run(speed, 0.0, 2.0)
     assert robot.velocity.linear == pytest.approx(speed, abs=1e-4)
     assert abs(robot.pose.y) < 2e-3
 
 
-def test_speed_changes_by_friction_times_gravity(driven) -> None:
+def test_speed_changes_by_friction_times_gravity(driven):
     robot = driven()
     robot.run(2.0, 0.0, 0.2)
     assert robot.velocity.linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
@@ -247,7 +245,7 @@ def test_speed_changes_by_friction_times_gravity(driven) -> None:
     assert braked == pytest.approx(FRICTION * G, rel=0.03)
 
 
-def test_turning_does_not_depend_on_the_heading(driven) -> None:
+def test_turning_does_not_depend_on_the_heading(driven):
     """What Bullet's own friction fails: there the same command gives from 0.1 to 1 rad/s."""
     rates = []
     for yaw in (0.0, 0.4, 0.7854, 1.2):
@@ -293,18 +291,16 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("speed", "turn"), [(0.0, 1.0), (0.2, 0.5), (0.5, 1.0), (0.5, -0.6)]
+    "speed, turn", [(0.0, 1.0), (0.2, 0.5), (0.5, 1.0), (0.5, -0.6)]
 )
-def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(
-    driven, speed: float, turn: float
-) -> None:
+def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(driven, speed, turn):
     robot = driven()
     robot.run(speed, turn, 4.0)
     _, expected = steady_turn(speed, turn)
     assert robot.velocity.angular == pytest.approx(expected, rel=0.01)
 
 
-def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None:
+def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven):
     """The weight lies forward of the middle, and in an arc the rear swings out; none of it is in the odometry."""
     robot = driven()
     robot.run(0.0, 1.0, 2.0)
@@ -316,10 +312,8 @@ def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None
     assert 0.01 < spread < 0.1
 
 
-@pytest.mark.parametrize(("speed", "turn"), [(0.5, 0.5), (0.0, 1.0)])
-def test_the_result_does_not_depend_on_the_tick(
-    driven, speed: float, turn: float
-) -> None:
+@pytest.mark.parametrize("speed, turn", [(0.5, 0.5), (0.0, 1.0)])
+def test_the_result_does_not_depend_on_the_tick(driven, speed, turn):
     fine = driven(tick_s=0.001)
     coarse = driven(tick_s=0.005)
     for robot in (fine, coarse):
@@ -328,12 +322,8 @@ def test_the_result_does_not_depend_on_the_tick(
     assert fine.velocity.angular == pytest.approx(coarse.velocity.angular, rel=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("speed", "turn", "rate"), [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)]
-)
-def test_the_rates_that_the_readme_names(
-    driven, speed: float, turn: float, rate: float
-) -> None:
+@pytest.mark.parametrize("speed, turn, rate", [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)])
+def test_the_rates_that_the_readme_names(driven, speed, turn, rate):
     robot = driven()
     robot.run(speed, turn, 3.0)
     assert robot.velocity.angular == pytest.approx(rate, abs=0.005)

@@ -43,7 +43,7 @@ class Clocked:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
+def test_wheels_turn_as_the_rules_say_under_any_commands(seed):
     rng = np.random.default_rng(seed)
     config = DriveConfig(command_timeout_s=(0.25, 0.5)[seed % 2])
     robot = Clocked(config)
@@ -80,14 +80,14 @@ def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
         assert robot.run(TICK_S) == (speed - turn * half, speed + turn * half)
 
 
-def test_backwards_it_is_no_faster_than_it_may() -> None:
+def test_backwards_it_is_no_faster_than_it_may():
     for reverse, expected in ((0.4, -0.4), (10.0, -2.0)):
         robot = Clocked(replace(PROMPT, max_reverse_m_s=reverse))
         robot.command(-9.0, 0.0)
         assert robot.run(0.4) == pytest.approx((expected, expected))
 
 
-def test_motors_follow_with_a_lag_of_first_order() -> None:
+def test_motors_follow_with_a_lag_of_first_order():
     robot = Clocked(
         replace(
             PROMPT,
@@ -127,7 +127,7 @@ class Measured(FusedOdometry):
         integrate(self.robots)
 
 
-def test_starts_at_zero_whatever_the_start_pose() -> None:
+def test_starts_at_zero_whatever_the_start_pose():
     odometry = Measured(EXACT, start_yaw=2.0)
     odometry.robots["yaw"] = 2.0
     pose = odometry.read(0).pose
@@ -135,7 +135,7 @@ def test_starts_at_zero_whatever_the_start_pose() -> None:
     assert pose.yaw == pytest.approx(0.0, abs=1e-15)
 
 
-def test_integrates_the_wheels_along_the_yaw() -> None:
+def test_integrates_the_wheels_along_the_yaw():
     odometry = Measured(EXACT, start_yaw=1.0)
     yaw = 1.0
     for _ in range(2000):  # a circle of radius 0.5 m, once around in 10 s
@@ -150,7 +150,7 @@ def test_integrates_the_wheels_along_the_yaw() -> None:
     assert reading.velocity.angular == 0.63
 
 
-def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
+def test_noise_has_the_configured_deviation_and_does_not_grow():
     fused = Measured(OdometryConfig())
     yaws = []
     rates = []
@@ -164,7 +164,7 @@ def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
     assert np.std(rates) == pytest.approx(0.005, rel=0.05)
 
 
-def test_a_reading_is_what_comes_out_of_a_message() -> None:
+def test_a_reading_is_what_comes_out_of_a_message():
     fused = Measured(OdometryConfig())
     fused.update(0)
     fused.robots["yaw"] = 1.234567

@@ -97,7 +97,7 @@ def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 8))
-def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
+def test_rays_agree_with_a_plain_reference(seed, count):
     rng = np.random.default_rng(seed)
     shapes = random_shapes(rng, count)
     pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
@@ -122,7 +122,7 @@ def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
     )  # a beam through a corner, along a tangent or at a limit may be told either way
 
 
-def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators) -> None:
+def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators):
     world = arena(person((0.0, 2.0, 0.0), (10.0, 12.0, 0.0)))
     simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     for _ in range(20):
@@ -134,7 +134,7 @@ def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators) -> 
         )
 
 
-def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators) -> None:
+def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators):
     low = replace(person((0.0, 2.0, 0.0), (1.0, 0.4, 0.0)), height_m=0.2)
     simulator = simulators(arena(low), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     readings = [simulator.step(None) for _ in range(40)]
@@ -143,7 +143,7 @@ def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators) -> None
 
 
 @pytest.mark.parametrize("kind", [person, cart])
-def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators) -> None:
+def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators):
     """The robot is struck from the side at 1 m/s, against its tires, and ends up moving with the obstacle."""
     world = arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0)))
     simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
@@ -157,7 +157,7 @@ def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators) -> Non
     assert all(not reading.collision for reading in sensors[:touched])
 
 
-def test_a_wall_stops_the_robot(simulators) -> None:
+def test_a_wall_stops_the_robot(simulators):
     wall = Wall(x_m=2.0, y_m=0.0, size_x_m=0.5, size_y_m=20.0)
     simulator = simulators(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
@@ -166,7 +166,7 @@ def test_a_wall_stops_the_robot(simulators) -> None:
     assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)
 
 
-def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators) -> None:
+def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators):
     """What moves keeps to its track though a cylinder that could be pushed, another and a wall are in its way."""
     grid = np.zeros((45, 41), np.bool_)
     grid[22, 21] = True
@@ -188,7 +188,7 @@ def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators) -> No
     assert len(moved.indices) == 0
 
 
-def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
+def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators):
     """It is 5 m away when its motion begins anew, half a meter in front of the robot."""
     jumper = replace(
         person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25
@@ -205,7 +205,7 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
     assert math.isfinite(pose.x) and math.hypot(pose.x, pose.y) < 5.0
 
 
-def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
+def test_the_phase_is_drawn_from_the_seed_and_can_be_zero():
     world = open_dataset("dynabarn60").load(50)
     phases = [phase_s(world, True, seed) for seed in range(200)]
     longest = max(obstacle.motion.period_s for obstacle in world.moving)
@@ -257,7 +257,7 @@ def drive(
 
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
-def test_contacts_do_not_depend_on_the_clients_past(robot, scenes) -> None:
+def test_contacts_do_not_depend_on_the_clients_past(robot, scenes):
     for seed in range(9):
         with closing(ScenePool()) as new:
             expected, _ = drive(seed, new, robot)
@@ -267,7 +267,7 @@ def test_contacts_do_not_depend_on_the_clients_past(robot, scenes) -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_no_contact_is_missed(seed, scenes, monkeypatch) -> None:
+def test_no_contact_is_missed(seed, scenes, monkeypatch):
     """The robot moves as in PyBullet all the time, until they touch something together."""
     states, _ = drive(seed, scenes)
     monkeypatch.setattr(robot_motion, "contact_gap_m", lambda _: 1e3)
@@ -282,7 +282,7 @@ def test_no_contact_is_missed(seed, scenes, monkeypatch) -> None:
         assert truth.pose.distance(pose.pose) < 1e-9
 
 
-def test_the_drives_touch_obstacles_and_leave_them(scenes) -> None:
+def test_the_drives_touch_obstacles_and_leave_them(scenes):
     touched = [[state[0] for state in drive(seed, scenes)[0]] for seed in range(6)]
     assert any(any(one) and not one[-1] for one in touched)
     assert not all(any(one) for one in touched)

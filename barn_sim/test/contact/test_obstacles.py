@@ -43,7 +43,7 @@ def push(
         return sensors, simulator.moved_obstacles()
 
 
-def test_a_single_cylinder_is_pushed_along() -> None:
+def test_a_single_cylinder_is_pushed_along():
     world = world_with((14, 5))  # ahead of the robot's middle
     sensors, moved = push(world, MOVABLE, 60)
     assert moved.indices.tolist() == [0]
@@ -51,20 +51,20 @@ def test_a_single_cylinder_is_pushed_along() -> None:
     assert moved.positions[0, 1] > world.obstacles_m[0, 1] + 0.3
 
 
-def test_the_same_cylinder_stops_the_robot_if_it_cannot_move() -> None:
+def test_the_same_cylinder_stops_the_robot_if_it_cannot_move():
     world = world_with((14, 5))
     sensors, moved = push(world, SimulatorConfig(), 60)
     assert len(moved.indices) == 0
     assert sensors.truth.pose.y < world.obstacles_m[0, 1] - 0.2
 
 
-def test_cylinders_that_nothing_comes_near_stand_still() -> None:
+def test_cylinders_that_nothing_comes_near_stand_still():
     world = world_with((14, 5), (14, 12), (3, 5), (27, 5))  # numbered by row
     _, moved = push(world, MOVABLE, 30)
     assert moved.indices.tolist() == [1]
 
 
-def test_a_push_is_handed_on_along_a_row() -> None:
+def test_a_push_is_handed_on_along_a_row():
     row = [(14, column) for column in range(5, 9)]
     world = world_with(*row)
     _, moved = push(world, MOVABLE, 80)
@@ -72,7 +72,7 @@ def test_a_push_is_handed_on_along_a_row() -> None:
     assert (moved.positions[:, 1] > world.obstacles_m[:, 1] + 0.05).all()
 
 
-def test_pushed_cylinders_do_not_end_inside_one_another(simulators) -> None:
+def test_pushed_cylinders_do_not_end_inside_one_another(simulators):
     world = world_with(*((14 + k % 3, 5 + k // 3) for k in range(9)))
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
@@ -83,7 +83,7 @@ def test_pushed_cylinders_do_not_end_inside_one_another(simulators) -> None:
     assert min(gaps) > 0.15 - 0.01
 
 
-def test_the_robot_cannot_push_a_long_row() -> None:
+def test_the_robot_cannot_push_a_long_row():
     """Each of 1 kg with friction 1 resists 9.8 N; wheels with friction 0.5 under 18.4 kg push 90 N at most."""
     short = world_with(*((14, column) for column in range(5, 8)))
     long = world_with(*((14, column) for column in range(5, 29)))
@@ -92,7 +92,7 @@ def test_the_robot_cannot_push_a_long_row() -> None:
     assert at_short.truth.pose.y > at_long.truth.pose.y + 0.3
 
 
-def test_containment_can_be_left_standing() -> None:
+def test_containment_can_be_left_standing():
     beside = Pose2D(-0.6, 2.0, 0.0)
     moved = [
         push(world_with(), SimulatorConfig(obstacles=config), 60, start=beside)[
@@ -107,7 +107,7 @@ def test_containment_can_be_left_standing() -> None:
     assert len(moved[1]) == 0
 
 
-def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators) -> None:
+def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators):
     world = world_with((14, 5))
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(60):
@@ -124,10 +124,8 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators) -> None:
         assert sensors.scan.ranges[beam] > 0.5
 
 
-@pytest.mark.parametrize(("friction", "tips"), [(0.5, False), (3.0, True)])
-def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(
-    friction: float, tips: bool
-) -> None:
+@pytest.mark.parametrize("friction, tips", [(0.5, False), (3.0, True)])
+def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(friction, tips):
     """Pushed at height h at least (the chassis' lower edge, 0.0635 m), it tips if friction x h exceeds its radius."""
     assert (friction * 0.0635 > 0.075) is tips
     smooth = PhysicsConfig(chassis_friction=0.0)  # or the chassis holds it upright
@@ -141,7 +139,7 @@ def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(
     assert (abs(1.0 - 2.0 * (x * x + y * y)) < 0.5) is tips
 
 
-def test_driving_away_takes_the_bodies_out_again(simulators) -> None:
+def test_driving_away_takes_the_bodies_out_again(simulators):
     world = world_with((14, 5))
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
@@ -172,7 +170,7 @@ coordinates = st.floats(-1.5, 1.5)
     coordinates,
     st.floats(-3.2, 3.2),
 )
-def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw) -> None:
+def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw):
     gap = robot_gap(np.array([ax, ay, bx, by]), x, y, yaw, EXTENT)
     points = np.array([ax, ay]) + np.linspace(0.0, 1.0, 400)[:, None] * np.array(
         [bx - ax, by - ay]
@@ -187,7 +185,7 @@ def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw) 
 @given(*[coordinates] * 8)
 def test_the_gap_between_cylinders_is_that_of_many_points(
     ax, ay, bx, by, cx, cy, dx, dy
-) -> None:
+):
     first = np.array([ax, ay, bx, by])
     second = np.array([cx, cy, dx, dy])
     gap = segment_gap(first, second)
@@ -199,7 +197,7 @@ def test_the_gap_between_cylinders_is_that_of_many_points(
     assert exact - slack <= gap <= exact + slack + 1e-9
 
 
-def test_the_nearest_gap_is_the_smallest_of_all() -> None:
+def test_the_nearest_gap_is_the_smallest_of_all():
     rng = np.random.default_rng(0)
     extent = np.array([-0.3, -0.2, 0.25, 0.2])
     for _ in range(200):
@@ -210,7 +208,7 @@ def test_the_nearest_gap_is_the_smallest_of_all() -> None:
         assert nearest_gap(segments, x, y, yaw, extent) == expected
 
 
-def test_near_cylinders_are_found_by_distance_alone() -> None:
+def test_near_cylinders_are_found_by_distance_alone():
     rng = np.random.default_rng(2)
     points = rng.uniform(-1.0, 1.0, (300, 2))
     segments = np.hstack([points, points])
@@ -234,7 +232,7 @@ def test_near_cylinders_are_found_by_distance_alone() -> None:
     assert free_m <= 0.0  # what is pushed may come near by itself
 
 
-def test_the_robot_moves_safely_within_the_free_distance() -> None:
+def test_the_robot_moves_safely_within_the_free_distance():
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.0, 1.0, (60, 2))
     segments = np.hstack([points, points])
@@ -249,7 +247,7 @@ def test_the_robot_moves_safely_within_the_free_distance() -> None:
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.005, 0.3, 1.5])
-def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
+def test_a_tilted_cylinder_is_handed_over_as_such(tilt):
     q = [math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2)]  # about x: leans to -y
     states = np.array([[1.0, 2.0, 0.5, *q]])
     centers, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))

@@ -8,7 +8,7 @@ from barn_sim.config import SimulatorConfig
 from barn_sim.contact.scene import ScenePool
 
 
-def test_robots_of_many_kinds_do_not_pile_up_clients() -> None:
+def test_robots_of_many_kinds_do_not_pile_up_clients():
     config = SimulatorConfig()
     model = model_of(config.chassis)
     scenes = []

@@ -14,7 +14,7 @@ from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics
 
 
-def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
+def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch):
     monkeypatch.setattr(
         topics,
         "find_message_class",
@@ -34,16 +34,14 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> No
 
 
 @pytest.mark.parametrize(
-    ("config", "reliable"),
+    "config, reliable",
     [
         (SimulatorNodeConfig(lockstep=True), True),
         (SimulatorNodeConfig(), True),
         (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
     ],
 )
-def test_scans_are_reliable_unless_said_otherwise(
-    config: SimulatorNodeConfig, reliable: bool
-) -> None:
+def test_scans_are_reliable_unless_said_otherwise(config, reliable):
     node = Mock()
     Outputs(node, config)
     profiles = {

@@ -43,7 +43,7 @@ def peer(lockstep):
 
 
 @pytest.mark.parametrize("preset", ["default", "paper2020"])
-def test_lockstep_equals_the_core_to_the_last_bit(peer: Driver, preset: str) -> None:
+def test_lockstep_equals_the_core_to_the_last_bit(peer, preset):
     config = PRESETS[preset]
     settings = {name.replace(".", "__"): value for name, _, value in fields_of(config)}
     peer.fresh_trial(**settings, **TRIAL)
@@ -57,8 +57,8 @@ def test_lockstep_equals_the_core_to_the_last_bit(peer: Driver, preset: str) -> 
 
 
 def test_the_clock_never_runs_back_across_a_reset(
-    peer: Driver,
-) -> None:
+    peer,
+):
     peer.fresh_trial(**TRIAL)
     peer.drive(commands(5))
     before = read(decode.clock, peer.heard["/clock"][-1])
@@ -70,14 +70,14 @@ def test_the_clock_never_runs_back_across_a_reset(
     assert ticks == sorted(ticks)
 
 
-def test_while_paused_time_stands_still_and_is_repeated(peer: Driver) -> None:
+def test_while_paused_time_stands_still_and_is_repeated(peer):
     peer.fresh_trial(**TRIAL)
     peer.wait(lambda: len(peer.heard["/clock"]) > 2)
     assert len({read(decode.clock, message) for message in peer.heard["/clock"]}) == 1
     assert not peer.heard["/scan"]
 
 
-def test_single_steps_repeat_the_last_command_and_need_a_pause(peer: Driver) -> None:
+def test_single_steps_repeat_the_last_command_and_need_a_pause(peer):
     peer.fresh_trial(drive__command_latency_s=0.0, **TRIAL)
     peer.send(Velocity2D(0.5, 0.0))
     assert peer.commands.wait_for_all_acked(Duration(seconds=600.0))
@@ -99,14 +99,14 @@ def test_single_steps_repeat_the_last_command_and_need_a_pause(peer: Driver) -> 
     assert "not paused" in refused.message
 
 
-def test_values_that_are_not_allowed_are_refused_with_the_reason(peer: Driver) -> None:
+def test_values_that_are_not_allowed_are_refused_with_the_reason(peer):
     results = peer.set(lidar__beams=0, seed=-1, localisation__mode="amlc")
     assert [result.successful for result in results] == [False] * 3
     assert "beams" in results[0].reason
     assert "amcl" in results[2].reason
 
 
-def test_a_failed_reset_says_why_and_changes_nothing(peer: Driver) -> None:
+def test_a_failed_reset_says_why_and_changes_nothing(peer):
     peer.fresh_trial(**TRIAL)
     assert all(result.successful for result in peer.set(world=99999))
     answer = peer.reset()
@@ -118,7 +118,7 @@ def test_a_failed_reset_says_why_and_changes_nothing(peer: Driver) -> None:
     assert len(peer.heard["/scan"]) == 4
 
 
-def test_missed_and_invalid_commands_are_counted_and_reported(peer: Driver) -> None:
+def test_missed_and_invalid_commands_are_counted_and_reported(peer):
     peer.fresh_trial(command_wait_s=0.05, **TRIAL)
     peer.drive([Velocity2D(0.5, 0.0), Velocity2D(math.nan, 0.0)])
     assert peer.pause(False).success
@@ -135,7 +135,7 @@ def test_missed_and_invalid_commands_are_counted_and_reported(peer: Driver) -> N
     peer.set(command_wait_s=5.0)
 
 
-def test_stamped_commands_are_taken_as_well(lockstep) -> None:
+def test_stamped_commands_are_taken_as_well(lockstep):
     with closing(Driver(TwistStamped)) as peer:
         peer.fresh_trial(**TRIAL)
         peer.drive([Velocity2D(0.5, 0.0)] * 20)

@@ -44,7 +44,7 @@ def started():
 
 def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(
     started,
-) -> None:
+):
     rates = {"real_time_factor": 4.0, "lidar.rate_hz": 40.0, "lidar.beams": 100}
     process, peer = started(TwistStamped, command_type="twist", **rates)
     # best effort: a reliable subscription would not be served
@@ -68,7 +68,7 @@ def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(
 
 
 @pytest.mark.parametrize(
-    ("parameters", "reason"),
+    "parameters, reason",
     [
         ({"world": 4711}, "no world 4711"),
         ({"robot": "husk"}, "unknown robot 'husk'; did you mean 'husky'?"),
@@ -76,7 +76,7 @@ def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(
         ({"lidar.beams": "many"}, "lidar.beams"),
     ],
 )
-def test_a_bad_start_is_one_line_and_exit_code_1(parameters: dict, reason: str) -> None:
+def test_a_bad_start_is_one_line_and_exit_code_1(parameters, reason):
     code, output = simulator_process(**parameters).end()
     assert code == 1
     lines = [line for line in output.splitlines() if line.startswith("simulator: ")]
@@ -85,7 +85,7 @@ def test_a_bad_start_is_one_line_and_exit_code_1(parameters: dict, reason: str) 
     assert "Traceback" not in output
 
 
-def test_commands_without_guarantee_of_delivery_are_heard_too(started) -> None:
+def test_commands_without_guarantee_of_delivery_are_heard_too(started):
     process, peer = started(real_time_factor=4.0, **{"lidar.beams": 100})
     unsure = peer.node.create_publisher(Twist, "cmd_vel", qos_profile_sensor_data)
     command = Twist()

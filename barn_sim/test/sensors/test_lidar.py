@@ -53,9 +53,7 @@ def limited(ranges: np.ndarray, low: float, high: float) -> np.ndarray:
     full_circle=st.booleans(),
     beams=st.sampled_from([1, 2, 37, 720]),
 )
-def test_agrees_with_the_reference(
-    seed: int, count: int, radius: float, full_circle: bool, beams: int
-) -> None:
+def test_agrees_with_the_reference(seed, count, radius, full_circle, beams):
     rng = np.random.default_rng(seed)
     centers = rng.uniform(-4.0, 4.0, (count, 2))
     pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
@@ -75,7 +73,7 @@ def test_agrees_with_the_reference(
     assert scan.ranges.dtype == np.float32
 
 
-def test_upright_cylinders_cast_in_space_are_circles() -> None:
+def test_upright_cylinders_cast_in_space_are_circles():
     rng = np.random.default_rng(5)
     centers = rng.uniform(-3.0, 3.0, (30, 2))
     pose = Pose2D(-3.5, 0.0, 0.4)
@@ -106,7 +104,7 @@ def bullet_ranges(client: int, pose: Pose2D, scan) -> np.ndarray:
     )
 
 
-def test_tilted_cylinders_agree_with_the_rays_of_pybullet() -> None:
+def test_tilted_cylinders_agree_with_the_rays_of_pybullet():
     rng = np.random.default_rng(11)
     client = connect()
     try:
@@ -130,7 +128,7 @@ def test_tilted_cylinders_agree_with_the_rays_of_pybullet() -> None:
     assert (~same).sum() <= 7  # 1 % of the beams, at edges
 
 
-def test_limits_hold_after_the_noise() -> None:
+def test_limits_hold_after_the_noise():
     config = LidarConfig(beams=720, noise_m=0.05, range_max_m=2.0, mount_x_m=0.0)
     ring = np.array(
         [[2.075 * math.cos(a), 2.075 * math.sin(a)] for a in np.arange(0, 6.28, 0.05)]
@@ -143,7 +141,7 @@ def test_limits_hold_after_the_noise() -> None:
 
 
 @pytest.mark.parametrize("name", ["default", "jazzy", "paper2020"])
-def test_presets_see_a_wall_at_its_distance(name: str) -> None:
+def test_presets_see_a_wall_at_its_distance(name):
     config = replace(PRESETS[name].lidar, noise_m=0.0)
     scan = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), np.array([[3.0, 0.0]]), 0.075)
     assert len(scan.ranges) == config.beams
@@ -161,7 +159,7 @@ def test_presets_see_a_wall_at_its_distance(name: str) -> None:
         assert float(np.float32(number)) == number
 
 
-def test_a_rough_angle_is_near_the_exact_one() -> None:
+def test_a_rough_angle_is_near_the_exact_one():
     vectors = np.random.default_rng(0).uniform(-5.0, 5.0, (20_000, 2)).tolist()
     vectors += [
         [0.0, 1.0],

@@ -15,7 +15,7 @@ def believer(config: LocalizationConfig = CONFIG, seed: int = 0) -> FilterLocali
     return FilterLocalization(config, np.random.default_rng(seed))
 
 
-def test_the_correction_is_held_until_the_robot_has_moved_enough() -> None:
+def test_the_correction_is_held_until_the_robot_has_moved_enough():
     filter_ = believer()
     corrections = []
     for step in range(25):
@@ -28,7 +28,7 @@ def test_the_correction_is_held_until_the_robot_has_moved_enough() -> None:
     assert distinct == [0, 10, 20]
 
 
-def test_a_turn_causes_an_update_as_well() -> None:
+def test_a_turn_causes_an_update_as_well():
     filter_ = believer()
     first = filter_.estimate(ORIGIN, Pose2D(0.0, 0.0, 0.0))
     before = (
@@ -43,7 +43,7 @@ def test_a_turn_causes_an_update_as_well() -> None:
     assert after.distance(first) > 1e-6
 
 
-def test_errors_have_the_configured_deviation_and_correlation() -> None:
+def test_errors_have_the_configured_deviation_and_correlation():
     filter_ = believer()
     rows = []
     for step in range(20000):
@@ -62,7 +62,7 @@ def test_errors_have_the_configured_deviation_and_correlation() -> None:
     assert after_five == pytest.approx(math.exp(-1.0), abs=0.06)
 
 
-def test_without_deviations_it_gives_the_truth_where_it_updates() -> None:
+def test_without_deviations_it_gives_the_truth_where_it_updates():
     config = LocalizationConfig(mode="amcl", position_std_m=0.0, yaw_std_rad=0.0)
     filter_ = believer(config)
     odometry = Pose2D(0.2, 0.1, -0.3)
@@ -70,7 +70,7 @@ def test_without_deviations_it_gives_the_truth_where_it_updates() -> None:
     assert estimate.distance(ORIGIN @ odometry) < 1e-12
 
 
-def test_the_same_seed_gives_the_same_errors() -> None:
+def test_the_same_seed_gives_the_same_errors():
     odometry = Pose2D(0.0, 0.0, 0.0)
     first, again, other = (
         believer(CONFIG, seed).estimate(ORIGIN, odometry) for seed in (3, 3, 4)

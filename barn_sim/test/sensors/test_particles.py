@@ -69,7 +69,7 @@ def drive(
     return np.array(errors)
 
 
-def test_distances_end_at_two_meters_and_are_center_to_center() -> None:
+def test_distances_end_at_two_meters_and_are_center_to_center():
     data = np.zeros((3, 30), np.int8)
     data[0, 0] = 100
     distances = obstacle_distances(data >= 65, 0.15)
@@ -82,7 +82,7 @@ def test_distances_end_at_two_meters_and_are_center_to_center() -> None:
     assert (obstacle_distances(np.zeros((2, 2), np.bool_), 0.15) == 2.0).all()
 
 
-def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
+def test_particles_in_one_bin_do_not_show_that_few_are_enough():
     assert needed_particles(500, 2000)[1] == 2000
     assert needed_particles(500, 2000)[2] == 500
     # The bound of KLD-sampling for 101 bins, an error of 0.05 and a quantile of 0.99.
@@ -92,14 +92,14 @@ def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
     assert needed_particles(500, 2000)[1000] == 2000
 
 
-def test_bins_that_touch_form_a_cluster() -> None:
+def test_bins_that_touch_form_a_cluster():
     labels = cluster_labels(
         np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]])
     )
     assert labels[0] == labels[1] == labels[2] != labels[3] == labels[4]
 
 
-def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
+def test_bins_sort_by_their_keys_as_by_their_coordinates():
     particles = np.random.default_rng(2).normal(
         [-2.0, 3.0, 0.0], [1.0, 2.0, 1.5], (500, 3)
     )
@@ -115,7 +115,7 @@ def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
     assert (member_by_key == member.ravel()).all()
 
 
-def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
+def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits():
     rng = np.random.default_rng(3)
     particles = rng.normal(1.0, 1.0, (40, 3))
     hits = rng.normal(0.0, 3.0, (25, 2))
@@ -138,13 +138,13 @@ def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
     assert 0.1 < off / (len(particles) * len(hits)) < 0.9
 
 
-def test_particles_spread_widely_gather_at_the_true_pose(pillars: World) -> None:
+def test_particles_spread_widely_gather_at_the_true_pose(pillars):
     errors = np.abs(drive(WIDE, pillars, localization_map(pillars, False), 1.0))
     assert errors[-1, :2].max() < 0.05
     assert errors[-1, 2] < 0.02
 
 
-def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) -> None:
+def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars):
     errors = drive(
         replace(WIDE, half_cell_low=True),
         pillars,
@@ -155,8 +155,8 @@ def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) 
 
 
 def test_the_estimate_drifts_toward_a_map_that_is_off(
-    pillars: World,
-) -> None:
+    pillars,
+):
     off_y = drive(AT_START, pillars, localization_map(pillars, True), 4.0)[:, 1]
     assert off_y[0] == pytest.approx(0.0, abs=1e-3)
     steps = np.abs(np.diff(off_y))
@@ -172,7 +172,7 @@ def test_the_estimate_drifts_toward_a_map_that_is_off(
     ] == pytest.approx(-0.15, abs=0.06)
 
 
-def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
+def test_between_updates_the_pose_follows_the_odometry(pillars):
     lidar = Lidar(LIDAR, np.random.default_rng(1))
     looked_at = []
 
@@ -197,8 +197,8 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
 
 
 def test_a_correction_is_late_if_configured_the_first_is_not(
-    pillars: World,
-) -> None:
+    pillars,
+):
     static_map = localization_map(pillars, True)
     corrections = []
     for delay_s in (0.0, 1.0):
@@ -223,7 +223,7 @@ def test_a_correction_is_late_if_configured_the_first_is_not(
     assert np.abs(late - prompt).max() > 0.01
 
 
-def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
+def test_the_same_seed_gives_the_same_errors(pillars):
     static_map = localization_map(pillars, False)
     first, again, other = (
         drive(WIDE, pillars, static_map, 0.3, seed) for seed in (3, 3, 4)
@@ -232,7 +232,7 @@ def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
     assert (first != other).any()
 
 
-def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> None:
+def test_the_simulator_localises_in_the_historical_map_if_asked(simulators):
     world = open_dataset("barn300").load(120)
     assert (
         localization_map(world, True).data != localization_map(world, False).data
@@ -251,9 +251,7 @@ def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> N
 
 
 @pytest.mark.parametrize("alphas", [(0.0, 0.1), (0.001, 0.1), (0.0, 0.0)])
-def test_random_particles_are_drawn_while_the_average_falls(
-    pillars: World, alphas: tuple[float, float]
-) -> None:
+def test_random_particles_are_drawn_while_the_average_falls(pillars, alphas):
     config = replace(
         AT_START, recovery_alpha_slow=alphas[0], recovery_alpha_fast=alphas[1]
     )
@@ -273,8 +271,8 @@ def test_random_particles_are_drawn_while_the_average_falls(
 
 
 def test_random_particles_lie_in_free_cells(
-    pillars: World,
-) -> None:
+    pillars,
+):
     static_map = localization_map(pillars, False)
     believer = ParticleLocalization(
         AT_START, np.random.default_rng(0), static_map, START, MOUNT

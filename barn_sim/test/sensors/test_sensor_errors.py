@@ -147,7 +147,7 @@ def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world):
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "steps"),
+    "rate_hz, steps",
     [(50.0, 1), (40.0, 1), (20.0, 1), (5.5555555556, 4), (5.0, 4), (2.0, 10)],
 )
 def test_scans_come_in_whole_control_periods(rate_hz, steps):

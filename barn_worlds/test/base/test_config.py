@@ -49,7 +49,7 @@ for _ in range(30):
 
 
 @pytest.mark.parametrize(
-    ("mapping", "message"),
+    "mapping, message",
     [
         ({"count": 0}, "count must be at least 1, got 0"),
         ({"count": 1.5}, "count must be a whole number, got 1.5"),
@@ -123,7 +123,7 @@ def test_dotted_changes():
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes, message",
     [
         (
             {"inner.length": 2},
@@ -157,7 +157,7 @@ def test_what_is_wrong_with_a_change_is_named(changes, message):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
+    "value, text",
     [
         ("a\nb", r"'a\nb'"),
         ("x" * 10**6, "'" + "x" * 57),

@@ -129,7 +129,7 @@ def test_two_writers_leave_the_file_of_one(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    "content, complaint",
     [
         (b"{", "not JSON: "),
         (b"\xff\xfe\x00", "not JSON: "),
@@ -181,7 +181,7 @@ def test_a_yaml_file_is_a_mapping_with_its_version(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    "content, complaint",
     [
         (b"- 1\n", "must be a mapping of names to values, got [1]"),
         (b"schema_version: 2\n", "schema_version must be 1, got 2"),
@@ -255,7 +255,7 @@ def test_lines_come_without_one_that_was_cut_off(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "complaint"),
+    "content, complaint",
     [
         (b"a\n\xff\n", ", line 2: not JSON: 'utf-8' codec can't decode"),
         (b"a\n" + b"x" * (LONGEST_LINE_BYTES + 1), ", line 2: more than the allowed "),

@@ -140,7 +140,7 @@ def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("source", "message"),
+    "source, message",
     [
         ("barn30", "no such file, folder or data set; did you mean 'barn300'"),
         ("none/at/all", "no such file, folder or data set; known: barn300"),
@@ -168,7 +168,7 @@ def test_what_holds_no_worlds_is_refused(tmp_path, layout):
 
 
 @pytest.mark.parametrize(
-    ("name", "array", "message"),
+    "name, array, message",
     [
         (
             "grid_files/grid_6.npy",
@@ -215,7 +215,7 @@ SIXTH = tuple(range(0, 300, 6))
 
 
 @pytest.mark.parametrize(
-    ("spec", "indices", "selection"),
+    "spec, indices, selection",
     [
         ("0", range(300), [0]),
         ("0-3", range(300), [0, 1, 2, 3]),
@@ -233,7 +233,7 @@ def test_choices(spec, indices, selection):
 
 
 @pytest.mark.parametrize(
-    ("spec", "message"),
+    "spec, message",
     [
         ("", "is not a number"),
         ("x", "'x' is not a number, first-last"),
@@ -256,7 +256,7 @@ def test_mistakes_are_one_line(spec, message, refused):
 
 
 @pytest.mark.parametrize(
-    ("spec", "missing"),
+    "spec, missing",
     [("0:999", "300 of 0:999"), ("298-301", "300 of 298-301"), ("0:400:100", "300")],
 )
 def test_a_range_beyond_a_set_without_gaps_is_refused(spec, missing):

@@ -92,7 +92,7 @@ def test_a_world_nobody_can_pass_ends_with_an_error():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         ({"footprint_cells": 4}, "footprint_cells must be odd, got 4"),
         (

@@ -117,7 +117,7 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes, message",
     [
         ({"obstacles_min": 20}, "obstacles_min must be at most obstacles_max, got 20"),
         ({"order_min": 3}, "order_min must be at most order_max, got 3"),

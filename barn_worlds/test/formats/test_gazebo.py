@@ -155,7 +155,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content, message",
     [
         (b"", "not well-formed XML"),
         (b"<sdf><world>", "not well-formed XML"),

@@ -98,7 +98,7 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         (("image: m.pgm", "image: none.pgm"), "none.pgm: cannot be read: No such file"),
         (("image: m.pgm", "image: ..."), "is a folder|cannot be read"),
@@ -149,7 +149,7 @@ def test_malformed_descriptions_are_refused(tmp_path, change, message, refused):
 
 
 @pytest.mark.parametrize(
-    ("pgm", "message"),
+    "pgm, message",
     [
         (b"", "not an image that can be read"),
         (b"GIF89a" + bytes(20), "not an image that can be read"),

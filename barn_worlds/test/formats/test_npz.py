@@ -41,7 +41,7 @@ def test_arrays_come_back(array):
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    "content, message",
     [
         (b"", "not a .npy file"),
         (b"\x93NUMPY", "not a .npy file"),
@@ -120,7 +120,7 @@ def npz_file(tmp_path, small_world):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         ({"grid.npy": None}, "world 3 is damaged: 'grid'"),
         ({"index.npy": None}, "it has no index.npy"),

@@ -84,7 +84,7 @@ def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("obstacle", "volume_m3", "size_m"),
+    "obstacle, volume_m3, size_m",
     [(MOVING[0], np.pi * 0.25, [1.0, 1.0, 1.0]), (MOVING[4], 2.0, [1.0, 2.0, 1.0])],
     ids=["cylinder", "box"],
 )

@@ -195,7 +195,7 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refuse
 
 
 @pytest.mark.parametrize(
-    ("name", "array", "message"),
+    "name, array, message",
     [
         ("motion_rows", np.array([3, -3, 9]), "motion must be 2 to 10000"),
         ("motion", np.zeros((9, 2)), "keys[0] must be time, x and y"),

@@ -104,7 +104,7 @@ def test_gaps_are_those_of_a_search(outline):
     assert (gaps > 0.5).any()
 
 
-@pytest.mark.parametrize(("yaw", "speed"), [(0.8, 0.4), (-0.7, 1.5), (2.0, -0.8)])
+@pytest.mark.parametrize("yaw, speed", [(0.8, 0.4), (-0.7, 1.5), (2.0, -0.8)])
 def test_times_to_contact_are_those_of_a_search(outline, yaw, speed):
     rng = np.random.default_rng(2)
     shapes = some_shapes(rng, 40)

@@ -186,7 +186,7 @@ def test_maps(size, x, y):
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "message"),
+    "field, value, message",
     [
         ("width", 4, "data has 6 cells, its size says 2 x 4"),
         ("origin", tilted(0.5), "origin must not be rotated, got a yaw of 0.5 rad"),

@@ -123,7 +123,7 @@ def changed(data, type_name, change):
 
 
 @pytest.mark.parametrize(
-    ("part", "field", "value"),
+    "part, field, value",
     [
         ("", "ns", "others"),
         ("", "id", 7),

@@ -223,7 +223,7 @@ WRONG_MOTIONS = {
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"), WRONG_MOTIONS.values(), ids=WRONG_MOTIONS
+    "arguments, message", WRONG_MOTIONS.values(), ids=WRONG_MOTIONS
 )
 def test_a_wrong_motion_is_one_clear_line(arguments, message, refused):
     with refused(ConfigError, f"^{re.escape(message)}"):
@@ -253,7 +253,7 @@ WRONG_OBSTACLES = {
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"), WRONG_OBSTACLES.values(), ids=WRONG_OBSTACLES
+    "arguments, message", WRONG_OBSTACLES.values(), ids=WRONG_OBSTACLES
 )
 def test_a_wrong_obstacle_is_one_clear_line(arguments, message, refused):
     with refused(ConfigError, f"^{re.escape(message)}"):
@@ -261,7 +261,7 @@ def test_a_wrong_obstacle_is_one_clear_line(arguments, message, refused):
 
 
 @pytest.mark.parametrize(
-    ("count", "message"),
+    "count, message",
     [
         (2, "two moving obstacles have the name 'one'"),
         (

@@ -70,7 +70,7 @@ def test_defaults_overrides_and_descriptions(context):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "config", "message"),
+    "overrides, config, message",
     [
         ({"beams": 0}, Config(), "beams"),
         ({"beams": "many"}, Config(), "beams"),
@@ -121,7 +121,7 @@ def test_later_changes_are_checked_and_seen(context):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "expected"),
+    "arguments, expected",
     [
         ([], Lists()),
         (["-p", "nodes:=[a,b]", "-p", "inputs:=[]"], Lists(("a", "b"), ())),

@@ -160,7 +160,7 @@ def test_a_course_is_put_in_place_of_a_worlds_own(driven):
 
 
 @pytest.mark.parametrize(
-    ("gap_m", "course", "message"),
+    "gap_m, course, message",
     [
         (
             2.0,
@@ -206,7 +206,7 @@ def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(world):
 
 
 @pytest.mark.parametrize(
-    ("grid", "message"),
+    "grid, message",
     [
         (
             np.tile(np.arange(60) % 4 == 0, (60, 1)),
@@ -245,7 +245,7 @@ def test_maps_of_moving_ai_have_their_first_row_on_top(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, message",
     [
         (
             "type tile\nheight 1\nwidth 1\nmap\n.\n",

@@ -92,7 +92,7 @@ def test_checksum_tells_content_but_not_names_apart():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         ({"name": ""}, "must have 1 to 200 characters"),
         (
