@@ -1,4 +1,3 @@
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 
 import numpy as np
@@ -13,30 +12,32 @@ __all__ = ["private_domain"]
 
 
 @pytest.fixture(scope="module")
-def scenes() -> Iterator[ScenePool]:
+def scenes():
     """Physics clients for many simulators."""
     with closing(ScenePool()) as pool:
         yield pool
 
 
 @pytest.fixture
-def simulators() -> Iterator[Callable[..., Simulator]]:
+def simulators():
     """Make simulators, which are closed in the end."""
     with ExitStack() as stack:
-        yield lambda *arguments, **options: stack.enter_context(
-            closing(Simulator(*arguments, **options))
-        )
+
+        def make(*arguments, **options):
+            return stack.enter_context(closing(Simulator(*arguments, **options)))
+
+        yield make
 
 
 @pytest.fixture(scope="session")
-def empty_world() -> World:
+def empty_world():
     """A world with nothing but its containment."""
     path = np.array([[15, column] for column in range(30)])
     return World("empty", np.zeros((30, 30), np.bool_), path)
 
 
 @pytest.fixture(scope="session")
-def walled_world() -> World:
+def walled_world():
     """A world whose first column of cells is filled, but for the path's row."""
     grid = np.zeros((30, 30), np.bool_)
     grid[:, 0] = True

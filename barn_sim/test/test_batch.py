@@ -15,14 +15,11 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import load_robot
 
 STARTS = [
-    *(
-        Pose2D(-2.25, 3.0, 1.57),
-        Pose2D(-3.5, 4.5, 1.57),
-        Pose2D(-3.4, 6.0, 2.2),
-        Pose2D(-2.0, 5.0, 0.4),
-    ),
-    *(Pose2D(-2.25, 4.0, 0.1 * turn) for turn in range(4)),
-]
+    Pose2D(-2.25, 3.0, 1.57),
+    Pose2D(-3.5, 4.5, 1.57),
+    Pose2D(-3.4, 6.0, 2.2),
+    Pose2D(-2.0, 5.0, 0.4),
+] + [Pose2D(-2.25, 4.0, 0.1 * turn) for turn in range(4)]
 STEPS = 60
 
 
@@ -74,33 +71,29 @@ def expected(sensors):
     [("jackal", False), ("jackal", True), ("turtlebot4", False), ("husky", False)],
 )
 def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable):
-    config = SimulatorConfig(
-        lidar=LidarConfig(beams=90), obstacles=ObstacleConfig(movable=movable)
-    )
+    obstacles = ObstacleConfig(movable=movable)
+    config = SimulatorConfig(lidar=LidarConfig(beams=90), obstacles=obstacles)
     config = with_robot(config, load_robot(robot))
+    indices = range(len(STARTS))
+    numbers = np.array(indices)
     batch = Batch(len(STARTS), config)
-    alone = [simulator(config, index) for index in range(len(STARTS))]
-    for index in range(len(alone)):
+    alone = [simulator(config, index) for index in indices]
+    for index in indices:
         batch.put(index, simulator(config, index, batch.fleet))
-    batch.read(np.arange(len(alone)))
+    batch.read(numbers)
     for index, robot_alone in enumerate(alone):
-        assert np.array_equal(
-            batch.readings.ranges[index], robot_alone.sense().scan.ranges
-        )
+        expected_ranges = robot_alone.sense().scan.ranges
+        assert np.array_equal(batch.readings.ranges[index], expected_ranges)
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
-        commands = np.array(
-            [[0.6, 0.9 * math.sin(0.1 * step + index)] for index in range(len(STARTS))]
-        )
-        which = np.flatnonzero(
-            [step % 5 != index for index in range(len(STARTS))]
-        )  # one of them rests now and then
+        turns = 0.9 * np.sin(0.1 * step + numbers)
+        commands = np.column_stack([np.full(len(STARTS), 0.6), turns])
+        which = np.flatnonzero(step % 5 != numbers)  # one of them rests now and then
         batch.advance(which, commands)
         batch.read(which)
         for index in which.tolist():
-            assert row(batch.readings, index) == expected(
-                alone[index].step(Velocity2D(*commands[index].tolist()))
-            )
+            command = Velocity2D(*commands[index].tolist())
+            assert row(batch.readings, index) == expected(alone[index].step(command))
         hit |= batch.readings.collisions
     batch.close()
     assert hit.any() and not hit.all()
@@ -123,58 +116,38 @@ def test_batched_robots_advance_as_each_alone(walled_world, robot):
     count = 3 * LANES - 5
     rng = np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
-    abreast, alone = (Batch(count, config) for _ in range(2))
-    for batch in (abreast, alone):
+    batches = [Batch(count, config) for _ in range(2)]
+    for batch in batches:
         for index in range(count):
             start = Pose2D(-2.25, 1.0, 0.1 * index)
-            batch.put(
-                index,
-                Simulator(
-                    walled_world, config, start, index, fleet=batch.fleet, index=index
-                ),
-            )
+            place = {"fleet": batch.fleet, "index": index}
+            batch.put(index, Simulator(walled_world, config, start, index, **place))
         batch.fleet.robots["position"][::3, 2] += 0.02
+    abreast, alone = (batch.fleet for batch in batches)
     segments = np.full((count, 2, 4), 100.0)
     which = np.arange(count)
-    ahead_m = (
-        math.hypot(*abreast.fleet.settings["extent"][0, 2:])
-        + abreast.fleet.robots["near_m"][0]
-        + 0.02
-    )
+    reach_m = math.hypot(*abreast.settings["extent"][0, 2:])
+    ahead_m = reach_m + abreast.robots["near_m"][0] + 0.02
     segments[:, 0] = [ahead_m - 2.25, 1.0, ahead_m - 2.25, 1.0]
     for _ in range(10):
-        commands, left = (
-            rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)),
-            np.zeros(count, np.int64),
-        )
-        fleet = abreast.fleet
+        commands = rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2))
+        left = np.zeros(count, np.int64)
+        fleet = abreast
         advance_all(
             fleet.robots, fleet.pending, fleet.settings, segments, np.full(count, 2), fleet.noise, 10, which,
             commands, 0, left,
         )  # fmt: skip
-        fleet = alone.fleet
+        robots, pending, settings = alone.robots, alone.pending, alone.settings
         for index in which:
-            add_command(
-                fleet.robots,
-                fleet.pending,
-                index,
-                fleet.robots["stamp_ns"][index],
-                *commands[index],
-            )
-            wanted = advance(
-                fleet.robots,
-                fleet.pending,
-                fleet.settings,
-                index,
-                segments[index],
-                fleet.noise,
-                10,
-            )
+            now_ns = robots["stamp_ns"][index]
+            add_command(robots, pending, index, now_ns, *commands[index])
+            near = segments[index]
+            wanted = advance(robots, pending, settings, index, near, alone.noise, 10)
             assert left[index] == wanted
         which = which[left[which] == 0]
     assert LANES < len(which) < count
-    for name in abreast.fleet.robots.dtype.names:
-        state, expected = (batch.fleet.robots[name] for batch in (abreast, alone))
+    for name in abreast.robots.dtype.names:
+        state, expected = (fleet.robots[name] for fleet in (abreast, alone))
         if name == "wheels":
             # The rest of a wheel is room to compute in.
             fields = ["hub", "impulse_x", "impulse_y"]

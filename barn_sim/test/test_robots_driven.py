@@ -27,7 +27,6 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import deserialize
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.robots.urdf import read_chassis
 from barn_worlds.worlds.world import World
@@ -45,25 +44,18 @@ def plain():
     return World("plain", grid, np.array([[30, column] for column in range(60)]))
 
 
-def driven(world, config, command, steps, start=START, **options):
-    return readings_of(
-        Simulator(world, config, start, 0, **options), [Velocity2D(*command)] * steps
-    )
+def driven(world, config, command, steps, start=START):
+    simulator = Simulator(world, config, start, 0)
+    return readings_of(simulator, [Velocity2D(*command)] * steps)
 
 
 def polygon_robot():
     """Return a Husky whose front ends in a point."""
     robot = load_robot("husky")
-    corners = (
-        (0.6, 0.0),
-        (0.43, 0.335),
-        (-0.495, 0.335),
-        (-0.495, -0.335),
-        (0.43, -0.335),
-    )
-    return replace(
-        robot, chassis=replace(robot.chassis, name="arrow", footprint_m=corners)
-    )
+    sides = ((0.43, 0.335), (-0.495, 0.335), (-0.495, -0.335), (0.43, -0.335))
+    corners = ((0.6, 0.0), *sides)
+    chassis = replace(robot.chassis, name="arrow", footprint_m=corners)
+    return replace(robot, chassis=chassis)
 
 
 @pytest.mark.parametrize("name", ["husky", "scout_mini"])
@@ -74,19 +66,13 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     distance = straight[-1].truth.pose.y - straight[40].truth.pose.y
     assert distance == pytest.approx(0.8 * 20 * STEP_S, rel=1e-3)
     assert straight[-1].truth.pose.yaw == pytest.approx(START.yaw, abs=1e-3)
+    assert not any(reading.collision for reading in straight)
     # four equally loaded wheels with Coulomb friction, turning in place
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
     multiplier = robot.drive.wheel_separation_multiplier / slip
-    yaw = np.unwrap(
-        [
-            reading.truth.pose.yaw
-            for reading in driven(
-                plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0)
-            )
-        ]
-    )
+    turning = driven(plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0))
+    yaw = np.unwrap([reading.truth.pose.yaw for reading in turning])
     assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(multiplier, rel=0.01)
-    assert not any(reading.collision for reading in straight)
 
 
 def in_bullet(chassis):
@@ -99,17 +85,20 @@ def in_bullet(chassis):
         return np.array(bullet.getAABB(scene.robot, physicsClientId=scene.client))
 
 
-def test_the_shapes_are_those_of_the_footprint():
-    husky = load_robot("husky").chassis
-    assert model_of(husky).extent == pytest.approx(husky.extent_m)
-    assert np.allclose(np.ptp(in_bullet(husky), axis=0), [0.99, 0.67, 0.39], atol=0.005)
-    arrow = polygon_robot().chassis
-    assert model_of(arrow).extent == pytest.approx(arrow.extent_m)
-    assert np.allclose(
-        np.ptp(in_bullet(arrow), axis=0), [1.095, 0.67, 0.26], atol=0.005
-    )
-    round_one = load_robot("turtlebot4").chassis
-    assert model_of(round_one).extent == pytest.approx([-0.171, -0.171, 0.171, 0.171])
+@pytest.mark.parametrize(
+    "robot, sizes_m",
+    [(load_robot("husky"), [0.99, 0.67, 0.39]), (polygon_robot(), [1.095, 0.67, 0.26])],
+    ids=["husky", "arrow"],
+)
+def test_the_shapes_are_those_of_the_footprint(robot, sizes_m):
+    chassis = robot.chassis
+    assert model_of(chassis).extent == pytest.approx(chassis.extent_m)
+    assert np.allclose(np.ptp(in_bullet(chassis), axis=0), sizes_m, atol=0.005)
+
+
+def test_the_shape_of_a_round_robot_is_its_circle():
+    chassis = load_robot("turtlebot4").chassis
+    assert model_of(chassis).extent == pytest.approx([-0.171, -0.171, 0.171, 0.171])
 
 
 def gap_to(chassis, pose, point):
@@ -145,10 +134,8 @@ def test_robots_touch_a_pillar_where_their_outline_does(
     for _ in range(1200):
         simulator.command(Velocity2D(0.2, 0.0))
         simulator.advance(1)
-        gap = (
-            gap_to(robot.chassis, simulator.read_truth().pose, (x, y))
-            - pillar.cylinder_radius_m
-        )
+        away = gap_to(robot.chassis, simulator.read_truth().pose, (x, y))
+        gap = away - pillar.cylinder_radius_m
         if simulator.read_collision():
             break
         before = gap
@@ -158,93 +145,75 @@ def test_robots_touch_a_pillar_where_their_outline_does(
 @pytest.mark.parametrize("robot", [load_robot("turtlebot4"), polygon_robot()], ids=NAME)
 def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
-    model = model_of(robot.chassis)
     rng = np.random.default_rng(0)
     low, high = in_bullet(robot.chassis)[:, :2]
-    extent = model.extent
+    extent = model_of(robot.chassis).extent
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
     for x, y, yaw, px, py in rng.uniform(-1.5, 1.5, (200, 5)).tolist():
         bound = nearest_gap(np.array([[px, py, px, py]]), x, y, yaw, extent)
-        assert (
-            bound <= gap_to(robot.chassis, Pose2D(x, y, yaw), (px, py)) + 1e-9
-            or bound == 0.0
-        )
+        gap = gap_to(robot.chassis, Pose2D(x, y, yaw), (px, py))
+        assert bound <= gap + 1e-9 or bound == 0.0
 
 
 def test_obstacles_are_left_more_than_a_fast_tick():
     assert contact_gap_m(SimulatorConfig()) == 0.03
     robot = load_robot("husky")
-    fast = with_robot(
-        SimulatorConfig(), replace(robot, drive=replace(robot.drive, max_speed_m_s=6.0))
-    )
-    reach = np.hypot(0.495, 0.335)
-    assert contact_gap_m(fast) > fast.physics.tick_s * (
-        6.0 + fast.drive.max_yaw_rate_rad_s * reach
-    )
+    drive = replace(robot.drive, max_speed_m_s=6.0)
+    fast = with_robot(SimulatorConfig(), replace(robot, drive=drive))
+    fastest_mps = 6.0 + drive.max_yaw_rate_rad_s * np.hypot(0.495, 0.335)
+    assert contact_gap_m(fast) > fast.physics.tick_s * fastest_mps
 
 
-def test_joints_are_those_that_a_robot_has(plain):
-    for name, count in (("jackal", 4), ("turtlebot4", 2)):
-        robot = load_robot(name)
-        config = with_robot(PRESETS["ideal"], robot)
-        first, *_, last = driven(plain, config, (0.2, 0.0), 20)
-        joints = last.joints
-        names = joint_names(robot.chassis)
-        assert len(joints.positions) == len(joints.velocities) == len(names) == count
-        wheels = len(robot.chassis.wheels_m)
-        rolled_m = (
-            joints.positions[0] - first.joints.positions[0]
-        ) * robot.chassis.wheel_radius_m
-        assert rolled_m == pytest.approx(
-            first.truth.pose.distance(last.truth.pose), abs=0.03
-        )
-        assert joints.velocities[:wheels] == pytest.approx(
-            [0.2 / robot.chassis.wheel_radius_m] * wheels
-        )
+@pytest.mark.parametrize("name, count", [("jackal", 4), ("turtlebot4", 2)])
+def test_joints_are_those_that_a_robot_has(plain, name, count):
+    robot = load_robot(name)
+    radius_m = robot.chassis.wheel_radius_m
+    config = with_robot(PRESETS["ideal"], robot)
+    first, *_, last = driven(plain, config, (0.2, 0.0), 20)
+    joints = last.joints
+    names = joint_names(robot.chassis)
+    assert len(joints.positions) == len(joints.velocities) == len(names) == count
+    turned = joints.positions[0] - first.joints.positions[0]
+    distance_m = first.truth.pose.distance(last.truth.pose)
+    assert turned * radius_m == pytest.approx(distance_m, abs=0.03)
+    wheels = len(robot.chassis.wheels_m)
+    assert joints.velocities[:wheels] == pytest.approx([0.2 / radius_m] * wheels)
 
 
 def test_motors_lag_in_the_simulator_too(plain):
     config = with_robot(PRESETS["ideal"], load_robot("turtlebot4"))
-    config = replace(
-        config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0)
-    )
-    speeds = [
-        reading.truth.velocity.linear
-        for reading in driven(plain, config, (0.1, 0.0), 20)
-    ]
-    assert speeds[4] < 0.08 and speeds[-1] == pytest.approx(0.1, rel=0.02)
+    drive = replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0)
+    readings = driven(plain, replace(config, drive=drive), (0.1, 0.0), 20)
+    speeds = [reading.truth.velocity.linear for reading in readings]
+    assert speeds[4] < 0.08
+    assert speeds[-1] == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_lidar_sees_from_where_it_is_mounted(plain):
     robot = load_robot("turtlebot4")
-    mount = replace(
-        robot.lidar, mount_x_m=0.1, mount_y_m=-0.07, mount_yaw_rad=1.1, noise_m=0.0
-    )
+    mount = Pose2D(0.1, -0.07, 1.1)
     pose = Pose2D(-2.0, 3.0, 0.7)
-    scans = []
-    for lidar, start in (
-        (mount, pose),
-        (
-            replace(mount, mount_x_m=0.0, mount_y_m=0.0, mount_yaw_rad=0.0),
-            pose @ Pose2D(0.1, -0.07, 1.1),
-        ),
-    ):
+    ranges = []
+    for place, start in ((mount, pose), (Pose2D(0.0, 0.0, 0.0), pose @ mount)):
+        lidar = replace(
+            robot.lidar,
+            mount_x_m=place.x,
+            mount_y_m=place.y,
+            mount_yaw_rad=place.yaw,
+            noise_m=0.0,
+        )
         config = with_robot(PRESETS["ideal"], replace(robot, lidar=lidar))
-        scans.append(driven(plain, config, (0.0, 0.0), 0, start)[0].scan.ranges)
-    np.testing.assert_allclose(scans[0], scans[1], atol=1e-6)
-    assert np.isfinite(scans[0]).any()
+        ranges.append(driven(plain, config, (0.0, 0.0), 0, start)[0].scan.ranges)
+    np.testing.assert_allclose(*ranges, atol=1e-6)
+    assert np.isfinite(ranges[0]).any()
 
 
 def test_fixed_frames_are_turned_as_the_lidar_is():
     robot = load_robot("turtlebot4")
-    _, (_, transforms) = SimulatorMessages(
-        with_robot(SimulatorConfig(), robot)
-    ).constant()
-    sent = deserialize(transforms, "tf2_msgs/msg/TFMessage").transforms
+    messages = SimulatorMessages(with_robot(SimulatorConfig(), robot))
+    _, (_, data) = messages.constant()
     yaws = {
-        message.child_frame_id: 2.0
-        * np.arctan2(message.transform.rotation.z, message.transform.rotation.w)
-        for message in sent
+        transform.child: transform.pose.yaw for transform in decode.transforms(data)
     }
     assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
     assert set(yaws.values()) == {0.0}
@@ -269,36 +238,17 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     links = [link.get("name") for link in root.iter("link")]
     children = [child.get("link") for child in root.iter("child")]
     assert sorted(links) == sorted(["base_link", *children])  # one tree
-    assert fixed_frames(robot.lidar, chassis)["lidar_link"] == (
-        robot.lidar.mount_x_m,
-        0.0,
-        robot.lidar.mount_z_m,
-    )
     file = tmp_path / "robot.urdf"
     file.write_text(description_text(chassis), "utf-8")
     for key, value in read_chassis(file).items():
         assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
-    assert fixed_frames(robot.lidar, chassis)["base_footprint"] == (
-        0.0,
-        0.0,
-        -chassis.base_height_m,
-    )
-    assert set(joint_names(chassis)) <= {
-        joint.get("name") for joint in root.iter("joint")
-    }
+    frames = fixed_frames(robot.lidar, chassis)
+    assert frames["lidar_link"] == (robot.lidar.mount_x_m, 0.0, robot.lidar.mount_z_m)
+    assert frames["base_footprint"] == (0.0, 0.0, -chassis.base_height_m)
+    joints = {joint.get("name") for joint in root.iter("joint")}
+    assert set(joint_names(chassis)) <= joints
     if chassis.is_rectangular and name != "jackal":
         (box,) = root.iterfind("link/collision/geometry/box")
-        sizes = (
-            robot.length_m,
-            robot.width_m,
-            chassis.body_height_m - chassis.ground_clearance_m,
-        )
-        assert [float(size) for size in box.attrib["size"].split()] == pytest.approx(
-            sizes
-        )
-
-
-def test_the_messages_describe_the_robot():
-    robot = load_robot("husky")
-    (_, text), _ = SimulatorMessages(with_robot(SimulatorConfig(), robot)).constant()
-    assert decode.text(text) == robot_description(robot.lidar, robot.chassis)
+        height_m = chassis.body_height_m - chassis.ground_clearance_m
+        sizes_m = np.array(box.attrib["size"].split(), float)
+        assert sizes_m == pytest.approx([robot.length_m, robot.width_m, height_m])

@@ -2,7 +2,6 @@
 
 import math
 from contextlib import closing
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from barn_sim.body.drive import turn_wheels
 from barn_sim.body.rigid_body import gyroscopic_change, move_body, rotate
 from barn_sim.body.tires import tire_forces
 from barn_sim.body.vectors import rotation, vector
-from barn_sim.config import PHYSICS_VERSION, SimulatorConfig, with_robot
+from barn_sim.config import PHYSICS_VERSION, ObstacleConfig, SimulatorConfig, with_robot
 from barn_sim.contact.bullet import bullet
 from barn_sim.contact.scene import ContactScene, ScenePool
 from barn_sim.motion.ticks import body_state, solve_tires
@@ -44,10 +43,9 @@ def attitude_of(roll, pitch, yaw):
 
 def angle_between(first, second):
     """Return the angle in rad between two attitudes."""
-    return 2.0 * min(
-        np.linalg.norm(np.subtract(first, second)),
-        np.linalg.norm(np.add(first, second)),
-    )
+    apart = np.linalg.norm(np.subtract(first, second))
+    opposite = np.linalg.norm(np.add(first, second))  # which is the same attitude
+    return 2.0 * min(apart, opposite)
 
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4"])
@@ -89,25 +87,19 @@ def test_free_motion_is_that_of_bullet_to_a_nanometer(empty_world, robot):
                 assert free[3] == pytest.approx(expected[3], abs=1e-9)
 
 
-def simulator_of(
-    seed: int, scenes: ScenePool | None, rng: np.random.Generator, robot: str = "jackal"
-) -> Simulator:
+def simulator_of(seed, scenes, rng, robot="jackal"):
     """Return a robot in the middle of a sparse world, whose obstacles can be moved if the seed is odd."""
     grid = rng.random((30, 30)) < 0.02
     grid[:, 15] = grid[9:21, 9:21] = False
     world = World("sparse", grid, np.array([[row, 15] for row in range(30)]))
-    config = with_robot(SimulatorConfig(), load_robot(robot))
-    config = replace(
-        config, obstacles=replace(config.obstacles, movable=bool(seed % 2))
-    )
+    movable = SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2)))
+    config = with_robot(movable, load_robot(robot))
     x, y = world.path_m()[15]
     start = Pose2D(x, y, rng.uniform(-math.pi, math.pi))
     return Simulator(world, config, start, seed, scenes)
 
 
-def episode(
-    seed: int, scenes: ScenePool | None, robot: str = "jackal"
-) -> tuple[list[tuple], int]:
+def episode(seed, scenes, robot="jackal"):
     """Return the states after every step, driven at random, and how many steps ended freely."""
     rng = np.random.default_rng(seed)
     with closing(simulator_of(seed, scenes, rng, robot)) as simulator:
@@ -135,21 +127,20 @@ def test_episodes_move_freely_and_touch_obstacles():
 
 
 def test_robots_that_share_clients_move_as_with_their_own():
-    seeds = range(6)
+    def robots(scenes):
+        return [
+            simulator_of(seed, scenes, np.random.default_rng(seed)) for seed in range(6)
+        ]
+
     with closing(ScenePool()) as scenes:
-        shared = [
-            simulator_of(seed, scenes, np.random.default_rng(seed)) for seed in seeds
-        ]
-        alone = [
-            simulator_of(seed, None, np.random.default_rng(seed)) for seed in seeds
-        ]
+        shared = robots(scenes)
+        alone = robots(None)
         in_contact = 0
         for step in range(STEPS):
-            for one, other in zip(shared, alone, strict=True):
-                for simulator in (one, other):
-                    simulator.step(Velocity2D(0.5, 1.0 if step % 20 < 10 else -1.0))
-                assert one.sense().truth == other.sense().truth
-                in_contact += one.motion.is_in_contact
+            command = Velocity2D(0.5, 1.0 if step % 20 < 10 else -1.0)
+            for ours, theirs in zip(shared, alone, strict=True):
+                assert ours.step(command).truth == theirs.step(command).truth
+                in_contact += ours.motion.is_in_contact
         assert in_contact > 0
         for simulator in (*shared, *alone):
             simulator.close()
@@ -160,20 +151,18 @@ def test_robots_that_share_clients_move_as_with_their_own():
 FINAL_POSES = {1: (-3.590134114725404, 4.874822183260471, 1.5541987022023653)}
 
 
-def test_the_version_of_the_physics_names_its_results(walled_world):
+def test_the_version_of_the_physics_names_its_results(walled_world, simulators):
     """A drive into a wall and along it; another result needs another PHYSICS_VERSION."""
-    with closing(
-        Simulator(walled_world, SimulatorConfig(), Pose2D(-3.5, 4.5, 1.57), 7)
-    ) as simulator:
-        touched = False
-        for step in range(120):
-            sensors = simulator.step(Velocity2D(0.6, 0.9 * math.sin(0.1 * step)))
-            touched = touched or sensors.collision
-        pose, _ = simulator.motion.place()
+    start = Pose2D(-3.5, 4.5, 1.57)
+    simulator = simulators(walled_world, SimulatorConfig(), start, 7)
+    touched = False
+    for step in range(120):
+        sensors = simulator.step(Velocity2D(0.6, 0.9 * math.sin(0.1 * step)))
+        touched = touched or sensors.collision
+    pose, _ = simulator.motion.place()
     assert touched
-    assert (pose.x, pose.y, pose.yaw) == pytest.approx(
-        FINAL_POSES[PHYSICS_VERSION], abs=1e-9
-    )
+    expected = pytest.approx(FINAL_POSES[PHYSICS_VERSION], abs=1e-9)
+    assert (pose.x, pose.y, pose.yaw) == expected
 
 
 def test_a_rotation_is_that_of_the_exponential_map():

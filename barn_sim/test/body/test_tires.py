@@ -22,7 +22,6 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
-from barn_worlds.worlds.world import World
 
 G = 9.81
 FRICTION = 0.5
@@ -47,7 +46,7 @@ def load(robots, settings):
 class Driven:
     """The robot on the ground in PyBullet with its wheels at given speeds."""
 
-    def __init__(self, world: World, yaw: float = 0.0, tick_s: float = 0.005) -> None:
+    def __init__(self, world, yaw=0.0, tick_s=0.005):
         self.tick_s = tick_s
         config = SimulatorConfig(physics=PhysicsConfig(tick_s=tick_s))
         self.simulator = Simulator(world, config, Pose2D(0.0, 0.0, yaw), 0)
@@ -57,23 +56,23 @@ class Driven:
         self.scene = ContactScene(self.simulator.motion.model, config.physics)
         self.scene.place_robot(body_state(self.fleet.robots, 0))
 
-    def run(self, speed: float, turn: float, duration_s: float) -> None:
+    def run(self, speed, turn, duration_s):
         half = 0.5 * SEPARATION * turn
         robots, settings = self.fleet.robots, self.fleet.settings
         for _ in range(round(duration_s / self.tick_s)):
             state = self.scene.tick(*push(robots, settings, speed - half, speed + half))
             follow_body(robots, settings, 0, state, self.fleet.noise)
 
-    def close(self) -> None:
+    def close(self):
         self.scene.close()
         self.simulator.close()
 
     @property
-    def pose(self) -> Pose2D:
+    def pose(self):
         return Pose2D(*base_motion(self.fleet.robots, self.fleet.settings, 0)[:3])
 
     @property
-    def velocity(self) -> Velocity2D:
+    def velocity(self):
         return Velocity2D(*base_motion(self.fleet.robots, self.fleet.settings, 0)[3:])
 
 
@@ -255,7 +254,7 @@ def test_turning_does_not_depend_on_the_heading(driven):
     assert np.ptp(rates) < 1e-6
 
 
-def steady_turn(speed: float, turn: float) -> tuple[float, float]:
+def steady_turn(speed, turn):
     """Speed of the center of mass and yaw rate in a steady arc, by integrating the motion in the plane with tiny steps.
 
     Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.

@@ -27,14 +27,14 @@ def turn_once(robots, pending, settings, now_ns):
 class Clocked:
     """A drive with its clock."""
 
-    def __init__(self, config: DriveConfig) -> None:
+    def __init__(self, config):
         self.drive = DriveController(config, TRACK, TICK_S, Fleet.of(1), 0)
         self.now_ns = 0
 
-    def command(self, linear: float, angular: float) -> None:
+    def command(self, linear, angular):
         self.drive.command(Velocity2D(linear, angular), self.now_ns)
 
-    def run(self, duration_s: float) -> tuple[float, float]:
+    def run(self, duration_s):
         fleet = self.drive.fleet
         for _ in range(round(duration_s / TICK_S)):
             speeds = turn_once(fleet.robots, fleet.pending, fleet.settings, self.now_ns)
@@ -116,11 +116,11 @@ def integrate(robots):
 class Measured(FusedOdometry):
     """Odometry of a robot whose state is given."""
 
-    def __init__(self, config: OdometryConfig, start_yaw: float = 0.0) -> None:
+    def __init__(self, config, start_yaw=0.0):
         self.robots = (fleet := Fleet.of(1)).robots
         super().__init__(config, np.random.default_rng(0), start_yaw, fleet, 0)
 
-    def advance(self, left: float, right: float, yaw: float) -> None:
+    def advance(self, left, right, yaw):
         self.robots["left_m_s"] = left
         self.robots["right_m_s"] = right
         self.robots["yaw"] = yaw

@@ -28,7 +28,7 @@ QUIET = replace(SimulatorConfig().lidar, noise_m=0.0)
 FROM_ZERO = SimulatorConfig(obstacles=ObstacleConfig(random_phase=False), lidar=QUIET)
 
 
-def arena(*moving: MovingObstacle, walls: tuple[Wall, ...] = ()) -> World:
+def arena(*moving, walls=()):
     path = np.array([[row, 20] for row in range(42, 1, -1)])
     grid = np.zeros((45, 41), np.bool_)
     return World(
@@ -36,24 +36,20 @@ def arena(*moving: MovingObstacle, walls: tuple[Wall, ...] = ()) -> World:
     )
 
 
-def person(
-    *keys: tuple[float, float, float], period_s: float = 10.0, radius_m: float = 0.3
-) -> MovingObstacle:
+def person(*keys, period_s=10.0, radius_m=0.3):
     return MovingObstacle(
         "person", radius_m=radius_m, motion=Motion("linear", period_s, keys)
     )
 
 
-def cart(
-    *keys: tuple[float, float, float], period_s: float = 10.0, yaw_rad: float = 0.0
-) -> MovingObstacle:
+def cart(*keys, period_s=10.0, yaw_rad=0.0):
     motion = Motion("linear", period_s, keys)
     return MovingObstacle(
         "cart", "box", size_x_m=1.0, size_y_m=0.6, yaw_rad=yaw_rad, motion=motion
     )
 
 
-def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
+def random_shapes(rng, count):
     box = rng.random(count) < 0.5
     radius = rng.uniform(0.05, 1.0, count)
     size = rng.uniform(0.05, 3.0, (count, 2))
@@ -64,7 +60,7 @@ def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
     )
 
 
-def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
+def plain_hit(origin, beam, shape):
     """One beam against one shape: a circle by the quadratic equation, a box by each of its four sides."""
     center = shape[:2]
     if shape[2]:
@@ -229,9 +225,7 @@ def test_the_phase_is_drawn_from_the_seed_and_can_be_zero():
     assert scans[0] == scans[1] != scans[2]
 
 
-def wandering_robot(
-    seed: int, scenes: ScenePool, rng: np.random.Generator, robot: str
-) -> Simulator:
+def wandering_robot(seed, scenes, rng, robot):
     """Return a robot among moving obstacles; where the seed is odd, cylinders move, too."""
     config = with_robot(
         SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))),
@@ -247,9 +241,7 @@ def wandering_robot(
     return Simulator(world, config, start, seed, scenes)
 
 
-def drive(
-    seed: int, scenes: ScenePool, robot: str = "jackal"
-) -> tuple[list[tuple], int]:
+def drive(seed, scenes, robot="jackal"):
     """Return the states after every step and how many steps ended freely."""
     rng = np.random.default_rng(seed)
     with closing(wandering_robot(seed, scenes, rng, robot)) as simulator:

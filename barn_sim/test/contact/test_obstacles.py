@@ -22,7 +22,7 @@ MOVABLE = SimulatorConfig(obstacles=ObstacleConfig(movable=True))
 HERE = Pose2D(-2.25, 5.0, 0.5 * math.pi)
 
 
-def world_with(*cells: tuple[int, int]) -> World:
+def world_with(*cells):
     grid = np.zeros((30, 30), np.bool_)
     for cell in cells:
         grid[cell] = True
@@ -30,11 +30,11 @@ def world_with(*cells: tuple[int, int]) -> World:
 
 
 def push(
-    world: World,
-    config: SimulatorConfig,
-    steps: int,
-    speed: float = 0.5,
-    start: Pose2D = HERE,
+    world,
+    config,
+    steps,
+    speed=0.5,
+    start=HERE,
 ):
     """Drive straight on; return the last readings and the displaced obstacles."""
     with closing(Simulator(world, config, start, 0)) as simulator:

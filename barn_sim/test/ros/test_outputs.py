@@ -15,19 +15,17 @@ from barn_worlds.ros import topics
 
 
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch):
-    monkeypatch.setattr(
-        topics,
-        "find_message_class",
-        lambda name: None if name == TF.type_name else object,
-    )
+    def find_message_class(name):
+        return None if name == TF.type_name else object
+
+    monkeypatch.setattr(topics, "find_message_class", find_message_class)
     node = Mock()
     messages = SimulatorMessages(SimulatorConfig())
-    Outputs(node, SimulatorNodeConfig()).publish(
-        [*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)]
-    )
-    assert not {"/tf", "/tf_static"} & {
-        call.args[1] for call in node.create_publisher.call_args_list
-    }
+    transforms = messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)
+    outputs = Outputs(node, SimulatorNodeConfig())
+    outputs.publish([*messages.constant(), transforms])
+    paths = {call.args[1] for call in node.create_publisher.call_args_list}
+    assert not {"/tf", "/tf_static"} & paths
     (_, description), _ = messages.constant()
     node.create_publisher().publish.assert_called_once_with(description)
     assert "tf2_msgs" in str(node.get_logger().info.mock_calls)
@@ -44,11 +42,7 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch):
 def test_scans_are_reliable_unless_said_otherwise(config, reliable):
     node = Mock()
     Outputs(node, config)
-    profiles = {
-        topic: profile
-        for _, topic, profile in (
-            call.args for call in node.create_publisher.call_args_list
-        )
-    }
-    assert (profiles["scan"].reliability.name == "RELIABLE") is reliable
-    assert profiles["odom"].reliability.name == "RELIABLE"
+    calls = [call.args for call in node.create_publisher.call_args_list]
+    reliabilities = {topic: profile.reliability.name for _, topic, profile in calls}
+    assert (reliabilities["scan"] == "RELIABLE") is reliable
+    assert reliabilities["odom"] == "RELIABLE"

@@ -17,13 +17,11 @@ from barn_worlds.base.types import Pose2D
 QUIET = LidarConfig(noise_m=0.0)
 
 
-def lidar(config: LidarConfig, seed: int = 0) -> Lidar:
+def lidar(config, seed=0):
     return Lidar(config, np.random.default_rng(seed))
 
 
-def reference(
-    pose: Pose2D, scan, mount_x: float, centers: np.ndarray, radius: float
-) -> np.ndarray:
+def reference(pose, scan, mount_x, centers, radius):
     """Every beam against every circle, by the quadratic equation, in float64."""
     sensor = pose @ Pose2D(mount_x, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
@@ -39,7 +37,7 @@ def reference(
     return np.zeros_like(nearest) if (square <= 0.0).any() else nearest
 
 
-def limited(ranges: np.ndarray, low: float, high: float) -> np.ndarray:
+def limited(ranges, low, high):
     return np.where(
         ranges < low, -np.inf, np.where(ranges > high, np.inf, ranges)
     ).astype(np.float32)
@@ -87,7 +85,7 @@ def test_upright_cylinders_cast_in_space_are_circles():
     assert np.isfinite(flat.ranges).sum() > 100
 
 
-def bullet_ranges(client: int, pose: Pose2D, scan) -> np.ndarray:
+def bullet_ranges(client, pose, scan):
     sensor = pose @ Pose2D(QUIET.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     starts = [[sensor.x, sensor.y, 0.3]] * len(angles)

@@ -11,7 +11,7 @@ CONFIG = LocalizationConfig(mode="amcl")
 ORIGIN = Pose2D(1.0, 2.0, 0.5)
 
 
-def believer(config: LocalizationConfig = CONFIG, seed: int = 0) -> FilterLocalization:
+def believer(config=CONFIG, seed=0):
     return FilterLocalization(config, np.random.default_rng(seed))
 
 

@@ -21,7 +21,7 @@ from barn_sim.sensors.particles import (
     particle_bins,
     particle_weights,
 )
-from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
+from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
@@ -34,7 +34,7 @@ SPEED_M_S = 0.4
 
 
 @pytest.fixture(scope="module")
-def pillars() -> World:
+def pillars():
     """Unevenly spaced pillars along both sides and two walls ahead, which fix all three coordinates from the start."""
     grid = np.zeros((30, 30), np.bool_)
     grid[4, [1, 3, 8, 10, 16, 21, 29]] = grid[25, [2, 6, 7, 13, 18, 24, 28]] = True
@@ -43,12 +43,12 @@ def pillars() -> World:
 
 
 def drive(
-    config: LocalizationConfig,
-    world: World,
-    static_map: OccupancyMap,
-    meters: float,
-    seed: int = 0,
-) -> np.ndarray:
+    config,
+    world,
+    static_map,
+    meters,
+    seed=0,
+):
     """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
     lidar = Lidar(LIDAR, np.random.default_rng(seed + 1))
     believer = ParticleLocalization(
@@ -176,7 +176,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars):
     lidar = Lidar(LIDAR, np.random.default_rng(1))
     looked_at = []
 
-    def look(odometry: Pose2D):
+    def look(odometry):
         looked_at.append(odometry)
         return lidar.scan(
             0, START @ odometry, pillars.cylinders_m, pillars.cylinder_radius_m

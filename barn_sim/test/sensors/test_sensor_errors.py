@@ -21,7 +21,7 @@ AROUND = 3.0 * np.array(
 )
 
 
-def scans(config: LidarConfig, count: int, seed: int = 0) -> np.ndarray:
+def scans(config, count, seed=0):
     lidar = Lidar(config, np.random.default_rng(seed))
     return np.array(
         [
