@@ -1,6 +1,5 @@
 """The 50 original worlds of the sample, where they are there, and a sixth of barn300."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 from shared_fixtures import original_folder
 
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.worlds.world import World
 
 __all__ = ["original_folder"]
 
@@ -24,13 +22,13 @@ class Original(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def worlds() -> dict[int, World]:
+def worlds():
     dataset = open_dataset("barn300")
     return {index: dataset.load(index) for index in dataset.world_numbers[::6]}
 
 
 @pytest.fixture(scope="session")
-def originals(original_folder: Path) -> list[Original]:
+def originals(original_folder):
     table = original_folder / "metrics_corrected.csv"
     if not table.is_file():
         pytest.skip(f"no {table}")

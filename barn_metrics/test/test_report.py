@@ -1,7 +1,6 @@
 """The table of metrics: equal to its parts, valid in every format, and written whole or not at all."""
 
 from dataclasses import asdict, replace
-from pathlib import Path
 from statistics import pstdev
 
 import numpy as np
@@ -14,7 +13,7 @@ from barn_worlds.datasets.dataset import Dataset, open_dataset
 from barn_worlds.worlds.world import World
 
 
-def _worlds() -> list[World]:
+def _worlds():
     generator = np.random.default_rng(7)
     worlds = []
     for number in range(4):
@@ -114,7 +113,7 @@ def test_no_worlds_and_unknown_formulas_are_refused():
         metrics_table(_worlds(), "corected")
 
 
-def test_the_original_folder_gives_what_was_published_with_it(original_folder: Path):
+def test_the_original_folder_gives_what_was_published_with_it(original_folder):
     dataset = open_dataset(original_folder)
     table = metrics_table(dataset, "published")
     for world, row in zip(table.worlds, table.values, strict=True):

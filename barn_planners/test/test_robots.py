@@ -17,7 +17,7 @@ from barn_planners.costmap.config import (
 from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import fit_parameters, lidar_mount_changes, robot_scale
-from barn_worlds.base.config import as_dict, fields_of, replace_dotted
+from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
 from barn_worlds.geometry.polygon import nearest_side_m, offset
@@ -34,6 +34,25 @@ def configured(name, robot, preset="", **overrides):
     return planner_config(name, preset, fit_parameters(name, preset, overrides, robot))
 
 
+def changes(name, robot, preset):
+    """Yield each key of a preset, its value there and for a robot."""
+    fields = fields_of(presets(name)[preset])
+    fields_of_robot = fields_of(configured(name, robot, preset))
+    for (key, _, before), (_, _, value) in zip(fields, fields_of_robot, strict=True):
+        yield key, before, value
+
+
+def approx(value):
+    return pytest.approx(value, rel=1e-5)
+
+
+def is_inside(corners, point):
+    """Tell whether a point is left of every side of a polygon."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    away = np.array(point) - corners
+    return (sides[:, 0] * away[:, 1] > sides[:, 1] * away[:, 0]).all()
+
+
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_nothing_changes_for_the_jackal(name):
     assert name in planner_names()
@@ -46,15 +65,12 @@ def test_nothing_changes_for_the_jackal(name):
 def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
     """The rules themselves lead to the presets, but for figures of planners without a costmap and a quirk of DWA's."""
     other = replace(JACKAL, chassis=replace(JACKAL.chassis, name="other"))
-    for preset, config in presets(name).items():
-        before = {key: value for key, _, value in fields_of(config)}
-        for key, _, value in fields_of(configured(name, other, preset)):
-            if not key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
-                assert value == (
-                    pytest.approx(before[key], rel=1e-5)
-                    if isinstance(value, float)
-                    else before[key]
-                ), key
+    for preset in presets(name):
+        for key, before, value in changes(name, other, preset):
+            if key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
+                continue
+            expected = approx(before) if isinstance(value, float) else before
+            assert value == expected, key
 
 
 @pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
@@ -62,37 +78,30 @@ def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
 def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
     scale = robot_scale(robot)
     drive = robot.drive
+    lengths = (
+        "look_ahead_m",
+        "resolution_m",
+        "xy_tolerance_m",
+        "obstacle_range_m",
+        "path_ahead_m",
+    )
     for preset, config in presets(name).items():
-        before = {key: value for key, _, value in fields_of(config)}
-        for key, _, value in fields_of(configured(name, robot, preset)):
+        for key, before, value in changes(name, robot, preset):
             if key.endswith(("max_speed_mps", "escape_speed_mps")):
-                assert abs(value) == pytest.approx(
-                    min(scale * abs(before[key]), drive.max_speed_m_s), rel=1e-5
-                )
+                scaled = scale * abs(before)
+                assert abs(value) == approx(min(scaled, drive.max_speed_m_s))
             elif key.endswith("max_turn_radps"):
-                assert value == pytest.approx(
-                    min(before[key], drive.max_yaw_rate_rad_s), rel=1e-5
-                )
+                assert value == approx(min(before, drive.max_yaw_rate_rad_s))
             elif key.endswith("_mps2"):
                 assert value <= drive.max_acceleration_m_s2
-            elif key.endswith(
-                (
-                    "look_ahead_m",
-                    "resolution_m",
-                    "xy_tolerance_m",
-                    "obstacle_range_m",
-                    "path_ahead_m",
-                )
-            ):
-                assert value == pytest.approx(scale * before[key], rel=1e-5)
+            elif key.endswith(lengths):
+                assert value == approx(scale * before)
             elif key.endswith("window_period_s"):
-                slower = max(
-                    1.0,
-                    scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2,
-                )
-                assert value == pytest.approx(slower * before[key], rel=1e-5)
+                wanted = scale * config.dwa.acceleration_mps2
+                slower = max(1.0, wanted / drive.max_acceleration_m_s2)
+                assert value == approx(slower * before)
             elif key.startswith(("guard.", "tracker.")) or key.endswith("_s"):
-                assert value == before[key]
+                assert value == before
 
 
 @pytest.mark.parametrize("robot", [HUSKY, ROUND, BURGER], ids=lambda robot: robot.name)
@@ -100,27 +109,21 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
 def test_padded_mppi_footprints_hold_the_robot(robot, costmap):
     layer = getattr(configured("mppi", robot), costmap)
     assert layer.inscribed_m < layer.inflation_radius_m
-    corners = layer.padded_outline_m
-    sides = np.roll(corners, -1, axis=0) - corners
-    for x, y in robot.chassis.hull_m:
-        away = np.array([x, y]) - corners
-        assert (sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all()
+    for point in robot.chassis.hull_m:
+        assert is_inside(layer.padded_outline_m, point)
     assert bool(layer.footprint) == (robot is not HUSKY)
 
 
 def test_what_the_user_sets_wins():
     config = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
     assert config.dwa.max_speed_mps == 0.3
-    assert config.local_costmap.footprint_half_length_m == pytest.approx(
-        0.21 * 0.495 / 0.254, rel=1e-5
-    )
+    half_length_m = config.local_costmap.footprint_half_length_m
+    assert half_length_m == approx(0.21 * 0.495 / 0.254)
 
 
 def test_the_shipped_policy_is_for_the_jackal_alone():
-    with pytest.raises(
-        ConfigError,
-        match=r"^planner 'policy': the shipped policy was trained for the Jackal alone",
-    ):
+    message = r"^planner 'policy': the shipped policy was trained for the Jackal alone"
+    with pytest.raises(ConfigError, match=message):
         configured("policy", HUSKY)
     safety = configured("policy", HUSKY, policy_path="mine.npz").safety
     assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
@@ -140,7 +143,11 @@ def test_lidar_is_where_the_robot_has_it():
 
 def test_outlines_as_text():
     assert parse_footprint(format_footprint(PENTAGON)) == PENTAGON
-    for wrong in (
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
         "",
         "x",
         "[[0, 1]]",
@@ -148,50 +155,36 @@ def test_outlines_as_text():
         "[[1, 1], [2, 1], [1, 2]]",
         "[[1, 2, 3]]",
         "7",
-    ):
-        assert parse_footprint(wrong) is None
+    ],
+)
+def test_other_text_is_no_outline(text):
+    assert parse_footprint(text) is None
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(0.05, 2.0), st.floats(0.05, 2.0), st.floats(0.0, 0.5))
 def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
-    rectangle = (
-        (half_x, half_y),
-        (-half_x, half_y),
-        (-half_x, -half_y),
-        (half_x, -half_y),
-    )
-    x = half_x + by_m
-    y = half_y + by_m
-    np.testing.assert_allclose(
-        offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
-    )
-    assert nearest_side_m(offset(PENTAGON, by_m)) == pytest.approx(
-        nearest_side_m(PENTAGON) + by_m
-    )
+    signs = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
+    half = np.array([half_x, half_y])
+    padded = offset(tuple(map(tuple, signs * half)), by_m)
+    np.testing.assert_allclose(padded, signs * (half + by_m), atol=1e-12)
+    away_m = nearest_side_m(offset(PENTAGON, by_m))
+    assert away_m == pytest.approx(nearest_side_m(PENTAGON) + by_m)
 
 
 def test_a_costmap_clears_and_checks_the_outline():
-    config = replace_dotted(
-        CostmapConfig(),
-        {"footprint": format_footprint(PENTAGON), "footprint_padding_m": 0.0},
-        "costmap",
-    )
+    footprint = format_footprint(PENTAGON)
+    config = CostmapConfig(footprint=footprint, footprint_padding_m=0.0)
     costmap = RollingCostmap(config)
     assert config.inscribed_m == pytest.approx(nearest_side_m(PENTAGON))
     assert config.circumscribed_m == pytest.approx(0.5)
-    ahead = np.full(9, 0.8, np.float32)
-    costmap.update(
-        Pose2D(0.0, 0.0, 0.0),
-        Scan(0, ahead, -0.2, 0.05, 0.1, 30.0),
-        Pose2D(0.0, 0.0, 0.0),
-    )
+    here = Pose2D(0.0, 0.0, 0.0)
+    ahead = Scan(0, np.full(9, 0.8, np.float32), -0.2, 0.05, 0.1, 30.0)
+    costmap.update(here, ahead, here)
     cells = kernels.footprint_cells(costmap.outline, costmap.grid, costmap.costs.shape)
-    ends = (
-        costmap.origin_x + 0.05 * cells[:, 1].min(),
-        costmap.origin_x + 0.05 * (cells[:, 1].max() + 1),
-    )
-    assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
+    columns = cells[:, 1]
+    ends = costmap.origin_x + 0.05 * np.array([columns.min(), columns.max() + 1])
+    assert ends == pytest.approx([-0.3, 0.5], abs=0.06)
     assert costmap.has_room(0.0, 0.0, 0.0)
     assert not costmap.has_room(0.3, 0.0, 0.0)  # its tip is in what was seen
     assert costmap.has_room(0.3, 0.0, math.pi)
@@ -208,11 +201,11 @@ def test_dwa_counts_edges_of_other_robots_by_distance():
 def test_global_plans_keep_the_robots_side_distance(name):
     """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
     config = configured(name, BURGER)
-    width_m = np.ptp(config.global_costmap.padded_outline_m[:, 1])
-    assert config.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
-    assert config.global_costmap.inflation_radius_m > config.global_costmap.inscribed_m
-    assert config.local_costmap.inscribed_m == pytest.approx(
-        nearest_side_m(config.local_costmap.padded_outline_m)
-    )
+    layer = config.global_costmap
+    width_m = np.ptp(layer.padded_outline_m[:, 1])
+    assert layer.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
+    assert layer.inflation_radius_m > layer.inscribed_m
+    local = config.local_costmap
+    assert local.inscribed_m == pytest.approx(nearest_side_m(local.padded_outline_m))
     for robot in (HUSKY, ROUND):
         assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0

@@ -11,6 +11,11 @@ def readings_of(simulator, commands):
         return [simulator.sense(), *(simulator.step(command) for command in commands)]
 
 
+def difference(estimate, truth):
+    """Return an estimate's errors in x, y and yaw."""
+    return estimate.x - truth.x, estimate.y - truth.y, estimate.yaw - truth.yaw
+
+
 def wander(simulator, rng, steps):
     """Return all readings after every step, some of them parts of a control period, and how many ended freely."""
     states = []

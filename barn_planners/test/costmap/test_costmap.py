@@ -20,13 +20,13 @@ from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
 AHEAD = Pose2D(10.0, 0.0, 0.0)
 
 
-def scan_of(ranges, angle_min=-2.3, increment=None) -> Scan:
+def scan_of(ranges, angle_min=-2.3, increment=None):
     ranges = np.asarray(ranges, np.float32)
     step = increment if increment is not None else 4.6 / max(1, len(ranges) - 1)
     return Scan(0, ranges, angle_min, step, 0.1, 30.0)
 
 
-def plain_cost(distance_cells: float, config: CostmapConfig, resolution: float) -> int:
+def plain_cost(distance_cells, config, resolution):
     d = distance_cells * resolution
     if distance_cells == 0:
         return LETHAL
@@ -41,9 +41,7 @@ def plain_cost(distance_cells: float, config: CostmapConfig, resolution: float) 
     return 0
 
 
-def plain_inflation(
-    lethal: np.ndarray, config: CostmapConfig, resolution: float
-) -> np.ndarray:
+def plain_inflation(lethal, config, resolution):
     if not lethal.any():
         return np.zeros(lethal.shape, np.uint8)
     return np.vectorize(plain_cost, [np.uint8])(
@@ -51,7 +49,7 @@ def plain_inflation(
     )
 
 
-def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int, int]]:
+def plain_line(row, col, end_row, end_col):
     """Return the cells of a line: along its longer axis one cell per step, the other coordinate to the nearest cell."""
     n = max(abs(end_row - row), abs(end_col - col))
     if n == 0:
@@ -67,9 +65,7 @@ def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int
     return cells
 
 
-def plain_update(
-    costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan, lidar: Pose2D
-) -> np.ndarray:
+def plain_update(costmap, lethal, pose, scan, lidar):
     """Return the lethal cells after a scan, by sets of cells and plain loops."""
     config, rows, cols = costmap.config, *lethal.shape
     sensor = pose @ lidar
@@ -102,7 +98,7 @@ def plain_update(
     return after
 
 
-def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
+def plain_footprint(costmap, pose):
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
     a, b = costmap.outline[0]
     corners = [
@@ -280,9 +276,7 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
         )
 
 
-def plain_points(
-    pose: Pose2D, scan: Scan, lidar_x: float
-) -> tuple[tuple[float, float], np.ndarray]:
+def plain_points(pose, scan, lidar_x):
     """Return the lidar's place and the points (n, 2) that it sees, each number rounded to single precision."""
     f = np.float32
     sensor = pose @ Pose2D(lidar_x, 0.0, 0.0)
@@ -304,7 +298,7 @@ def plain_points(
     return (sensor.x, sensor.y), np.array(points, np.float64).reshape(-1, 2)
 
 
-def plain_ray(costmap: Costmap, sensor, point) -> list[tuple[int, int]]:
+def plain_ray(costmap, sensor, point):
     """Return the cells that the ray to a point clears, where that is pulled in to the grid's edges."""
     (rows, cols), (x0, y0) = costmap.costs.shape, (costmap.origin_x, costmap.origin_y)
     (sx, sy), (x, y) = sensor, point
@@ -336,7 +330,7 @@ def plain_ray(costmap: Costmap, sensor, point) -> list[tuple[int, int]]:
     )
 
 
-def filled_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
+def filled_footprint(costmap, pose):
     """Return the cells that costmap_2d clears of a footprint: none if a corner is off the grid.
 
     Cells of the outline, from the rear right corner on, are sorted by column; each column takes its first two for its
@@ -408,7 +402,7 @@ def test_as_costmap_2d_the_window_follows_by_whole_cells():
     assert len(set(places)) > 2 and places[1] == places[2] == places[3]
 
 
-def plain_front(lethal: np.ndarray, by_square: np.ndarray, reach: int) -> np.ndarray:
+def plain_front(lethal, by_square, reach):
     """Return the costs by a front that spreads from lethal cells, in bins of equal distance, the first one first."""
     bins = {square: [] for square in range(reach * reach + 1)}
     bins[0] = [(cell, cell) for cell in map(tuple, np.argwhere(lethal))]

@@ -35,17 +35,17 @@ WEIGHTS = Weights(0.75, 1.0, 0.1)
 SIZE = (ROWS + 2) * (COLS + 2)
 
 
-def cell_of(x: float, y: float) -> tuple[int, int]:
+def cell_of(x, y):
     return math.floor((y - ORIGIN[1]) * RASTER.per_m), math.floor(
         (x - ORIGIN[0]) * RASTER.per_m
     )
 
 
-def padded(cell) -> int:
+def padded(cell):
     return wavefront.padded(Cell(*cell), COLS + 2)
 
 
-def random_costs(seed: int, density: float = 0.01) -> np.ndarray:
+def random_costs(seed, density=0.01):
     rng = np.random.default_rng(seed)
     costs = np.zeros((ROWS, COLS), np.uint8)
     for row, col in np.argwhere(rng.random(costs.shape) < density):
@@ -55,9 +55,7 @@ def random_costs(seed: int, density: float = 0.01) -> np.ndarray:
     return costs
 
 
-def plain_wavefront(
-    passable: np.ndarray, seeds: list[tuple[int, int]]
-) -> dict[tuple[int, int], int]:
+def plain_wavefront(passable, seeds):
     distance = dict.fromkeys(seeds, 0)
     queue = deque(distance)
     while queue:
@@ -211,7 +209,7 @@ def scene_of(costs, pose, plan_cells):
     return Scene(Ground(costs, RASTER, JACKAL), *rollouts), plain
 
 
-def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
+def samples(drives=40, turns=12, seed=0):
     rng = np.random.default_rng(seed)
     table = np.zeros((drives + turns, kernels.OBSTACLE + 1))
     table[:drives, kernels.SPEED] = rng.uniform(0.1, 0.5, drives)
@@ -222,7 +220,7 @@ def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
     return table
 
 
-def even_samples(seed: int, speeds: int = 5, turns: int = 8) -> np.ndarray:
+def even_samples(seed, speeds=5, turns=8):
     """Return samples as the planner makes them: the same turns for every speed, then in place."""
     rng = np.random.default_rng(seed)
     low = rng.uniform(0.1, 0.3)

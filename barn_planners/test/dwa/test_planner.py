@@ -25,7 +25,7 @@ BLOCKED_ALL_AROUND = [
 ]
 
 
-def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
+def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()):
     costmap = RollingCostmap(CostmapConfig(footprint_padding_m=0.03, soft_costs=False))
     nothing = Scan(0, np.full(4, np.inf, np.float32), 0.0, 0.1, 0.1, 30.0)
     costmap.update(pose, nothing, Pose2D(0.0, 0.0, 0.0))

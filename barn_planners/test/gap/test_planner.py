@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from barn_planners.gap.planner import GapConfig, GapPlanner, free_distances
 from barn_planners.interface import Decision, PlannerStatus, Task
@@ -16,11 +17,8 @@ def decide(flat_world, discs, goal=(5.0, 0.0)):
     """Return what a planner decides before discs (x, y, radius), and the planner."""
     planner = GapPlanner(GapConfig())
     planner.start(Task(Pose2D(*goal, 0.0)), 0)
-    return planner.step(
-        flat_world(
-            cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721)
-        ).observe()
-    ), planner
+    world = flat_world(cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721))
+    return planner.step(world.observe()), planner
 
 
 def test_free_distances_equal_small_steps():
@@ -28,23 +26,20 @@ def test_free_distances_equal_small_steps():
     points = rng.uniform(-2.0, 2.0, (40, 2))
     points = points[np.hypot(*points.T) > 0.3]
     directions = np.linspace(-2.2, 2.2, 45)
+    traveled = np.arange(0.0, 1.5, 1e-3)
     expected = []
     for direction in directions:
-        ahead = np.array([math.cos(direction), math.sin(direction)])
-        traveled = 0.0
-        while traveled < 1.5 and np.hypot(*(points - traveled * ahead).T).min() >= 0.28:
-            traveled += 1e-3
-        expected.append(min(traveled, 1.5))
-    np.testing.assert_allclose(
-        free_distances(points, directions, 0.28, 1.5), expected, atol=2e-3
-    )
+        places = np.outer(traveled, [math.cos(direction), math.sin(direction)])
+        blocked = cdist(places, points).min(axis=1) < 0.28
+        expected.append(traveled[blocked.argmax()] if blocked.any() else 1.5)
+    distances = free_distances(points, directions, 0.28, 1.5)
+    np.testing.assert_allclose(distances, expected, atol=2e-3)
 
 
 def test_returns_leave_out_what_is_no_range():
     ranges = np.array([1.0, np.nan, np.inf, -np.inf, 0.05, 2.9, 1.0], np.float32)
-    points = scan_points(
-        Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), Pose2D(0.5, 0.0, 0.0), 2.0
-    )
+    scan = Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0)
+    points = scan_points(scan, Pose2D(0.5, 0.0, 0.0), 2.0)
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
 
 
@@ -75,21 +70,15 @@ def test_stops_before_a_wall_and_turns_away(flat_world):
     assert decision.command.angular != 0.0
 
 
-def test_stops_where_nothing_is_open(flat_world):
-    ring = [
-        (0.4 * math.cos(a), 0.4 * math.sin(a), 0.05)
-        for a in np.linspace(0.0, 2.0 * math.pi, 60)
-    ]
-    decision, _ = decide(flat_world, ring)
+def test_stops_where_nothing_is_open(flat_world, ring):
+    decision, _ = decide(flat_world, ring(0.4, 0.05, 60))
     assert decision == Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
 
 
 def test_reaches_the_goal_between_obstacles(flat_world):
-    world = flat_world(
-        cylinders=[(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)]
-    )
-    assert (
-        world.drive(make_planner("gap", "challenge"), Pose2D(6.0, 0.0, 0.0), 40.0)
-        is PlannerStatus.GOAL_REACHED
-    )
+    posts = [(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)]
+    world = flat_world(cylinders=posts)
+    planner = make_planner("gap", "challenge")
+    status = world.drive(planner, Pose2D(6.0, 0.0, 0.0), 40.0)
+    assert status is PlannerStatus.GOAL_REACHED
     assert world.clearance > 0.24

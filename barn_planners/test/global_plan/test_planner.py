@@ -20,7 +20,7 @@ from barn_worlds.base.types import Pose2D
 UNREACHED = kernels.UNREACHED
 
 
-def plain_value(low: float, high: float, price: float) -> float:
+def plain_value(low, high, price):
     low, high = min(low, high), max(low, high)
     if high - low >= price:
         return low + price
@@ -28,9 +28,7 @@ def plain_value(low: float, high: float, price: float) -> float:
     return low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
 
 
-def plain_rounds(
-    costs: np.ndarray, prices: np.ndarray, start, goal, limit: float, step: float
-) -> np.ndarray:
+def plain_rounds(costs, prices, start, goal, limit, step):
     """Return the potential grown in the same order by dictionaries and lists."""
     rows, cols = costs.shape
     potential = np.full((rows, cols), UNREACHED)
@@ -75,7 +73,7 @@ def plain_rounds(
     return potential
 
 
-def grown(costs: np.ndarray, start, goal) -> np.ndarray:
+def grown(costs, start, goal):
     rows, cols = costs.shape
     prices = cell_prices(GlobalPlanConfig())
     terrain = kernels.Terrain(costs.ravel(), cols, prices, math.sqrt(0.5) * prices)
@@ -97,7 +95,7 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     return reached
 
 
-def random_costs(seed: int, shape=(40, 50)) -> np.ndarray:
+def random_costs(seed, shape=(40, 50)):
     rng = np.random.default_rng(seed)
     costs = rng.choice(
         np.array([0, 177, 193, 210, 241, INSCRIBED, LETHAL], np.uint8),
@@ -109,13 +107,13 @@ def random_costs(seed: int, shape=(40, 50)) -> np.ndarray:
     return costs
 
 
-def grid_of(costs: np.ndarray, resolution: float = 0.05) -> Costmap:
+def grid_of(costs, resolution=0.05):
     costmap = Costmap(CostmapConfig(), *costs.shape, resolution, (-1.0, 2.0))
     costmap.costs[:] = costs
     return costmap
 
 
-def center(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
+def center(costmap, row, col, yaw=0.0):
     x = costmap.origin_x + (col + 0.5) * costmap.resolution
     y = costmap.origin_y + (row + 0.5) * costmap.resolution
     return Pose2D(x, y, yaw)
@@ -299,9 +297,7 @@ def test_a_new_goal_start_or_grid_needs_a_new_plan():
 f32 = np.float32
 
 
-def plain_gradient(
-    potential: np.ndarray, row: int, col: int
-) -> tuple[np.float32, np.float32]:
+def plain_gradient(potential, row, col):
     if not 1 <= row < potential.shape[0] - 1:
         return f32(0), f32(0)
     potential_at_cell = potential[row, col]
@@ -338,9 +334,7 @@ def plain_gradient(
     )
 
 
-def plain_navfn_path(
-    potential: np.ndarray, start, goal, most: int
-) -> tuple[list, bool]:
+def plain_navfn_path(potential, start, goal, most):
     """Return the points (column, row) from the goal to the start and whether they arrive, step by step in float32."""
     (row, col), dx, dy, points = goal, f32(0), f32(0), []
     while len(points) < most:

@@ -37,21 +37,19 @@ NO_PLAN = GlobalPlan(None, "gone")
 class Scripted(Controller):
     """Gives the commands of a list, the last one for ever, and keeps what it was given."""
 
-    def __init__(self, *controls: Control):
+    def __init__(self, *controls):
         self.controls = list(controls) or [Control(FORWARD)]
         self.inputs = []
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed):
         self.inputs.clear()
 
-    def control(self, inputs) -> Control:
+    def control(self, inputs):
         self.inputs.append(inputs)
         return self.controls[min(len(self.inputs), len(self.controls)) - 1]
 
 
-def started(
-    *controls: Control, goal=GOAL, static_map=None, **changes
-) -> NavigationPlanner:
+def started(*controls, goal=GOAL, static_map=None, **changes):
     """Return a planner with a task, whose controller is scripted."""
     planner = NavigationPlanner(
         replace_dotted(NavigationConfig(), changes, "test"), Scripted(*controls)
@@ -60,11 +58,11 @@ def started(
     return planner
 
 
-def free_map() -> OccupancyMap:
+def free_map():
     return OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
 
 
-def steps(planner, world, count: int, moving: bool = False):
+def steps(planner, world, count, moving=False):
     decisions = []
     for _ in range(count):
         decisions.append(planner.step(world.observe()))

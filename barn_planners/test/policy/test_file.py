@@ -22,7 +22,7 @@ from barn_worlds.formats.npz import encode_npy
 OBSERVATION = PolicyObservation(beams=6)
 
 
-def policy(layers=(11, 8, 2), **changes) -> Policy:
+def policy(layers=(11, 8, 2), **changes):
     rng = np.random.default_rng(3)
     sizes = list(pairwise(layers))
     weights = tuple(rng.normal(size=size).astype(np.float32) for size in sizes)

@@ -27,21 +27,21 @@ FIELD = 2.35619
 GOAL = Pose2D(4.0, 3.0, 0.0)
 
 
-def scan(ranges, angle_min=-FIELD, angle_max=FIELD) -> Scan:
+def scan(ranges, angle_min=-FIELD, angle_max=FIELD):
     ranges = np.asarray(ranges, np.float32)
     step = float(np.float32((angle_max - angle_min) / (len(ranges) - 1)))
     return Scan(0, ranges, float(np.float32(angle_min)), step, 0.1, 30.0)
 
 
-def observed(scan: Scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP) -> Observation:  # noqa: B008 (frozen)
+def observed(scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP):  # noqa: B008 (frozen)
     return Observation(0, Odometry(0, pose, velocity), scan, pose)
 
 
-def lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
+def lidar(config, scan):
     return ObservationEncoder(config).encode(observed(scan), GOAL)[: config.beams]
 
 
-def reference_lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
+def reference_lidar(config, scan):
     """Return the same sector by sector and beam by beam; every sector needs a beam."""
     width = (config.angle_max_rad - config.angle_min_rad) / config.beams
     shares = []
@@ -62,7 +62,7 @@ def reference_lidar(config: PolicyObservation, scan: Scan) -> np.ndarray:
     return np.array(shares)
 
 
-def random_scan(beams: int, **geometry) -> Scan:
+def random_scan(beams, **geometry):
     rng = np.random.default_rng(beams)
     ranges = rng.uniform(0.0, 8.0, beams)
     ranges[rng.random(beams) < 0.1] = np.nan
@@ -197,7 +197,7 @@ def test_the_gap_of_a_drive_against_small_steps():
         )
 
 
-def ahead(distance_m: float) -> Scan:
+def ahead(distance_m):
     """Return a scan of a wall so far ahead of the robot's front."""
     angles = np.linspace(-FIELD, FIELD, 720)
     with np.errstate(divide="ignore"):

@@ -58,31 +58,26 @@ class Harness(Peer):
         listen(Path, "plan", self.plans.append, 10)
         listen(DiagnosticArray, "diagnostics", self.diagnostics.append, 10)
 
-    def meet(self, use_map: bool) -> None:
+    def meet(self, use_map):
         """Wait until every topic has its other side."""
-        topics = [self.odom, self.scan, self.goal] + (
-            [self.map, self.pose] if use_map else []
-        )
-        self.wait(
-            lambda: all(topic.get_subscription_count() for topic in topics),
-            "the planner's subscriptions",
-        )
+        topics = [self.odom, self.scan, self.goal]
+        if use_map:
+            topics += [self.map, self.pose]
+        for topic in topics:
+            self.wait(topic.get_subscription_count, "the planner's subscriptions")
         self.wait(lambda: self.node.count_publishers("cmd_vel") > 0, "cmd_vel")
 
-    def answer(self, observation, with_pose: bool):
+    def answer(self, observation, with_pose):
         """Publish one instant, the scan first, as the least convenient order, and return the command."""
         count = len(self.commands)
         self.scan.publish(scan_message(observation))
         if with_pose:
-            self.pose.publish(
-                encode.PoseWithCovarianceEncoder("map").encode(
-                    observation.pose, observation.stamp_ns
-                )
-            )
+            encoder = encode.PoseWithCovarianceEncoder("map")
+            self.pose.publish(encoder.encode(observation.pose, observation.stamp_ns))
         self.odom.publish(odometry_message(observation))
         self.wait(lambda: len(self.commands) > count, "a command")
         assert len(self.commands) == count + 1, "one command per scan"
-        return self.commands[-1]
+        return velocity_of(self.commands[-1])
 
 
 @pytest.fixture
@@ -96,7 +91,7 @@ def start_node():
     """Return the function that starts the node with parameters; whatever still runs at the end is killed."""
     started = []
 
-    def start(main: str = "main_dwa", **parameters) -> Process:
+    def start(main="main_dwa", **parameters):
         code = f"import sys; from barn_planners.ros.planner import {main}; sys.exit({main}())"
         started.append(Process("-c", code, **parameters))
         return started[-1]
@@ -106,23 +101,21 @@ def start_node():
         process.process.kill()
 
 
-def scan_message(observation) -> bytes:
-    return encode.ScanEncoder(observation.scan, "lidar_link", 0.05).encode(
-        observation.scan, observation.scan.stamp_ns
-    )
+def scan_message(observation):
+    scan = observation.scan
+    return encode.ScanEncoder(scan, "lidar_link", 0.05).encode(scan, scan.stamp_ns)
 
 
-def odometry_message(observation) -> bytes:
-    return encode.OdometryEncoder("odom", "base_link").encode(
-        observation.odometry, observation.odometry.stamp_ns
-    )
+def odometry_message(observation):
+    encoder = encode.OdometryEncoder("odom", "base_link")
+    return encoder.encode(observation.odometry, observation.odometry.stamp_ns)
 
 
-def goal_message(goal, frame) -> bytes:
+def goal_message(goal, frame):
     return encode.PoseStampedEncoder(frame).encode(goal, 0)
 
 
-def velocity_of(command) -> Velocity2D:
+def velocity_of(command):
     twist = command.twist if isinstance(command, TwistStamped) else command
     return Velocity2D(twist.linear.x, twist.angular.z)
 
@@ -137,45 +130,41 @@ def through_messages(observation):
     )
 
 
-@pytest.mark.parametrize("use_map", [False, True])
+@pytest.mark.parametrize(
+    "use_map, frame_name, preset",
+    [(False, "odom", "challenge"), (True, "map", "paper2020")],
+)
 def test_the_node_commands_what_the_planner_commands(
-    flat_world, harness, start_node, use_map
+    flat_world, harness, start_node, use_map, frame_name, preset
 ):
     frame = MAP_OF_ODOM if use_map else Pose2D(0.0, 0.0, 0.0)
-    static_map = (
-        OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0) if use_map else None
-    )
+    free = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
+    static_map = free if use_map else None
     goal = (frame @ Pose2D(4.0, 0.3, 0.0)).through_quaternion()
     process = start_node(use_map=use_map, seed=3)
     harness.meet(use_map)
-    assert harness.call("dwa_planner/ready").message == "no goal yet" + (
-        ", no map yet" if use_map else ""
-    )
+    missing = "no goal yet, no map yet" if use_map else "no goal yet"
+    assert harness.call("dwa_planner/ready").message == missing
     world = flat_world(BOX)
-    standing = harness.answer(with_pose_of(world.observe(), frame), use_map)
-    assert velocity_of(standing) == STOP
+    assert harness.answer(with_pose_of(world.observe(), frame), use_map) == STOP
     world.advance(STOP)
-    harness.goal.publish(goal_message(goal, "map" if use_map else "odom"))
-    if static_map is not None:
+    harness.goal.publish(goal_message(goal, frame_name))
+    if use_map:
         harness.map.publish(encode.encode_map(static_map, 0, "map"))
     harness.wait(lambda: harness.call("dwa_planner/ready").success, "goal and map")
-    planner = make_planner("dwa", "paper2020" if use_map else "challenge")
+    planner = make_planner("dwa", preset)
     planner.start(Task(goal, static_map), seed=3)
     last = STOP
     for _ in range(60):
         observation = with_pose_of(world.observe(), frame)
-        got = velocity_of(harness.answer(observation, use_map))
+        command = harness.answer(observation, use_map)
         decision = planner.step(through_messages(observation))
         last = decision.command if decision.command is not None else last
-        assert got == last
+        assert command == last
         world.advance(last)
     assert world.pose.x > 0.7
-    assert harness.plans and harness.plans[0].header.frame_id == (
-        "map" if use_map else "odom"
-    )
-    assert (
-        harness.diagnostics and harness.diagnostics[0].status[0].name == "dwa_planner"
-    )
+    assert harness.plans[0].header.frame_id == frame_name
+    assert harness.diagnostics[0].status[0].name == "dwa_planner"
     assert process.stop(signal.SIGTERM)[0] == 0
     harness.wait(
         lambda: velocity_of(harness.commands[-1]) == STOP,
@@ -183,46 +172,39 @@ def test_the_node_commands_what_the_planner_commands(
     )
 
 
-def with_pose_of(observation, frame: Pose2D):
+def with_pose_of(observation, frame):
     """Return the observation localized, the map-to-odom transform being `frame`."""
-    return dataclasses.replace(
-        observation, pose=(frame @ observation.odometry.pose).through_quaternion()
-    )
+    pose = (frame @ observation.odometry.pose).through_quaternion()
+    return dataclasses.replace(observation, pose=pose)
 
 
 def test_reset_new_parameters_stamped_commands_and_refused_goals(
     flat_world, start_node
 ):
+    goal = Pose2D(4.0, 0.3, 0.0)
     with closing(Harness(TwistStamped)) as harness:
         process = start_node(
             "main", planner="dwa", preset="challenge", command_type="twist_stamped"
         )
         harness.meet(use_map=False)
-        harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "map"))
+        harness.goal.publish(goal_message(goal, "map"))
         world = flat_world(BOX)
-        assert velocity_of(harness.answer(world.observe(), False)) == STOP
+        assert harness.answer(world.observe(), False) == STOP
         world.advance(STOP)
         assert harness.call("planner/ready").message == "no goal yet"
-        harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "odom"))
+        harness.goal.publish(goal_message(goal, "odom"))
         harness.wait(lambda: harness.call("planner/ready").success, "the goal")
-        command = harness.answer(world.observe(), False)
-        assert velocity_of(command).linear > 0.0
-        assert decode.header(serialize_message(command)) == (
-            world.stamp_ns,
-            "base_link",
-        )
+        assert harness.answer(world.observe(), False).linear > 0.0
+        header = decode.header(serialize_message(harness.commands[-1]))
+        assert header == (world.stamp_ns, "base_link")
         assert harness.call("planner/reset").success
         world.advance(STOP)
-        assert velocity_of(harness.answer(world.observe(), False)) == STOP
+        assert harness.answer(world.observe(), False) == STOP
         assert harness.call("planner/ready").message == "no goal yet"
         code, log = process.stop()
         assert code == 0
-        assert (
-            log.count(
-                "goal refused: it is in frame 'map', this planner plans in 'odom'"
-            )
-            == 1
-        )
+        refusal = "goal refused: it is in frame 'map', this planner plans in 'odom'"
+        assert log.count(refusal) == 1
         assert "Traceback" not in log
 
 

@@ -40,49 +40,50 @@ LEVELS = {
 }
 
 
-def to_band(band) -> MarkerArray:
-    markers = [Marker(header=HEADER, ns="band", action=Marker.DELETEALL)]
-    for index, (x, y, radius) in enumerate(band.tolist()):
-        disc = Marker(
-            header=HEADER,
-            ns="bubbles",
-            id=index,
-            type=Marker.CYLINDER,
-            action=Marker.ADD,
-        )
-        disc.pose = Pose(position=Point(x=x, y=y))
-        disc.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=0.01)
-        disc.color = ColorRGBA(r=0.1, g=0.5, b=0.9, a=0.3)
-        markers.append(disc)
-    line = Marker(
-        header=HEADER, ns="band", id=0, type=Marker.LINE_STRIP, action=Marker.ADD
+def marker(namespace, kind, index=0, color=(0.0, 0.0, 0.0, 0.0), **fields):
+    rgba = ColorRGBA(**dict(zip("rgba", color, strict=True)))
+    return Marker(
+        header=HEADER, ns=namespace, id=index, type=kind, color=rgba, **fields
     )
-    line.scale.x = 0.02
-    line.color = ColorRGBA(r=0.9, g=0.3, b=0.1, a=1.0)
-    line.points = [Point(x=x, y=y) for x, y, _ in band.tolist()]
-    return MarkerArray(markers=[*markers, line])
 
 
-def to_candidates(selection) -> MarkerArray:
-    markers = [Marker(header=HEADER, ns="candidates", action=Marker.DELETEALL)]
-    for index, (points, color) in enumerate(
-        zip(selection.points.tolist(), selection.colors.tolist(), strict=True)
-    ):
-        line = Marker(
-            header=HEADER,
-            ns="candidates",
-            id=index,
-            type=Marker.LINE_STRIP,
-            action=Marker.ADD,
+def cleared(namespace, *markers):
+    """Return a message that takes the place of all markers before."""
+    clear = Marker(header=HEADER, ns=namespace, action=Marker.DELETEALL)
+    return MarkerArray(markers=[clear, *markers])
+
+
+def to_band(band):
+    discs = [
+        marker(
+            "bubbles",
+            Marker.CYLINDER,
+            index,
+            (0.1, 0.5, 0.9, 0.3),
+            pose=Pose(position=Point(x=x, y=y)),
+            scale=Vector3(x=2.0 * radius, y=2.0 * radius, z=0.01),
         )
+        for index, (x, y, radius) in enumerate(band.tolist())
+    ]
+    line = marker("band", Marker.LINE_STRIP, 0, (0.9, 0.3, 0.1, 1.0))
+    line.scale.x = 0.02
+    line.points = [Point(x=x, y=y) for x, y, _ in band.tolist()]
+    return cleared("band", *discs, line)
+
+
+def to_candidates(selection):
+    lines = []
+    for points, color in zip(
+        selection.points.tolist(), selection.colors.tolist(), strict=True
+    ):
+        line = marker("candidates", Marker.LINE_STRIP, len(lines), color)
         line.scale.x = 0.01
-        line.color = ColorRGBA(**dict(zip("rgba", color, strict=True)))
         line.points = [Point(x=x, y=y) for x, y in points]
-        markers.append(line)
-    return MarkerArray(markers=markers)
+        lines.append(line)
+    return cleared("candidates", *lines)
 
 
-def to_diagnostics(decision, name) -> DiagnosticArray:
+def to_diagnostics(decision, name):
     figures = {
         key: f"{value:.6g}"
         for key, value in decision.diagnostics.items()
@@ -98,7 +99,7 @@ def to_diagnostics(decision, name) -> DiagnosticArray:
     return DiagnosticArray(header=Header(stamp=HEADER.stamp), status=[status])
 
 
-def as_read(message, length: int, type_name: str) -> bytes:
+def as_read(message, length, type_name):
     """Return a message of ROS with the bytes between its fields set to zero and those behind it cut off."""
     return serialize(deserialize(serialize_message(message)[:length], type_name))
 
@@ -118,9 +119,8 @@ def test_candidates(count, length):
     costs = np.where(draw.random(count) < 0.3, np.inf, draw.uniform(0.0, 9.0, count))
     selection = select_candidates(draw.uniform(-3.0, 3.0, (count, length, 2)), costs)
     ours = encode_candidates(selection, STAMP, "odom")
-    assert ours == as_read(
-        to_candidates(selection), len(ours), topics.CANDIDATES.type_name
-    )
+    expected = to_candidates(selection)
+    assert ours == as_read(expected, len(ours), topics.CANDIDATES.type_name)
     assert len(ours) < 9000
 
 
@@ -146,13 +146,9 @@ class Shower(Planner):
 
 
 def messages_of(messages, decision, time_s, accepts=lambda _: True, planner=None):
-    planner = planner or Shower()
-    return {
-        topic.name: data
-        for topic, data in messages.display(
-            planner, decision, round(time_s * NANOSECONDS_PER_SECOND), accepts
-        )
-    }
+    now_ns = round(time_s * NANOSECONDS_PER_SECOND)
+    shown = messages.display(planner or Shower(), decision, now_ns, accepts)
+    return {topic.name: data for topic, data in shown}
 
 
 @pytest.mark.parametrize("status", list(PlannerStatus))
@@ -161,43 +157,43 @@ def test_diagnostics(status, reason):
     figures = {"cost": 12.3456789, "samples": 20.0, "unknown": np.nan}
     decision = Decision(STOP, status, reason, diagnostics=figures)
     ours = messages_of(PlannerMessages(Frames(), "dwa"), decision, 3.25)["diagnostics"]
-    assert ours == as_read(
-        to_diagnostics(decision, "dwa"), len(ours), topics.DIAGNOSTICS.type_name
-    )
+    expected = to_diagnostics(decision, "dwa")
+    assert ours == as_read(expected, len(ours), topics.DIAGNOSTICS.type_name)
     assert decode.diagnostics(ours)[0]["status"] == status.value
 
 
 VIEWS = {"local_plan", "local_costmap/costmap", "band", "candidates"}
+PLANNED = Decision(STOP, plan=np.zeros((2, 2)))
 
 
 def test_views_come_twice_a_second_diagnostics_on_change():
     messages = PlannerMessages(Frames())
-    running = Decision(STOP, plan=np.zeros((2, 2)))
     blocked = Decision(STOP, PlannerStatus.BLOCKED)
-    assert set(messages_of(messages, running, 0.0)) == VIEWS | {"plan", "diagnostics"}
-    assert set(messages_of(messages, running, 0.45)) == set()
-    assert set(messages_of(messages, running, 0.5)) == VIEWS | {"plan"}
-    assert set(messages_of(messages, blocked, 0.55)) == {"diagnostics"}
-    assert set(messages_of(messages, blocked, 0.9)) == set()
-    assert set(messages_of(messages, blocked, 1.5)) == VIEWS
-    assert set(messages_of(messages, running, 1.52)) == {"plan", "diagnostics"}
+    for decision, time_s, names in (
+        (PLANNED, 0.0, VIEWS | {"plan", "diagnostics"}),
+        (PLANNED, 0.45, set()),
+        (PLANNED, 0.5, VIEWS | {"plan"}),
+        (blocked, 0.55, {"diagnostics"}),
+        (blocked, 0.9, set()),
+        (blocked, 1.5, VIEWS),
+        (PLANNED, 1.52, {"plan", "diagnostics"}),
+    ):
+        assert set(messages_of(messages, decision, time_s)) == names, time_s
     messages.reset()
-    assert set(messages_of(messages, running, 0.1)) == VIEWS | {"plan", "diagnostics"}
+    assert set(messages_of(messages, PLANNED, 0.1)) == VIEWS | {"plan", "diagnostics"}
 
 
 def test_a_plan_is_published_when_due_or_changed():
     messages = PlannerMessages(Frames(), view_period_s=1.0)
-    planned = Decision(STOP, plan=np.zeros((2, 2)))
     assert "plan" not in messages_of(messages, Decision(STOP), 0.0)
-    assert "plan" in messages_of(messages, planned, 0.3)
-    assert "plan" not in messages_of(messages, planned, 1.25)
-    assert "plan" in messages_of(messages, planned, 1.3)
+    assert "plan" in messages_of(messages, PLANNED, 0.3)
+    assert "plan" not in messages_of(messages, PLANNED, 1.25)
+    assert "plan" in messages_of(messages, PLANNED, 1.3)
 
 
 def test_a_cycle_without_a_command_tells_no_status():
-    assert "diagnostics" not in messages_of(
-        PlannerMessages(Frames()), Decision(None), 0.0
-    )
+    names = set(messages_of(PlannerMessages(Frames()), Decision(None), 0.0))
+    assert "diagnostics" not in names
 
 
 def test_warming_up_leaves_nothing_behind():
@@ -205,53 +201,39 @@ def test_warming_up_leaves_nothing_behind():
     planner = Shower()
     messages.warm_up(planner)
     assert planner.requests == 1
-    assert set(
-        messages_of(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)
-    ) == VIEWS | {
-        "plan",
-        "diagnostics",
-    }
+    assert set(messages_of(messages, PLANNED, 0.1)) == VIEWS | {"plan", "diagnostics"}
 
 
 def test_only_what_is_wanted_is_made():
     messages = PlannerMessages(Frames())
     planner = Shower()
-    planned = Decision(STOP, plan=np.zeros((2, 2)))
-    assert messages_of(messages, planned, 0.0, lambda _: False, planner) == {}
+    assert messages_of(messages, PLANNED, 0.0, lambda _: False, planner) == {}
     assert planner.requests == 0
     # a plan that nobody wanted has not been shown; views are looked at again after their period
-    assert set(messages_of(messages, planned, 0.1, planner=planner)) == {"plan"}
-    assert set(
-        messages_of(messages, planned, 0.5, lambda topic: topic is topics.BAND, planner)
-    ) == {"band"}
+    assert set(messages_of(messages, PLANNED, 0.1, planner=planner)) == {"plan"}
+
+    def is_band(topic):
+        return topic is topics.BAND
+
+    assert set(messages_of(messages, PLANNED, 0.5, is_band, planner)) == {"band"}
     assert planner.requests == 1
 
 
 def test_frames_are_those_of_the_planner():
-    frames = messages_of(
-        PlannerMessages(Frames(odom="wheels", planning="world")),
-        Decision(STOP, plan=np.zeros((2, 2))),
-        0.0,
-    )
-    assert {
-        name: decode.header(frames[name]).frame
-        for name in ("plan", "local_plan", "local_costmap/costmap")
-    } == {
-        "plan": "world",
-        "local_plan": "wheels",
-        "local_costmap/costmap": "wheels",
-    }
-    assert {decode.markers(frames[name]).frame for name in ("band", "candidates")} == {
-        "wheels"
-    }
+    messages = PlannerMessages(Frames(odom="wheels", planning="world"))
+    data = messages_of(messages, PLANNED, 0.0)
+    assert decode.header(data["plan"]).frame == "world"
+    for name in ("local_plan", "local_costmap/costmap"):
+        assert decode.header(data[name]).frame == "wheels"
+    for name in ("band", "candidates"):
+        assert decode.markers(data[name]).frame == "wheels"
 
 
 def test_commands_of_either_type():
     velocity = Velocity2D(0.5, -0.25)
     topic, data = PlannerMessages(Frames()).command(velocity, STAMP)
     assert (topic, decode.twist(data)) == (topics.CMD_VEL, velocity)
-    topic, data = PlannerMessages(Frames(base="robot"), stamped=True).command(
-        velocity, STAMP
-    )
+    messages = PlannerMessages(Frames(base="robot"), stamped=True)
+    topic, data = messages.command(velocity, STAMP)
     assert (topic, decode.twist_stamped(data)) == (topics.CMD_VEL_STAMPED, velocity)
     assert decode.header(data) == (STAMP, "robot")

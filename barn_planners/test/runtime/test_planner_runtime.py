@@ -25,30 +25,44 @@ FORWARD = Velocity2D(0.3, 0.1)
 
 
 class Scripted(Planner):
-    def __init__(self, *decisions: Decision):
+    def __init__(self, *decisions):
         self.decisions, self.tasks = list(decisions), []
 
-    def start(self, task, seed) -> None:
+    def start(self, task, seed):
         self.tasks.append((task, seed))
 
-    def step(self, observation) -> Decision:
+    def step(self, observation):
         return self.decisions.pop(0) if self.decisions else Decision(FORWARD)
 
 
-def at(seconds: float) -> Observation:
+def at(seconds):
     stamp = round(seconds * 1e9)
     scan = Scan(stamp, np.ones(3, np.float32), 0.0, 0.1, 0.1, 30.0)
-    return Observation(
-        stamp, Odometry(stamp, Pose2D(0.0, 0.0, 0.0), STOP), scan, Pose2D(0.0, 0.0, 0.0)
-    )
+    pose = Pose2D(0.0, 0.0, 0.0)
+    return Observation(stamp, Odometry(stamp, pose, STOP), scan, pose)
 
 
-def static_map(value: int = 0) -> OccupancyMap:
+def static_map(value=0):
     return OccupancyMap(np.full((3, 3), value, np.int8), 0.15, 0.0, 0.0)
 
 
-def runtime(*decisions: Decision, use_map: bool = False, **kwargs) -> PlannerRuntime:
+def runtime(*decisions, use_map=False, **kwargs):
     return PlannerRuntime(Scripted(*decisions), seed=5, use_map=use_map, **kwargs)
+
+
+@pytest.fixture
+def mapped():
+    """A runtime with map and goal."""
+    each = runtime(use_map=True)
+    each.set_map(static_map())
+    each.set_goal(GOAL)
+    return each
+
+
+@pytest.fixture
+def sync():
+    """A synchronizer without localization."""
+    return Synchronizer(SyncConfig(), use_pose=False)
 
 
 def test_before_the_goal_the_robot_stands():
@@ -56,37 +70,34 @@ def test_before_the_goal_the_robot_stands():
     assert each.step(at(0.0)).command == STOP and each.missing() == "no goal yet"
     assert each.set_goal(GOAL) and each.missing() == ""
     assert each.step(at(0.05)).command == FORWARD
-    assert each.planner.tasks[0][0].goal == GOAL and each.planner.tasks[0][1] == 5
+    ((task, seed),) = each.planner.tasks
+    assert (task.goal, seed) == (GOAL, 5)
 
 
 @pytest.mark.parametrize("map_first", [True, False])
 def test_with_a_map_both_must_have_come(map_first):
     each = runtime(use_map=True)
     assert each.missing() == "no goal yet, no map yet"
-    first = (each.set_map, static_map())
-    second = (each.set_goal, GOAL)
-    for call, argument in (first, second) if map_first else (second, first):
+    calls = [(each.set_map, static_map()), (each.set_goal, GOAL)]
+    for call, argument in calls if map_first else reversed(calls):
         assert each.step(at(0.0)).command == STOP and not each.planner.tasks
         call(argument)
-    assert each.missing() == "" and len(each.planner.tasks) == 1
-    assert each.planner.tasks[0][0].map.data.shape == (3, 3)
+    assert each.missing() == ""
+    ((task, _),) = each.planner.tasks
+    assert task.map.data.shape == (3, 3)
 
 
-def test_an_equal_task_changes_nothing_another_restarts():
-    each = runtime(use_map=True)
-    each.set_map(static_map())
-    each.set_goal(GOAL)
-    assert not each.set_goal(Pose2D(3.0, 0.0, 0.0)) and not each.set_map(static_map())
-    assert len(each.planner.tasks) == 1
-    assert each.set_goal(Pose2D(3.0, 0.5, 0.0)) and each.set_map(static_map(100))
-    assert len(each.planner.tasks) == 3
+def test_an_equal_task_changes_nothing_another_restarts(mapped):
+    assert not mapped.set_goal(Pose2D(3.0, 0.0, 0.0))
+    assert not mapped.set_map(static_map())
+    assert len(mapped.planner.tasks) == 1
+    assert mapped.set_goal(Pose2D(3.0, 0.5, 0.0)) and mapped.set_map(static_map(100))
+    assert len(mapped.planner.tasks) == 3
 
 
 def test_an_equal_goal_restarts_only_after_end_and_pause():
-    done = Decision(STOP, PlannerStatus.GOAL_REACHED)
-    each = runtime(
-        Decision(FORWARD), done, *[Decision(STOP, PlannerStatus.GOAL_REACHED)] * 100
-    )
+    done = [Decision(STOP, PlannerStatus.GOAL_REACHED)] * 101
+    each = runtime(Decision(FORWARD), *done)
     each.set_goal(GOAL)
     for k in range(20):
         each.step(at(0.1 * k))
@@ -95,38 +106,28 @@ def test_an_equal_goal_restarts_only_after_end_and_pause():
     assert each.set_goal(GOAL)
 
 
-def test_a_cycle_without_command_repeats_or_sends_nothing():
+@pytest.mark.parametrize(
+    "repeats, commands",
+    [(True, [STOP, FORWARD, FORWARD]), (False, [None, FORWARD, None])],
+)
+def test_a_cycle_without_command_repeats_or_sends_nothing(repeats, commands):
     decisions = [Decision(None), Decision(FORWARD), Decision(None)]
-    repeating = runtime(*decisions)
-    silent = runtime(*decisions, repeat_command=False)
-    for each in (repeating, silent):
-        each.set_goal(GOAL)
-    assert [repeating.step(at(k)).command for k in range(3)] == [
-        STOP,
-        FORWARD,
-        FORWARD,
-    ]
-    assert [silent.step(at(k)).command for k in range(3)] == [None, FORWARD, None]
-
-
-def test_reset_forgets_goal_map_and_task():
-    each = runtime(use_map=True)
-    each.set_map(static_map())
+    each = runtime(*decisions, repeat_command=repeats)
     each.set_goal(GOAL)
-    each.reset()
-    assert (
-        each.missing() == "no goal yet, no map yet"
-        and each.step(at(0.0)).command == STOP
-    )
-    each.set_map(static_map())
-    assert each.set_goal(GOAL)
+    assert [each.step(at(k)).command for k in range(3)] == commands
+
+
+def test_reset_forgets_goal_map_and_task(mapped):
+    mapped.reset()
+    assert mapped.missing() == "no goal yet, no map yet"
+    assert mapped.step(at(0.0)).command == STOP
+    mapped.set_map(static_map())
+    assert mapped.set_goal(GOAL)
 
 
 def test_a_goal_in_another_frame_or_not_a_number_is_refused():
-    assert (
-        goal_problem(GOAL, "odom", "odom") == ""
-        and goal_problem(GOAL, "/odom", "odom") == ""
-    )
+    assert goal_problem(GOAL, "odom", "odom") == ""
+    assert goal_problem(GOAL, "/odom", "odom") == ""
     assert "in frame 'map'" in goal_problem(GOAL, "map", "odom")
     assert "not a number" in goal_problem(Pose2D(math.nan, 0.0, 0.0), "odom", "odom")
 
@@ -146,15 +147,15 @@ def test_warming_up_leaves_no_trace(use_map):
     assert answers[0] == answers[1]
 
 
-def odometry(ms: int) -> Odometry:
+def odometry(ms):
     return Odometry(ms * MS, Pose2D(ms / 1000.0, 0.0, 0.0), STOP)
 
 
-def scan(ms: int) -> Scan:
+def scan(ms):
     return Scan(ms * MS, np.ones(3, np.float32), 0.0, 0.1, 0.1, 30.0)
 
 
-def feed(sync: Synchronizer, *readings: tuple[str, int]):
+def feed(sync, *readings):
     """Feed readings in order and return (index of the reading, scan ms, odometry ms, pose x) of each observation."""
     observations = []
     for index, (kind, ms) in enumerate(readings):
@@ -167,14 +168,8 @@ def feed(sync: Synchronizer, *readings: tuple[str, int]):
         for each in results:
             if each is not None:
                 assert each.stamp_ns == each.scan.stamp_ns
-                observations.append(
-                    (
-                        index,
-                        each.stamp_ns // MS,
-                        each.odometry.stamp_ns // MS,
-                        each.pose.x,
-                    )
-                )
+                stamps = (each.stamp_ns // MS, each.odometry.stamp_ns // MS)
+                observations.append((index, *stamps, each.pose.x))
     return observations
 
 
@@ -189,70 +184,47 @@ def test_in_lockstep_equal_stamps_meet_in_any_order():
         ]
 
 
-def test_without_a_map_the_pose_is_that_of_the_odometry():
-    sync = Synchronizer(SyncConfig(), use_pose=False)
+def test_without_a_map_the_pose_is_that_of_the_odometry(sync):
     assert feed(sync, ("scan", 50), ("odom", 50)) == [(1, 50, 50, 0.05)]
 
 
-def test_odometry_between_scans_is_taken_from_before():
-    sync = Synchronizer(SyncConfig(), use_pose=False)
+def test_odometry_between_scans_is_taken_from_before(sync):
     assert feed(sync, ("odom", 35), ("scan", 50), ("odom", 55)) == [(2, 50, 35, 0.035)]
+    # no more waiting once let down
     later = feed(sync, ("scan", 100), ("odom", 95), ("scan", 150), ("odom", 155))
-    assert [(stamp, used) for _, stamp, used, _ in later] == [(100, 55), (150, 95)], (
-        "no more waiting once let down"
-    )
+    assert [(stamp, used) for _, stamp, used, _ in later] == [(100, 55), (150, 95)]
 
 
-def test_a_source_that_matches_again_is_waited_for_again():
-    sync = Synchronizer(SyncConfig(), use_pose=False)
+def test_a_source_that_matches_again_is_waited_for_again(sync):
     feed(sync, ("odom", 35), ("scan", 50), ("odom", 55))
     assert [item[0] for item in feed(sync, ("odom", 100), ("scan", 100))] == [1]
     assert feed(sync, ("scan", 150), ("odom", 150)) == [(1, 150, 150, 0.15)]
 
 
-def test_a_scan_with_lost_odometry_is_used_with_the_next():
-    sync = Synchronizer(SyncConfig(), use_pose=False)
-    assert feed(sync, ("odom", 0), ("scan", 0), ("scan", 50), ("scan", 100))[-2:] == [
-        (3, 50, 0, 0.0),
-        (3, 100, 0, 0.0),
-    ]
+def test_a_scan_with_lost_odometry_is_used_with_the_next(sync):
+    observations = feed(sync, ("odom", 0), ("scan", 0), ("scan", 50), ("scan", 100))
+    assert observations[-2:] == [(3, 50, 0, 0.0), (3, 100, 0, 0.0)]
 
 
-@pytest.mark.parametrize("age, count", [(0.1, 2), (1.0, 4)])
-def test_odometry_that_is_too_old_is_not_used(age, count):
+@pytest.mark.parametrize("age, count, last", [(0.1, 2, 100), (1.0, 4, 400)])
+def test_odometry_that_is_too_old_is_not_used(age, count, last):
     sync = Synchronizer(SyncConfig(odometry_age_s=age), use_pose=False)
-    observations = feed(
-        sync,
-        ("odom", 0),
-        ("scan", 0),
-        ("scan", 100),
-        ("scan", 200),
-        ("scan", 300),
-        ("scan", 400),
-    )
+    scans = [("scan", 100 * k) for k in range(5)]
+    observations = feed(sync, ("odom", 0), *scans)
     assert len(observations) >= count
-    assert max(stamp for _, stamp, _, _ in observations) == (100 if age == 0.1 else 400)
+    assert max(stamp for _, stamp, _, _ in observations) == last
     if age == 0.1:
         assert sync.missing == "no odometry of the last 0.1 s" and sync.skipped == 2
 
 
 def test_seldom_localisation_is_carried_on_by_odometry():
     sync = Synchronizer(SyncConfig(), use_pose=True)
-    observations = feed(
-        sync,
-        ("odom", 0),
-        ("pose", 0),
-        ("scan", 0),
-        ("odom", 50),
-        ("scan", 50),
-        ("odom", 100),
-        ("scan", 100),
-    )
-    assert observations[0][1:] == (0, 0, 100.0)
+    readings = [(kind, ms) for ms in (0, 50, 100) for kind in ("odom", "scan")]
+    observations = feed(sync, ("pose", 0), *readings)
     assert [stamp for _, stamp, _, _ in observations] == [0, 50, 100]
-    assert observations[1][3] == pytest.approx(100.05) and observations[2][
-        3
-    ] == pytest.approx(100.1)
+    assert observations[0][1:] == (0, 0, 100.0)
+    places = [x for _, _, _, x in observations]
+    assert places == pytest.approx([100.0, 100.05, 100.1])
 
 
 def test_what_is_missing_is_said():
@@ -266,16 +238,14 @@ def test_what_is_missing_is_said():
     assert sync.missing == ""
 
 
-def test_time_that_jumps_back_begins_anew_with_nothing_of_before():
-    sync = Synchronizer(SyncConfig(), use_pose=False)
+def test_time_that_jumps_back_begins_anew_with_nothing_of_before(sync):
     feed(sync, ("odom", 5000), ("scan", 5000))
     assert not sync.restarted
     assert feed(sync, ("scan", 50)) == [] and sync.restarted
     assert feed(sync, ("odom", 50)) == [(0, 50, 50, 0.05)]
 
 
-def test_no_observation_is_made_twice_and_memory_is_bounded():
-    sync = Synchronizer(SyncConfig(), use_pose=False)
+def test_no_observation_is_made_twice_and_memory_is_bounded(sync):
     readings = [(kind, ms) for ms in range(0, 20000, 20) for kind in ("odom", "scan")]
     stamps = [stamp for _, stamp, _, _ in feed(sync, *readings)]
     assert stamps == list(range(0, 20000, 20))

@@ -79,9 +79,11 @@ class Driven:
 @pytest.fixture
 def driven(empty_world):
     with ExitStack() as stack:
-        yield lambda **options: stack.enter_context(
-            closing(Driven(empty_world, **options))
-        )
+
+        def make(**options):
+            return stack.enter_context(closing(Driven(empty_world, **options)))
+
+        yield make
 
 
 def rows(matrix):
@@ -98,9 +100,8 @@ def reference_friction(
     the slip, each impulse within its circle. Solved here by a general optimizer instead of sweeps.
     """
     count = len(arms)
-    moved = np.array(
-        [[np.cross(arm, [1.0, 0, 0]), np.cross(arm, [0, 1.0, 0])] for arm in arms]
-    )  # (n, 2, 3)
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    moved = np.cross(arms[:, None], axes)  # (n, 2, 3)
 
     def after(impulses):
         pushed = impulses.reshape(count, 2)
@@ -109,25 +110,25 @@ def reference_friction(
 
     def slips(impulses):
         v, w = after(impulses)
-        at_wheels = v + np.array([np.cross(w, arm)[:2] for arm in arms])
-        return at_wheels - np.outer(rims, rolling)
+        at_wheels = v + np.cross(w, arms)[:, :2]
+        return (at_wheels - np.outer(rims, rolling)).ravel()
 
-    start = slips(np.zeros(2 * count)).ravel()
+    start = slips(np.zeros(2 * count))
 
     def energy(impulses):
-        return 0.5 * impulses @ (slips(impulses).ravel() + start)
+        return 0.5 * impulses @ (slips(impulses) + start)
 
-    within = [
-        {
-            "type": "ineq",
-            "fun": lambda p, i=i: limits[i] ** 2 - p[2 * i] ** 2 - p[2 * i + 1] ** 2,
-        }
-        for i in range(count)
-    ]
+    def room(impulses):
+        return limits**2 - (impulses.reshape(count, 2) ** 2).sum(axis=1)
+
     best = minimize(
-        energy, np.zeros(2 * count), jac=lambda p: slips(p).ravel(), constraints=within, method="SLSQP",
+        energy,
+        np.zeros(2 * count),
+        jac=slips,
+        constraints={"type": "ineq", "fun": room},
+        method="SLSQP",
         options={"maxiter": 500, "ftol": 1e-15},
-    )  # fmt: skip
+    )
     return after(best.x)
 
 
@@ -137,10 +138,8 @@ def test_friction_is_that_of_a_general_optimiser(seed):
     model = model_of(STANDARD_ROBOT.chassis)
     yaw = rng.uniform(-3.0, 3.0)
     turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
-    arms = (
-        turn
-        @ (model.wheels - model.center_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
-    ).T
+    touching = model.wheels - [0.0, 0.0, model.wheel_radius_m]
+    arms = (touching - model.center_of_mass) @ turn.T
     limits = rng.uniform(0.02, 0.2, 4)
     velocity = rng.normal(0.0, 0.3, 2)
     spin = rng.normal(0.0, [0.05, 0.05, 1.0])
@@ -152,14 +151,9 @@ def test_friction_is_that_of_a_general_optimiser(seed):
     wheels["arm_x"], wheels["arm_y"], wheels["arm_z"] = arms.T
     wheels["limit"] = limits
     inverse_mass = 1.0 / model.mass_kg
+    before = (*velocity, *spin)
     motion, speeds = begin_friction(
-        (*velocity, *spin),
-        left,
-        right,
-        wheels,
-        rows(turn),
-        rows(inverse),
-        inverse_mass,
+        before, left, right, wheels, rows(turn), rows(inverse), inverse_mass
     )
     after = sweep_friction(motion, speeds, wheels, inverse_mass, SWEEPS)
 
@@ -176,27 +170,22 @@ def test_friction_is_that_of_a_general_optimiser(seed):
 def test_a_body_too_light_for_the_physics_step_is_refused():
     chassis = load_robot("husky").chassis
     light = replace(chassis, name="feather", inertia_kg_m2=(0.2, 1.0, 1.0))
-    with pytest.raises(
-        ConfigError,
-        match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s",
-    ):
+    message = r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s"
+    with pytest.raises(ConfigError, match=message):
         Tires(model_of(light), PhysicsConfig())
-    assert Tires(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[
-        0
-    ] == pytest.approx(0.187, abs=0.001)
+    tires = Tires(model_of(light), PhysicsConfig(tick_s=0.0005))
+    assert tires.rest[0] == pytest.approx(0.187, abs=0.001)
 
 
 def test_inertias_turn_with_the_body():
     rng = np.random.default_rng(3)
     for _ in range(200):
-        turn = np.array(rotation(tuple(Rotation.random(rng=rng).as_quat().tolist())))
+        attitude = Rotation.random(rng=rng).as_quat().tolist()
+        turn = np.array(rotation(tuple(attitude)))
         inverse = np.exp(rng.normal(size=3))
-        np.testing.assert_allclose(
-            world_inertia(rows(turn), tuple(inverse)),
-            turn @ np.diag(inverse) @ turn.T,
-            rtol=0,
-            atol=1e-13,
-        )
+        turned = world_inertia(rows(turn), tuple(inverse))
+        expected = turn @ np.diag(inverse) @ turn.T
+        np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("robot, within", [("jackal", 1e-3), ("turtlebot4", 0.02)])
@@ -255,16 +244,17 @@ def test_turning_does_not_depend_on_the_heading(driven):
 
 
 def steady_turn(speed, turn):
-    """Speed of the center of mass and yaw rate in a steady arc, by integrating the motion in the plane with tiny steps.
+    """Yaw rate in a steady arc, by integrating the motion in the plane with tiny steps.
 
     Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.
     """
     model = model_of(STANDARD_ROBOT.chassis)
     wheels = (model.wheels - model.center_of_mass)[:, :2]
+    beside = np.column_stack([-wheels[:, 1], wheels[:, 0]])
     height = model.center_of_mass[2] - model.footing[2]
     plane = np.column_stack([np.ones(4), wheels])
-    spin_mass = model.inertia[2]
-    rims = np.array([speed - turn * SEPARATION / 2, speed + turn * SEPARATION / 2] * 2)
+    half = turn * SEPARATION / 2
+    rims = np.array([[speed - half, 0.0], [speed + half, 0.0]] * 2)
     v = np.array([speed, 0.0])
     w = turn
     forces = np.zeros((4, 2))
@@ -274,19 +264,13 @@ def steady_turn(speed, turn):
         # loads linear over the base; the moments of the forces at the ground about the center of mass balance
         moments = np.array([model.mass_kg * G, -height * fx, -height * fy])
         loads = plane @ np.linalg.solve(plane.T @ plane, moments)
-        slip = (
-            v
-            + w * np.column_stack([-wheels[:, 1], wheels[:, 0]])
-            - np.column_stack([rims, np.zeros(4)])
-        )
-        length = np.hypot(*slip.T)
-        forces = -FRICTION * (loads / np.maximum(length, 1e-3))[:, None] * slip
+        slip = v + w * beside - rims
+        length = np.maximum(np.hypot(*slip.T), 1e-3)
+        forces = -FRICTION * (loads / length)[:, None] * slip
         a = forces.sum(axis=0) / model.mass_kg
         v = v + dt * (a + w * np.array([v[1], -v[0]]))  # in the turning frame
-        w += (
-            dt * (wheels[:, 0] @ forces[:, 1] - wheels[:, 1] @ forces[:, 0]) / spin_mass
-        )
-    return float(np.hypot(*v)), float(w)
+        w += dt * (beside * forces).sum() / model.inertia[2]
+    return w
 
 
 @pytest.mark.parametrize(
@@ -295,7 +279,7 @@ def steady_turn(speed, turn):
 def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(driven, speed, turn):
     robot = driven()
     robot.run(speed, turn, 4.0)
-    _, expected = steady_turn(speed, turn)
+    expected = steady_turn(speed, turn)
     assert robot.velocity.angular == pytest.approx(expected, rel=0.01)
 
 

@@ -51,32 +51,23 @@ def test_wheels_turn_as_the_rules_say_under_any_commands(seed):
     turn = 0.0
     target = (0.0, 0.0)
     since = 0
-    sent: list[tuple[int, tuple[float, float]]] = []
+    sent = []
     latency = nanoseconds(config.command_latency_s)
     timeout = nanoseconds(config.command_timeout_s)
+    half = 0.5 * TRACK * 1.5
     for _ in range(1500):
         if rng.random() < 0.01:
-            sent.append(
-                (
-                    robot.now_ns + latency,
-                    tuple(rng.choice([-5.0, -0.5, 0.0, 0.3, 9.0], 2).tolist()),
-                )
-            )
-            robot.command(*sent[-1][1])
+            command = rng.choice([-5.0, -0.5, 0.0, 0.3, 9.0], 2).tolist()
+            sent.append((robot.now_ns + latency, command))
+            robot.command(*command)
         for due, command in sent:
             if since < due <= robot.now_ns:
                 since = due
-                target = command
-        target = (0.0, 0.0) if robot.now_ns - since >= timeout else target
-        speed += float(
-            np.clip(
-                np.clip(target[0], -2.0, 2.0) - speed, -20.0 * TICK_S, 20.0 * TICK_S
-            )
-        )
-        turn += float(
-            np.clip(np.clip(target[1], -4.0, 4.0) - turn, -25.0 * TICK_S, 25.0 * TICK_S)
-        )
-        half = 0.5 * TRACK * 1.5
+                target = np.clip(command, [-2.0, -4.0], [2.0, 4.0]).tolist()
+        if robot.now_ns - since >= timeout:
+            target = (0.0, 0.0)
+        speed += min(max(target[0] - speed, -20.0 * TICK_S), 20.0 * TICK_S)
+        turn += min(max(target[1] - turn, -25.0 * TICK_S), 25.0 * TICK_S)
         assert robot.run(TICK_S) == (speed - turn * half, speed + turn * half)
 
 
@@ -88,21 +79,17 @@ def test_backwards_it_is_no_faster_than_it_may():
 
 
 def test_motors_follow_with_a_lag_of_first_order():
-    robot = Clocked(
-        replace(
-            PROMPT,
-            motor_lag_s=0.1,
-            max_acceleration_m_s2=1000.0,
-            max_yaw_acceleration_rad_s2=1000.0,
-        )
-    )
+    at_once = {
+        "max_acceleration_m_s2": 1000.0,
+        "max_yaw_acceleration_rad_s2": 1000.0,
+    }
+    robot = Clocked(replace(PROMPT, motor_lag_s=0.1, **at_once))
     robot.command(0.5, 1.0)
     half = 0.5 * 1.5 * TRACK
     for time_s in (0.05, 0.1, 0.2):
         share = 1.0 - math.exp(-(robot.now_ns * 1e-9 + time_s) / 0.1)
-        assert robot.run(time_s) == pytest.approx(
-            ((0.5 - half) * share, (0.5 + half) * share), rel=1e-9
-        )
+        expected = ((0.5 - half) * share, (0.5 + half) * share)
+        assert robot.run(time_s) == pytest.approx(expected, rel=1e-9)
 
 
 EXACT = OdometryConfig(yaw_noise_rad=0.0, yaw_rate_noise_rad_s=0.0)
@@ -138,9 +125,10 @@ def test_starts_at_zero_whatever_the_start_pose():
 def test_integrates_the_wheels_along_the_yaw():
     odometry = Measured(EXACT, start_yaw=1.0)
     yaw = 1.0
+    rate = 2.0 * math.pi / 10.0
+    speed = 0.5 * rate
     for _ in range(2000):  # a circle of radius 0.5 m, once around in 10 s
-        yaw += TICK_S * 2.0 * math.pi / 10.0
-        speed = 2.0 * math.pi / 10.0 * 0.5
+        yaw += TICK_S * rate
         odometry.advance(speed - 0.1, speed + 0.1, yaw)
     odometry.robots["spin"][0, 2] = 0.63
     reading = odometry.read(7)

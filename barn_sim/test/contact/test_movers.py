@@ -31,33 +31,35 @@ FROM_ZERO = SimulatorConfig(obstacles=ObstacleConfig(random_phase=False), lidar=
 def arena(*moving, walls=()):
     path = np.array([[row, 20] for row in range(42, 1, -1)])
     grid = np.zeros((45, 41), np.bool_)
+    corner_m = (-10.25, -10.25)
     return World(
-        "arena", grid, path, 0.5, walls=walls, moving=moving, corner_m=(-10.25, -10.25)
+        "arena", grid, path, 0.5, walls=walls, moving=moving, corner_m=corner_m
     )
 
 
-def person(*keys, period_s=10.0, radius_m=0.3):
-    return MovingObstacle(
-        "person", radius_m=radius_m, motion=Motion("linear", period_s, keys)
-    )
-
-
-def cart(*keys, period_s=10.0, yaw_rad=0.0):
+def person(*keys, period_s=10.0, **fields):
     motion = Motion("linear", period_s, keys)
-    return MovingObstacle(
-        "cart", "box", size_x_m=1.0, size_y_m=0.6, yaw_rad=yaw_rad, motion=motion
-    )
+    return MovingObstacle("person", radius_m=0.3, motion=motion, **fields)
+
+
+def cart(*keys):
+    motion = Motion("linear", 10.0, keys)
+    return MovingObstacle("cart", "box", size_x_m=1.0, size_y_m=0.6, motion=motion)
+
+
+@pytest.fixture
+def simulator(simulators):
+    """Make a simulator of a world with a robot at its middle."""
+    return lambda world: simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
 
 
 def random_shapes(rng, count):
     box = rng.random(count) < 0.5
-    radius = rng.uniform(0.05, 1.0, count)
-    size = rng.uniform(0.05, 3.0, (count, 2))
+    radius = np.where(box, 0.0, rng.uniform(0.05, 1.0, count))
+    size = np.where(box[:, None], rng.uniform(0.05, 3.0, (count, 2)), 0.0)
     where = rng.uniform(-4.0, 4.0, (count, 2))
     yaw = rng.uniform(-math.pi, math.pi, count)
-    return shape_rows(
-        where, np.where(box, 0.0, radius), np.where(box[:, None], size, 0.0), yaw
-    )
+    return shape_rows(where, radius, size, yaw)
 
 
 def plain_hit(origin, beam, shape):
@@ -70,22 +72,17 @@ def plain_hit(origin, beam, shape):
         root = along**2 - square
         near = along - math.sqrt(root) if root >= 0.0 else math.inf
         return 0.0 if square <= 0.0 else near if near >= 0.0 else math.inf
-    ahead = shape[5:7]
-    left = np.array([-shape[6], shape[5]])
-    if (
-        abs((origin - center) @ ahead) <= shape[3]
-        and abs((origin - center) @ left) <= shape[4]
-    ):
+    ahead = shape[3] * shape[5:7]
+    left = shape[4] * np.array([-shape[6], shape[5]])
+    away = origin - center
+    if abs(away @ ahead) <= ahead @ ahead and abs(away @ left) <= left @ left:
         return 0.0
-    corners = [
-        center + i * shape[3] * ahead + j * shape[4] * left
-        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    ]
+    corners = [ahead + left, left - ahead, -ahead - left, ahead - left]
     hits = [math.inf]
     for start, other in zip(corners, [*corners[1:], corners[0]], strict=True):
         matrix = np.column_stack([beam, start - other])
         if abs(np.linalg.det(matrix)) > 1e-12:
-            distance, share = np.linalg.solve(matrix, start - origin)
+            distance, share = np.linalg.solve(matrix, start - away)
             if distance >= 0.0 and 0.0 <= share <= 1.0:
                 hits.append(distance)
     return min(hits)
@@ -103,61 +100,54 @@ def test_rays_agree_with_a_plain_reference(seed, count):
     angles = scan.angles() + sensor.yaw
     beams = np.column_stack([np.cos(angles), np.sin(angles)])
     origin = np.array([sensor.x, sensor.y])
-    exact = np.array(
-        [
-            min((plain_hit(origin, beam, shape) for shape in shapes), default=math.inf)
-            for beam in beams
-        ]
-    )
-    expected = np.where(
-        exact < scan.range_min, -np.inf, np.where(exact > scan.range_max, np.inf, exact)
-    )
+    expected = np.full(len(beams), np.inf)
+    for k, beam in enumerate(beams):
+        hits = [plain_hit(origin, beam, shape) for shape in shapes]
+        expected[k] = min(hits, default=math.inf)
+    expected[expected < scan.range_min] = -np.inf
+    expected[expected > scan.range_max] = np.inf
     same = np.isclose(scan.ranges, expected, atol=1e-5) | (scan.ranges == expected)
-    assert (
-        (~same).sum() <= 1
-    )  # a beam through a corner, along a tangent or at a limit may be told either way
+    # a beam through a corner, along a tangent or at a limit may be told either way
+    assert (~same).sum() <= 1
 
 
-def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators):
+def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulator):
     world = arena(person((0.0, 2.0, 0.0), (10.0, 12.0, 0.0)))
-    simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    robot = simulator(world)
     for _ in range(20):
-        sensors = simulator.step(None)
-        ahead = float(sensors.scan.ranges[len(sensors.scan.ranges) // 2])
+        sensors = robot.step(None)
+        ranges = sensors.scan.ranges
         x, _ = world.tracks.at(sensors.stamp_ns * 1e-9)[0][0]
-        assert ahead == pytest.approx(
-            x - 0.3 - FROM_ZERO.lidar.mount_x_m - sensors.truth.pose.x, abs=1e-3
-        )
+        ahead = x - 0.3 - FROM_ZERO.lidar.mount_x_m - sensors.truth.pose.x
+        assert ranges[len(ranges) // 2] == pytest.approx(ahead, abs=1e-3)
 
 
-def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators):
-    low = replace(person((0.0, 2.0, 0.0), (1.0, 0.4, 0.0)), height_m=0.2)
-    simulator = simulators(arena(low), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
-    readings = [simulator.step(None) for _ in range(40)]
+def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulator):
+    low = person((0.0, 2.0, 0.0), (1.0, 0.4, 0.0), height_m=0.2)
+    robot = simulator(arena(low))
+    readings = [robot.step(None) for _ in range(40)]
     assert all(np.isinf(sensors.scan.ranges).all() for sensors in readings)
     assert any(sensors.collision for sensors in readings)
 
 
 @pytest.mark.parametrize("kind", [person, cart])
-def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulators):
+def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind, simulator):
     """The robot is struck from the side at 1 m/s, against its tires, and ends up moving with the obstacle."""
-    world = arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0)))
-    simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
-    sensors = [simulator.step(None) for _ in range(60)]
+    robot = simulator(arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0))))
+    sensors = [robot.step(None) for _ in range(60)]
     touched = next(k for k, reading in enumerate(sensors) if reading.collision)
     at_s = sensors[touched].stamp_ns * 1e-9
     edge = 2.0 - at_s - 0.3  # the radius of the one, half the width of the other
-    assert edge == pytest.approx(simulator.motion.model.extent[3], abs=0.07)
+    assert edge == pytest.approx(robot.motion.model.extent[3], abs=0.07)
     pushed = [reading.truth.pose.y for reading in sensors[touched + 5 : touched + 15]]
     assert np.diff(pushed) == pytest.approx(-0.05, abs=0.01)  # 1 m/s
-    assert all(not reading.collision for reading in sensors[:touched])
 
 
-def test_a_wall_stops_the_robot(simulators):
+def test_a_wall_stops_the_robot(simulator):
     wall = Wall(x_m=2.0, y_m=0.0, size_x_m=0.5, size_y_m=20.0)
-    simulator = simulators(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
-    sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
-    front = simulator.motion.model.extent[2]
+    robot = simulator(arena(walls=(wall,)))
+    sensors = [robot.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
+    front = robot.motion.model.extent[2]
     assert any(reading.collision for reading in sensors)
     assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)
 
@@ -166,71 +156,49 @@ def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators):
     """What moves keeps to its track though a cylinder that could be pushed, another and a wall are in its way."""
     grid = np.zeros((45, 41), np.bool_)
     grid[22, 21] = True
-    both = (
-        person((0.0, 0.9, 2.0), (5.0, 0.9, -3.0)),
-        replace(cart((0.0, 0.9, -3.0), (5.0, 0.9, 2.0)), name="other"),
-    )
-    world = replace(
-        arena(*both, walls=(Wall(x_m=1.2, y_m=-0.8, size_x_m=0.4, size_y_m=0.4),)),
-        grid=grid,
-    )
-    config = replace(
-        FROM_ZERO, obstacles=ObstacleConfig(movable=True, random_phase=False)
-    )
+    first = person((0.0, 0.9, 2.0), (5.0, 0.9, -3.0))
+    second = cart((0.0, 0.9, -3.0), (5.0, 0.9, 2.0))
+    wall = Wall(x_m=1.2, y_m=-0.8, size_x_m=0.4, size_y_m=0.4)
+    world = replace(arena(first, second, walls=(wall,)), grid=grid)
+    movable = ObstacleConfig(movable=True, random_phase=False)
+    config = replace(FROM_ZERO, obstacles=movable)
     simulator = simulators(world, config, Pose2D(0.2, 0.0, 0.0), 0)
     for _ in range(80):
         simulator.step(None)
-    moved = simulator.moved_obstacles()
-    assert len(moved.indices) == 0
+    assert len(simulator.moved_obstacles().indices) == 0
 
 
-def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators):
+def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulator):
     """It is 5 m away when its motion begins anew, half a meter in front of the robot."""
-    jumper = replace(
-        person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25
-    )
-    world = arena(jumper)
-    simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
-    touched = [
-        reading.stamp_ns * 1e-9
-        for reading in (simulator.step(None) for _ in range(60))
-        if reading.collision
-    ]
-    pose = simulator.read_truth().pose
-    assert touched and touched[0] == pytest.approx(1.75, abs=0.051)
-    assert math.isfinite(pose.x) and math.hypot(pose.x, pose.y) < 5.0
+    keys = ((0.0, 0.5, 0.0), (1.0, 5.0, 0.0))
+    robot = simulator(arena(person(*keys, period_s=2.0, phase_s=0.25)))
+    readings = [robot.step(None) for _ in range(60)]
+    touched = next(reading for reading in readings if reading.collision)
+    assert touched.stamp_ns * 1e-9 == pytest.approx(1.75, abs=0.051)
+    pose = robot.read_truth().pose
+    assert math.hypot(pose.x, pose.y) < 5.0
 
 
-def test_the_phase_is_drawn_from_the_seed_and_can_be_zero():
+def test_the_phase_is_drawn_from_the_seed_and_can_be_zero(simulators):
     world = open_dataset("dynabarn60").load(50)
     phases = [phase_s(world, True, seed) for seed in range(200)]
     longest = max(obstacle.motion.period_s for obstacle in world.moving)
-    assert (
-        len(set(phases)) == 200
-        and 0.0 <= min(phases) < 0.1 * longest
-        and 0.9 * longest < max(phases) <= longest
-    )
+    assert len(set(phases)) == 200
+    assert 0.0 <= min(phases) < 0.1 * longest
+    assert 0.9 * longest < max(phases) <= longest
     assert phase_s(world, False, 3) == 0.0
+    config = replace(SimulatorConfig(), lidar=QUIET)
     start = Pose2D(11.0, 0.0, math.pi)
-    simulators = [
-        Simulator(world, replace(SimulatorConfig(), lidar=QUIET), start, seed)
-        for seed in (3, 3, 4)
-    ]
-    scans = [simulator.sense().scan.ranges.tobytes() for simulator in simulators]
-    assert [simulator.phase_s for simulator in simulators] == [
-        phases[3],
-        phases[3],
-        phases[4],
-    ]
-    assert scans[0] == scans[1] != scans[2]
+    robots = [simulators(world, config, start, seed) for seed in (3, 3, 4)]
+    assert [robot.phase_s for robot in robots] == [phases[k] for k in (3, 3, 4)]
+    first, again, other = (robot.sense().scan.ranges.tobytes() for robot in robots)
+    assert first == again != other
 
 
 def wandering_robot(seed, scenes, rng, robot):
     """Return a robot among moving obstacles; where the seed is odd, cylinders move, too."""
-    config = with_robot(
-        SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))),
-        load_robot(robot),
-    )
+    obstacles = ObstacleConfig(movable=bool(seed % 2))
+    config = with_robot(SimulatorConfig(obstacles=obstacles), load_robot(robot))
     if seed % 3:
         world = open_dataset("dynabarn60").load(int(rng.integers(60)))
         start = Pose2D(*rng.uniform(-9.0, 9.0, 2), rng.uniform(-3.1, 3.1))
@@ -275,6 +243,7 @@ def test_no_contact_is_missed(seed, scenes, monkeypatch):
 
 
 def test_the_drives_touch_obstacles_and_leave_them(scenes):
-    touched = [[state[0] for state in drive(seed, scenes)[0]] for seed in range(6)]
-    assert any(any(one) and not one[-1] for one in touched)
-    assert not all(any(one) for one in touched)
+    drives = [drive(seed, scenes)[0] for seed in range(6)]
+    touched = [[state[0] for state in states] for states in drives]
+    assert any(any(states) and not states[-1] for states in touched)
+    assert not all(any(states) for states in touched)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.distance import cdist, pdist
 
 from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.contact.cylinders import (
@@ -29,6 +30,11 @@ def world_with(*cells):
     return World("few", grid, np.array([[0, column] for column in range(30)]))
 
 
+def row(length):
+    """Return a world with cylinders one behind the other, ahead of the robot's middle."""
+    return world_with(*((14, 5 + k) for k in range(length)))
+
+
 def push(
     world,
     config,
@@ -44,7 +50,7 @@ def push(
 
 
 def test_a_single_cylinder_is_pushed_along():
-    world = world_with((14, 5))  # ahead of the robot's middle
+    world = row(1)
     sensors, moved = push(world, MOVABLE, 60)
     assert moved.indices.tolist() == [0]
     assert sensors.truth.pose.y > world.obstacles_m[0, 1] + 0.2
@@ -52,7 +58,7 @@ def test_a_single_cylinder_is_pushed_along():
 
 
 def test_the_same_cylinder_stops_the_robot_if_it_cannot_move():
-    world = world_with((14, 5))
+    world = row(1)
     sensors, moved = push(world, SimulatorConfig(), 60)
     assert len(moved.indices) == 0
     assert sensors.truth.pose.y < world.obstacles_m[0, 1] - 0.2
@@ -65,8 +71,7 @@ def test_cylinders_that_nothing_comes_near_stand_still():
 
 
 def test_a_push_is_handed_on_along_a_row():
-    row = [(14, column) for column in range(5, 9)]
-    world = world_with(*row)
+    world = row(4)
     _, moved = push(world, MOVABLE, 80)
     assert moved.indices.tolist() == [0, 1, 2, 3]
     assert (moved.positions[:, 1] > world.obstacles_m[:, 1] + 0.05).all()
@@ -79,46 +84,35 @@ def test_pushed_cylinders_do_not_end_inside_one_another(simulators):
         simulator.step(Velocity2D(0.5, 0.0))
     centers, tilted = simulator.motion.obstacles.cross_section(0.3)
     upright = centers[np.isfinite(centers[:, 0])][: 9 - len(tilted)]
-    gaps = [math.hypot(*(a - b)) for i, a in enumerate(upright) for b in upright[:i]]
-    assert min(gaps) > 0.15 - 0.01
+    assert pdist(upright).min() > 0.15 - 0.01
 
 
 def test_the_robot_cannot_push_a_long_row():
     """Each of 1 kg with friction 1 resists 9.8 N; wheels with friction 0.5 under 18.4 kg push 90 N at most."""
-    short = world_with(*((14, column) for column in range(5, 8)))
-    long = world_with(*((14, column) for column in range(5, 29)))
-    at_short, _ = push(short, MOVABLE, 100)
-    at_long, _ = push(long, MOVABLE, 100)
+    at_short, _ = push(row(3), MOVABLE, 100)
+    at_long, _ = push(row(24), MOVABLE, 100)
     assert at_short.truth.pose.y > at_long.truth.pose.y + 0.3
 
 
-def test_containment_can_be_left_standing():
-    beside = Pose2D(-0.6, 2.0, 0.0)
-    moved = [
-        push(world_with(), SimulatorConfig(obstacles=config), 60, start=beside)[
-            1
-        ].indices
-        for config in (
-            MOVABLE.obstacles,
-            ObstacleConfig(movable=True, containment_movable=False),
-        )
-    ]
-    assert len(moved[0]) > 0
-    assert len(moved[1]) == 0
+@pytest.mark.parametrize("movable", [True, False])
+def test_containment_can_be_left_standing(movable):
+    obstacles = ObstacleConfig(movable=True, containment_movable=movable)
+    config = SimulatorConfig(obstacles=obstacles)
+    _, moved = push(world_with(), config, 60, start=Pose2D(-0.6, 2.0, 0.0))
+    assert (len(moved.indices) > 0) is movable
 
 
 def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators):
-    world = world_with((14, 5))
-    simulator = simulators(world, MOVABLE, HERE, 0)
+    simulator = simulators(row(1), MOVABLE, HERE, 0)
     for _ in range(60):
         sensors = simulator.step(Velocity2D(0.5, 0.0))
-    position = simulator.moved_obstacles().positions[0]
-    upright = np.isfinite(simulator.motion.obstacles.cross_section(0.3)[0][0, 0])
-    sensor = sensors.truth.pose @ Pose2D(0.055, 0.0, 0.0)
-    bearing = math.atan2(position[1] - sensor.y, position[0] - sensor.x) - sensor.yaw
+    (x, y, _) = simulator.moved_obstacles().positions[0]
+    centers, _ = simulator.motion.obstacles.cross_section(0.3)
+    place = (sensors.truth.pose @ Pose2D(0.055, 0.0, 0.0)).inverse() @ Pose2D(x, y, 0.0)
+    bearing = math.atan2(place.y, place.x)
     beam = np.argmin(np.abs(sensors.scan.angles() - bearing))
-    if upright:
-        expected = math.hypot(position[0] - sensor.x, position[1] - sensor.y) - 0.075
+    if np.isfinite(centers[0, 0]):
+        expected = math.hypot(place.x, place.y) - 0.075
         assert sensors.scan.ranges[beam] == pytest.approx(expected, abs=0.02)
     else:  # it has fallen over: what is seen there lies behind
         assert sensors.scan.ranges[beam] > 0.5
@@ -129,71 +123,46 @@ def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(friction, tips):
     """Pushed at height h at least (the chassis' lower edge, 0.0635 m), it tips if friction x h exceeds its radius."""
     assert (friction * 0.0635 > 0.075) is tips
     smooth = PhysicsConfig(chassis_friction=0.0)  # or the chassis holds it upright
-    config = SimulatorConfig(
-        physics=smooth, obstacles=ObstacleConfig(movable=True, friction=friction)
-    )
-    _, moved = push(
-        world_with((14, 5)), config, 140, speed=0.2
-    )  # gently: a blow could tip it as well
+    obstacles = ObstacleConfig(movable=True, friction=friction)
+    config = SimulatorConfig(physics=smooth, obstacles=obstacles)
+    # gently: a blow could tip it as well
+    _, moved = push(row(1), config, 140, speed=0.2)
     x, y, _, _ = moved.quaternions[0].tolist()
     assert (abs(1.0 - 2.0 * (x * x + y * y)) < 0.5) is tips
 
 
 def test_driving_away_takes_the_bodies_out_again(simulators):
-    world = world_with((14, 5))
-    simulator = simulators(world, MOVABLE, HERE, 0)
-    for _ in range(80):
-        simulator.step(Velocity2D(0.2, 0.0))
-    bodies = len(simulator.motion.obstacles._bodies)
-    before = simulator.moved_obstacles().positions
-    for _ in range(100):
-        simulator.step(Velocity2D(-0.5, 0.0))
-    gone = len(simulator.motion.obstacles._bodies)
-    after = simulator.moved_obstacles().positions
-    assert bodies == 1
-    assert gone == 0
-    assert len(before) == len(after) == 1
+    simulator = simulators(row(1), MOVABLE, HERE, 0)
+    for steps, speed, bodies in ((80, 0.2, 1), (100, -0.5, 0)):
+        for _ in range(steps):
+            simulator.step(Velocity2D(speed, 0.0))
+        assert len(simulator.motion.obstacles._bodies) == bodies
+        assert len(simulator.moved_obstacles().positions) == 1
 
 
 # The kernels against plain geometry.
 
 EXTENT = np.array([-0.229, -0.2078, 0.229, 0.2078])
 coordinates = st.floats(-1.5, 1.5)
+points = st.tuples(coordinates, coordinates)
+ROBOT = (0.1, -0.2, 0.5, EXTENT)  # with its pose
 
 
-@given(
-    coordinates,
-    coordinates,
-    coordinates,
-    coordinates,
-    coordinates,
-    coordinates,
-    st.floats(-3.2, 3.2),
-)
-def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw):
-    gap = robot_gap(np.array([ax, ay, bx, by]), x, y, yaw, EXTENT)
-    points = np.array([ax, ay]) + np.linspace(0.0, 1.0, 400)[:, None] * np.array(
-        [bx - ax, by - ay]
-    )
-    local = Pose2D(x, y, yaw).inverse().transform(points)
+@given(points, points, points, st.floats(-3.2, 3.2))
+def test_the_gap_to_the_robot_is_that_of_many_points(a, b, place, yaw):
+    gap = robot_gap(np.array([*a, *b]), *place, yaw, EXTENT)
+    local = Pose2D(*place, yaw).inverse().transform(np.linspace(a, b, 400))
     outside = np.maximum(np.maximum(EXTENT[:2] - local, local - EXTENT[2:]), 0.0)
     exact = np.hypot(*outside.T).min()
-    spacing = math.hypot(bx - ax, by - ay) / 8
+    spacing = math.dist(a, b) / 8
     assert exact - 1e-3 * spacing - 1e-9 <= gap <= exact + 0.5 * spacing + 1e-9
 
 
-@given(*[coordinates] * 8)
-def test_the_gap_between_cylinders_is_that_of_many_points(
-    ax, ay, bx, by, cx, cy, dx, dy
-):
-    first = np.array([ax, ay, bx, by])
-    second = np.array([cx, cy, dx, dy])
-    gap = segment_gap(first, second)
-    parts = np.linspace(0.0, 1.0, 200)[:, None]
-    ours = first[:2] + parts * (first[2:] - first[:2])
-    theirs = second[:2] + parts * (second[2:] - second[:2])
-    exact = np.hypot(*(ours[:, None] - theirs[None]).transpose(2, 0, 1)).min()
-    slack = math.hypot(bx - ax, by - ay) / 8 + math.hypot(dx - cx, dy - cy) / 199
+@given(points, points, points, points)
+def test_the_gap_between_cylinders_is_that_of_many_points(a, b, c, d):
+    gap = segment_gap(np.array([*a, *b]), np.array([*c, *d]))
+    exact = cdist(np.linspace(a, b, 200), np.linspace(c, d, 200)).min()
+    slack = math.dist(a, b) / 8 + math.dist(c, d) / 199
     assert exact - slack <= gap <= exact + slack + 1e-9
 
 
@@ -215,19 +184,11 @@ def test_near_cylinders_are_found_by_distance_alone():
     none = np.zeros(300, np.bool_)
     pushed = none.copy()
     pushed[:3] = True
-    near, free_m = near_cylinders(
-        segments, ~none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
-    )
-    near_robot = [
-        robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) < 0.105 for segment in segments
-    ]
-    near_pushed = (
-        np.hypot(*(points[:, None] - points[None, :3]).transpose(2, 0, 1)) < 0.155
-    ).any(axis=1)
-    assert near.tolist() == np.flatnonzero(np.array(near_robot) | near_pushed).tolist()
-    few, _ = near_cylinders(
-        segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
-    )
+    near, free_m = near_cylinders(segments, ~none, pushed, *ROBOT, 0.075, 0.03, 0.005)
+    gaps = np.array([robot_gap(segment, *ROBOT) for segment in segments])
+    near_pushed = cdist(points, points[:3]).min(axis=1) < 0.155
+    assert near.tolist() == np.flatnonzero((gaps < 0.105) | near_pushed).tolist()
+    few, _ = near_cylinders(segments, none, pushed, *ROBOT, 0.075, 0.03, 0.005)
     assert len(few) == 0
     assert free_m <= 0.0  # what is pushed may come near by itself
 
@@ -237,29 +198,26 @@ def test_the_robot_moves_safely_within_the_free_distance():
     points = rng.uniform(-1.0, 1.0, (60, 2))
     segments = np.hstack([points, points])
     none = np.zeros(60, np.bool_)
-    near, free_m = near_cylinders(
-        segments, ~none, none, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
-    )
-    gaps = np.array(
-        [robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) - 0.105 for segment in segments]
-    )
-    assert 0.0 < free_m <= np.delete(gaps, near).min()
+    near, free_m = near_cylinders(segments, ~none, none, *ROBOT, 0.075, 0.03, 0.005)
+    gaps = np.array([robot_gap(segment, *ROBOT) for segment in segments])
+    assert 0.0 < free_m <= np.delete(gaps, near).min() - 0.105
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.005, 0.3, 1.5])
 def test_a_tilted_cylinder_is_handed_over_as_such(tilt):
     q = [math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2)]  # about x: leans to -y
     states = np.array([[1.0, 2.0, 0.5, *q]])
-    centers, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))
+    centers = np.array([[1.0, 2.0]])
+    tilted = np.empty((1, 7))
+    upright = math.radians(0.5)
     count = intersect_cylinders(
-        np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centers, tilted
+        np.array([0]), states, 0.5, 0.3, math.cos(upright), centers, tilted
     )
-    if tilt < math.radians(0.5):
+    if tilt < upright:
         assert count == 0
         assert centers[0] == pytest.approx([1.0, 2.0 + 0.2 * math.tan(tilt)])
     else:
         assert count == 1
         assert np.isinf(centers).all()
-        assert tilted[0] == pytest.approx(
-            [1.0, 2.0, 0.2, 0.0, -math.sin(tilt), math.cos(tilt), 0.5]
-        )
+        axis = [0.0, -math.sin(tilt), math.cos(tilt)]
+        assert tilted[0] == pytest.approx([1.0, 2.0, 0.2, *axis, 0.5])

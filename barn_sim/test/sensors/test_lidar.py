@@ -12,9 +12,10 @@ from barn_sim.config import PRESETS, LidarConfig
 from barn_sim.contact.bullet import bullet, connect, disconnect
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.sensors.ray_casting import ROUGH_RAD, rough_angle
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.types import Pose2D, wrap_angle
 
 QUIET = LidarConfig(noise_m=0.0)
+AROUND = {"angle_min_rad": -math.pi, "angle_max_rad": math.pi}
 
 
 def lidar(config, seed=0):
@@ -37,10 +38,10 @@ def reference(pose, scan, mount_x, centers, radius):
     return np.zeros_like(nearest) if (square <= 0.0).any() else nearest
 
 
-def limited(ranges, low, high):
-    return np.where(
-        ranges < low, -np.inf, np.where(ranges > high, np.inf, ranges)
-    ).astype(np.float32)
+def limited(ranges, scan):
+    """Return ranges as a scan tells them by its limits."""
+    beyond = np.where(ranges > scan.range_max, np.inf, ranges)
+    return np.where(ranges < scan.range_min, -np.inf, beyond).astype(np.float32)
 
 
 @settings(max_examples=150, deadline=None)
@@ -55,16 +56,11 @@ def test_agrees_with_the_reference(seed, count, radius, full_circle, beams):
     rng = np.random.default_rng(seed)
     centers = rng.uniform(-4.0, 4.0, (count, 2))
     pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
-    spread = (
-        {"angle_min_rad": -math.pi, "angle_max_rad": math.pi} if full_circle else {}
-    )
+    spread = AROUND if full_circle else {}
     config = replace(QUIET, beams=beams, range_max_m=5.0, **spread)
     scan = lidar(config).scan(0, pose, centers, radius)
-    expected = limited(
-        reference(pose, scan, config.mount_x_m, centers, radius),
-        scan.range_min,
-        scan.range_max,
-    )
+    hits = reference(pose, scan, config.mount_x_m, centers, radius)
+    expected = limited(hits, scan)
     # a beam along a tangent may be counted as a hit or a miss: the chord is then shorter than rounding tells
     same = (scan.ranges == expected) | np.isclose(scan.ranges, expected, atol=1e-5)
     assert (~same).sum() <= 1
@@ -75,9 +71,7 @@ def test_upright_cylinders_cast_in_space_are_circles():
     rng = np.random.default_rng(5)
     centers = rng.uniform(-3.0, 3.0, (30, 2))
     pose = Pose2D(-3.5, 0.0, 0.4)
-    upright = np.column_stack(
-        [centers, np.full(30, 0.2), np.zeros((30, 2)), np.ones(30), np.full(30, 0.5)]
-    )
+    upright = np.hstack([centers, np.tile([0.2, 0.0, 0.0, 1.0, 0.5], (30, 1))])
     flat = lidar(QUIET).scan(0, pose, centers, 0.075)
     solid = lidar(QUIET).scan(0, pose, np.full((30, 2), np.inf), 0.075, upright)
     differs = ~np.isclose(flat.ranges, solid.ranges, atol=1e-5)
@@ -88,18 +82,13 @@ def test_upright_cylinders_cast_in_space_are_circles():
 def bullet_ranges(client, pose, scan):
     sensor = pose @ Pose2D(QUIET.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
-    starts = [[sensor.x, sensor.y, 0.3]] * len(angles)
     reach = scan.range_max
-    ends = [
-        [sensor.x + reach * math.cos(a), sensor.y + reach * math.sin(a), 0.3]
-        for a in angles
-    ]
-    hits = bullet.rayTestBatch(starts, ends, physicsClientId=client)
-    return limited(
-        np.array([hit[2] * reach if hit[0] >= 0 else np.inf for hit in hits]),
-        scan.range_min,
-        scan.range_max,
-    )
+    starts = np.tile([sensor.x, sensor.y, 0.3], (len(angles), 1))
+    beams = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+    ends = (starts + reach * beams).tolist()
+    hits = bullet.rayTestBatch(starts.tolist(), ends, physicsClientId=client)
+    ranges = [hit[2] * reach if hit[0] >= 0 else np.inf for hit in hits]
+    return limited(np.array(ranges), scan)
 
 
 def test_tilted_cylinders_agree_with_the_rays_of_pybullet():
@@ -128,9 +117,8 @@ def test_tilted_cylinders_agree_with_the_rays_of_pybullet():
 
 def test_limits_hold_after_the_noise():
     config = LidarConfig(beams=720, noise_m=0.05, range_max_m=2.0, mount_x_m=0.0)
-    ring = np.array(
-        [[2.075 * math.cos(a), 2.075 * math.sin(a)] for a in np.arange(0, 6.28, 0.05)]
-    )
+    angles = np.arange(0, 6.28, 0.05)
+    ring = 2.075 * np.column_stack([np.cos(angles), np.sin(angles)])
     ranges = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), ring, 0.075).ranges
     finite = ranges[np.isfinite(ranges)]
     assert finite.max() <= np.float32(2.0)
@@ -144,9 +132,8 @@ def test_presets_see_a_wall_at_its_distance(name):
     scan = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), np.array([[3.0, 0.0]]), 0.075)
     assert len(scan.ranges) == config.beams
     middle = np.argmin(np.abs(scan.angles()))
-    assert scan.ranges[middle] == pytest.approx(
-        3.0 - 0.075 - config.mount_x_m, abs=1e-3
-    )
+    distance = 3.0 - 0.075 - config.mount_x_m
+    assert scan.ranges[middle] == pytest.approx(distance, abs=1e-3)
     # numbers of a message are of single precision: a scan must not change on its way through one
     for number in (
         scan.angle_min,
@@ -159,16 +146,7 @@ def test_presets_see_a_wall_at_its_distance(name):
 
 def test_a_rough_angle_is_near_the_exact_one():
     vectors = np.random.default_rng(0).uniform(-5.0, 5.0, (20_000, 2)).tolist()
-    vectors += [
-        [0.0, 1.0],
-        [0.0, -1.0],
-        [1.0, 0.0],
-        [-1.0, 0.0],
-        [1.0, 1.0],
-        [-1e-9, -1.0],
-    ]
-    for y, x in vectors:
-        off = (rough_angle(y, x) - math.atan2(y, x) + math.pi) % (
-            2.0 * math.pi
-        ) - math.pi
+    axes = [[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]]
+    for y, x in [*vectors, *axes, [1.0, 1.0], [-1e-9, -1.0]]:
+        off = wrap_angle(rough_angle(y, x) - math.atan2(y, x))
         assert abs(off) < ROUGH_RAD
