@@ -1,6 +1,7 @@
 """The costmap against plain slow references and against the rules it follows."""
 
 import math
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Pose, Window
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
 
 AHEAD = Pose2D(10.0, 0.0, 0.0)
+HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 def scan_of(ranges, angle_min=-2.3, increment=None):
@@ -26,43 +28,56 @@ def scan_of(ranges, angle_min=-2.3, increment=None):
     return Scan(0, ranges, angle_min, step, 0.1, 30.0)
 
 
+AT_1_M = scan_of([1.0], angle_min=0.0)
+NOTHING = scan_of([np.inf])
+
+
+def lethal_count(costmap):
+    return (costmap.costs == LETHAL).sum()
+
+
 def plain_cost(distance_cells, config, resolution):
     d = distance_cells * resolution
     if distance_cells == 0:
         return LETHAL
     if d <= config.inscribed_m + 1e-9:
         return INSCRIBED
-    if config.soft_costs and distance_cells <= math.ceil(
-        config.inflation_radius_m / resolution - 1e-9
-    ):
-        return int(
-            252.0 * math.exp(-config.cost_scaling_per_m * (d - config.inscribed_m))
-        )
+    reach = math.ceil(config.inflation_radius_m / resolution - 1e-9)
+    if config.soft_costs and distance_cells <= reach:
+        beyond_m = d - config.inscribed_m
+        return int(252.0 * math.exp(-config.cost_scaling_per_m * beyond_m))
     return 0
 
 
 def plain_inflation(lethal, config, resolution):
     if not lethal.any():
         return np.zeros(lethal.shape, np.uint8)
-    return np.vectorize(plain_cost, [np.uint8])(
-        distance_transform_edt(lethal == 0), config, resolution
-    )
+    distances = distance_transform_edt(lethal == 0)
+    return np.vectorize(plain_cost, [np.uint8])(distances, config, resolution)
 
 
 def plain_line(row, col, end_row, end_col):
     """Return the cells of a line: along its longer axis one cell per step, the other coordinate to the nearest cell."""
-    n = max(abs(end_row - row), abs(end_col - col))
+    down = end_row - row
+    right = end_col - col
+    n = max(abs(down), abs(right))
     if n == 0:
         return [(row, col)]
     cells = []
     for k in range(n + 1):
         # The nearest whole number, away from the start at a tie after half of an even step count.
-        offset_row = (abs(end_row - row) * k + n // 2) // n
-        offset_col = (abs(end_col - col) * k + n // 2) // n
-        up = int(math.copysign(1, end_row - row))
-        right = int(math.copysign(1, end_col - col))
-        cells.append((row + up * offset_row, col + right * offset_col))
+        offset_row = (abs(down) * k + n // 2) // n
+        offset_col = (abs(right) * k + n // 2) // n
+        at = offset_row if down >= 0 else -offset_row
+        beside = offset_col if right >= 0 else -offset_col
+        cells.append((row + at, col + beside))
     return cells
+
+
+def plain_outline(corners):
+    """Return the cells of the sides of a polygon whose corners are cells."""
+    ends = zip(corners, [*corners[1:], corners[0]], strict=True)
+    return [cell for first, last in ends for cell in plain_line(*first, *last)]
 
 
 def plain_update(costmap, lethal, pose, scan, lidar):
@@ -71,45 +86,35 @@ def plain_update(costmap, lethal, pose, scan, lidar):
     sensor = pose @ lidar
     cleared = set()
     marked = set()
+
+    def seen(distance, angle):
+        """Return the cell so far away."""
+        x = sensor.x + distance * math.cos(angle)
+        return costmap.cell(x, sensor.y + distance * math.sin(angle))
+
     for k, reading in enumerate(scan.ranges):
         r = float(reading)
         if not scan.range_min <= r < scan.range_max:
             continue
         angle = sensor.yaw + scan.angle_min + k * scan.angle_increment
-        end = min(r, config.raytrace_range_m)
-        tip = costmap.cell(
-            sensor.x + end * math.cos(angle), sensor.y + end * math.sin(angle)
-        )
+        tip = seen(min(r, config.raytrace_range_m), angle)
         cleared |= set(plain_line(*costmap.cell(sensor.x, sensor.y), *tip))
         if r < config.obstacle_range_m:
-            marked.add(
-                costmap.cell(
-                    sensor.x + r * math.cos(angle), sensor.y + r * math.sin(angle)
-                )
-            )
+            marked.add(seen(r, angle))
     after = lethal.copy()
-    for cells, value in ((cleared, False), (marked, True)):
+    footprint = plain_footprint(costmap, pose)
+    for cells, value in ((cleared, False), (marked, True), (footprint, False)):
         for row, col in cells:
             if 0 <= row < rows and 0 <= col < cols:
                 after[row, col] = value
-    for row, col in plain_footprint(costmap, pose):
-        if 0 <= row < rows and 0 <= col < cols:
-            after[row, col] = False
     return after
 
 
 def plain_footprint(costmap, pose):
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
     a, b = costmap.outline[0]
-    corners = [
-        costmap.cell((p := pose @ Pose2D(x, y, 0.0)).x, p.y)
-        for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))
-    ]
-    outline = [
-        cell
-        for k in range(4)
-        for cell in plain_line(*corners[k], *corners[(k + 1) % 4])
-    ]
+    places = [pose @ Pose2D(x, y, 0.0) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
+    outline = plain_outline([costmap.cell(place.x, place.y) for place in places])
     cells = set()
     for col in {col for _, col in outline}:
         rows = [row for row, other in outline if other == col]
@@ -121,11 +126,8 @@ def test_costs_beside_a_lethal_cell_are_the_published_ones():
     costs = costs_by_square(CostmapConfig(), 0.05)
     assert set(costs.tolist()) == {0, 177, 193, 210, 241, INSCRIBED, LETHAL}
     assert [costs[k * k] for k in range(8)] == [254, 253, 253, 253, 253, 253, 177, 0]
-    assert (costs[2**2 + 5**2], costs[4**2 + 4**2], costs[3**2 + 5**2]) == (
-        241,
-        210,
-        193,
-    )
+    squares = [2**2 + 5**2, 4**2 + 4**2, 3**2 + 5**2]
+    assert costs[squares].tolist() == [241, 210, 193]
 
 
 @pytest.mark.parametrize(
@@ -139,19 +141,18 @@ def test_costs_beside_a_lethal_cell_are_the_published_ones():
 def test_inflation_of_a_window_equals_the_plain_one(config, share):
     rng = np.random.default_rng(1)
     lethal = (rng.random((40, 50)) < share).astype(np.uint8)
-    costs = rng.integers(0, 255, lethal.shape).astype(np.uint8)
-    before = costs.copy()
-    expected = plain_inflation(lethal, config, 0.05)
-    window = (7, 31, 0, 44)
+    expected = rng.integers(0, 255, lethal.shape).astype(np.uint8)
+    layers = layers_of(lethal, config)
+    layers.costs[:] = expected
+    inflation.inflate(layers, Window(7, 31, 0, 44))
+    expected[7:31, :44] = plain_inflation(lethal, config, 0.05)[7:31, :44]
+    np.testing.assert_array_equal(layers.costs, expected)
+
+
+def layers_of(lethal, config):
     layers = inflation.new_layers(*lethal.shape, costs_by_square(config, 0.05))
     layers.marks.cells[:] = lethal
-    layers.costs[:] = costs
-    inflation.inflate(layers, Window(*window))
-    costs = layers.costs
-    inside = np.zeros(lethal.shape, bool)
-    inside[7:31, 0:44] = True
-    np.testing.assert_array_equal(costs[inside], expected[inside])
-    np.testing.assert_array_equal(costs[~inside], before[~inside])
+    return layers
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -162,7 +163,7 @@ def test_marks_and_costs_equal_the_plain_ones(seed):
     )
     costmap = RollingCostmap(config)
     rng = np.random.default_rng(seed)
-    pose = Pose2D(0.0, 0.0, 0.0)
+    pose = HERE
     lidar = Pose2D(0.12, -0.2, 0.3)
     lethal = np.zeros((40, 40), bool)
     corner = None
@@ -173,18 +174,15 @@ def test_marks_and_costs_equal_the_plain_ones(seed):
         scan = scan_of(ranges)
         before = corner
         costmap.update(pose, scan, lidar)
-        assert (
-            costmap.cell(pose.x, pose.y) == (20, 20)
-            and costmap.cost_at(pose.x + 2.1, pose.y) is None
-        )
+        assert costmap.cell(pose.x, pose.y) == (20, 20)
+        assert costmap.cost_at(pose.x + 2.1, pose.y) is None
         corner = np.rint(np.array([costmap.origin_y, costmap.origin_x]) / 0.1)
         if before is not None:
             lethal = shift(lethal, before - corner, order=0)
         lethal = plain_update(costmap, lethal, pose, scan, lidar)
         np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
-        np.testing.assert_array_equal(
-            costmap.costs, plain_inflation(lethal, config, 0.1)
-        )
+        expected = plain_inflation(lethal, config, 0.1)
+        np.testing.assert_array_equal(costmap.costs, expected)
         x, y = rng.uniform(-1.0, 1.0, 2) ** 3 * rng.choice([1.0, 5.0])
         pose = Pose2D(pose.x + x, pose.y + y, rng.uniform(-3.0, 3.0))
 
@@ -193,34 +191,25 @@ def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     static_map = OccupancyMap(np.zeros((20, 20), np.int8), 0.15, -1.5, -1.5)
     static_map.data[10, 15] = 100
     costmap = global_costmap(GlobalCostmapConfig(), static_map, AHEAD)
-    assert costmap.costs.shape == (60, 60) and (costmap.costs == LETHAL).sum() == 9
-    costmap.update(
-        Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
-    )
-    costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
+    assert costmap.costs.shape == (60, 60) and lethal_count(costmap) == 9
+    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), HERE)
+    costmap.update(Pose2D(0.8, 0.05, 0.0), NOTHING, HERE)
     costmap.reset()
-    assert (costmap.costs == LETHAL).sum() == 9
+    assert lethal_count(costmap) == 9
     coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), static_map, AHEAD)
     assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
     bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), static_map, AHEAD)
-    bare.update(
-        Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
-    )
-    assert (bare.costs == LETHAL).sum() == 9
+    bare.update(Pose2D(-1.0, -1.0, 0.0), AT_1_M, HERE)
+    assert lethal_count(bare) == 9
 
 
 def test_clearing_keeps_a_square_about_the_robot():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(
-        Pose2D(0.0, 0.0, 0.0),
-        scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2),
-        Pose2D(0.0, 0.0, 0.0),
-    )
-    assert (costmap.costs == LETHAL).sum() == 2
-    costmap.clear_outside(Pose2D(0.0, 0.0, 0.0), 3.0)
-    assert (
-        costmap.cost_at(1.01, 0.01) == LETHAL and (costmap.costs == LETHAL).sum() == 1
-    )
+    two = scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2)
+    costmap.update(HERE, two, HERE)
+    assert lethal_count(costmap) == 2
+    costmap.clear_outside(HERE, 3.0)
+    assert costmap.cost_at(1.01, 0.01) == LETHAL and lethal_count(costmap) == 1
     costmap.reset()
     assert not costmap.costs.any()
 
@@ -230,10 +219,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     costs = costmap.costs
     corners = kernels.corners_at(rectangle(0.31, 0.265), Pose(1.5, 1.5, 0.4))
     grid = (0.0, 0.0, 0.05)
-    outline = set()
-    for k in range(4):
-        ends = [costmap.cell(*corners[j]) for j in (k, (k + 1) % 4)]
-        outline |= set(plain_line(*ends[0], *ends[1]))
+    outline = set(plain_outline([costmap.cell(*corner) for corner in corners]))
     costs[30, 30] = LETHAL
     assert (30, 30) not in outline and kernels.edge_cost(costs, corners, *grid) == 0
     for value, expected in ((177, 177), (INSCRIBED, INSCRIBED), (LETHAL, -1)):
@@ -247,33 +233,28 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
 
 def test_costmaps_as_maps_tell_free_inscribed_and_lethal():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(
-        Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
-    )
+    costmap.update(HERE, AT_1_M, HERE)
     grid_map = costmap.as_map()
-    assert grid_map.data.dtype == np.int8 and grid_map.resolution == 0.05
-    assert (grid_map.data == 100).sum() == 1 and (grid_map.data == 99).sum() == (
-        costmap.costs == INSCRIBED
-    ).sum()
-    assert ((grid_map.data > 0) & (grid_map.data < 99)).sum() == (
-        (costmap.costs > 0) & (costmap.costs < INSCRIBED)
-    ).sum()
+    data = grid_map.data
+    costs = costmap.costs
+    assert data.dtype == np.int8 and grid_map.resolution == 0.05
+    assert (data == 100).sum() == 1
+    assert (data == 99).sum() == (costs == INSCRIBED).sum()
+    is_soft = (costs > 0) & (costs < INSCRIBED)
+    assert ((data > 0) & (data < 99)).sum() == is_soft.sum()
 
 
 def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
-    assert (
-        global_costmap(GlobalCostmapConfig(), None, AHEAD).costs.shape
-        == RollingCostmap(GlobalCostmapConfig()).costs.shape
-    )
+    config = GlobalCostmapConfig()
+    costmap = global_costmap(config, None, AHEAD)
+    assert costmap.costs.shape == RollingCostmap(config).costs.shape
     for goal in (Pose2D(20.0, 0.0, 0.0), Pose2D(-3.0, -60.0, 0.0)):
-        costmap = global_costmap(GlobalCostmapConfig(), None, goal)
-        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
+        costmap = global_costmap(config, None, goal)
+        costmap.update(HERE, NOTHING, HERE)
         assert costmap.cost_at(goal.x, goal.y) is not None
     for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
-        assert (
-            global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config
-            == GlobalCostmapConfig()
-        )
+        costmap = global_costmap(config, None, Pose2D(far, 0.0, 0.0))
+        assert costmap.config == config
 
 
 def plain_points(pose, scan, lidar_x):
@@ -289,19 +270,19 @@ def plain_points(pose, scan, lidar_x):
         if scan.range_min <= r < scan.range_max:
             x = f(float(r) * math.cos(angle))
             y = f(float(r) * math.sin(angle))
-            points.append(
-                (
-                    f(f(f(cos * x) - f(sin * y)) + f(sensor.x)),
-                    f(f(f(sin * x) + f(cos * y)) + f(sensor.y)),
-                )
-            )
+            along = f(f(cos * x) - f(sin * y))
+            across = f(f(sin * x) + f(cos * y))
+            points.append((f(along + f(sensor.x)), f(across + f(sensor.y))))
     return (sensor.x, sensor.y), np.array(points, np.float64).reshape(-1, 2)
 
 
 def plain_ray(costmap, sensor, point):
     """Return the cells that the ray to a point clears, where that is pulled in to the grid's edges."""
-    (rows, cols), (x0, y0) = costmap.costs.shape, (costmap.origin_x, costmap.origin_y)
-    (sx, sy), (x, y) = sensor, point
+    rows, cols = costmap.costs.shape
+    x0 = costmap.origin_x
+    y0 = costmap.origin_y
+    sx, sy = sensor
+    x, y = point
     a = x - sx
     b = y - sy
     x1 = x0 + cols * costmap.resolution
@@ -323,11 +304,12 @@ def plain_ray(costmap, sensor, point):
         return []
     first = costmap.cell(sx, sy)
     line = plain_line(*first, *cell)
-    length = math.hypot(cell[0] - first[0], cell[1] - first[1])
+    length = math.dist(first, cell)
+    if not length:
+        return line
     most = math.ceil(costmap.config.raytrace_range_m / costmap.resolution)
-    return (
-        line[: 1 + int(min(1.0, most / length) * (len(line) - 1))] if length else line
-    )
+    share = min(1.0, most / length)
+    return line[: 1 + int(share * (len(line) - 1))]
 
 
 def filled_footprint(costmap, pose):
@@ -340,14 +322,9 @@ def filled_footprint(costmap, pose):
     places = [pose @ Pose2D(x, y, 0.0) for x, y in ((-a, -b), (-a, b), (a, b), (a, -b))]
     if not all(costmap.world_to_cell(place.x, place.y) for place in places):
         return set()
-    corners = [costmap.cell(place.x, place.y) for place in places]
-    outline = [
-        cell
-        for k in range(4)
-        for cell in plain_line(*corners[k], *corners[(k + 1) % 4])
-    ]
+    outline = plain_outline([costmap.cell(place.x, place.y) for place in places])
     cells = set(outline)
-    waiting = sorted(outline, key=lambda cell: cell[1])
+    waiting = sorted(outline, key=itemgetter(1))
     for col in range(waiting[0][1], waiting[-1][1] + 1):
         if len(waiting) < 2:
             break
@@ -384,18 +361,16 @@ def test_as_costmap_2d_marks_equal_the_plain_ones():
         for cell in filled_footprint(costmap, pose):
             lethal[cell] = False
         np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
-        np.testing.assert_array_equal(
-            costmap.costs, plain_inflation(lethal, config, 0.1)
-        )
+        expected = plain_inflation(lethal, config, 0.1)
+        np.testing.assert_array_equal(costmap.costs, expected)
 
 
 def test_as_costmap_2d_the_window_follows_by_whole_cells():
     costmap = RollingCostmap(CostmapConfig(size_m=4.0, as_costmap_2d=True))
-    nothing = scan_of([np.inf])
     origin = 0.0
     places = []
     for x in (0.0, 0.04, 0.07, 0.03, -0.02, -0.06, 0.3, 0.31):
-        costmap.update(Pose2D(x, 0.0, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
+        costmap.update(Pose2D(x, 0.0, 0.0), NOTHING, HERE)
         origin += math.trunc((x - 0.5 * 79.5 * 0.05 - origin) / 0.05) * 0.05
         assert costmap.origin_x == origin
         places.append(round(origin / 0.05))
@@ -407,40 +382,30 @@ def plain_front(lethal, by_square, reach):
     bins = {square: [] for square in range(reach * reach + 1)}
     bins[0] = [(cell, cell) for cell in map(tuple, np.argwhere(lethal))]
     costs = np.zeros(lethal.shape, np.uint8)
-    visited = set()
+    cells = set(np.ndindex(lethal.shape))
     for square, waiting in bins.items():
         for (row, col), source in waiting:  # which may grow meanwhile
-            if (row, col) in visited:
+            if (row, col) not in cells:
                 continue
-            visited.add((row, col))
+            cells.remove((row, col))
             costs[row, col] = by_square[square]
-            for other in (
-                (row, col - 1),
-                (row - 1, col),
-                (row, col + 1),
-                (row + 1, col),
-            ):
+            beside = [(row, col - 1), (row - 1, col), (row, col + 1), (row + 1, col)]
+            for other in beside:
                 away = (other[0] - source[0]) ** 2 + (other[1] - source[1]) ** 2
-                if (
-                    0 <= other[0] < lethal.shape[0]
-                    and 0 <= other[1] < lethal.shape[1]
-                    and away in bins
-                ):
+                if away in bins:
                     bins[away].append((other, source))
     return costs
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_inflation_by_a_front_equals_the_plain_one(
-    seed,
-):
+def test_inflation_by_a_front_equals_the_plain_one(seed):
     config = CostmapConfig(footprint_padding_m=0.04)
     lethal = (np.random.default_rng(seed).random((60, 70)) < 0.03).astype(np.uint8)
-    by_square = costs_by_square(config, 0.05)
-    layers = inflation.new_layers(*lethal.shape, by_square)
-    layers.marks.cells[:] = lethal
+    layers = layers_of(lethal, config)
     inflation.inflate_by_front(layers, Window(0, 60, 0, 70))
     costs = layers.costs
+    by_square = costs_by_square(config, 0.05)
     np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
-    differ = costs != plain_inflation(lethal, config, 0.05)
-    assert differ.sum() < 40 and (costs <= plain_inflation(lethal, config, 0.05)).all()
+    exact = plain_inflation(lethal, config, 0.05)
+    assert (costs != exact).sum() < 40
+    assert (costs <= exact).all()

@@ -12,12 +12,12 @@ from barn_planners.runtime.messages import (
     select_candidates,
 )
 
+MIDDLE = np.mean([CHEAPEST_COLOR, COSTLIEST_COLOR], axis=0)
+
 
 def lines(count, length):
     """Return straight lines: candidate k goes from (0, k) to (length - 1, k)."""
-    along, across = np.meshgrid(
-        np.arange(length, dtype=float), np.arange(count, dtype=float)
-    )
+    across, along = np.indices((count, length), dtype=float)
     return np.stack([along, across], axis=2)
 
 
@@ -26,16 +26,13 @@ def lines(count, length):
 )
 def test_few_are_shown_from_end_to_end(count, length):
     selection = select_candidates(lines(count, length), np.zeros(count))
-    assert selection.points.shape == (
-        min(count, MAX_CANDIDATES),
-        min(length, MAX_POINTS),
-        2,
-    )
-    assert selection.colors.shape == (min(count, MAX_CANDIDATES), 4)
+    shown = min(count, MAX_CANDIDATES)
+    assert selection.points.shape == (shown, min(length, MAX_POINTS), 2)
+    assert selection.colors.shape == (shown, 4)
     np.testing.assert_array_equal(selection.points[[0, -1], 0, 1], [0, count - 1])
     np.testing.assert_array_equal(selection.points[:, 0, 0], 0.0)
     np.testing.assert_array_equal(selection.points[:, -1, 0], length - 1)
-    assert len(np.unique(selection.points[:, 0, 1])) == len(selection.points)
+    assert len(np.unique(selection.points[:, 0, 1])) == shown
 
 
 @pytest.mark.parametrize("cheapest", [0, 1, 68, 139])
@@ -43,27 +40,26 @@ def test_the_cheapest_is_shown_in_its_color(cheapest):
     costs = np.full(140, 5.0)
     costs[cheapest] = 1.0
     selection = select_candidates(lines(140, 10), costs)
-    (place,) = np.flatnonzero(selection.points[:, 0, 1] == cheapest)
-    np.testing.assert_allclose(selection.colors[place], CHEAPEST_COLOR)
-    np.testing.assert_allclose(
-        np.delete(selection.colors, place, axis=0), [COSTLIEST_COLOR] * 19
-    )
+    is_cheapest = selection.points[:, 0, 1] == cheapest
+    assert is_cheapest.sum() == 1
+    np.testing.assert_allclose(selection.colors[is_cheapest], [CHEAPEST_COLOR])
+    np.testing.assert_allclose(selection.colors[~is_cheapest], [COSTLIEST_COLOR] * 19)
 
 
-def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
-    costs = np.array([np.inf, 2.0, 4.0, 3.0, np.nan])
-    colors = select_candidates(lines(5, 3), costs).colors
-    np.testing.assert_allclose(colors[[0, 4]], [REJECTED_COLOR] * 2)
-    np.testing.assert_allclose(colors[[1, 2]], [CHEAPEST_COLOR, COSTLIEST_COLOR])
-    np.testing.assert_allclose(
-        colors[3], 0.5 * (np.array(CHEAPEST_COLOR) + np.array(COSTLIEST_COLOR))
-    )
-    np.testing.assert_allclose(
-        select_candidates(lines(5, 3), None).colors, [COSTLIEST_COLOR] * 5
-    )
-    np.testing.assert_allclose(
-        select_candidates(lines(3, 3), np.full(3, np.inf)).colors, [REJECTED_COLOR] * 3
-    )
+@pytest.mark.parametrize(
+    "costs, colors",
+    [
+        (
+            [np.inf, 2.0, 4.0, 3.0, np.nan],
+            [REJECTED_COLOR, CHEAPEST_COLOR, COSTLIEST_COLOR, MIDDLE, REJECTED_COLOR],
+        ),
+        (None, [COSTLIEST_COLOR] * 5),
+        ([np.inf] * 5, [REJECTED_COLOR] * 5),
+    ],
+)
+def test_rejected_ones_are_told_apart_and_costs_may_be_missing(costs, colors):
+    costs = None if costs is None else np.array(costs)
+    np.testing.assert_allclose(select_candidates(lines(5, 3), costs).colors, colors)
 
 
 def test_none_at_all():

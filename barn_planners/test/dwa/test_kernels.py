@@ -36,9 +36,8 @@ SIZE = (ROWS + 2) * (COLS + 2)
 
 
 def cell_of(x, y):
-    return math.floor((y - ORIGIN[1]) * RASTER.per_m), math.floor(
-        (x - ORIGIN[0]) * RASTER.per_m
-    )
+    row = math.floor((y - ORIGIN[1]) * RASTER.per_m)
+    return row, math.floor((x - ORIGIN[0]) * RASTER.per_m)
 
 
 def padded(cell):
@@ -96,13 +95,11 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     cells = list(np.ndindex(ROWS, COLS))
     wavefront.start_wavefront(again, state, np.array([padded(cell) for cell in seeds]))
     for result in (wave, again):
-        np.random.default_rng(seed).shuffle(
-            cells
-        )  # in whatever order cells are asked for
+        # in whatever order cells are asked for
+        np.random.default_rng(seed).shuffle(cells)
         for cell in cells:
-            assert wavefront.steps_to(result, padded(cell)) == expected.get(
-                cell, wavefront.UNREACHED
-            ), cell
+            steps = wavefront.steps_to(result, padded(cell))
+            assert steps == expected.get(cell, wavefront.UNREACHED), cell
 
 
 def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
@@ -120,27 +117,14 @@ def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
 
 
 def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
-    plan = np.array(
-        [
-            [-3.0, 0.0, 0.0],
-            [-1.9, 0.0, 0.0],
-            [0.5, 0.3, 0.0],
-            [0.5, 1.0, 0.0],
-            [9.0, 1.0, 0.0],
-            [0.0, 0.0, 0.0],
-        ]
-    )
+    places = [(-3.0, 0.0), (-1.9, 0.0), (0.5, 0.3), (0.5, 1.0), (9.0, 1.0), (0.0, 0.0)]
+    plan = np.array([(x, y, 0.0) for x, y in places])
     cells = np.empty(1000, np.int64)
     count = wavefront.plan_cells(plan, GRID, (ROWS, COLS), cells)
-    plan_cells_list = [
-        (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
-        for cell in cells[:count]
-    ]
-    assert plan_cells_list[0] == cell_of(-1.99, 0.0) and plan_cells_list[-1] == cell_of(
-        2.49, 1.0
-    )
-    for first, other in itertools.pairwise(plan_cells_list):
-        assert max(abs(first[0] - other[0]), abs(first[1] - other[1])) == 1
+    way = np.column_stack(np.divmod(cells[:count], COLS + 2)) - 1
+    assert tuple(way[0]) == cell_of(-1.99, 0.0)
+    assert tuple(way[-1]) == cell_of(2.49, 1.0)
+    assert (np.abs(np.diff(way, axis=0)).max(axis=1) == 1).all()
     assert wavefront.plan_cells(plan[:1], GRID, (ROWS, COLS), cells) == 0
     assert wavefront.plan_cells(plan, GRID, (ROWS, COLS), cells[:10]) == 10
 
@@ -152,16 +136,16 @@ def test_edges_cost_what_the_costmap_says(outline):
     costs[:, 60:] = 0
     ground = Ground(costs, RASTER, outline)
     kinds = set()
-    for _ in range(800):
-        x = rng.uniform(-2.2, 2.7)
-        y = rng.uniform(-1.7, 2.2)
-        yaw = rng.uniform(-4, 4)
-        corners = costmap_kernels.corners_at(outline, Pose(x, y, yaw))
-        expected = costmap_kernels.edge_cost(costs, corners, *ORIGIN, RESOLUTION)
+    for x, y, yaw in rng.uniform([-2.2, -1.7, -4.0], [2.7, 2.2, 4.0], (800, 3)):
         cost = kernels.edges_cost(*ground, x, y, math.cos(yaw), math.sin(yaw))
-        assert cost == expected
+        assert cost == plain_edge_cost(costs, outline, x, y, yaw)
         kinds.add(min(cost, 1))
     assert kinds == {-1, 0, 1}
+
+
+def plain_edge_cost(costs, outline, x, y, yaw):
+    corners = costmap_kernels.corners_at(outline, Pose(x, y, yaw))
+    return costmap_kernels.edge_cost(costs, corners, *GRID)
 
 
 def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
@@ -172,12 +156,7 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     highest = 0
     scored = None
     for _ in range(steps):
-        edge = costmap_kernels.edge_cost(
-            costs,
-            costmap_kernels.corners_at(outline, Pose(x, y, yaw)),
-            *ORIGIN,
-            RESOLUTION,
-        )
+        edge = plain_edge_cost(costs, outline, x, y, yaw)
         if edge < 0:
             return kernels.TOUCHES, scored
         cell = cell_of(x, y)
@@ -214,22 +193,19 @@ def samples(drives=40, turns=12, seed=0):
     table = np.zeros((drives + turns, kernels.OBSTACLE + 1))
     table[:drives, kernels.SPEED] = rng.uniform(0.1, 0.5, drives)
     table[:drives, kernels.TURN] = rng.uniform(-1.2, 1.2, drives)
-    table[drives:, kernels.TURN] = rng.choice([-1.0, 1.0], turns) * rng.uniform(
-        0.314, 1.57, turns
-    )
+    sides = rng.choice([-1.0, 1.0], turns)
+    table[drives:, kernels.TURN] = sides * rng.uniform(0.314, 1.57, turns)
     return table
 
 
-def even_samples(seed, speeds=5, turns=8):
+def even_samples(seed):
     """Return samples as the planner makes them: the same turns for every speed, then in place."""
     rng = np.random.default_rng(seed)
     low = rng.uniform(0.1, 0.3)
-    rates = np.sort(rng.uniform(-1.57, 1.57, turns))
-    table = np.zeros(((speeds + 1) * turns, kernels.OBSTACLE + 1))
-    table[: speeds * turns, kernels.SPEED] = np.repeat(
-        np.linspace(low, 0.5, speeds), turns
-    )
-    table[:, kernels.TURN] = np.tile(rates, speeds + 1)
+    rates = np.sort(rng.uniform(-1.57, 1.57, 8))
+    table = np.zeros((6 * 8, kernels.OBSTACLE + 1))
+    table[: 5 * 8, kernels.SPEED] = np.repeat(np.linspace(low, 0.5, 5), 8)
+    table[:, kernels.TURN] = np.tile(rates, 6)
     return table
 
 
@@ -243,25 +219,22 @@ PLAN = [(30, 30 + k) for k in range(40)]
 
 def test_rollouts_cost_what_the_rules_say():
     kinds = set()
+    ends = [kernels.END_X, kernels.END_Y, kernels.END_YAW]
     for seed, start in itertools.product(range(4), STARTS):
         costs = random_costs(seed, 0.002)
         scene, plain = scene_of(costs, start[:3], PLAN)
         table = samples(seed=seed)
         kernels.score(*scene, Rules(start, MOTION, WEIGHTS), table)
         for row in table:
-            terms, end = plain_rollout(
-                costs, *plain, start, row[kernels.SPEED], row[kernels.TURN]
-            )
+            sample = (row[kernels.SPEED], row[kernels.TURN])
+            terms, end = plain_rollout(costs, *plain, start, *sample)
             cost = plain_cost(terms, WEIGHTS)
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
             kinds.add(min(cost, 0.0))
             if cost >= 0.0:
-                np.testing.assert_allclose(
-                    row[[kernels.END_X, kernels.END_Y, kernels.END_YAW]], end, atol=1e-9
-                )
-    assert kinds == {0.0, kernels.TOUCHES, kernels.NO_WAY}, (
-        "every way a rollout can end has been met"
-    )
+                np.testing.assert_allclose(row[ends], end, atol=1e-9)
+    # every way a rollout can end has been met
+    assert kinds == {0.0, kernels.TOUCHES, kernels.NO_WAY}
 
 
 def plain_search(rolled, table, weights, choice, plain_goal):
@@ -278,27 +251,17 @@ def plain_search(rolled, table, weights, choice, plain_goal):
                 best = k
                 best_cost = cost
             continue
-        if (
-            not (choice.left if table[k, kernels.TURN] > 0.0 else choice.right)
-            or cost > best_cost
-        ):
+        may_turn = choice.left if table[k, kernels.TURN] > 0.0 else choice.right
+        if not may_turn or cost > best_cost:
             continue
         x, y, yaw = end
-        ahead = cell_of(
-            x + choice.lookahead_m * math.cos(yaw),
-            y + choice.lookahead_m * math.sin(yaw),
-        )
+        x += choice.lookahead_m * math.cos(yaw)
+        y += choice.lookahead_m * math.sin(yaw)
+        row, col = ahead = cell_of(x, y)
         distance = plain_goal.get(ahead, math.inf)
-        if (
-            choice.past_blocked
-            and distance == math.inf
-            and 0 <= ahead[0] < ROWS
-            and 0 <= ahead[1] < COLS
-        ):
-            beside = {
-                (ahead[0] + row, ahead[1] + col)
-                for row, col in ((0, 1), (0, -1), (1, 0), (-1, 0))
-            }
+        is_blocked = distance == math.inf and 0 <= row < ROWS and 0 <= col < COLS
+        if choice.past_blocked and is_blocked:
+            beside = {(row, col + 1), (row, col - 1), (row + 1, col), (row - 1, col)}
             distance = 1e6 if beside & plain_goal.keys() else 1e6 + 1.0
         if distance < best_ahead:
             best = k
@@ -309,12 +272,13 @@ def plain_search(rolled, table, weights, choice, plain_goal):
 
 def test_the_search_takes_the_sample_of_the_rules():
     winners = set()
-    starts = [
+    all_weights = [
         WEIGHTS,
         Weights(0.0375, 0.05, 0.1),
         Weights(0.0, 0.0, 0.0),
         Weights(0.0, 0.0, 1.0),
     ]
+    sides = (True, False)
     for seed, start in itertools.product(range(6), STARTS):
         costs = random_costs(seed, 0.001)
         scene, plain = scene_of(costs, start[:3], PLAN)
@@ -329,30 +293,24 @@ def test_the_search_takes_the_sample_of_the_rules():
                 plain_rollout(costs, *plain, start, *row[: kernels.COST], outline)
                 for row in table
             ]
-            for weights, left, right in itertools.product(
-                starts, (True, False), (True, False)
-            ):
+            last = len(table) - 1
+            guesses = ((0, False), (17, True), (last, False), (900, True))
+            for weights, left, right in itertools.product(all_weights, sides, sides):
+                rules = Rules(start, MOTION, weights)
                 full = table.copy()
-                kernels.score(*scene, Rules(start, MOTION, weights), full)
-                for likely, past in (
-                    (0, False),
-                    (17, True),
-                    (len(table) - 1, False),
-                    (900, True),
-                ):
+                kernels.score(*scene, rules, full)
+                for likely, past in guesses:
                     quick = table.copy()
                     choice = Choice(drives, left, right, 0.325, past, likely)
-                    rules = Rules(start, MOTION, weights)
                     best = find_best(*scene, rules, quick, choice)
-                    assert best == plain_search(
-                        rolled, table, weights, choice, plain[1]
-                    )
-                    winners.add(
-                        "none" if best < 0 else "drive" if best < drives else "turn"
-                    )
+                    expected = plain_search(rolled, table, weights, choice, plain[1])
+                    assert best == expected
+                    kind = "drive" if best < drives else "turn"
+                    winners.add("none" if best < 0 else kind)
                     if best >= 0:
                         np.testing.assert_array_equal(quick[best], full[best])
-    assert winners == {"none", "drive", "turn"}, "every kind of winner has been met"
+    # every kind of winner has been met
+    assert winners == {"none", "drive", "turn"}
 
 
 def test_traces_are_the_rolled_out_poses():
@@ -360,9 +318,8 @@ def test_traces_are_the_rolled_out_poses():
     poses = np.empty((kernels.step_count(0.5, 0.8, MOTION), 5))
     kernels.roll_out(start, 0.5, 0.8, MOTION, poses)
     everywhere = dict.fromkeys(np.ndindex(ROWS, COLS), 0)
-    _, end = plain_rollout(
-        np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8
-    )
+    free = np.zeros((ROWS, COLS), np.uint8)
+    _, end = plain_rollout(free, everywhere, everywhere, start, 0.5, 0.8)
     assert len(poses) == 50
     np.testing.assert_allclose(poses[-1, :3], end, atol=1e-12)
     traces = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
