@@ -21,10 +21,11 @@ SIDE = 120
 RADII = bubble_radii(10.0)
 
 
-def grid_with(obstacle_cells):
-    """Return a costmap with obstacles in some cells (n, 2), as the kernels take it."""
+def grid_with(*cells):
+    """Return a costmap with obstacles in some cells, as the kernels take it."""
     layers = new_layers(SIDE, SIDE, costs_by_square(CostmapConfig(), RESOLUTION))
-    layers.marks.cells[tuple(np.asarray(obstacle_cells, int).reshape(-1, 2).T)] = 1
+    for cell in cells:
+        layers.marks.cells[cell] = 1
     inflate(layers, Window(0, SIDE, 0, SIDE))
     return kernels.Clearance(layers.costs, Grid(0.0, 0.0, RESOLUTION), RADII)
 
@@ -53,7 +54,7 @@ class ReferenceBand:
 
     @staticmethod
     def overlap(a, b):
-        return math.hypot(a[0] - b[0], a[1] - b[1]) < GAINS.min_overlap * (a[2] + b[2])
+        return math.dist(a[:2], b[:2]) < GAINS.min_overlap * (a[2] + b[2])
 
     def fill(self, a, b):
         """Return the bubbles strictly between a and b."""
@@ -93,30 +94,23 @@ class ReferenceBand:
         force = np.zeros(3)
         for other in (band[i - 1], band[i + 1]):
             way = self.between(bubble, other)
-            if math.hypot(way[0], way[1]) > 0.01:
-                force += self.gains.internal_gain * way / math.hypot(way[0], way[1])
+            length = math.hypot(way[0], way[1])
+            if length > 0.01:
+                force += self.gains.internal_gain * way / length
         across = 2.0 * max(radius, self.gains.tiny_bubble_m)
-        force[0] += (
-            self.gains.external_gain
-            * (self.radius(x + radius, y) - self.radius(x - radius, y))
-            / across
-        )
-        force[1] += (
-            self.gains.external_gain
-            * (self.radius(x, y + radius) - self.radius(x, y - radius))
-            / across
-        )
+        wider_x = self.radius(x + radius, y) - self.radius(x - radius, y)
+        wider_y = self.radius(x, y + radius) - self.radius(x, y - radius)
+        force[0] += self.gains.external_gain * wider_x / across
+        force[1] += self.gains.external_gain * wider_y / across
         line = self.between(band[i + 1], band[i - 1])
         return force - (force @ line) / max(float(line @ line), 1e-12) * line
 
     def overshoots(self, old, new):
         """Tell whether the force has turned, and whether it is still strong."""
         weighed = old[[0, 0, 2]] if self.gains.weighs_x_twice else old
-        strength = np.linalg.norm(new)
-        limit = max(
-            self.gains.overshoot * np.linalg.norm(weighed), self.gains.significant_force
-        )
-        return old @ new < 0.0, strength > limit
+        share = self.gains.overshoot * np.linalg.norm(weighed)
+        limit = max(share, self.gains.significant_force)
+        return old @ new < 0.0, np.linalg.norm(new) > limit
 
     def moved(self, bubble, jump):
         x = bubble[0] + jump[0]
@@ -141,22 +135,15 @@ class ReferenceBand:
         reversed_, strong = self.overshoots(force, new_force)
         if reversed_ and not strong:
             return new
-        return (
-            self.balance(
-                band, i, new, new_force, (-0.5 if reversed_ else 0.5) * jump, depth + 1
-            )
-            or new
-        )
+        half = (-0.5 if reversed_ else 0.5) * jump
+        return self.balance(band, i, new, new_force, half, depth + 1) or new
 
     def move(self, band, i):
         bubble = band[i]
-        force = self.force(band, i, band[i])
+        force = self.force(band, i, bubble)
         jump = bubble[2] * force
-        jump[2] = (
-            turned(jump[2] / self.gains.metres_per_rad)
-            if self.gains.metres_per_rad
-            else 0.0
-        )
+        scale = self.gains.metres_per_rad
+        jump[2] = turned(jump[2] / scale) if scale else 0.0
         new = self.moved(bubble, jump)
         if new[2] <= self.gains.tiny_bubble_m:
             return
@@ -187,13 +174,15 @@ def optimize(band, n, grid, gains, work, sweeps):
 def random_case(seed):
     """Return a cluttered grid and a wavy chain of points across it that keeps off the inscribed cells where it can."""
     rng = np.random.default_rng(seed)
-    grid = grid_with(rng.integers(0, SIDE, (int(rng.integers(4, 30)), 2)))
+    cells = rng.integers(0, SIDE, (int(rng.integers(4, 30)), 2))
+    grid = grid_with(*map(tuple, cells))
     along = np.linspace(0.4, 5.6, int(rng.integers(2, 160)))
     wave = 3.0 + rng.uniform(0.0, 1.0) * np.sin(along * rng.uniform(0.5, 3.0))
+    reference = ReferenceBand(grid, GAINS)
     points = [
-        (x, y)
-        for x, y in zip(along, wave, strict=True)
-        if ReferenceBand(grid, GAINS).radius(x, y) > 0.0
+        point
+        for point in zip(along, wave, strict=True)
+        if reference.radius(*point) > 0.0
     ]
     return grid, points
 
@@ -202,6 +191,17 @@ def as_band(points):
     band = np.zeros((CAPACITY, 4))
     band[: len(points), :2] = points
     return band
+
+
+def measured(along, *cells):
+    """Return a band at y = 3 m with its radii, and the context with obstacles in some cells."""
+    grid = grid_with(*cells)
+    band = as_band([(x, 3.0) for x in along])
+    kernels.measure(band, len(along), grid)
+    return band, kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
+
+
+WALL = [(row, 60) for row in range(SIDE)]
 
 
 @pytest.mark.parametrize("gains", [GAINS, ORIGINAL, ORIGINAL._replace(halvings=0)])
@@ -231,34 +231,30 @@ def test_optimise_equals_reference(sweeps, gains):
     assert 10 <= sum(outcomes) <= 50
 
 
-def test_failures_are_told_apart():
-    work = kernels.new_band_work(CAPACITY)
-    wall = grid_with([(row, 60) for row in range(SIDE)])
-    band = as_band([(1.0, 3.0), (5.0, 3.0)])
-    assert optimize(band, 2, wall, GAINS, work, 3) == kernels.GAP
-    band = as_band([(1.0, 3.0), (3.0, 3.0)])
-    assert optimize(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
-    small = kernels.new_band_work(4)
-    band = np.zeros((4, 4))
-    band[:2, :2] = (0.5, 3.0), (5.5, 3.0)
-    assert optimize(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
+@pytest.mark.parametrize(
+    "cells, points, capacity, failure",
+    [
+        (WALL, [(1.0, 3.0), (5.0, 3.0)], CAPACITY, kernels.GAP),
+        (WALL, [(1.0, 3.0), (3.0, 3.0)], CAPACITY, kernels.IN_COLLISION),
+        ([], [(0.5, 3.0), (5.5, 3.0)], 4, kernels.FULL),
+    ],
+    ids=["gap", "collision", "full"],
+)
+def test_failures_are_told_apart(cells, points, capacity, failure):
+    band = as_band(points)[:capacity]
+    work = kernels.new_band_work(capacity)
+    assert optimize(band, 2, grid_with(*cells), GAINS, work, 3) == failure
 
 
 def test_connect_front_drops_what_the_robot_has_passed():
-    grid = grid_with([])
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
-    band = as_band([(x, 3.0) for x in (1.0, 1.5, 2.0, 3.0)])
-    kernels.measure(band, 4, grid)
+    band, context = measured((1.0, 1.5, 2.0, 3.0))
     n = kernels.connect_front(band, 4, Pose(1.4, 3.1, 0.3), context)
     np.testing.assert_allclose(band[:n, :2], [(1.4, 3.1), (2.0, 3.0), (3.0, 3.0)])
 
 
 @pytest.mark.parametrize("distance", [0.5, 2.0])
 def test_connect_front_reaches_a_band_further_ahead(distance):
-    grid = grid_with([])
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
-    band = as_band([(3.0, 3.0), (3.7, 3.0)])
-    kernels.measure(band, 2, grid)
+    band, context = measured((3.0, 3.7))
     n = kernels.connect_front(band, 2, Pose(3.0 - distance, 3.0, 0.3), context)
     steps = np.diff(band[:n, 0])
     assert band[[0, n - 1], 0].tolist() == [3.0 - distance, 3.7]
@@ -266,24 +262,18 @@ def test_connect_front_reaches_a_band_further_ahead(distance):
 
 
 def test_connect_front_fails_inside_an_obstacle():
-    grid = grid_with([(60, 60)])
-    band = as_band([(1.0, 3.0), (1.5, 3.0)])
-    kernels.measure(band, 2, grid)
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
+    band, context = measured((1.0, 1.5), (60, 60))
     failure = kernels.connect_front(band, 2, Pose(3.0, 3.0, 0.3), context)
     assert failure == kernels.IN_COLLISION
 
 
 @pytest.mark.parametrize("start", [2.0, 4.0])
 def test_append_back_continues_the_band(start):
-    grid = grid_with([])
-    context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
-    band = as_band([(x, 3.0) for x in (1.0, 1.6, 2.2)])
-    kernels.measure(band, 3, grid)
+    band, context = measured((1.0, 1.6, 2.2))
     points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])
     n = kernels.append_back(band, 3, points, context)
-    np.testing.assert_allclose(
-        band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]], points
-    )
+    back = band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]]
+    np.testing.assert_allclose(back, points)
     assert kernels.refine(band, n, context) > 0
-    assert np.hypot(*np.diff(band[: n - 14, :2], axis=0).T).max() < 0.7 * 2 * 0.553
+    steps = np.diff(band[: n - 14, :2], axis=0)
+    assert np.hypot(*steps.T).max() < 0.7 * 2 * 0.553

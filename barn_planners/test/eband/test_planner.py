@@ -1,6 +1,7 @@
 """E-Band as a local planner: control law, failures, and drives in a small flat world."""
 
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,40 +17,31 @@ from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 BEAMS = 181
 FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s
+HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 def scan_of(pose, points, stamp_ns=0):
     """Return what a lidar at the robot's center sees of small discs at points (n, 2), seen through one another."""
     ranges = np.full(BEAMS, np.inf, np.float32)
-    local_points = pose.inverse().transform(
-        np.asarray(points, np.float64).reshape(-1, 2)
-    )
-    beams = (
-        np.rint(
-            np.degrees(np.arctan2(local_points[:, 1], local_points[:, 0])) / 2.0
-        ).astype(int)
-        + 90
-    )
-    for beam, distance in zip(
-        beams, np.hypot(local_points[:, 0], local_points[:, 1]), strict=True
-    ):
-        ranges[beam] = min(ranges[beam], distance)
+    points = np.asarray(points, np.float64).reshape(-1, 2)
+    for x, y in pose.inverse().transform(points):
+        beam = 90 + round(math.degrees(math.atan2(y, x)) / 2.0)
+        ranges[beam] = min(ranges[beam], math.hypot(x, y))
     return Scan(stamp_ns, ranges, -math.pi, math.radians(2.0), 0.05, 30.0)
 
 
 def inputs(pose, plan, points=(), *, new_plan=True, costmap=None):
     if costmap is None:
         costmap = RollingCostmap(CostmapConfig())
-        costmap.update(pose, scan_of(pose, points), Pose2D(0.0, 0.0, 0.0))
-    plan = np.asarray(plan, np.float64)
+        costmap.update(pose, scan_of(pose, points), HERE)
     return ControlInput(0, pose, STOP, costmap, plan, plan, Pose2D(*plan[-1]), new_plan)
 
 
 def straight_plan(length=4.0, yaw=0.0):
     xs = np.arange(0.0, length + 1e-9, 0.025)
-    return np.stack(
-        [xs, np.zeros_like(xs), np.append(np.zeros(len(xs) - 1), yaw)], axis=1
-    )
+    plan = np.column_stack([xs, np.zeros((len(xs), 2))])
+    plan[-1, 2] = yaw
+    return plan
 
 
 def controller(**changes):
@@ -57,28 +49,21 @@ def controller(**changes):
 
 
 def test_radii_of_the_paper():
-    radii = bubble_radii(10.0)
-    np.testing.assert_allclose(
-        radii[[0, 255, 1, 177, 241, 253, 254]],
-        [0.5529, 0.5529, 0.5529, 0.0353, 0.0045, 0, 0],
-        atol=5e-5,
-    )
+    radii = bubble_radii(10.0)[[0, 255, 1, 177, 241, 253, 254]]
+    expected = [0.5529, 0.5529, 0.5529, 0.0353, 0.0045, 0, 0]
+    np.testing.assert_allclose(radii, expected, atol=5e-5)
 
 
 @pytest.mark.parametrize("length, speed", [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
 def test_speed_in_the_open(length, speed):
-    control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(length)))
-    assert control.command == Velocity2D(
-        pytest.approx(speed, abs=1e-12), pytest.approx(0.0, abs=1e-12)
-    )
+    command = controller().control(inputs(HERE, straight_plan(length))).command
+    assert command.linear == pytest.approx(speed, abs=1e-12)
+    assert command.angular == pytest.approx(0.0, abs=1e-12)
     assert pytest.approx(0.387, abs=1e-3) == FREE_SPEED
 
 
 def test_speed_beside_an_obstacle_is_the_lowest():
-    beside = [(0.0, 0.31)]
-    control = controller().control(
-        inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), beside)
-    )
+    control = controller().control(inputs(HERE, straight_plan(), [(0.0, 0.31)]))
     assert control.diagnostics["robot_radius_m"] < 0.04
     assert control.command.linear == 0.1
 
@@ -88,101 +73,77 @@ def test_small_bearing_steers_while_driving(yaw):
     control = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan()))
     bearing = control.diagnostics["bearing_rad"]
     assert bearing == pytest.approx(-yaw, abs=0.1)
-    assert control.command == Velocity2D(
-        pytest.approx(FREE_SPEED * math.cos(bearing)), pytest.approx(4.0 * bearing)
-    )
+    speed = FREE_SPEED * math.cos(bearing)
+    assert control.command.linear == pytest.approx(speed)
+    assert control.command.angular == pytest.approx(4.0 * bearing)
 
 
 @pytest.mark.parametrize("yaw, rate", [(2.0, -1.57), (-2.0, 1.57), (0.7, -1.57)])
 def test_large_bearing_turns_in_place(yaw, rate):
-    command = (
-        controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan())).command
-    )
-    assert command == Velocity2D(0.0, rate)
+    control = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan()))
+    assert control.command == Velocity2D(0.0, rate)
 
 
 def test_final_turn_and_goal():
-    robot = Pose2D(3.97, 0.02, 0.0)
+    plan = straight_plan(yaw=0.2)
     steering = controller()
-    turning = steering.control(inputs(robot, straight_plan(yaw=0.2)))
-    assert (turning.command, turning.goal_reached) == (
-        Velocity2D(0.0, pytest.approx(0.8)),
-        False,
-    )
-    drifted = steering.control(inputs(Pose2D(3.92, 0.02, 0.0), straight_plan(yaw=0.2)))
+    turning = steering.control(inputs(Pose2D(3.97, 0.02, 0.0), plan))
+    assert turning.command == Velocity2D(0.0, pytest.approx(0.8))
+    assert not turning.goal_reached
+    drifted = steering.control(inputs(Pose2D(3.92, 0.02, 0.0), plan))
     assert drifted.command.linear == 0.0
-    reached = steering.control(inputs(Pose2D(3.97, 0.02, 0.18), straight_plan(yaw=0.2)))
+    reached = steering.control(inputs(Pose2D(3.97, 0.02, 0.18), plan))
     assert (reached.command, reached.goal_reached) == (STOP, True)
 
 
 def test_plan_in_collision_resets_the_costmap_once():
     across = [(1.0, 0.04)]
-    request = inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across)
+    request = inputs(HERE, straight_plan(), across)
     assert request.costmap.costs.any()
+    refused = controller().control(request)
+    assert refused.command is None
+    assert "collision" in refused.reason
     control = controller(reset_costmap_once=True).control(request)
     assert control.command.linear == pytest.approx(FREE_SPEED)
     assert not request.costmap.costs.any()
-    refused = controller().control(
-        inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across)
-    )
-    assert refused.command is None
-    assert "collision" in refused.reason
 
 
-def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for():
-    counts = {}
-    for relaxes in (False, True):
-        steered = controller(relax_new_plan=relaxes)
-        calls = []
-        for name in ("optimize", "advance"):
-            called = getattr(steered._band, name)
-            setattr(
-                steered._band,
-                name,
-                lambda *args, called=called, calls=calls: (
-                    calls.append(1) or called(*args)
-                ),
-            )
-        counts[relaxes] = []
-        for new_plan in (True, False, True):
-            steered.control(
-                inputs(
-                    Pose2D(0.0, 0.0, 0.0),
-                    straight_plan(),
-                    [(1.0, 0.4)],
-                    new_plan=new_plan,
-                )
-            )
-            counts[relaxes].append(len(calls))
-    assert counts == {False: [1, 2, 3], True: [2, 3, 5]}
+@pytest.mark.parametrize("relaxes, calls", [(False, [1, 2, 3]), (True, [2, 3, 5])])
+def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for(relaxes, calls):
+    steered = controller(relax_new_plan=relaxes)
+    band = steered._band
+    optimize = band.optimize = Mock(side_effect=band.optimize)
+    advance = band.advance = Mock(side_effect=band.advance)
+    counts = []
+    for new_plan in (True, False, True):
+        request = inputs(HERE, straight_plan(), [(1.0, 0.4)], new_plan=new_plan)
+        steered.control(request)
+        counts.append(optimize.call_count + advance.call_count)
+    assert counts == calls
 
 
 def test_band_in_collision_gives_no_command_and_recovers():
     steering = controller()
-    pose = Pose2D(0.0, 0.0, 0.0)
     plan = straight_plan()
-    assert steering.control(inputs(pose, plan)).command is not None
-    on_the_next_bubble = [tuple(steering.view().band[1, :2])]
-    blocked = steering.control(inputs(pose, plan, on_the_next_bubble, new_plan=False))
+    assert steering.control(inputs(HERE, plan)).command is not None
+    on_the_next_bubble = steering.view().band[1, :2]
+    blocked = steering.control(inputs(HERE, plan, on_the_next_bubble, new_plan=False))
     assert blocked.command is None
     assert "collision" in blocked.reason
-    assert steering.control(inputs(pose, plan, new_plan=False)).command is not None
+    assert steering.control(inputs(HERE, plan, new_plan=False)).command is not None
 
 
 def test_band_grows_along_a_kept_plan():
     steering = controller()
     plan = straight_plan(9.0)
     costmap = RollingCostmap(CostmapConfig())
-    ends = []
     for k in range(8):
         pose = Pose2D(0.5 * k, 0.0, 0.0)
-        costmap.update(pose, scan_of(pose, []), Pose2D(0.0, 0.0, 0.0))
+        costmap.update(pose, scan_of(pose, []), HERE)
         control = steering.control(inputs(pose, plan, new_plan=k == 0, costmap=costmap))
         assert control.command.linear == pytest.approx(FREE_SPEED)
-        ends.append(steering.view().band[-1, 0])
-    np.testing.assert_allclose(
-        ends, np.minimum(5.0 + 0.5 * np.arange(8), 9.0), atol=0.03
-    )
+        end = min(5.0 + pose.x, 9.0)
+        assert steering.view().band[-1, 0] == pytest.approx(end, abs=0.03)
 
 
 def test_view_shows_band_and_local_plan():
@@ -200,12 +161,10 @@ def test_straight_run_takes_as_long_as_published(flat_world, preset):
     """14.0 to 14.9 s for 5.65 m, from 0.316 m of motion until 0.316 m from the goal."""
     world = flat_world([((-3.0, side), (9.0, side)) for side in (-2.0, 2.0)])
     goal = Pose2D(5.65, 0.0, 0.0)
-    assert (
-        world.drive(make_planner("eband", preset), goal, limit_s=18.0)
-        is PlannerStatus.GOAL_REACHED
-    )
-    track = np.array(world.track)
-    began = np.argmax(track[:, 0] > 0.316)
-    ended = np.argmax(np.hypot(track[:, 0] - goal.x, track[:, 1] - goal.y) < 0.316)
+    status = world.drive(make_planner("eband", preset), goal, limit_s=18.0)
+    assert status is PlannerStatus.GOAL_REACHED
+    x, y, _ = np.array(world.track).T
+    began = np.argmax(x > 0.316)
+    ended = np.argmax(np.hypot(x - goal.x, y - goal.y) < 0.316)
     assert 13.95 <= (ended - began) * world.period_s <= 14.9
     assert world.pose.distance(goal) < 0.1
