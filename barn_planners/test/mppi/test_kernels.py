@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 
 from barn_planners.costmap.config import CostmapConfig, rectangle
 from barn_planners.costmap.costmap import RollingCostmap
@@ -18,16 +19,17 @@ DT = 0.05
 SPREAD = np.array([0.2, 0.4])
 CHANGE = DT * np.array([[3.0, 2.0], [3.5, 3.5]])
 START = (0.3, -0.2, 0.7, 0.25, -0.4)
-PATH = np.array([[0.3 + 0.05 * i, -0.2 + 0.04 * i] for i in range(20)])
+PATH = np.column_stack([0.3 + 0.05 * np.arange(20), -0.2 + 0.04 * np.arange(20)])
+BODY = rectangle(0.25, 0.2)
+HERE = Pose2D(0.0, 0.0, 0.0)
 
 
 @pytest.fixture
 def samples():
     """Return (controls, poses, nominal, noise) of a rollout, samples last."""
     rng = np.random.default_rng(5)
-    nominal = np.stack(
-        [np.full(STEPS, 0.4), 0.5 * np.sin(np.arange(STEPS) / 5.0)], axis=1
-    )
+    rates = 0.5 * np.sin(np.arange(STEPS) / 5.0)
+    nominal = np.column_stack([np.full(STEPS, 0.4), rates])
     noise = rng.standard_normal((STEPS, 2, SAMPLES)).astype(np.float32)
     controls = np.empty((STEPS, 2, SAMPLES), np.float32)
     poses = np.empty((STEPS, 3, SAMPLES), np.float32)
@@ -35,22 +37,47 @@ def samples():
     return controls, poses, nominal, noise
 
 
+@pytest.fixture
+def poses(samples):
+    return samples[1]
+
+
+@pytest.fixture
+def places(poses):
+    """Return the x, y and yaw (steps, samples) of all poses."""
+    return poses.swapaxes(0, 1)
+
+
+def scan_of(ranges, increment):
+    return Scan(0, ranges.astype(np.float32), -1.5, increment, 0.1, 30.0)
+
+
+def add_obstacle_costs(costs, poses, costmap, lowest, every, near_goal):
+    return kernels.add_obstacle_costs(
+        costs,
+        poses,
+        costmap.costs,
+        costmap.grid,
+        BODY,
+        lowest,
+        every,
+        3.0,
+        300.0,
+        1e6,
+        near_goal,
+    )
+
+
 @pytest.mark.parametrize("seed", [0, 7])
 def test_noise_is_that_of_numpy_to_the_last_bit(seed):
     state = sampling.noise_state(seed)
     generator = np.random.Generator(np.random.SFC64(seed))
-    for rows, columns in (
-        (1, 3),
-        (112, 4000),
-        (3, 1),
-        (112, 4000),
-    ):  # rows of one and three leave half a draw behind
+    # rows of one and three leave half a draw behind
+    for rows, columns in ((1, 3), (112, 4000), (3, 1), (112, 4000)):
         numbers = np.empty((rows, columns), np.float32)
         sampling.fill_normal(state, numbers)
         expected = generator.standard_normal((columns, rows), dtype=np.float32).T
-        np.testing.assert_array_equal(
-            numbers.view(np.uint32), np.ascontiguousarray(expected).view(np.uint32)
-        )
+        assert numbers.tobytes() == expected.tobytes()
     assert np.abs(numbers).max() > 3.7, "some numbers must come from the tail"
 
 
@@ -74,42 +101,33 @@ def test_smoothing_and_limits():
     np.testing.assert_allclose(smooth, np.stack(expected, axis=1), rtol=1e-12)
     held = smooth.copy()
     sampling.limit_controls(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1))
-    speed = 0.2
-    rate = -0.1
-    for smoothed, got in zip(smooth, held, strict=True):
-        speed = np.clip(
-            np.clip(smoothed[0], -0.1, 0.4), speed - CHANGE[0, 0], speed + CHANGE[0, 1]
-        )
-        rate = np.clip(
-            np.clip(smoothed[1], -0.5, 0.5), rate - CHANGE[1, 0], rate + CHANGE[1, 1]
-        )
-        assert got == pytest.approx((speed, rate), abs=1e-12)
+    last = np.array([0.2, -0.1])
+    for smoothed, control in zip(smooth, held, strict=True):
+        last = changed(last, np.clip(smoothed, [-0.1, -0.5], [0.4, 0.5]))
+        assert control == pytest.approx(last, abs=1e-12)
+
+
+def changed(last, wanted):
+    """Return speed and rate as near to what is wanted as they can be a step later."""
+    return np.clip(wanted, last - CHANGE[:, 0], last + CHANGE[:, 1])
 
 
 def wrapped(angle):
     return np.arctan2(np.sin(angle), np.cos(angle))
 
 
-def test_rollout(samples):
-    controls, poses, nominal, noise = samples
-    xs, ys, yaws = poses.swapaxes(0, 1)
+def test_rollout(samples, places):
+    controls, _, nominal, noise = samples
     for k in range(SAMPLES):
-        x, y, yaw, speed, rate = START
+        x, y, yaw, *last = START
         for t in range(STEPS):
-            control = nominal[t] + SPREAD * noise[t, :, k]
-            speed = float(
-                np.clip(control[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1])
-            )
-            rate = float(np.clip(control[1], rate - CHANGE[1, 0], rate + CHANGE[1, 1]))
-            x, y, yaw = (
-                x + speed * DT * math.cos(yaw),
-                y + speed * DT * math.sin(yaw),
-                yaw + rate * DT,
-            )
-            assert controls[t, :, k] == pytest.approx((speed, rate), abs=1e-6)
-            assert (xs[t, k], ys[t, k], yaws[t, k]) == pytest.approx(
-                (x, y, yaw), abs=1e-6
-            )
+            last = changed(np.array(last), nominal[t] + SPREAD * noise[t, :, k])
+            speed, rate = last
+            x += speed * DT * math.cos(yaw)
+            y += speed * DT * math.sin(yaw)
+            yaw += rate * DT
+            assert controls[t, :, k] == pytest.approx(last, abs=1e-6)
+            assert places[:, t, k] == pytest.approx([x, y, yaw], abs=1e-6)
 
 
 def test_heading_by_series_stays_exact_at_the_fastest_turn():
@@ -119,21 +137,17 @@ def test_heading_by_series_stays_exact_at_the_fastest_turn():
     controls = np.empty_like(noise)
     poses = np.empty((steps, 3, 1), np.float32)
     start = (0.0, 0.0, 0.0, 1.0, 1.9)
-    sampling.rollout(
-        nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, poses
-    )
+    free = np.full((2, 2), 9.0)
+    sampling.rollout(nominal, noise, SPREAD, free, start, DT, controls, poses)
     headings = 1.9 * DT * np.arange(steps)
-    xs = poses[:, 0]
-    ys = poses[:, 1]
-    np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
-    np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
+    xs, ys, _ = poses[:, :, 0].T
+    np.testing.assert_allclose(xs, DT * np.cumsum(np.cos(headings)), atol=2e-6)
+    np.testing.assert_allclose(ys, DT * np.cumsum(np.sin(headings)), atol=2e-6)
 
 
-def footprint_touches(costmap, x, y, yaw, half_length, half_width):
+def footprint_touches(costmap, pose):
     """Tell by dense points along the outline whether it touches a lethal cell."""
-    corners = rectangle(half_length, half_width)
-    pose = Pose2D(x, y, yaw)
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+    for a, b in zip(BODY, np.roll(BODY, -1, axis=0), strict=True):
         line = np.linspace(a, b, 200)
         if any(costmap.cost_at(*point) == 254 for point in pose.transform(line)):
             return True
@@ -141,167 +155,96 @@ def footprint_touches(costmap, x, y, yaw, half_length, half_width):
 
 
 @pytest.mark.parametrize("near_goal", [False, True])
-def test_obstacle_costs(samples, near_goal):
-    _, poses, _, _ = samples
-    xs, ys, yaws = poses.swapaxes(0, 1)
-    costmap = RollingCostmap(
-        CostmapConfig(
-            resolution_m=0.02,
-            size_m=5.0,
-            inflation_radius_m=0.5,
-            cost_scaling_per_m=3.0,
-        )
+def test_obstacle_costs(poses, near_goal):
+    config = CostmapConfig(
+        resolution_m=0.02, size_m=5.0, inflation_radius_m=0.5, cost_scaling_per_m=3.0
     )
+    costmap = RollingCostmap(config)
     angles = np.linspace(-1.5, 1.5, 601)
-    ranges = np.where(
-        np.abs(angles - 0.2) < 0.25, 0.8, np.where(np.abs(angles) > 1.2, 0.6, np.inf)
-    )
-    costmap.update(
-        Pose2D(0.3, -0.2, 0.7),
-        Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0),
-        Pose2D(0.0, 0.0, 0.0),
-    )
+    ranges = np.where(np.abs(angles) > 1.2, 0.6, np.inf)
+    ranges[np.abs(angles - 0.2) < 0.25] = 0.8
+    costmap.update(Pose2D(*START[:3]), scan_of(ranges, 0.005), HERE)
     costs = np.full(SAMPLES, 7.0)
-    collisions = kernels.add_obstacle_costs(
-        costs,
-        poses,
-        costmap.costs,
-        costmap.grid,
-        rectangle(0.25, 0.2),
-        0,
-        2,
-        3.0,
-        300.0,
-        1e6,
-        near_goal,
-    )
-    expected = []
-    collided = []
+    collisions = add_obstacle_costs(costs, poses, costmap, 0, 2, near_goal)
+    expected = np.full(SAMPLES, 7.0)
+    collided = np.zeros(SAMPLES, bool)
     for k in range(SAMPLES):
-        looked_at = range(0, STEPS, 2)
-        cells = [costmap.cost_at(float(xs[t, k]), float(ys[t, k])) for t in looked_at]
-        touching = [
-            cell > 0
-            and footprint_touches(
-                costmap, float(xs[t, k]), float(ys[t, k]), float(yaws[t, k]), 0.25, 0.2
-            )
-            for cell, t in zip(cells, looked_at, strict=True)
-        ]
-        collided.append(any(touching) or 254 in cells)
-        soft = sum(
-            300.0 if cell >= 253 else 0.0 if near_goal else cell for cell in cells
+        looked_at = [Pose2D(*pose) for pose in poses[::2, :, k].tolist()]
+        cells = [costmap.cost_at(pose.x, pose.y) for pose in looked_at]
+        collided[k] = 254 in cells or any(
+            cell > 0 and footprint_touches(costmap, pose)
+            for cell, pose in zip(cells, looked_at, strict=True)
         )
-        expected.append(
-            7.0 + (1e6 if collided[-1] else 3.0 / 254.0 * soft / len(cells))
-        )
+        free = [0.0 if near_goal else cell for cell in cells if cell < 253]
+        soft = sum(free) + 300.0 * (len(cells) - len(free))
+        expected[k] += 1e6 if collided[k] else 3.0 / 254.0 * soft / len(cells)
     same = np.isclose(costs, expected, rtol=1e-9)
-    assert same.mean() >= 0.95, (
-        "only outlines that graze the corner of a cell may be judged differently"
-    )
-    assert abs(collisions - sum(collided)) <= (~same).sum()
-    assert 3 <= sum(collided) <= SAMPLES - 3
-    assert (
-        any(
-            not hit and cost > 7.0 for hit, cost in zip(collided, expected, strict=True)
-        )
-        or near_goal
-    )
+    # only outlines that graze the corner of a cell may be judged differently
+    assert same.mean() >= 0.95
+    assert abs(collisions - collided.sum()) <= (~same).sum()
+    assert 3 <= collided.sum() <= SAMPLES - 3
+    assert (expected[~collided] > 7.0).any() or near_goal
 
 
-def test_checking_the_footprint_rarely_changes_nothing(samples):
-    _, poses, _, _ = samples
-    body = {
-        "footprint_half_length_m": 0.25,
-        "footprint_half_width_m": 0.2,
-        "footprint_padding_m": 0.0,
-    }
+def test_checking_the_footprint_rarely_changes_nothing(poses):
     config = CostmapConfig(
         resolution_m=0.05,
         size_m=5.0,
         inflation_radius_m=0.8,
         cost_scaling_per_m=3.0,
-        **body,
+        footprint_half_length_m=0.25,
+        footprint_half_width_m=0.2,
+        footprint_padding_m=0.0,
     )
     rng = np.random.default_rng(1)
+    lowest = lowest_cost_in_reach(config, 0.05)
     counts = []
     for _ in range(40):
         costmap = RollingCostmap(config)
-        scan = Scan(
-            0, rng.uniform(0.5, 3.0, 30).astype(np.float32), -1.5, 0.1, 0.1, 30.0
-        )
-        costmap.update(Pose2D(0.3, -0.2, 0.7), scan, Pose2D(0.0, 0.0, 0.0))
-        both = np.zeros((2, SAMPLES))
-        for costs, lowest in zip(
-            both, (0, lowest_cost_in_reach(config, 0.05)), strict=True
-        ):
-            counts.append(
-                kernels.add_obstacle_costs(
-                    costs,
-                    poses,
-                    costmap.costs,
-                    costmap.grid,
-                    rectangle(0.25, 0.2),
-                    lowest,
-                    1,
-                    3.0,
-                    300.0,
-                    1e6,
-                    False,
-                )
-            )
-        np.testing.assert_array_equal(both[0], both[1])
-    assert lowest_cost_in_reach(config, 0.05) > 50
+        scan = scan_of(rng.uniform(0.5, 3.0, 30), 0.1)
+        costmap.update(Pose2D(*START[:3]), scan, HERE)
+        always, rarely = np.zeros((2, SAMPLES))
+        counts.append(add_obstacle_costs(always, poses, costmap, 0, 1, False))
+        counts.append(add_obstacle_costs(rarely, poses, costmap, lowest, 1, False))
+        np.testing.assert_array_equal(always, rarely)
+    assert lowest > 50
     assert min(counts) < SAMPLES // 2
     assert max(counts) > 0
 
 
-def test_the_furthest_point_reached(samples):
-    _, poses, _, _ = samples
-    xs, ys, _ = poses.swapaxes(0, 1)
-    ends = np.stack([xs[-1], ys[-1]], axis=1)
-    nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
+def test_the_furthest_point_reached(poses):
+    nearest = cdist(poses[-1, :2].T, PATH).argmin(axis=1)
     assert kernels.find_furthest_point(PATH, poses) == nearest.max()
 
 
-def test_costs_of_the_end(samples):
-    _, poses, _, _ = samples
-    xs, ys, yaws = poses.swapaxes(0, 1)
+def test_costs_of_the_end(poses):
+    x, y, yaw = poses[-1]
     costs = np.zeros(SAMPLES)
     kernels.add_follow_costs(costs, poses, 1.0, 0.5, 5.0)
-    np.testing.assert_allclose(
-        costs, 5.0 * np.hypot(xs[-1] - 1.0, ys[-1] - 0.5), rtol=1e-6
-    )
+    np.testing.assert_allclose(costs, 5.0 * np.hypot(x - 1.0, y - 0.5), rtol=1e-6)
     costs[:] = 0.0
     kernels.add_angle_costs(costs, poses, -1.0, 0.5, 2.0)
-    expected = 2.0 * np.abs(wrapped(np.arctan2(0.5 - ys[-1], -1.0 - xs[-1]) - yaws[-1]))
-    np.testing.assert_allclose(costs, expected, atol=1e-5)
+    bearing = np.arctan2(0.5 - y, -1.0 - x)
+    np.testing.assert_allclose(costs, 2.0 * np.abs(wrapped(bearing - yaw)), atol=1e-5)
 
 
 @pytest.mark.parametrize("hidden", [3, range(5)])
-def test_align_costs(samples, hidden):
-    _, poses, _, _ = samples
-    xs, ys, _ = poses.swapaxes(0, 1)
+def test_align_costs(poses, hidden):
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
     clear = ~np.isin(np.arange(len(PATH)) % 5, hidden)
     costs = np.zeros(SAMPLES)
     kernels.add_align_costs(costs, poses, START[:2], PATH, arc, clear, 4, 14.0)
     for k in range(SAMPLES):
-        places = [START[:2]] + [(xs[t, k], ys[t, k]) for t in range(4, STEPS, 4)]
+        places = [START[:2], *poses[4::4, :2, k]]
         traveled = np.cumsum([math.dist(a, b) for a, b in pairwise(places)])
-        beside = [int(np.abs(arc - length).argmin()) for length in traveled]
-        distances = [
-            math.dist(PATH[i], pose)
-            for i, pose in zip(beside, places[1:], strict=True)
-            if clear[i]
-        ]
-        assert costs[k] == pytest.approx(
-            14.0 * np.mean(distances) if distances else 0.0, abs=1e-5
-        )
+        beside = cdist(traveled[:, None], arc[:, None]).argmin(axis=1)
+        away = np.hypot(*(PATH[beside] - places[1:]).T)[clear[beside]]
+        expected = 14.0 * away.mean() if len(away) else 0.0
+        assert costs[k] == pytest.approx(expected, abs=1e-5)
 
 
-def test_goal_costs(samples):
-    _, poses, _, _ = samples
-    xs, ys, yaws = poses.swapaxes(0, 1)
+def test_goal_costs(poses, places):
+    xs, ys, yaws = places
     costs = np.zeros(SAMPLES)
     kernels.add_goal_costs(costs, poses, (1.0, 0.3, -2.5), 5.0, 3.0)
     distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=0)
@@ -312,30 +255,18 @@ def test_goal_costs(samples):
 def test_control_costs(samples):
     controls, _, nominal, _ = samples
     costs = np.zeros(SAMPLES)
+    limits = np.array([-0.1, 0.4, 0.5])
     kernels.add_control_costs(
-        costs,
-        controls,
-        nominal,
-        SPREAD,
-        np.array([-0.1, 0.4, 0.5]),
-        DT,
-        0.015,
-        4.0,
-        5.0,
+        costs, controls, nominal, SPREAD, limits, DT, 0.015, 4.0, 5.0
     )
-    speed = controls[:, 0].astype(float)
-    rate = controls[:, 1].astype(float)
-    deviation = (
-        (nominal / SPREAD**2)[..., None] * (controls - nominal[..., None])
-    ).sum(axis=(0, 1))
-    beyond = (
-        np.maximum(speed - 0.4, 0)
-        + np.maximum(-0.1 - speed, 0)
-        + np.maximum(np.abs(rate) - 0.5, 0)
-    )
-    expected = 0.015 * deviation + DT * (
-        4.0 * beyond + 5.0 * np.maximum(-speed, 0)
-    ).sum(axis=0)
+    speed, rate = controls.astype(float).swapaxes(0, 1)
+    away = controls - nominal[..., None]
+    deviation = ((nominal / SPREAD**2)[..., None] * away).sum(axis=(0, 1))
+    beyond = np.maximum(speed - 0.4, 0)
+    beyond += np.maximum(-0.1 - speed, 0)
+    beyond += np.maximum(np.abs(rate) - 0.5, 0)
+    penalties = 4.0 * beyond + 5.0 * np.maximum(-speed, 0)
+    expected = 0.015 * deviation + DT * penalties.sum(axis=0)
     np.testing.assert_allclose(costs, expected, atol=1e-5)
 
 
@@ -344,18 +275,16 @@ def test_weighted_mean(samples):
     costs = np.random.default_rng(2).uniform(1e6, 1e6 + 3.0, SAMPLES)
     mean = np.empty((STEPS, 2))
     sampling.weighted_mean(costs, controls, 0.3, mean)
-    weights = np.exp(-(costs - costs.min()) / 0.3)
-    expected = (weights * controls).sum(axis=2) / weights.sum()
+    weights = np.exp((costs.min() - costs) / 0.3)
+    expected = np.average(controls, axis=2, weights=weights)
     np.testing.assert_allclose(mean, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("most", [4, 100])
 def test_resample(most):
     corner = np.array([[0.0, 0.0], [0.33, 0.0], [0.33, 0.0], [0.33, 0.4]])
-    along = [(min(d, 0.33), max(0.0, d - 0.33)) for d in np.arange(0.0, 0.73, 0.1)] + [
-        (0.33, 0.4)
-    ]
-    np.testing.assert_allclose(
-        kernels.resample(corner, 0.1, most), along[:most], atol=1e-12
-    )
+    traveled = [*np.arange(0.0, 0.73, 0.1), 0.73]
+    along = [(min(d, 0.33), max(0.0, d - 0.33)) for d in traveled]
+    points = kernels.resample(corner, 0.1, most)
+    np.testing.assert_allclose(points, along[:most], atol=1e-12)
     np.testing.assert_array_equal(kernels.resample(corner[:1], 0.1, most), corner[:1])

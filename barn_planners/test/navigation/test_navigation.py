@@ -51,11 +51,21 @@ class Scripted(Controller):
 
 def started(*controls, goal=GOAL, static_map=None, **changes):
     """Return a planner with a task, whose controller is scripted."""
-    planner = NavigationPlanner(
-        replace_dotted(NavigationConfig(), changes, "test"), Scripted(*controls)
-    )
+    config = replace_dotted(NavigationConfig(), changes, "test")
+    planner = NavigationPlanner(config, Scripted(*controls))
     planner.start(Task(goal, static_map), seed=0)
     return planner
+
+
+@pytest.fixture
+def world(flat_world):
+    return flat_world(BOX)
+
+
+def commands_of(decisions):
+    """Return commands as letters: F forward, S stop, - none."""
+    letters = {FORWARD: "F", STOP: "S", None: "-"}
+    return "".join(letters[decision.command] for decision in decisions)
 
 
 def free_map():
@@ -78,143 +88,90 @@ def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
     world.cylinders = world.cylinders[:0]
     decisions = steps(planner, world, 60)
     assert decisions[20].status is PlannerStatus.RUNNING
-    assert (
-        decisions[-1].command == STOP
-        and "nothing for more than 2 s" in decisions[-1].reason
-    )
+    assert decisions[-1].command == STOP
+    assert "nothing for more than 2 s" in decisions[-1].reason
     open_field = make_planner("dwa", "challenge", {"guard.stop_when_blind": False})
     open_field.start(Task(Pose2D(3.0, 0.0, 0.0)), seed=0)
     assert open_field.step(world.observe()).command.linear > 0.0
 
 
-def test_without_a_task_or_with_time_reversed_it_stands(flat_world):
+def test_without_a_task_or_with_time_reversed_it_stands(world):
     planner = NavigationPlanner(NavigationConfig(), Scripted())
-    world = flat_world(BOX)
     assert planner.step(world.observe()).reason == "no task yet"
     planner.start(Task(GOAL), seed=0)
-    late = world.observe()
-    planner.step(late)
+    planner.step(world.observe())
     world.stamp_ns -= 1_000_000_000
     decision = planner.step(world.observe())
     assert decision.command == STOP and "older than the last one" in decision.reason
 
 
-def test_a_goal_inside_a_mapped_obstacle_is_refused(flat_world):
-    world = flat_world(BOX)
+@pytest.mark.parametrize("preset", ["paper2020", "challenge"])
+def test_a_goal_inside_a_mapped_obstacle_is_refused(world, preset):
     static_map = free_map()
     static_map.data[40, 60] = 100
-    for preset in ("paper2020", "challenge"):
-        planner = make_planner("dwa", preset)
-        planner.start(Task(Pose2D(3.05, 0.05, 0.0), static_map), seed=0)
-        for decision in steps(planner, world, 10):
-            assert (
-                decision.command in (STOP, None)
-                and decision.reason == "the goal is inside an obstacle"
-            )
-            assert decision.status is PlannerStatus.BLOCKED
+    planner = make_planner("dwa", preset)
+    planner.start(Task(Pose2D(3.05, 0.05, 0.0), static_map), seed=0)
+    for decision in steps(planner, world, 10):
+        assert decision.command in (STOP, None)
+        assert decision.reason == "the goal is inside an obstacle"
+        assert decision.status is PlannerStatus.BLOCKED
 
 
-def test_a_vanished_plan_is_followed_on_without_a_new_goal(flat_world):
+def test_a_vanished_plan_is_followed_on_without_a_new_goal(world):
     planner = started()
-    world = flat_world(BOX)
     assert steps(planner, world, 2)[-1].reason == ""
     planner._global_planner.plan = lambda *_: NO_PLAN
     for decision in steps(planner, world, 5):
-        assert (
-            decision.command == FORWARD
-            and decision.reason == "following the last plan: gone"
-        )
+        assert decision.command == FORWARD
+        assert decision.reason == "following the last plan: gone"
 
 
-def test_a_repeated_goal_costs_a_cycle_then_a_stop(
-    flat_world,
-):
+def test_a_repeated_goal_costs_a_cycle_then_a_stop(world):
     planner = started(goal_republish_period_s=0.1, hold_s=0.15)
-    world = flat_world(BOX)
-    commands = [decision.command for decision in steps(planner, world, 9)]
-    assert commands == [
-        FORWARD,
-        FORWARD,
-        None,
-        FORWARD,
-        None,
-        FORWARD,
-        None,
-        FORWARD,
-        None,
-    ]
+    assert commands_of(steps(planner, world, 9)) == "FF-F-F-F-"
     planner._global_planner.plan = lambda *_: NO_PLAN
     lost = steps(planner, world, 8)
-    assert [decision.command for decision in lost] == [
-        FORWARD,
-        None,
-        None,
-        None,
-        STOP,
-        STOP,
-        STOP,
-        STOP,
-    ]
+    assert commands_of(lost) == "F---SSSS"
     assert {decision.reason for decision in lost[1:]} == {"gone"}
 
 
-def test_a_late_first_plan_starts_control_in_the_next_cycle(flat_world):
+def test_a_late_first_plan_starts_control_in_the_next_cycle(world):
     planner = started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True)
-    world = flat_world(BOX)
     decisions = steps(planner, world, 5)
-    assert [decision.command for decision in decisions] == [
-        STOP,
-        FORWARD,
-        None,
-        FORWARD,
-        None,
-    ]
-    assert (
-        decisions[0].plan is not None and decisions[0].status is PlannerStatus.RUNNING
-    )
+    assert commands_of(decisions) == "SF-F-"
+    assert decisions[0].plan is not None
+    assert decisions[0].status is PlannerStatus.RUNNING
 
 
 def test_observations_between_control_periods_are_skipped(flat_world):
-    planner = started()
-    world = flat_world(BOX, period_s=0.02)
-    commands = [decision.command for decision in steps(planner, world, 100)]
-    assert commands.count(FORWARD) == 40 and commands.count(None) == 60
+    decisions = steps(started(), flat_world(BOX, period_s=0.02), 100)
+    commands = commands_of(decisions)
+    assert commands.count("F") == 40 and commands.count("-") == 60
 
 
-def test_no_valid_command_leads_to_recovery_and_back(
-    flat_world,
-):
+def test_no_valid_command_leads_to_recovery_and_back(world):
     failing = [Control(None, reason="stuck")] * 45
-    planner = started(
-        *failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0}
-    )
-    world = flat_world(BOX)
+    patience = {"recovery.controller_patience_s": 1.0}
+    planner = started(*failing, Control(FORWARD), **patience)
     decisions = steps(planner, world, 400, moving=True)
-    statuses = [decision.status for decision in decisions]
-    first = statuses.index(PlannerStatus.RECOVERING)
-    assert (
-        20 <= first <= 23
-        and decisions[first - 1].reason == "stuck"
-        and decisions[first - 1].command == STOP
-    )
-    assert {d.reason for d in decisions if d.status is PlannerStatus.RECOVERING} == {
-        "stuck"
-    }
-    turned = sum(
-        d.command.angular * 0.05
-        for d in decisions
-        if d.status is PlannerStatus.RECOVERING
-    )
+    recovering = [
+        k
+        for k, decision in enumerate(decisions)
+        if decision.status is PlannerStatus.RECOVERING
+    ]
+    before = decisions[recovering[0] - 1]
+    assert 20 <= recovering[0] <= 23
+    assert (before.reason, before.command) == ("stuck", STOP)
+    assert {decisions[k].reason for k in recovering} == {"stuck"}
+    turned = sum(decisions[k].command.angular * 0.05 for k in recovering)
     assert turned == pytest.approx(2 * math.pi, abs=0.15)
-    assert statuses[-1] is PlannerStatus.RUNNING and decisions[-1].command == FORWARD
+    assert decisions[-1].status is PlannerStatus.RUNNING
+    assert decisions[-1].command == FORWARD
 
 
-def test_the_known_map_is_planned_on_in_the_odometry_frame(
-    flat_world,
-):
+def test_the_known_map_is_planned_on_in_the_odometry_frame(world):
     goal = MAP_OF_ODOM @ GOAL
     planner = started(goal=goal, static_map=free_map())
-    world = flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=MAP_OF_ODOM @ world.pose)
     decision = planner.step(observation)
     assert math.dist(decision.plan[-1], (goal.x, goal.y)) < 1e-9
@@ -224,26 +181,20 @@ def test_the_known_map_is_planned_on_in_the_odometry_frame(
     assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
 
 
-def test_in_the_map_frame_plans_follow_the_believed_pose(
-    flat_world,
-):
+def test_in_the_map_frame_plans_follow_the_believed_pose(world):
     goal = MAP_OF_ODOM @ GOAL
     planner = started(goal=goal, static_map=free_map(), local_costmap_in_map=True)
-    world = flat_world(BOX)
-    for jump in (
-        Pose2D(0.0, 0.0, 0.0),
-        Pose2D(0.3, 0.2, 0.1),
-    ):  # as when the localisation corrects itself
+    # as when the localisation corrects itself
+    for jump in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.2, 0.1)):
         pose = MAP_OF_ODOM @ jump @ world.pose
         decision = planner.step(dataclasses.replace(world.observe(), pose=pose))
         world.advance(STOP)
         inputs = planner.controller.inputs[-1]
         assert inputs.pose == pose
-        np.testing.assert_array_equal(inputs.plan[:, :2], decision.plan)
-        np.testing.assert_allclose(
-            inputs.plan[-1], [goal.x, goal.y, goal.yaw], atol=1e-9
-        )
         assert inputs.goal == goal
+        np.testing.assert_array_equal(inputs.plan[:, :2], decision.plan)
+        end = [goal.x, goal.y, goal.yaw]
+        np.testing.assert_allclose(inputs.plan[-1], end, atol=1e-9)
         # the wall 2 m to the left of the robot is marked where the robot believes it
         wall = pose @ Pose2D(0.0, 2.0, 0.0)
         row, col = inputs.costmap.cell(wall.x, wall.y)
@@ -251,48 +202,39 @@ def test_in_the_map_frame_plans_follow_the_believed_pose(
     assert planner.view().in_planning_frame
 
 
-def test_without_a_map_the_only_frame_is_odometry(flat_world):
+def test_without_a_map_the_only_frame_is_odometry(world):
     planner = started(local_costmap_in_map=True)
-    world = flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=Pose2D(0.4, 0.1, 0.0))
     planner.step(observation)
     assert planner.controller.inputs[0].pose == observation.odometry.pose
     assert not planner.view().in_planning_frame
 
 
-def test_a_task_given_up_restarts_with_the_same_goal(
-    flat_world,
-):
+def test_a_task_given_up_restarts_with_the_same_goal(world):
     patience = {"recovery.controller_patience_s": 0.1}
-    planner = started(
-        Control(None, reason="stuck"), goal_republish_period_s=30.0, **patience
-    )
-    world = flat_world(BOX)
+    stuck = Control(None, reason="stuck")
+    planner = started(stuck, goal_republish_period_s=30.0, **patience)
     statuses = [decision.status for decision in steps(planner, world, 640, moving=True)]
     failed = statuses.index(PlannerStatus.FAILED)
-    assert (
-        statuses[:failed].count(PlannerStatus.RECOVERING) > 200
-    )  # it has turned twice
+    # it has turned twice
+    assert statuses[:failed].count(PlannerStatus.RECOVERING) > 200
     assert set(statuses[failed:600]) == {PlannerStatus.FAILED}
     assert PlannerStatus.FAILED not in statuses[600:]
     assert PlannerStatus.RECOVERING in statuses[600:]
 
 
-def test_a_command_that_is_no_number_never_leaves_the_loop(flat_world):
+def test_a_command_that_is_no_number_never_leaves_the_loop(world):
     planner = started(Control(Velocity2D(math.nan, 0.0)))
-    world = flat_world(BOX)
     decision = planner.step(world.observe())
     assert decision.command == STOP and decision.reason == "no valid command"
 
 
 def test_windows_of_a_plan():
-    plan = np.stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)], axis=1)
+    plan = np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 101)
     assert visible_slice(plan, Pose2D(2.0, 0.0, 0.0), 5.0) == slice(0, 71)
     assert visible_slice(plan, Pose2D(9.0, 0.0, 0.0), 5.0) == slice(40, 101)
     assert visible_slice(plan, Pose2D(0.0, 9.0, 0.0), 5.0) == slice(0, 0)
     assert count_passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
     assert count_passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
-    frame = Pose2D(1.0, 2.0, math.pi)
-    np.testing.assert_allclose(
-        transform_plan(plan, frame)[-1], [-9.0, 2.0, -math.pi], atol=1e-9
-    )
+    end = transform_plan(plan, Pose2D(1.0, 2.0, math.pi))[-1]
+    np.testing.assert_allclose(end, [-9.0, 2.0, -math.pi], atol=1e-9)

@@ -1,6 +1,7 @@
 """Policy files: what is written is read, what is no policy is refused in one line; what the network computes."""
 
 import json
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -25,13 +26,11 @@ OBSERVATION = PolicyObservation(beams=6)
 def policy(layers=(11, 8, 2), **changes):
     rng = np.random.default_rng(3)
     sizes = list(pairwise(layers))
-    weights = tuple(rng.normal(size=size).astype(np.float32) for size in sizes)
-    biases = tuple(rng.normal(size=size[1]).astype(np.float32) for size in sizes)
     content = {
         "observation": OBSERVATION,
         "action": PolicyAction(),
-        "weights": weights,
-        "biases": biases,
+        "weights": tuple(rng.normal(size=size).astype(np.float32) for size in sizes),
+        "biases": tuple(rng.normal(size=n).astype(np.float32) for _, n in sizes),
     }
     return Policy(**content | changes)
 
@@ -43,22 +42,15 @@ def path(tmp_path):
 
 
 def test_what_is_written_is_read(path):
-    written = policy()
+    written = policy(about={"by": "a test"})
     read = read_policy(path)
-    assert (read.observation, read.action, read.layers) == (
-        OBSERVATION,
-        PolicyAction(),
-        [11, 8, 2],
-    )
-    assert (read.activation, read.output, read.about) == (
-        "tanh",
-        "clip",
-        {"by": "a test"},
-    )
-    for layer, other in zip(
-        written.weights + written.biases, read.weights + read.biases, strict=True
-    ):
-        np.testing.assert_array_equal(layer, other)
+    for name in ("observation", "action", "layers", "activation", "output", "about"):
+        assert getattr(read, name) == getattr(written, name)
+    for name in ("weights", "biases"):
+        for layer, other in zip(
+            getattr(read, name), getattr(written, name), strict=True
+        ):
+            np.testing.assert_array_equal(layer, other)
 
 
 def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
@@ -71,19 +63,15 @@ def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
 def test_the_network_against_matrix_products(activation, output):
     network = policy((11, 8, 5, 2), activation=activation, output=output)
     inputs = np.random.default_rng(0).uniform(-1.0, 1.0, 11).astype(np.float32)
+    bend = np.tanh if activation == "tanh" else partial(np.maximum, 0.0)
     values = inputs.astype(np.float64)
     for k in range(3):
         values = values @ network.weights[k].astype(np.float64) + network.biases[k]
         if k < 2:
-            values = (
-                np.tanh(values)
-                if activation == "tanh"
-                else np.where(values > 0.0, values, 0.0)
-            )
+            values = bend(values)
     expected = np.tanh(values) if output == "tanh" else values
-    np.testing.assert_allclose(
-        PolicyNetwork(network).act(inputs), expected, rtol=1e-12, atol=1e-12
-    )
+    actions = PolicyNetwork(network).act(inputs)
+    np.testing.assert_allclose(actions, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_a_layer_sums_in_one_order():
@@ -96,10 +84,11 @@ def test_a_layer_sums_in_one_order():
 
 
 def header_with(**changes):
-    return lambda path: repack(
-        path,
-        {"policy.json": json.dumps(json.loads(members(path)["policy.json"]) | changes)},
-    )
+    def change(path):
+        header = json.loads(members(path)["policy.json"]) | changes
+        repack(path, {"policy.json": json.dumps(header)})
+
+    return change
 
 
 def with_member(name, data):
@@ -172,8 +161,8 @@ DAMAGED = {
 
 @pytest.mark.parametrize("damage", DAMAGED)
 def test_what_is_no_policy_is_refused_in_one_line_with_the_path(path, damage):
-    damaged, message = DAMAGED[damage]
-    damaged(path)
+    spoil, message = DAMAGED[damage]
+    spoil(path)
     with pytest.raises(PolicyError) as caught:
         read_policy(path)
     text = str(caught.value)
@@ -187,10 +176,10 @@ def test_a_path_without_a_file_is_refused(tmp_path):
 
 
 def test_a_policy_is_judged_before_it_is_written(tmp_path):
-    with pytest.raises(
-        PolicyError,
-        match=r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]",
-    ):
+    message = (
+        r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]"
+    )
+    with pytest.raises(PolicyError, match=message):
         policy((11, 8, 3))
     with pytest.raises(PolicyError, match="1 to 16 layers"):
         policy(weights=(), biases=())

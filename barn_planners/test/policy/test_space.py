@@ -24,17 +24,23 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 
 FIELD = 2.35619
+WALL = [((3.0, -2.0), (3.0, 2.0))]
 GOAL = Pose2D(4.0, 3.0, 0.0)
 
 
 def scan(ranges, angle_min=-FIELD, angle_max=FIELD):
     ranges = np.asarray(ranges, np.float32)
-    step = float(np.float32((angle_max - angle_min) / (len(ranges) - 1)))
-    return Scan(0, ranges, float(np.float32(angle_min)), step, 0.1, 30.0)
+    step = np.float32((angle_max - angle_min) / (len(ranges) - 1))
+    return Scan(0, ranges, float(np.float32(angle_min)), float(step), 0.1, 30.0)
 
 
 def observed(scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP):  # noqa: B008 (frozen)
     return Observation(0, Odometry(0, pose, velocity), scan, pose)
+
+
+def assert_as_the_reference(config, scan):
+    expected = reference_lidar(config, scan)
+    np.testing.assert_allclose(lidar(config, scan), expected, atol=1e-6)
 
 
 def lidar(config, scan):
@@ -44,20 +50,16 @@ def lidar(config, scan):
 def reference_lidar(config, scan):
     """Return the same sector by sector and beam by beam; every sector needs a beam."""
     width = (config.angle_max_rad - config.angle_min_rad) / config.beams
+    sectors = [[] for _ in range(config.beams)]
+    for angle, distance in zip(scan.angles(), scan.ranges.tolist(), strict=True):
+        place = (angle - config.angle_min_rad) / width
+        if -0.5 <= place <= config.beams + 0.5:
+            sectors[min(max(math.floor(place), 0), config.beams - 1)].append(distance)
     shares = []
-    for k in range(config.beams):
-        inside = []
-        for angle, distance in zip(scan.angles(), scan.ranges, strict=True):
-            sector = (angle - config.angle_min_rad) / width
-            sector = (
-                min(max(math.floor(sector), 0), config.beams - 1)
-                if -0.5 <= sector <= config.beams + 0.5
-                else -1
-            )
-            inside += [float(distance)] if sector == k else []
-        valid = [distance for distance in inside if distance >= scan.range_min]
-        too_near = any(distance < scan.range_min for distance in inside)
-        nearest = min(valid) if valid else 0.0 if too_near else math.inf
+    for distances in sectors:
+        valid = [distance for distance in distances if distance >= scan.range_min]
+        too_near = any(distance < scan.range_min for distance in distances)
+        nearest = min(valid, default=0.0 if too_near else math.inf)
         shares.append(min(nearest, config.range_limit_m) / config.range_limit_m)
     return np.array(shares)
 
@@ -73,19 +75,12 @@ def random_scan(beams, **geometry):
 
 @pytest.mark.parametrize("sectors", [720, 360, 40, 7, 1])
 def test_the_lidar_against_a_plain_reference(sectors):
-    config = PolicyObservation(beams=sectors)
-    scan = random_scan(720)
-    np.testing.assert_allclose(
-        lidar(config, scan), reference_lidar(config, scan), atol=1e-6
-    )
+    assert_as_the_reference(PolicyObservation(beams=sectors), random_scan(720))
 
 
 def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
     config = PolicyObservation(beams=20)
-    wide = random_scan(1080, angle_min=-2.9, angle_max=2.9)
-    np.testing.assert_allclose(
-        lidar(config, wide), reference_lidar(config, wide), atol=1e-6
-    )
+    assert_as_the_reference(config, random_scan(1080, angle_min=-2.9, angle_max=2.9))
     scan = random_scan(720)
     turned = replace(
         scan,
@@ -97,26 +92,18 @@ def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
 
 
 def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
-    values = np.linspace(0.5, 4.5, 91)
-    shares = lidar(PolicyObservation(beams=720), scan(values))
-    assert (
-        (np.diff(shares) >= 0.0).all()
-        and shares[0] == pytest.approx(0.1)
-        and shares[-1] == pytest.approx(0.9)
-    )
+    shares = lidar(PolicyObservation(beams=720), scan(np.linspace(0.5, 4.5, 91)))
+    assert (np.diff(shares) >= 0.0).all()
+    assert shares[[0, -1]] == pytest.approx([0.1, 0.9])
 
 
 def test_goal_and_velocity_are_seen_from_the_robot():
     config = PolicyObservation(beams=4)
-    observation = observed(
-        scan(np.full(720, np.inf)),
-        Pose2D(1.0, -1.0, math.pi / 2.0),
-        Velocity2D(-3.0, 1.0),
-    )
+    pose = Pose2D(1.0, -1.0, math.pi / 2.0)
+    observation = observed(scan(np.full(720, np.inf)), pose, Velocity2D(-3.0, 1.0))
     vector = ObservationEncoder(config).encode(observation, Pose2D(1.0, 1.5, 0.0))
-    np.testing.assert_allclose(
-        vector, [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25], atol=1e-6
-    )
+    expected = [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25]
+    np.testing.assert_allclose(vector, expected, atol=1e-6)
     low, high = config.bounds()
     assert vector.dtype == np.float32 and ((low <= vector) & (vector <= high)).all()
 
@@ -148,31 +135,24 @@ def test_actions_become_velocities_within_limits():
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_many_actions_at_once_become_the_same_velocities(kind):
     action = PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.7, max_yaw_rate_radps=2.1)
-    actions = np.concatenate(
-        [
-            np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)),
-            [[math.nan, 1.0], [-0.0, math.inf]],
-        ]
-    )
-    commands = action.commands(actions.astype(kind))
-    each = [action.command(command) for command in actions.astype(kind)]
-    np.testing.assert_array_equal(
-        commands, [(command.linear, command.angular) for command in each]
-    )
+    actions = np.random.default_rng(0).uniform(-1.5, 1.5, (202, 2)).astype(kind)
+    actions[-2:] = [[math.nan, 1.0], [-0.0, math.inf]]
+    commands = [action.command(values) for values in actions]
+    expected = [(command.linear, command.angular) for command in commands]
+    np.testing.assert_array_equal(action.commands(actions), expected)
 
 
-def reference_gap(points, velocity, time_s, config):
+def reference_gap(points, velocity, time_s, size_m):
     """Return the least distance of points from the outline, tried at many instants of the drive."""
     pose = Pose2D(0.0, 0.0, 0.0)
+    half = 0.5 * velocity.angular * time_s / 4000
+    length = velocity.linear * time_s / 4000
+    step = Pose2D(length * math.cos(half), length * math.sin(half), 2.0 * half)
     least = math.inf
     for _ in range(4000):
-        half = 0.5 * velocity.angular * time_s / 4000
-        step = velocity.linear * time_s / 4000
-        pose = pose @ Pose2D(step * math.cos(half), step * math.sin(half), 2.0 * half)
-        inside = pose.inverse().transform(points)
-        outside = np.maximum(
-            np.abs(inside) - [config.half_length_m, config.half_width_m], 0.0
-        )
+        pose = pose @ step
+        inside = np.abs(pose.inverse().transform(points))
+        outside = np.maximum(inside - size_m, 0.0)
         least = min(least, float(np.hypot(*outside.T).min()))
     return least
 
@@ -180,112 +160,98 @@ def reference_gap(points, velocity, time_s, config):
 def test_the_gap_of_a_drive_against_small_steps():
     rng = np.random.default_rng(5)
     config = CollisionCheckConfig()
+    size_m = (config.half_length_m, config.half_width_m)
     for _ in range(12):
         points = rng.uniform(-1.0, 1.0, (5, 2)) + [0.8, 0.0]
         velocity = Velocity2D(*rng.uniform(-1.5, 1.5, 2).tolist())
-        clearance = least_clearance(
-            points,
-            velocity.linear,
-            velocity.angular,
-            400,
-            0.6 / 400,
-            config.half_length_m,
-            config.half_width_m,
-        )
-        assert clearance == pytest.approx(
-            reference_gap(points, velocity, 0.6, config), abs=2e-3
-        )
+        command = (velocity.linear, velocity.angular)
+        clearance = least_clearance(points, *command, 400, 0.6 / 400, *size_m)
+        expected = reference_gap(points, velocity, 0.6, size_m)
+        assert clearance == pytest.approx(expected, abs=2e-3)
 
 
 def ahead(distance_m):
     """Return a scan of a wall so far ahead of the robot's front."""
     angles = np.linspace(-FIELD, FIELD, 720)
-    with np.errstate(divide="ignore"):
-        ranges = np.where(
-            np.abs(angles) < 1.0, (0.254 - 0.055 + distance_m) / np.cos(angles), np.inf
-        )
-    return scan(ranges)
+    ranges = (0.254 - 0.055 + distance_m) / np.cos(angles)
+    return scan(np.where(np.abs(angles) < 1.0, ranges, np.inf))
 
 
 def test_the_stop_leaves_commands_alone_that_hit_nothing():
     for command in (Velocity2D(1.0, 0.0), Velocity2D(0.3, 1.0), Velocity2D(-0.3, 0.0)):
-        assert (
-            avoid_collision(command, STOP, ahead(2.0), CollisionCheckConfig())
-            == command
-        )
+        assert allowed(command, STOP, 2.0) == command
+
+
+def allowed(command, velocity, distance_m):
+    """Return what is left of a command before a wall."""
+    return avoid_collision(command, velocity, ahead(distance_m), CollisionCheckConfig())
 
 
 def test_the_stop_brakes_before_a_wall_and_allows_reverse():
     fast = Velocity2D(1.0, 0.0)
-    assert avoid_collision(
-        fast, fast, ahead(0.25), CollisionCheckConfig()
-    ) == Velocity2D(0.75, 0.0)
-    assert (
-        avoid_collision(fast, fast, ahead(0.05), CollisionCheckConfig()).linear == 0.0
-    )
-    assert avoid_collision(
-        Velocity2D(-0.4, 0.0), STOP, ahead(0.01), CollisionCheckConfig()
-    ) == Velocity2D(-0.4, 0.0)
+    back = Velocity2D(-0.4, 0.0)
+    assert allowed(fast, fast, 0.25) == Velocity2D(0.75, 0.0)
+    assert allowed(fast, fast, 0.05).linear == 0.0
+    assert allowed(back, STOP, 0.01) == back
 
 
-def linear_policy(path, weights, biases, beams=4):
-    matrix = np.zeros((beams + 5, 2), np.float32)
-    for place, row in weights.items():
-        matrix[place] = row
-    action = PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0, max_yaw_rate_radps=1.0)
-    biases = np.array(biases, np.float32)
-    write_policy(
-        path, Policy(PolicyObservation(beams=beams), action, (matrix,), (biases,))
-    )
-    return str(path)
+@pytest.fixture
+def linear_policy(tmp_path):
+    """Return the function that writes a policy of one layer and returns its path."""
+
+    def write(speed, turn=0.0, sine_gain=0.0):
+        matrix = np.zeros((4 + 5, 2), np.float32)
+        matrix[6, 1] = sine_gain  # of the sine of the goal's bearing
+        action = PolicyAction(
+            min_speed_mps=0.0, max_speed_mps=1.0, max_yaw_rate_radps=1.0
+        )
+        biases = np.array([speed, turn], np.float32)
+        policy = Policy(PolicyObservation(beams=4), action, (matrix,), (biases,))
+        write_policy(tmp_path / "p.npz", policy)
+        return str(tmp_path / "p.npz")
+
+    return write
 
 
-def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, tmp_path):
-    path = linear_policy(
-        tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0)
-    )  # turn by the sine of the bearing
+def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, linear_policy):
+    path = linear_policy(0.2, sine_gain=2.0)
     world = flat_world([((-2.0, 6.0), (8.0, 6.0))])
     planner = make_planner("policy", "challenge", {"policy_path": path})
-    assert (
-        world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
-    )
+    status = world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0)
+    assert status is PlannerStatus.GOAL_REACHED
     assert math.dist((world.pose.x, world.pose.y), (4.0, 2.0)) < 0.25
 
 
-def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_path):
-    path = linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0))
-    for enabled in (True, False):
-        world = flat_world([((3.0, -2.0), (3.0, 2.0))])
-        planner = make_planner(
-            "policy", "challenge", {"policy_path": path, "safety.enabled": enabled}
-        )
-        status = world.drive(planner, Pose2D(6.0, 0.0, 0.0), 10.0)
-        assert (world.pose.x + 0.254 < 3.0 - 0.075) is enabled
-        if enabled:
-            assert (
-                status is PlannerStatus.BLOCKED
-                and "too near" in world.decisions[-1].reason
-            )
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_policy_that_drives_into_walls_is_stopped_before_them(
+    flat_world, linear_policy, enabled
+):
+    world = flat_world(WALL)
+    changes = {"policy_path": linear_policy(1.0), "safety.enabled": enabled}
+    planner = make_planner("policy", "challenge", changes)
+    status = world.drive(planner, Pose2D(6.0, 0.0, 0.0), 10.0)
+    assert (world.pose.x + 0.254 < 3.0 - 0.075) is enabled
+    if enabled:
+        assert status is PlannerStatus.BLOCKED
+        assert "too near" in world.decisions[-1].reason
 
 
-def test_a_policy_that_stands_still_says_that_it_is_stuck(flat_world, tmp_path):
-    path = linear_policy(tmp_path / "p.npz", {}, (-1.0, 0.0))
-    world = flat_world([((3.0, -2.0), (3.0, 2.0))])
-    planner = PolicyPlanner(PolicyConfig(policy_path=path))
+def test_a_policy_that_stands_still_says_that_it_is_stuck(flat_world, linear_policy):
+    world = flat_world(WALL)
+    planner = PolicyPlanner(PolicyConfig(policy_path=linear_policy(-1.0)))
     assert world.drive(planner, GOAL, 7.0) is PlannerStatus.RUNNING
     assert world.drive(planner, GOAL, 10.0) is PlannerStatus.BLOCKED
     assert "not got anywhere" in world.decisions[-1].reason
 
 
-def test_a_narrow_scan_stops_the_robot(tmp_path):
-    planner = PolicyPlanner(
-        PolicyConfig(policy_path=linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0)))
-    )
+def test_a_narrow_scan_stops_the_robot(linear_policy):
+    planner = PolicyPlanner(PolicyConfig(policy_path=linear_policy(1.0)))
     planner.start(Task(GOAL), 0)
     decision = planner.step(observed(scan(np.ones(100), -1.0, 1.0)))
     assert decision.command == STOP and "the policy sees from" in decision.reason
 
 
 def test_a_policy_that_is_not_there_is_an_error_of_one_line(tmp_path):
+    path = str(tmp_path / "none.npz")
     with pytest.raises(PolicyError, match=r"none\.npz: cannot be read"):
-        make_planner("policy", "challenge", {"policy_path": str(tmp_path / "none.npz")})
+        make_planner("policy", "challenge", {"policy_path": path})
