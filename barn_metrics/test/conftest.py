@@ -18,7 +18,7 @@ class Original(NamedTuple):
     cspace: np.ndarray
     path: np.ndarray
     published: np.ndarray
-    corrected: np.ndarray
+    corrected: list[float]
 
 
 @pytest.fixture(scope="session")
@@ -34,20 +34,10 @@ def originals(original_folder):
         pytest.skip(f"no {table}")
     worlds = []
     for number, *corrected in np.loadtxt(table, delimiter=",", skiprows=1):
-        grid, cspace, path, published = (
-            np.load(
-                original_folder / f"{kind}_files" / f"{kind}_{number:.0f}.npy",
-                allow_pickle=False,
-            )
+        files = [
+            original_folder / f"{kind}_files" / f"{kind}_{number:.0f}.npy"
             for kind in ("grid", "cspace", "path", "metrics")
-        )
-        worlds.append(
-            Original(
-                grid.astype(bool),
-                cspace.astype(bool),
-                path,
-                published,
-                np.array(corrected),
-            )
-        )
+        ]
+        grid, cspace, path, published = map(np.load, files)
+        worlds.append(Original(grid == 1, cspace == 1, path, published, corrected))
     return worlds

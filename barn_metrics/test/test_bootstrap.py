@@ -21,14 +21,24 @@ def mean(sample):
     return VALUES[sample].mean(axis=-1)
 
 
+def mean_or(figure):
+    """Return the mean number of a sample, or a figure where all numbers are alike."""
+
+    def statistic(sample):
+        return np.where(np.ptp(sample, axis=-1) > 0, sample.mean(axis=-1), figure)
+
+    return statistic
+
+
+def constant(figure):
+    return lambda sample: np.full(sample.shape[:-1], figure)
+
+
 def plain_draws(resamples, seed):
     generator = np.random.default_rng(seed)
-    return np.array(
-        [
-            mean(generator.integers(0, len(VALUES), len(VALUES)))
-            for _ in range(resamples)
-        ]
-    )
+    count = len(VALUES)
+    draws = [generator.integers(0, count, count) for _ in range(resamples)]
+    return np.array([mean(draw) for draw in draws])
 
 
 def test_percentile_limits_are_quantiles_of_the_draws():
@@ -43,24 +53,23 @@ def test_percentile_limits_are_quantiles_of_the_draws():
 def test_bca_limits_are_those_of_efrons_formula():
     interval = bootstrap_interval(mean, len(VALUES), seed=4, resamples=1000)
     draws = plain_draws(1000, seed=4)
-    bias = stats.norm.ppf(
-        (draws < VALUES.mean()).mean() + 0.5 * (draws == VALUES.mean()).mean()
-    )
+    estimate = VALUES.mean()
+    below = (draws < estimate).mean() + 0.5 * (draws == estimate).mean()
+    bias = stats.norm.ppf(below)
     left_out = np.array([np.delete(VALUES, at).mean() for at in range(len(VALUES))])
     deviation = left_out.mean() - left_out
-    skew = (deviation**3).sum() / (6.0 * (deviation**2).sum() ** 1.5)
-    z = stats.norm.ppf([0.025, 0.975])
-    expected = np.quantile(
-        draws, stats.norm.cdf(bias + (bias + z) / (1.0 - skew * (bias + z)))
-    )
+    spread = (deviation**2).sum() ** 1.5
+    skew = (deviation**3).sum() / (6.0 * spread)
+    z = bias + stats.norm.ppf([0.025, 0.975])
+    levels = stats.norm.cdf(bias + z / (1.0 - skew * z))
+    expected = np.quantile(draws, levels)
     assert (interval.low, interval.high) == pytest.approx(tuple(expected), rel=1e-9)
 
 
 def test_an_interval_is_of_95_percent_from_10_000_draws():
     interval = bootstrap_interval(mean, len(VALUES))
-    assert interval == bootstrap_interval(
-        mean, len(VALUES), seed=0, percentile=False, resamples=10_000
-    )
+    defaults = {"seed": 0, "percentile": False, "resamples": 10_000}
+    assert interval == bootstrap_interval(mean, len(VALUES), **defaults)
     for other in (
         {"seed": 1},
         {"percentile": True},
@@ -71,38 +80,25 @@ def test_an_interval_is_of_95_percent_from_10_000_draws():
 
 
 def test_draws_without_a_figure_are_left_out():
-    def unless_alike(sample):
-        return np.where(np.ptp(sample, axis=-1) > 0, sample.mean(axis=-1), np.nan)
-
+    unless_alike = mean_or(np.nan)
     interval = bootstrap_interval(unless_alike, 2, percentile=True)
     assert interval == Interval(0.5, 0.5, 0.5)
     assert bootstrap_interval(unless_alike, 3) == Interval(1.0)
-    assert (
-        bootstrap_interval(
-            lambda sample: np.full(sample.shape[:-1], np.nan), 3, percentile=True
-        ).low
-        is None
-    )
+    none = bootstrap_interval(constant(np.nan), 3, percentile=True)
+    assert none.low is None
 
 
 def test_a_limit_that_is_infinite_is_none():
-    def endless_if_alike(sample):
-        return np.where(np.ptp(sample, axis=-1) > 0, sample.mean(axis=-1), np.inf)
-
-    assert bootstrap_interval(endless_if_alike, 3) == Interval(1.0)
+    assert bootstrap_interval(mean_or(np.inf), 3) == Interval(1.0)
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("percentile", [False, True])
-def test_one_world_has_no_limits_and_raises_no_warning(
-    percentile,
-):
-    assert bootstrap_interval(
-        lambda sample: sample.mean(axis=-1), 1, percentile=percentile
-    ) == Interval(0.0)
-    assert bootstrap_interval(
-        lambda sample: np.ones(sample.shape[:-1]), 5, percentile=percentile
-    ) == Interval(1.0, 1.0, 1.0)
+def test_one_world_has_no_limits_and_raises_no_warning(percentile):
+    single = bootstrap_interval(mean_or(0.0), 1, percentile=percentile)
+    assert single == Interval(0.0)
+    same = bootstrap_interval(constant(1.0), 5, percentile=percentile)
+    assert same == Interval(1.0, 1.0, 1.0)
 
 
 def test_numbers_have_no_signed_zero_and_none_is_a_dash():
@@ -135,18 +131,13 @@ def test_one_limit_alone_is_none():
 
 def test_an_interval_reaches_what_it_is_to_hold():
     interval = Interval(1.0, 0.5, 2.0)
-    assert [interval.widen_to(*values) for values in ((3.0, 0.2), (0.7,))] == [
-        Interval(1.0, 0.2, 3.0),
-        interval,
-    ]
+    assert interval.widen_to(3.0, 0.2) == Interval(1.0, 0.2, 3.0)
+    assert interval.widen_to(0.7) == interval
 
 
 def test_columns_of_an_interval_are_named_after_it():
-    assert Interval(2.0, 1.0, 4.0).columns("x") == {
-        "x": 2.0,
-        "x_low": 1.0,
-        "x_high": 4.0,
-    }
+    columns = Interval(2.0, 1.0, 4.0).columns("x")
+    assert columns == {"x": 2.0, "x_low": 1.0, "x_high": 4.0}
 
 
 def test_an_interval_is_shifted_and_mirrored_with_its_limits():
@@ -168,8 +159,8 @@ def test_rank_correlations_are_those_of_scipy(kind):
 
 
 def test_what_varies_by_rounding_only_has_no_correlation():
-    interval = [
-        correlation(np.array([0.0, 1.0]), np.array([0.0, step]))
-        for step in (1.9e-12, 2e-12, 2.1e-12)
+    values = np.array([0.0, 1.0])
+    correlations = [
+        correlation(values, step * values) for step in (1.9e-12, 2e-12, 2.1e-12)
     ]
-    np.testing.assert_allclose(interval, [math.nan, math.nan, 1.0])
+    np.testing.assert_allclose(correlations, [math.nan, math.nan, 1.0])

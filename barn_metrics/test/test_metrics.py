@@ -58,54 +58,46 @@ sparse_grids = st.builds(
 )
 
 
-def _look(cspace, cell):
-    """Return the content of a cell: "outside", "occupied" or "free"."""
-    if not (0 <= cell[0] < cspace.shape[0] and 0 <= cell[1] < cspace.shape[1]):
+def _look(cspace, cell, direction=(0, 0), steps=0):
+    """Return the content of the cell so many steps away: "outside", "occupied" or "free"."""
+    row = round(cell[0] + steps * direction[0])
+    column = round(cell[1] + steps * direction[1])
+    if not (0 <= row < cspace.shape[0] and 0 <= column < cspace.shape[1]):
         return "outside"
-    return "occupied" if cspace[cell] else "free"
+    return "occupied" if cspace[row, column] else "free"
 
 
 def _ray(cspace, cell, direction):
     """Return the number of free cells from the cell itself on, and what ends the ray."""
     count = 0
-    while (
-        end := _look(
-            cspace, (cell[0] + count * direction[0], cell[1] + count * direction[1])
-        )
-    ) == "free":
+    while _look(cspace, cell, direction, count) == "free":
         count += 1
-    return count, end
+    return count, _look(cspace, cell, direction, count)
 
 
 def reference_closest(cspace, cell):
-    occupied = np.argwhere(cspace)
-    return min((math.dist(cell, other) for other in occupied), default=math.inf)
+    distances = [math.dist(cell, other) for other in np.argwhere(cspace)]
+    return min(distances, default=math.inf)
 
 
 def reference_visibility(cspace, cell, corrected):
-    rays = [(_ray(cspace, cell, direction), direction) for direction in COMPASS]
+    rays = [_ray(cspace, cell, direction) for direction in COMPASS]
     if corrected:
-        return sum(count * math.hypot(*direction) for (count, _), direction in rays) / 8
-    ended = [count for (count, end), _ in rays if end == "occupied"]
+        lengths = np.hypot(*np.transpose(COMPASS))
+        return lengths @ [count for count, _ in rays] / 8
+    ended = [count for count, end in rays if end == "occupied"]
     return sum(ended) // len(ended) if ended else math.nan
 
 
 def reference_dispersion(cspace, cell, variant):
     signs = []
-    by_angle = sorted(
-        CIRCLE, key=lambda direction: math.atan2(*direction) % (2 * math.pi)
-    )
+    by_angle = sorted(CIRCLE, key=lambda way: math.atan2(*way) % (2 * math.pi))
     for direction in by_angle if variant == "ordered" else CIRCLE:
-        long_one = (
-            variant == "published"
-            and max(direction) < 2
-            and abs(direction[0]) + abs(direction[1]) == 3
-        )
-        points = 3 if abs(direction[0]) + abs(direction[1]) != 3 or long_one else 2
-        neighbors = [
-            _look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1]))
-            for k in range(1, points + 1)
-        ]
+        is_oblique = abs(direction[0]) + abs(direction[1]) == 3
+        is_long = variant == "published" and max(direction) < 2
+        points = 2 if is_oblique and not is_long else 3
+        steps = range(1, points + 1)
+        neighbors = [_look(cspace, cell, direction, step) for step in steps]
         signs.append("occupied" in neighbors)
     return sum(signs[k] != signs[k - 1] for k in range(16))
 
@@ -116,19 +108,9 @@ def reference_characteristic(cspace, cell, axes):
     for angle in np.radians(ANGLES_DEG[axes]):
         direction = np.array([math.sin(angle), math.cos(angle)])
         direction /= abs(direction).max()
-        total = 0
-        for sign in (1, -1):
-            count = 1
-            while (
-                _look(
-                    cspace,
-                    tuple(int(v) for v in np.rint(cell + sign * count * direction)),
-                )
-                == "free"
-            ):
-                count += 1
-            total += count - 1
-        lengths.append(total * np.hypot(*direction))
+        there, _ = _ray(cspace, cell, direction)
+        back, _ = _ray(cspace, cell, -direction)
+        lengths.append((there + back - 2) * np.hypot(*direction))
     return min(lengths)
 
 
@@ -149,29 +131,23 @@ def reference(cspace, cell, formula):
 @settings(max_examples=30, deadline=None)
 def test_every_free_cell_equals_the_plain_reference(formula, cspace):
     free = np.argwhere(~cspace)
-    expected = np.array(
-        [reference(cspace, tuple(cell), formula) for cell in free]
-    ).reshape(-1, 4)
+    expected = [reference(cspace, tuple(cell), formula) for cell in free.tolist()]
+    metrics = cell_metrics(cspace, free, formula)
     np.testing.assert_allclose(
-        cell_metrics(cspace, free, formula), expected, rtol=0, atol=1e-9
+        metrics, np.reshape(expected, (-1, 4)), rtol=0, atol=1e-9
     )
 
 
 @pytest.mark.parametrize("formula, within", [("published", 1e-9), ("corrected", 1e-6)])
 def test_a_formula_gives_the_values_that_it_is_named_after(originals, formula, within):
-    ours = [
-        path_metrics(world.cspace, world.path, formula).as_array()
-        for world in originals
-    ]
-    np.testing.assert_allclose(
-        ours, [getattr(world, formula) for world in originals], rtol=0, atol=within
-    )
-    assert len(ours) == 50
+    for world in originals:
+        ours = path_metrics(world.cspace, world.path, formula).as_array()
+        theirs = getattr(world, formula)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=within)
+    assert len(originals) == 50
 
 
-def test_the_published_dimension_differs_from_its_paths(
-    originals,
-):
+def test_the_published_dimension_differs_from_its_paths(originals):
     """What docs/metrics.md says of Table II: the paper's maximum over cells is 20.00."""
     largest = max(
         cell_metrics(world.cspace, world.path, "published")[:, 3].max()
@@ -195,44 +171,54 @@ def test_maps_hold_cell_values_and_nothing_where_occupied(cspace):
 def test_repeated_cells_count_as_often_as_they_occur():
     grid = np.zeros((5, 6), bool)
     grid[0] = True
-    once = np.array([[1, 0], [2, 1], [3, 2]])
-    twice = np.array([[1, 0], [1, 0], [2, 1], [3, 2]])
-    assert path_metrics(grid, once).closest_obstacle == 2
-    assert path_metrics(grid, twice).closest_obstacle == 1.75
-    assert (
-        path_metrics(grid, once).tortuosity == path_metrics(grid, twice).tortuosity == 1
-    )
+    path = [[1, 0], [2, 1], [3, 2]]
+    once = path_metrics(grid, np.array(path))
+    twice = path_metrics(grid, np.array([path[0], *path]))
+    assert (once.closest_obstacle, twice.closest_obstacle) == (2, 1.75)
+    assert once.tortuosity == twice.tortuosity == 1
 
 
-def test_tortuosity_of_paths_without_a_chord():
-    assert tortuosity(np.array([[3, 4]])) == 1
-    assert tortuosity(np.array([[3, 4], [3, 4]])) == 1
-    assert tortuosity(np.array([[3, 4], [3, 5], [3, 4]])) == math.inf
-    assert tortuosity(np.array([[0, 0], [1, 1], [0, 2]])) == pytest.approx(math.sqrt(2))
+@pytest.mark.parametrize(
+    "path, expected",
+    [
+        ([[3, 4]], 1),
+        ([[3, 4], [3, 4]], 1),
+        ([[3, 4], [3, 5], [3, 4]], math.inf),
+        ([[0, 0], [1, 1], [0, 2]], pytest.approx(math.sqrt(2))),
+    ],
+)
+def test_tortuosity_of_paths_without_a_chord(path, expected):
+    assert tortuosity(np.array(path)) == expected
 
 
-def test_cells_where_the_metrics_have_no_meaning_are_refused():
+@pytest.mark.parametrize(
+    "cells, message",
+    [
+        ([[0, 0], [1, 1]], r"occupied C-space cell \[1, 1\]"),
+        ([[-1, 0]], "leaves the grid"),
+        ([[4, 0]], "leaves the grid"),
+        ([[0, 5]], "leaves the grid"),
+        ([[0.5, 0.0]], "whole rows"),
+    ],
+)
+def test_cells_where_the_metrics_have_no_meaning_are_refused(cells, message):
     grid = np.zeros((4, 5), bool)
     grid[1, 1] = True
-    with pytest.raises(WorldError, match=r"occupied C-space cell \[1, 1\]"):
-        path_metrics(grid, np.array([[0, 0], [1, 1]]))
-    for outside in ([-1, 0], [4, 0], [0, 5]):
-        with pytest.raises(WorldError, match="leaves the grid"):
-            path_metrics(grid, np.array([outside]))
+    with pytest.raises(WorldError, match=message):
+        path_metrics(grid, np.array(cells))
+
+
+def test_a_cspace_of_other_values_is_refused():
     with pytest.raises(WorldError, match="bools"):
-        path_metrics(grid.astype(int), np.array([[0, 0]]))
-    with pytest.raises(WorldError, match="whole rows"):
-        path_metrics(grid, np.array([[0.5, 0.0]]))
+        path_metrics(np.zeros((4, 5), int), np.array([[0, 0]]))
 
 
 def test_a_robot_that_does_not_fit_is_named_with_its_world():
     grid = np.zeros((7, 7), bool)
     grid[0] = grid[6] = True
     path = np.array([[2, column] for column in range(7)])
-    assert (
-        world_metrics(World("fits", grid, path, footprint_cells=3)).closest_obstacle
-        == 1
-    )
+    fits = World("fits", grid, path, footprint_cells=3)
+    assert world_metrics(fits).closest_obstacle == 1
     with pytest.raises(WorldError, match=r"^tight: .*\[2, 0\] \(footprint 5 cells\)$"):
         world_metrics(World("tight", grid, path, footprint_cells=5))
 

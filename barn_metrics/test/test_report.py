@@ -48,21 +48,15 @@ def test_worlds_are_taken_one_by_one():
 
 
 def test_a_data_set_is_labelled_by_its_numbers():
-    worlds = _worlds()
-    dataset = Dataset(
-        "mine", {10 * k: (lambda world=world: world) for k, world in enumerate(worlds)}
-    )
-    table = metrics_table(dataset)
+    readers = {10 * k: (lambda world=world: world) for k, world in enumerate(_worlds())}
+    table = metrics_table(Dataset("mine", readers))
     assert table.worlds == ("0", "10", "20", "30")
     for metric, values in zip(METRICS, table.values.T, strict=True):
         summary = table.summary_of(metric)
-        statistics = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
-        assert statistics == [
-            min(values),
-            max(values),
-            pytest.approx(sum(values) / 4),
-            pytest.approx(pstdev(values)),
-        ]
+        assert summary["minimum"] == values.min()
+        assert summary["maximum"] == values.max()
+        assert summary["mean"] == pytest.approx(values.mean())
+        assert summary["std"] == pytest.approx(pstdev(values))
 
 
 def test_json_holds_worlds_summary_and_formula():
@@ -87,22 +81,20 @@ def test_json_holds_worlds_summary_and_formula():
 
 
 def test_json_of_a_world_without_obstacles_is_still_json():
-    free = World(
-        "free", np.zeros((6, 6), bool), np.array([[2, column] for column in range(6)])
-    )
-    document = metrics_table([free], "published").as_json()
-    assert document["worlds"][0]["closest_obstacle"] is None
-    assert document["worlds"][0]["average_visibility"] is None
-    assert document["worlds"][0]["dispersion"] == 0
+    path = np.array([[2, column] for column in range(6)])
+    free = World("free", np.zeros((6, 6), bool), path)
+    (entry,) = metrics_table([free], "published").as_json()["worlds"]
+    assert entry["closest_obstacle"] is None
+    assert entry["average_visibility"] is None
+    assert entry["dispersion"] == 0
 
 
 def test_summary_cells_are_the_summary_to_two_decimals():
     table = metrics_table(_worlds())
     headings, lines = table.summary_cells()
     assert all(len(line) == len(headings) for line in lines)
-    assert [float(line[-2]) for line in lines] == pytest.approx(
-        table.values.mean(axis=0), abs=0.005
-    )
+    means = [float(line[-2]) for line in lines]
+    assert means == pytest.approx(table.values.mean(axis=0), abs=0.005)
     assert lines[4][1:3] == ["-", "-"]
 
 

@@ -183,8 +183,8 @@ def test_a_costmap_clears_and_checks_the_outline():
     costmap.update(here, ahead, here)
     cells = kernels.footprint_cells(costmap.outline, costmap.grid, costmap.costs.shape)
     columns = cells[:, 1]
-    ends = costmap.origin_x + 0.05 * np.array([columns.min(), columns.max() + 1])
-    assert ends == pytest.approx([-0.3, 0.5], abs=0.06)
+    ends = np.array([columns.min(), columns.max() + 1])
+    assert costmap.origin_x + 0.05 * ends == pytest.approx([-0.3, 0.5], abs=0.06)
     assert costmap.has_room(0.0, 0.0, 0.0)
     assert not costmap.has_room(0.3, 0.0, 0.0)  # its tip is in what was seen
     assert costmap.has_room(0.3, 0.0, math.pi)

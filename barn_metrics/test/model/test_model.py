@@ -1,6 +1,5 @@
 """The difficulty model: trials, inputs, ridge, folds, the noise ceiling, and the network along strips of routes."""
 
-import dataclasses
 from dataclasses import replace
 from itertools import pairwise
 
@@ -31,20 +30,13 @@ def make_trials(worlds, repetitions=4, noise=0.1):
     """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
     generator = np.random.default_rng(3)
     narrow = inputs_of(worlds.values())[:, input_names().index("narrow_share")]
-    easy = {
-        index: 8.0 + 3.0 * share for index, share in zip(worlds, narrow, strict=True)
-    }
-    rows = [
-        (
-            index,
-            planner,
-            easy[index] + slower + noise * generator.standard_normal(),
-            generator.random() < 0.9,
-        )
-        for index in worlds
-        for planner, slower in (("quick", 0.0), ("slow", 1.0))
-        for _ in range(repetitions)
-    ]
+    rows = []
+    for index, share in zip(worlds, narrow, strict=True):
+        for planner, slower in (("quick", 0.0), ("slow", 1.0)):
+            for _ in range(repetitions):
+                easy = 8.0 + 3.0 * share
+                time = easy + slower + noise * generator.standard_normal()
+                rows.append((index, planner, time, generator.random() < 0.9))
     numbers, planners, times, succeeded = zip(*rows, strict=True)
     return Trials(np.array(numbers), planners, np.array(times), np.array(succeeded))
 
@@ -72,13 +64,16 @@ def test_trials_refuse_times_that_are_none(time):
 
 
 def test_inputs_are_named_finite_and_begin_with_the_papers_five(worlds):
-    straight = np.stack([np.full(30, 15), np.arange(30)], axis=1)
-    empty = World("empty", np.zeros((30, 30), np.bool_), straight)
+    empty = World("empty", np.zeros((30, 30), np.bool_), STRAIGHT)
     inputs = inputs_of([*worlds.values(), empty])
-    assert inputs.shape == (len(worlds) + 1, len(input_names()))
+    names = input_names()
+    assert inputs.shape == (len(worlds) + 1, len(names))
     assert np.isfinite(inputs).all()
-    assert input_names()[:5] == METRIC_NAMES
-    assert len(set(input_names())) == len(input_names())
+    assert names[:5] == METRIC_NAMES
+    assert len(set(names)) == len(names)
+
+
+STRAIGHT = np.column_stack([np.full(30, 15), np.arange(30)])
 
 
 def corridor(gap_cells):
@@ -88,19 +83,21 @@ def corridor(gap_cells):
     grid[:, 15] = True
     low = 15 - gap_cells // 2
     grid[low : low + gap_cells, 15] = False
-    return World("corridor", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
+    return World("corridor", grid, STRAIGHT)
+
+
+def shortest_route(where):
+    return cheapest_route(where, np.ones_like(where.clearance_m))
 
 
 def test_routes_know_how_wide_the_gap_is():
     widths = []
     for gap in (5, 7, 9):
-        where = clearance_map(corridor(gap))
-        route = cheapest_route(where, np.ones_like(where.clearance_m))
+        route = shortest_route(clearance_map(corridor(gap)))
         widths.append(route.width_m.min())
         # From the squares of the wall; the original conversion sets start and goal a cell beside the gap's middle.
-        assert route.clearance_m.min() == pytest.approx(
-            (gap * 0.15 + 0.05) / 2.0 - 0.15, abs=0.08
-        )
+        half_m = (gap * 0.15 + 0.05) / 2.0
+        assert route.clearance_m.min() == pytest.approx(half_m - 0.15, abs=0.08)
         assert route.length_m == pytest.approx(9.73 - 4.075, abs=0.15)
         assert np.abs(route.heading_rad).max() < 0.3
         # The widest place within reach of the gap's middle lies beside the wall, so this is an upper limit.
@@ -113,7 +110,7 @@ def test_a_route_goes_round_what_costs_more_than_the_detour():
     cost = np.ones_like(where.clearance_m)
     middle = where.start[0]
     cost[middle - 3 : middle + 4, cost.shape[1] // 3] = 50.0
-    direct = cheapest_route(where, np.ones_like(cost))
+    direct = shortest_route(where)
     round_it = cheapest_route(where, cost)
     assert direct.cost_m == pytest.approx(direct.length_m)
     assert direct.length_m < round_it.length_m < direct.length_m + 0.5
@@ -121,10 +118,11 @@ def test_a_route_goes_round_what_costs_more_than_the_detour():
 
 
 def test_ridge_regression_finds_a_plane():
-    generator = np.random.default_rng(0)
-    x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
-    y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * generator.standard_normal(200)
-    assert np.abs(fit_ridge(x, y)(x) - y).max() < 0.02
+    draw = np.random.default_rng(0).standard_normal
+    x = np.column_stack([draw((200, 3)), np.full(200, 7.0)])
+    y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * draw(200)
+    errors = fit_ridge(x, y)(x) - y
+    assert np.abs(errors).max() < 0.02
 
 
 def test_folds_leave_each_world_out_once():
@@ -135,23 +133,19 @@ def test_folds_leave_each_world_out_once():
 
 
 def test_ceiling_is_the_known_reliability_of_simulated_trials():
-    generator = np.random.default_rng(5)
-    worlds = 500
+    draw = np.random.default_rng(5).standard_normal
     repetitions = 6
     noise = 0.8
-    truth = 4.0 + 0.6 * generator.standard_normal(worlds)
-    numbers = np.repeat(np.arange(worlds), repetitions)
-    times = np.maximum(
-        truth[numbers] + noise * generator.standard_normal(len(numbers)), 0.01
-    )
-    trials = Trials(
-        numbers, ("a",) * len(numbers), times, np.ones(len(numbers), np.bool_)
-    )
+    truth = np.repeat(4.0 + 0.6 * draw(500), repetitions)
+    numbers = np.repeat(np.arange(500), repetitions)
+    count = len(numbers)
+    times = np.maximum(truth + noise * draw(count), 0.01)
+    trials = Trials(numbers, ("a",) * count, times, np.ones(count, np.bool_))
     expected = 0.36 / (0.36 + noise**2 / repetitions)
     ceiling = noise_ceiling(trials)
     assert ceiling.low < expected < ceiling.high
     assert ceiling.estimate == pytest.approx(expected, abs=0.03)
-    single = dataclasses.replace(trials, worlds=np.arange(len(numbers)))
+    single = replace(trials, worlds=np.arange(count))
     assert noise_ceiling(single) is None
 
 
@@ -163,45 +157,44 @@ def make_network(outputs=2, seed=4):
     draw = np.random.default_rng(seed).standard_normal
     sizes = [len(STRIPS) * CHANNELS, 6, 5, 4]
     filters = tuple((draw((3, a, b)) / a**0.5, draw(b)) for a, b in pairwise(sizes))
-    layers = (
-        (draw((8 + SUMMED_UP, 7)), draw(7)),
-        (draw((7, outputs)), draw(outputs)),
+    layers = tuple(
+        (draw((a, b)), draw(b)) for a, b in pairwise([8 + SUMMED_UP, 7, outputs])
     )
     return RouteNetwork(np.zeros(SUMMED_UP), np.ones(SUMMED_UP), filters, layers)
 
 
 def strip_of(world):
     where = clearance_map(world)
-    route = cheapest_route(where, np.ones_like(where.clearance_m))
+    route = shortest_route(where)
     return where, route, route_strip(where, route)
 
 
 def test_a_strip_shows_the_clearance_along_and_beside_the_route():
     where, route, strip = strip_of(corridor(9))
     count = len(route.points)
-    assert strip[:count, PRESENT].all() and not strip[count:].any()
+    assert strip[:count, PRESENT].all()
+    assert not strip[count:].any()
     last_cell = np.array(where.clearance_m.shape) - 1
-    row, column = np.clip(np.round(route.points).astype(int), 0, last_cell).T
-    on_it = 0.4 * (strip[:count, MIDDLE] + 1.0)
-    assert on_it == pytest.approx(
-        np.minimum(where.clearance_m[row, column], 0.8), abs=0.06
-    )
+    cells = np.clip(np.round(route.points).astype(int), 0, last_cell)
+    clearance_m = np.minimum(where.clearance_m[tuple(cells.T)], 0.8)
+    middle = strip[:count, MIDDLE]
+    assert 0.4 * (middle + 1.0) == pytest.approx(clearance_m, abs=0.06)
     # In the gap there is less room to both sides than on the route.
-    gap = int(strip[:count, MIDDLE].argmin())
-    assert strip[gap, 0] < strip[gap, MIDDLE] > strip[gap, HEADING - 1]
+    in_gap = strip[middle.argmin()]
+    assert in_gap[0] < in_gap[MIDDLE] > in_gap[HEADING - 1]
 
 
 def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
     where = clearance_map(worlds[150])
     route = cheapest_route(where, 1.0 / np.clip(where.clearance_m, 0.05, 1.0))
+    last = len(where.clearance_m) - 1
     turned = replace(where, clearance_m=where.clearance_m[::-1])
-    other = replace(
-        route, points=[len(where.clearance_m) - 1, 0] + route.points * [-1, 1]
-    )
+    other = replace(route, points=[last, 0] + route.points * [-1, 1])
     strip = route_strip(where, route)
     assert np.abs(strip[:, TURN]).max() > 0.1
-    assert mirror_strips(strip) == pytest.approx(route_strip(turned, other), abs=1e-9)
-    assert (mirror_strips(mirror_strips(strip)) == strip).all()
+    mirrored = mirror_strips(strip)
+    assert mirrored == pytest.approx(route_strip(turned, other), abs=1e-9)
+    assert (mirror_strips(mirrored) == strip).all()
 
 
 def test_convolution_is_that_of_plain_loops():
@@ -221,13 +214,11 @@ def test_a_worlds_output_depends_on_that_world_alone(worlds):
     network = make_network()
     inputs = inputs_of(list(worlds.values())[::2])
     together = network(inputs)
-    assert np.concatenate([network(row[None]) for row in inputs]) == pytest.approx(
-        together, rel=1e-9
-    )
-    turned = inputs.copy()
-    turned[:, SUMMED_UP:] = mirror_strips(
-        inputs[:, SUMMED_UP:].reshape(-1, CHANNELS)
-    ).reshape(len(inputs), -1)
+    alone = np.concatenate([network(row[None]) for row in inputs])
+    assert alone == pytest.approx(together, rel=1e-9)
+    strips = inputs[:, SUMMED_UP:]
+    mirrored = mirror_strips(strips.reshape(-1, CHANNELS)).reshape(strips.shape)
+    turned = np.hstack([inputs[:, :SUMMED_UP], mirrored])
     assert network(turned) == pytest.approx(together, rel=1e-9)
     nothing = np.zeros_like(inputs[:1])
     assert np.isfinite(network(nothing)).all()
@@ -237,4 +228,5 @@ def test_a_route_longer_than_a_strip_is_cut_off():
     where, route, _ = strip_of(corridor(9))
     longer = np.concatenate([route.points] * 4)
     strip = route_strip(where, replace(route, points=longer))
-    assert strip.shape == (SAMPLES, CHANNELS) and strip[:, PRESENT].all()
+    assert strip.shape == (SAMPLES, CHANNELS)
+    assert strip[:, PRESENT].all()

@@ -19,6 +19,7 @@ DT = 0.05
 SPREAD = np.array([0.2, 0.4])
 CHANGE = DT * np.array([[3.0, 2.0], [3.5, 3.5]])
 START = (0.3, -0.2, 0.7, 0.25, -0.4)
+POSE = Pose2D(*START[:3])
 PATH = np.column_stack([0.3 + 0.05 * np.arange(20), -0.2 + 0.04 * np.arange(20)])
 BODY = rectangle(0.25, 0.2)
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -109,7 +110,8 @@ def test_smoothing_and_limits():
 
 def changed(last, wanted):
     """Return speed and rate as near to what is wanted as they can be a step later."""
-    return np.clip(wanted, last - CHANGE[:, 0], last + CHANGE[:, 1])
+    slower, faster = CHANGE.T
+    return np.clip(wanted, last - slower, last + faster)
 
 
 def wrapped(angle):
@@ -121,7 +123,8 @@ def test_rollout(samples, places):
     for k in range(SAMPLES):
         x, y, yaw, *last = START
         for t in range(STEPS):
-            last = changed(np.array(last), nominal[t] + SPREAD * noise[t, :, k])
+            wanted = nominal[t] + SPREAD * noise[t, :, k]
+            last = changed(np.array(last), wanted)
             speed, rate = last
             x += speed * DT * math.cos(yaw)
             y += speed * DT * math.sin(yaw)
@@ -163,7 +166,7 @@ def test_obstacle_costs(poses, near_goal):
     angles = np.linspace(-1.5, 1.5, 601)
     ranges = np.where(np.abs(angles) > 1.2, 0.6, np.inf)
     ranges[np.abs(angles - 0.2) < 0.25] = 0.8
-    costmap.update(Pose2D(*START[:3]), scan_of(ranges, 0.005), HERE)
+    costmap.update(POSE, scan_of(ranges, 0.005), HERE)
     costs = np.full(SAMPLES, 7.0)
     collisions = add_obstacle_costs(costs, poses, costmap, 0, 2, near_goal)
     expected = np.full(SAMPLES, 7.0)
@@ -202,7 +205,7 @@ def test_checking_the_footprint_rarely_changes_nothing(poses):
     for _ in range(40):
         costmap = RollingCostmap(config)
         scan = scan_of(rng.uniform(0.5, 3.0, 30), 0.1)
-        costmap.update(Pose2D(*START[:3]), scan, HERE)
+        costmap.update(POSE, scan, HERE)
         always, rarely = np.zeros((2, SAMPLES))
         counts.append(add_obstacle_costs(always, poses, costmap, 0, 1, False))
         counts.append(add_obstacle_costs(rarely, poses, costmap, lowest, 1, False))
@@ -213,7 +216,8 @@ def test_checking_the_footprint_rarely_changes_nothing(poses):
 
 
 def test_the_furthest_point_reached(poses):
-    nearest = cdist(poses[-1, :2].T, PATH).argmin(axis=1)
+    ends = poses[-1, :2].T
+    nearest = cdist(ends, PATH).argmin(axis=1)
     assert kernels.find_furthest_point(PATH, poses) == nearest.max()
 
 
@@ -224,13 +228,14 @@ def test_costs_of_the_end(poses):
     np.testing.assert_allclose(costs, 5.0 * np.hypot(x - 1.0, y - 0.5), rtol=1e-6)
     costs[:] = 0.0
     kernels.add_angle_costs(costs, poses, -1.0, 0.5, 2.0)
-    bearing = np.arctan2(0.5 - y, -1.0 - x)
-    np.testing.assert_allclose(costs, 2.0 * np.abs(wrapped(bearing - yaw)), atol=1e-5)
+    turn = wrapped(np.arctan2(0.5 - y, -1.0 - x) - yaw)
+    np.testing.assert_allclose(costs, 2.0 * np.abs(turn), atol=1e-5)
 
 
 @pytest.mark.parametrize("hidden", [3, range(5)])
 def test_align_costs(poses, hidden):
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
+    lengths = np.hypot(*np.diff(PATH, axis=0).T)
+    arc = np.cumsum([0.0, *lengths])
     clear = ~np.isin(np.arange(len(PATH)) % 5, hidden)
     costs = np.zeros(SAMPLES)
     kernels.add_align_costs(costs, poses, START[:2], PATH, arc, clear, 4, 14.0)
@@ -261,7 +266,8 @@ def test_control_costs(samples):
     )
     speed, rate = controls.astype(float).swapaxes(0, 1)
     away = controls - nominal[..., None]
-    deviation = ((nominal / SPREAD**2)[..., None] * away).sum(axis=(0, 1))
+    weights = (nominal / SPREAD**2)[..., None]
+    deviation = (weights * away).sum(axis=(0, 1))
     beyond = np.maximum(speed - 0.4, 0)
     beyond += np.maximum(-0.1 - speed, 0)
     beyond += np.maximum(np.abs(rate) - 0.5, 0)

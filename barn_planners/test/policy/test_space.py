@@ -125,9 +125,13 @@ def test_a_scan_that_shows_too_little_is_told_of(narrow_scan, message):
 
 def test_actions_become_velocities_within_limits():
     action = PolicyAction(min_speed_mps=-0.5, max_speed_mps=1.5, max_yaw_rate_radps=2.0)
-    assert action.command(np.array([-1.0, 0.5])) == Velocity2D(-0.5, 1.0)
-    assert action.command(np.array([9.0, -9.0])) == Velocity2D(1.5, -2.0)
-    assert not action.command(np.array([math.nan, 0.0])).is_finite()
+    for values, velocity in (
+        ((-1.0, 0.5), Velocity2D(-0.5, 1.0)),
+        ((9.0, -9.0), Velocity2D(1.5, -2.0)),
+    ):
+        assert action.command(np.array(values)) == velocity
+    nowhere = np.array([math.nan, 0.0])
+    assert not action.command(nowhere).is_finite()
     with pytest.raises(ConfigError, match="max_speed_mps must be above"):
         PolicyAction(min_speed_mps=1.0, max_speed_mps=1.0)
 
