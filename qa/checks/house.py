@@ -306,11 +306,7 @@ def argument_entries(function: Function) -> list[bool | None]:
     )
     arguments = function.args
     entries: list[bool | None] = []
-    for argument in (
-        *arguments.posonlyargs,
-        *arguments.args,
-        *arguments.kwonlyargs,
-    ):
+    for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
         if argument.arg in ("self", "cls"):
             continue
         entry = section and re.search(

@@ -169,12 +169,7 @@ def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
         span = (math.degrees(edges[k]), math.degrees(edges[k + 1]))
         axes.add_patch(
             Wedge(
-                cell[::-1],
-                _RING_OUTER,
-                *span,
-                width=_RING_WIDTH,
-                color=color,
-                zorder=3,
+                cell[::-1], _RING_OUTER, *span, width=_RING_WIDTH, color=color, zorder=3
             )
         )
         if blocked[k] != blocked[k - 1]:

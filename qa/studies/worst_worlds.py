@@ -44,10 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write worst_PLANNER.png for each planner and say which worlds they are."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument(
-        "results",
-        type=Path,
-        nargs="+",
-        help="folders of runs in the same worlds",
+        "results", type=Path, nargs="+", help="folders of runs in the same worlds"
     )
     parser.add_argument("figures", type=Path, help="the folder that the pictures go to")
     options = parser.parse_args(arguments)

@@ -9,11 +9,7 @@ from scipy.ndimage import distance_transform_edt, shift
 
 from barn_planners.costmap import inflation, kernels
 from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig, rectangle
-from barn_planners.costmap.costmap import (
-    Costmap,
-    RollingCostmap,
-    global_costmap,
-)
+from barn_planners.costmap.costmap import Costmap, RollingCostmap, global_costmap
 from barn_planners.costmap.inflation import costs_by_square
 from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Pose, Window
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan

@@ -79,10 +79,7 @@ def test_backwards_it_is_no_faster_than_it_may():
 
 
 def test_motors_follow_with_a_lag_of_first_order():
-    at_once = {
-        "max_acceleration_m_s2": 1000.0,
-        "max_yaw_acceleration_rad_s2": 1000.0,
-    }
+    at_once = {"max_acceleration_m_s2": 1000.0, "max_yaw_acceleration_rad_s2": 1000.0}
     robot = Clocked(replace(PROMPT, motor_lag_s=0.1, **at_once))
     robot.command(0.5, 1.0)
     half = 0.5 * 1.5 * TRACK

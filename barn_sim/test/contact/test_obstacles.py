@@ -35,13 +35,7 @@ def row(length):
     return world_with(*((14, 5 + k) for k in range(length)))
 
 
-def push(
-    world,
-    config,
-    steps,
-    speed=0.5,
-    start=HERE,
-):
+def push(world, config, steps, speed=0.5, start=HERE):
     """Drive straight on; return the last readings and the displaced obstacles."""
     with closing(Simulator(world, config, start, 0)) as simulator:
         for _ in range(steps):

@@ -170,10 +170,7 @@ def test_robots_look_like_their_bodies():
     corners = np.array(body.corners) + body.center[:2]
     assert corners == pytest.approx(np.array(pointed.hull_m))
     assert front.center[:2] == (0.6, 0.0)
-    for name, sizes in (
-        ("husky", (0.99, 0.67, 0.26)),
-        ("turtlebot4", (0.171, 0.3465)),
-    ):
+    for name, sizes in (("husky", (0.99, 0.67, 0.26)), ("turtlebot4", (0.171, 0.3465))):
         robot = load_robot(name)
         body, *_ = robot_parts(robot.chassis, robot.lidar)
         assert body.sizes == pytest.approx(sizes)

@@ -41,9 +41,7 @@ def started():
         yield start
 
 
-def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(
-    started,
-):
+def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(started):
     rates = {"real_time_factor": 4.0, "lidar.rate_hz": 40.0, "lidar.beams": 100}
     process, peer = started(TwistStamped, command_type="twist", **rates)
     # best effort: a reliable subscription would not be served

@@ -11,10 +11,7 @@ from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.generate import TABLE_I, automaton_grids
-from barn_worlds.formats.gazebo import (
-    GazeboFile,
-    fill_hollow,
-)
+from barn_worlds.formats.gazebo import GazeboFile, fill_hollow
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
 from barn_worlds.worlds.world import World
