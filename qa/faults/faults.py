@@ -11,6 +11,7 @@ docs/reliability.md` renews the table; other rows stay.
 
 import fnmatch
 import json
+import re
 import shutil
 import sys
 import tempfile
@@ -122,11 +123,9 @@ def table(rows: Mapping[str, str]) -> Iterator[str]:
 
 def row(case: Case, outcome: Outcome) -> str:
     """Return the line of a case in the table."""
-    measured = (
-        outcome.measured
-        if len(outcome.measured) <= _MEASURED
-        else outcome.measured[:_MEASURED] + " ..."
-    )
+    measured = outcome.measured
+    if len(measured) > _MEASURED:
+        measured = measured[:_MEASURED] + " ..."
     word = "" if outcome.status == PASSED else f"**{outcome.status}** "
     seconds = f"{outcome.duration_s:.0f}" if outcome.status != UNTRIED else ""
     text = _cell(measured).replace("[", "\\[")  # no link
@@ -147,22 +146,14 @@ def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
     for key, case in CASES.items():
         old_lines = [line for line in page_lines if line.startswith(_beginning(case))]
         untried = Outcome(key, UNTRIED, "", 0.0)
-        lines[key] = (
-            old_lines[0]
-            if old_lines and key not in outcomes
-            else row(case, outcomes.get(key, untried))
-        )
+        fresh = row(case, outcomes.get(key, untried))
+        lines[key] = old_lines[0] if old_lines and key not in outcomes else fresh
     return lines
 
 
 def _cell(text: str) -> str:
-    return (
-        text.replace("&", "&amp;")
-        .replace("<", "&lt;")
-        .replace("|", "\\|")
-        .replace("*", "\\*")
-        .replace("_", "\\_")
-    )
+    text = text.replace("&", "&amp;").replace("<", "&lt;")
+    return re.sub(r"([|*_])", r"\\\1", text)
 
 
 def _status(cell: str) -> str:

@@ -28,7 +28,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
-from processes import NEAR, Seen, environment, list_marked, wait_for_end
+from processes import (
+    NEAR,
+    Seen,
+    campaign_command,
+    environment,
+    list_marked,
+    wait_for_end,
+)
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -78,25 +85,22 @@ class Session:
         self._mark = folder.name
         protocol = folder.parent / "near.yaml"
         protocol.write_text(NEAR)
-        options_by_key = {
-            "worlds": "0,100,200,299",
-            "planners": "gap",
-            "protocol": protocol,
-            "mode": mode,
-            "seed": 5,
-        }
-        options_by_key |= {
-            "workers": 2,
-            "bags": "all",
-            "repetitions": 1,
-            "out": folder / "out",
-        }
-        options = [f"--{key}={value}" for key, value in options_by_key.items()]
+        command = campaign_command(
+            worlds="0,100,200,299",
+            planners="gap",
+            protocol=protocol,
+            mode=mode,
+            seed=5,
+            workers=2,
+            bags="all",
+            repetitions=1,
+            out=folder / "out",
+        )
         if mode == "ros":
-            options += [f"--ros=patience.{name}_s={PATIENCE_S}" for name in PATIENT]
+            command += [f"--ros=patience.{name}_s={PATIENCE_S}" for name in PATIENT]
         with (folder / "printed.txt").open("a") as printed:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "barn_eval", "campaign", *options],
+                command,
                 stdout=printed,
                 stderr=printed,
                 env=environment(self._mark, folder / "tmp"),
@@ -121,9 +125,8 @@ class Session:
         except ProcessLookupError:
             return False
         try:
-            if process not in list_marked(
-                self._mark
-            ):  # the number was another's by then
+            # the number may be another's by then
+            if process not in list_marked(self._mark):
                 return False
             signal.pidfd_send_signal(handle, signal.SIGKILL)
         finally:
@@ -168,16 +171,10 @@ def try_point(point: Point, folder: Path, model: Path) -> Point:
     code, problems = session.end()
     if not hit and point.at_s < _SOONEST_S:
         return replace(point, problems=(f"no {point.role} was seen",))
-    if (
-        not hit and code == 0 and not problems
-    ):  # it was over sooner than the undisturbed one
-        return replace(
-            try_point(
-                replace(point, at_s=point.at_s / 2),
-                folder.with_name(f"{folder.name}s"),
-                model,
-            )
-        )
+    # it was over sooner than the undisturbed one
+    if not hit and code == 0 and not problems:
+        sooner = replace(point, at_s=point.at_s / 2)
+        return try_point(sooner, folder.with_name(f"{folder.name}s"), model)
     sessions = 1
     while code and not problems and sessions < SESSIONS:
         sessions += 1

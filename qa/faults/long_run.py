@@ -30,6 +30,7 @@ from processes import (
     ROLES,
     SHARED_MEMORY,
     Usage,
+    campaign_command,
     environment,
     list_marked,
     list_segments,
@@ -98,25 +99,16 @@ def campaign(mode: str, trials: int, folder: Path) -> list[str]:
     protocol = folder / "near.yaml"
     protocol.write_text(NEAR)
     worlds = -(-trials // 99) if trials > 99 * WORLDS else WORLDS
-    options = {
-        "worlds": f"0-{worlds - 1}",
-        "repetitions": -(-trials // worlds),
-        "planners": "gap",
-        "mode": mode,
-    }
-    options |= {
-        "protocol": protocol,
-        "workers": 1,
-        "bags": "failed" if mode == "ros" else "none",
-        "out": folder / "out",
-    }
-    return [
-        sys.executable,
-        "-m",
-        "barn_eval",
-        "campaign",
-        *(f"--{key}={value}" for key, value in options.items()),
-    ]
+    return campaign_command(
+        worlds=f"0-{worlds - 1}",
+        repetitions=-(-trials // worlds),
+        planners="gap",
+        mode=mode,
+        protocol=protocol,
+        workers=1,
+        bags="failed" if mode == "ros" else "none",
+        out=folder / "out",
+    )
 
 
 def run(

@@ -5,6 +5,7 @@ They are recognized by a variable that all of them inherit.
 
 import os
 import re
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -63,11 +64,8 @@ def list_marked(mark: str) -> list[Seen]:
                 stat = (folder / "stat").read_text()
                 fields = stat.rsplit(")", 1)[1].split()
                 if fields[0] not in "ZX":
-                    processes.append(
-                        Seen(
-                            int(folder.name), int(fields[19]), role(_arguments(folder))
-                        )
-                    )
+                    role_here = role(_arguments(folder))
+                    processes.append(Seen(int(folder.name), int(fields[19]), role_here))
     return sorted(processes, key=lambda process: process.pid)
 
 
@@ -129,6 +127,12 @@ def list_segments(processes: Sequence[Seen]) -> set[str]:
             maps = Path(f"/proc/{process.pid}/maps").read_text()
             names.update(re.findall(rf"{SHARED_MEMORY}/(\S+)", maps))
     return names
+
+
+def campaign_command(**options: object) -> list[str]:
+    """Return the command of a campaign with these options."""
+    words = [f"--{name}={value}" for name, value in options.items()]
+    return [sys.executable, "-m", "barn_eval", "campaign", *words]
 
 
 def environment(mark: str, temporary: Path) -> dict[str, str]:

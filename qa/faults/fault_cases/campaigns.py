@@ -3,9 +3,7 @@
 Their tables must be the undisturbed ones after that.
 """
 
-import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -13,9 +11,11 @@ from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from shutil import which
+from subprocess import Popen
+from typing import Any
 
 from fault_cases.kit import LIMIT_S, Lab, Skipped, add, case, hold, scratch
-from fault_cases.system import kill
+from fault_cases.system import kill, send, succeeds
 
 FAMILY = "campaign"
 TABLES = ("results.parquet", "results.csv", "tracks.jsonl")
@@ -47,9 +47,12 @@ def campaign(lab: Lab, *options: object) -> list[object]:
     ]
 
 
-def tables(out: Path) -> dict[str, bytes]:
-    """Return the tables of a finished campaign."""
-    return {name: (out / name).read_bytes() for name in TABLES}
+def expect_tables(out: Path) -> None:
+    """Wrong if the tables of a campaign are not the undisturbed ones to the byte."""
+    expected = run_undisturbed()
+    for name in TABLES:
+        equal = (out / name).read_bytes() == (expected / name).read_bytes()
+        hold(equal, f"{name} differs from the undisturbed one")
 
 
 @cache
@@ -78,10 +81,7 @@ def resume(lab: Lab, *options: object) -> str:
 
 def same(lab: Lab, row_count: int) -> str:
     """Wrong if the tables are not the undisturbed ones to the byte."""
-    hold(
-        tables(lab.out) == tables(run_undisturbed()),
-        "the tables differ from the undisturbed ones",
-    )
+    expect_tables(lab.out)
     row_count = len(lab.rows())
     hold(row_count == TRIALS, f"{row_count} rows")
     return (
@@ -91,14 +91,17 @@ def same(lab: Lab, row_count: int) -> str:
     )
 
 
-def _interrupt(lab: Lab, number: int) -> str:
+def start_two_rows(lab: Lab, *options: object, **how: Any) -> "Popen[bytes]":
+    """Start the campaign and wait until it has two rows."""
     run_undisturbed()
-    run = lab.start(*campaign(lab))
+    run = lab.start(*campaign(lab, *options), **how)
     lab.wait_for_two_rows(lab.out)
-    kill([run.pid], number) if number in (
-        signal.SIGTERM,
-        signal.SIGKILL,
-    ) else os.killpg(run.pid, number)
+    return run
+
+
+def _interrupt(lab: Lab, number: int) -> str:
+    run = start_two_rows(lab)
+    send(run.pid, number)
     if number == signal.SIGKILL:
         lab.finish(run, -number)
     else:
@@ -132,9 +135,7 @@ for _number in (
 def _disturb(
     lab: Lab, disturb: Callable[[Lab], object], *options: object, words: str = ""
 ) -> str:
-    run_undisturbed()
-    run = lab.start(*campaign(lab, *options))
-    lab.wait_for_two_rows(lab.out)
+    run = start_two_rows(lab, *options)
     disturb(lab)
     ended = lab.finish(run)
     hold(words in ended.text, ended.text[-500:])
@@ -155,12 +156,8 @@ def _load_machine(lab: Lab) -> str:
     """
     run_undisturbed()
     low = ["nice", "-n", "10"]
-    busy = [
-        subprocess.Popen(
-            [*low, "timeout", "60", sys.executable, "-c", "while True: pass"]
-        )
-        for _ in range(30)
-    ]
+    loop = [*low, "timeout", "60", sys.executable, "-c", "while True: pass"]
+    busy = [Popen(loop) for _ in range(30)]
     lab.finish(lab.start(*campaign(lab), prefix=low))
     for process in busy:
         process.terminate()
@@ -171,16 +168,8 @@ def _load_machine(lab: Lab) -> str:
 _MUST = "The tables are the undisturbed ones to the byte."
 
 
-def _kill_worker(lab: Lab) -> None:
-    kill(lab.processes("s.worker")[:1])
-
-
-def _kill_workers(lab: Lab) -> None:
-    kill(lab.processes("s.worker"))
-
-
-def _stop_worker(lab: Lab) -> None:
-    kill(lab.processes("s.worker")[:1], signal.SIGSTOP)
+def _kill_workers(lab: Lab, count: int, number: int = signal.SIGKILL) -> None:
+    kill(lab.processes("s.worker")[:count], number)
 
 
 add(
@@ -188,14 +177,18 @@ add(
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturb(lab, _kill_worker, words="was killed by SIGKILL"),
+    lambda lab: _disturb(
+        lab, partial(_kill_workers, count=1), words="was killed by SIGKILL"
+    ),
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturb(lab, _kill_workers, words="was killed by SIGKILL"),
+    lambda lab: _disturb(
+        lab, partial(_kill_workers, count=2), words="was killed by SIGKILL"
+    ),
 )
 add(
     FAMILY,
@@ -204,7 +197,7 @@ add(
     f"It is given up after its time, and its trial is tried again. {_MUST}",
     lambda lab: _disturb(
         lab,
-        _stop_worker,
+        partial(_kill_workers, count=1, number=signal.SIGSTOP),
         "--execution",
         "trial_limit_s=25",
         words="no result within 25 s",
@@ -244,20 +237,9 @@ def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
     """Return a file with the clock's error and the environment that applies it."""
     library = lab.folder / "clock.so"
     note = lab.folder / "shift"
-    words = [
-        "cc",
-        "-shared",
-        "-fPIC",
-        "-O1",
-        "-o",
-        str(library),
-        str(Path(__file__).with_name("clock.c")),
-        "-ldl",
-    ]
-    if (
-        which("cc") is None
-        or subprocess.run(words, check=False, capture_output=True).returncode
-    ):
+    source = Path(__file__).with_name("clock.c")
+    words = ["cc", "-shared", "-fPIC", "-O1", f"-o{library}", str(source), "-ldl"]
+    if which("cc") is None or not succeeds(words):
         raise Skipped("the clock cannot be shifted without a C compiler")
     note.write_text(str(seconds))
     return note, {"LD_PRELOAD": str(library), "BARN_CLOCK_SHIFT": str(note)}
@@ -266,9 +248,7 @@ def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
 def _jump(lab: Lab, days: int) -> str:
     """Let the clock of all processes of a campaign jump, and it alone."""
     note, false = shifted_clock(lab, 0)
-    run_undisturbed()
-    run = lab.start(*campaign(lab), environment=false)
-    lab.wait_for_two_rows(lab.out)
+    run = start_two_rows(lab, environment=false)
     note.write_text(str(days * 86_400))
     lab.finish(run)
     dates = {row["wall_clock"]["started_at"][:10] for row in lab.rows()}
@@ -299,18 +279,11 @@ def two_writers(lab: Lab) -> str:
     run_undisturbed()
     runs = [lab.start(*campaign(lab)) for _ in range(3)]
     ended = [lab.finish(run, None) for run in runs]
-    hold(
-        sorted(session.code for session in ended) == [0, 1, 1],
-        [session.code for session in ended],
-    )
+    codes = sorted(session.code for session in ended)
+    hold(codes == [0, 1, 1], codes)
     refusals = [session.error for session in ended if session.code]
-    hold(
-        all(
-            "another process is working in this folder" in session
-            for session in refusals
-        ),
-        refusals,
-    )
+    reason = "another process is working in this folder"
+    hold(all(reason in refusal for refusal in refusals), refusals)
     return f"{same(lab, 0)}; {refusals[0]}"
 
 
@@ -320,9 +293,7 @@ def worker_of_another_number(lab: Lab) -> str:
 
     The tables are the undisturbed ones to the byte.
     """
-    run_undisturbed()
-    run = lab.start(*campaign(lab))
-    lab.wait_for_two_rows(lab.out)
+    run = start_two_rows(lab)
     kill([run.pid])
     lab.finish(run, -9)
     lab.until(lambda: not lab.processes(), "the end of the workers")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from fault_cases.kit import Lab, add, case, ending, hold, repeatable
+from fault_cases.kit import Lab, add, case, ending, expect_row, hold, repeatable
 
 FAMILY = "direct"
 SHORT = (
@@ -42,43 +42,22 @@ def drive(
     memory: int = 0,
 ) -> str:
     """Run a trial of a rogue, and say how it ended; Wrong if otherwise than it must."""
-    options = [
+    words = [
+        "run",
         "--planner",
         "rogue",
-        "--set",
-        f"kind={kind}",
         "--protocol",
         "short.yaml",
         "--worlds",
         "0",
-    ]
-    environment = with_rogue(lab)
-    limit = (
-        partial(resource.setrlimit, resource.RLIMIT_AS, (memory, memory))
-        if memory
-        else None
-    )
-    lab.barn(
-        "run",
-        *options,
         "--bags",
         "none",
-        "--out",
-        lab.out,
-        *extra,
-        environment=environment,
-        before=limit,
-    )
-    row = lab.row()
-    hold(
-        row["outcome"] == outcome and detail in row["detail"],
-        f"{ending(row)}, not {outcome}: {detail}",
-    )
-    hold(
-        row["fault"] == ("" if outcome == "success" else "planner"),
-        f"fault {row['fault']!r}",
-    )
-    return ending(row)
+    ]
+    options = ["--set", f"kind={kind}", "--out", lab.out, *extra]
+    limit = partial(resource.setrlimit, resource.RLIMIT_AS, (memory, memory))
+    before = limit if memory else None
+    lab.barn(*words, *options, environment=with_rogue(lab), before=before)
+    return ending(expect_row(lab, outcome, detail))
 
 
 _QUICK = ("--execution", "attempts=1", "--execution", "trial_limit_s=8")

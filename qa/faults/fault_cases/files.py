@@ -10,9 +10,15 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from fault_cases.campaigns import campaign, resume, run_undisturbed
+from fault_cases.campaigns import (
+    campaign,
+    expect_tables,
+    resume,
+    run_undisturbed,
+    start_two_rows,
+)
 from fault_cases.kit import Lab, Skipped, case, hold
-from fault_cases.system import kill
+from fault_cases.system import kill, succeeds
 
 FAMILY = "files"
 
@@ -22,10 +28,7 @@ def disk(lab: Lab, size: str) -> Iterator[Path]:
     """Give a small file system at the case's folder of results."""
     lab.out.mkdir()
     words = ["mount", "-t", "tmpfs", "-o", f"size={size}", "barn-faults", str(lab.out)]
-    if (
-        os.geteuid() != 0
-        or subprocess.run(words, check=False, capture_output=True).returncode
-    ):
+    if os.geteuid() != 0 or not succeeds(words):
         raise Skipped("a file system cannot be mounted here (needs root)")
     try:
         yield lab.out
@@ -50,15 +53,8 @@ def disk_full(lab: Lab) -> str:
         row_count = len(lab.rows(out / "inner"))
         hold(1 <= row_count < 12, f"{row_count} rows")
         lab.barn(*words)
-        hold(_tables(out / "inner") == _tables(run_undisturbed()), "the tables differ")
+        expect_tables(out / "inner")
     return f"{row_count} rows kept; {refusal[:160]}"
-
-
-def _tables(out: Path) -> list[bytes]:
-    return [
-        (out / name).read_bytes()
-        for name in ("results.parquet", "results.csv", "tracks.jsonl")
-    ]
 
 
 @case(FAMILY)
@@ -82,7 +78,7 @@ def disk_read_only(lab: Lab) -> str:
         subprocess.run(["mount", "-o", "remount,rw", str(out)], check=True)
         row_count = len(lab.rows(out / "inner"))
         lab.barn(*words)
-        hold(_tables(out / "inner") == _tables(run_undisturbed()), "the tables differ")
+        expect_tables(out / "inner")
     return f"{row_count} rows kept; {refusal[:160]}"
 
 
@@ -108,9 +104,7 @@ def folder_removed(lab: Lab) -> str:
     It stops with one line that names the folder; run again, the tables are the
     undisturbed ones to the byte.
     """
-    run_undisturbed()
-    run = lab.start(*campaign(lab))
-    lab.wait_for_two_rows(lab.out)
+    run = start_two_rows(lab)
     lab.out.rename(lab.folder / "gone")
     shutil.rmtree(lab.folder / "gone")
     error = lab.finish(run, 1).error

@@ -137,10 +137,8 @@ class Lab:
         self.mark = uuid.uuid4().hex
         self._deadline = time.monotonic() + limit_s
         self._commands = 0
-        inherited = {
-            name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"
-        }
-        self.environment = inherited | {MARK: self.mark}
+        self.environment = os.environ | {MARK: self.mark}
+        self.environment.pop("ROS_DOMAIN_ID", None)
 
     @property
     def left_s(self) -> float:
@@ -250,11 +248,8 @@ class Lab:
 
     def processes(self, text: str = "") -> list[int]:
         """Return the processes with the mark whose command line contains a text."""
-        return [
-            process.pid
-            for process in list_marked(self.mark)
-            if text in command_line(process.pid)
-        ]
+        pids = [process.pid for process in list_marked(self.mark)]
+        return [pid for pid in pids if text in command_line(pid)]
 
     def nodes(self, text: str) -> list[int]:
         """Return the processes of a node, not their launchers."""
@@ -291,6 +286,16 @@ def ending(row: Row) -> str:
     return (
         f"{row['outcome']}: {row['detail']}" if row["detail"] else str(row["outcome"])
     )
+
+
+def expect_row(lab: Lab, outcome: str, detail: str) -> Row:
+    """Return the only row; Wrong if its trial ended otherwise than it must."""
+    row = lab.row()
+    as_expected = row["outcome"] == outcome and detail in row["detail"]
+    hold(as_expected, f"{ending(row)}, not {outcome}: {detail}")
+    fault = "" if outcome == "success" else "planner"
+    hold(row["fault"] == fault, f"fault {row['fault']!r}")
+    return row
 
 
 def repeatable(rows: Sequence[Row]) -> list[Row]:

@@ -4,7 +4,7 @@ import signal
 import sys
 
 from fault_cases.kit import Lab, Skipped, case, hold, repeatable
-from fault_cases.processes import FAMILY, driving, run_undisturbed, same, words
+from fault_cases.processes import FAMILY, run_undisturbed, same, start_driving, words
 from fault_cases.system import kill
 
 
@@ -51,10 +51,8 @@ def domain_in_use(lab: Lab) -> str:
     Refused in one line that names the domain; the other run goes on to the undisturbed
     row.
     """
-    run_undisturbed()
     domain = {"ROS_DOMAIN_ID": "77"}
-    run = lab.start(*words(lab), environment=domain)
-    driving(lab, run)
+    run = start_driving(lab, environment=domain)
     first = lab.processes()
     kill(first, signal.SIGSTOP)
     refusal = lab.expect_refusal(

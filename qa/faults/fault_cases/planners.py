@@ -7,7 +7,17 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from fault_cases.kit import TESTS, Ended, Lab, Skipped, add, case, ending, hold
+from fault_cases.kit import (
+    TESTS,
+    Ended,
+    Lab,
+    Skipped,
+    add,
+    case,
+    ending,
+    expect_row,
+    hold,
+)
 from fault_cases.system import any_lives
 
 FAMILY = "ros"
@@ -44,9 +54,8 @@ def ros(
         "--protocol",
         "short.yaml",
         "--bags",
-        bags,
     ]
-    return [*words, *patience, "--out", lab.out, *options]
+    return [*words, bags, *patience, "--out", lab.out, *options]
 
 
 def by_command(*words: object, prefix: str = "") -> list[str]:
@@ -77,15 +86,7 @@ def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
 
 def judge(lab: Lab, outcome: str, detail: str) -> str:
     """Say how the only trial ended; Wrong if otherwise than it must."""
-    row = lab.row()
-    hold(
-        row["outcome"] == outcome and detail in row["detail"],
-        f"{ending(row)}, not {outcome}: {detail}",
-    )
-    hold(
-        row["fault"] == ("" if outcome == "success" else "planner"),
-        f"fault {row['fault']!r}",
-    )
+    row = expect_row(lab, outcome, detail)
     remarks = f" ({row['remarks']})" if row["remarks"] else ""
     return ending(row) + remarks
 

@@ -3,13 +3,13 @@
 Runs beside each other are here, too.
 """
 
-import os
 import signal
 import subprocess
 import threading
 import time
 from collections.abc import Callable
 from functools import cache, partial
+from typing import Any
 
 from fault_cases.kit import (
     LIMIT_S,
@@ -23,7 +23,7 @@ from fault_cases.kit import (
     scratch,
 )
 from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
-from fault_cases.system import any_lives, kill
+from fault_cases.system import any_lives, kill, send
 
 FAMILY = "processes"
 SIMULATOR = "barn_sim.ros.simulator"
@@ -65,6 +65,14 @@ def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
     lab.until(on_its_way, "the robot to drive")
 
 
+def start_driving(lab: Lab, **how: Any) -> "subprocess.Popen[bytes]":
+    """Start the run and wait until its robot is on its way."""
+    run_undisturbed()
+    run = lab.start(*words(lab), **how)
+    driving(lab, run)
+    return run
+
+
 def same(lab: Lab) -> str:
     """Wrong if the rows are not the undisturbed ones."""
     hold(
@@ -76,9 +84,7 @@ def same(lab: Lab) -> str:
 def _expect_repetition(
     lab: Lab, disturb: Callable[[Lab], object], words_noted: str
 ) -> str:
-    run_undisturbed()
-    run = lab.start(*words(lab))
-    driving(lab, run)
+    run = start_driving(lab)
     disturb(lab)
     ended = lab.finish(run)
     hold(words_noted in ended.text, ended.text[-600:])
@@ -159,9 +165,7 @@ def evaluator_suspended(lab: Lab) -> str:
 
     It is waited for; the row is the undisturbed one, of the first attempt.
     """
-    run_undisturbed()
-    run = lab.start(*words(lab))
-    driving(lab, run)
+    run = start_driving(lab)
     _suspend(lab, lab.nodes(EVALUATOR), 12.0)
     lab.finish(run)
     wall_clock = lab.row()["wall_clock"]
@@ -176,20 +180,16 @@ def machine_suspended(lab: Lab) -> str:
 
     The trial ends as an undisturbed one does, repeated or not.
     """
-    run_undisturbed()
-    run = lab.start(*words(lab))
-    driving(lab, run)
+    run = start_driving(lab)
     _suspend(lab, lab.processes(), 25.0)
     lab.finish(run)
     return same(lab)
 
 
 def _stop(lab: Lab, number: int) -> str:
-    run_undisturbed()
-    run = lab.start(*words(lab))
-    driving(lab, run)
+    run = start_driving(lab)
     began = time.monotonic()
-    kill([run.pid], number) if number == signal.SIGTERM else os.killpg(run.pid, number)
+    send(run.pid, number)
     ended = lab.finish(run, 130)
     hold("the same command resumes" in ended.text, ended.text)
     lab.until(lambda: not lab.processes(), "the end of all processes")
@@ -201,7 +201,7 @@ def _stop(lab: Lab, number: int) -> str:
 for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
     add(
         FAMILY,
-        f"{_number.name.lower()}",
+        _number.name.lower(),
         f"The run gets {_number.name} in the middle of the trial, and is then run again.",
         "It ends with code 130 and says how to resume; nothing is left; the row after that is the undisturbed one.",
         partial(_stop, number=_number),
@@ -214,9 +214,7 @@ def run_killed(lab: Lab) -> str:
 
     No process is left; the row after that is the undisturbed one.
     """
-    run_undisturbed()
-    run = lab.start(*words(lab))
-    driving(lab, run)
+    run = start_driving(lab)
     kill([run.pid])
     lab.until(lambda: not lab.processes(), "the end of all processes")
     lab.barn(*words(lab))

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,19 @@ def kill(pids: Sequence[int], number: int = signal.SIGKILL) -> None:
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, number)
+
+
+def send(pid: int, number: int) -> None:
+    """Send a signal to a process, or to its group where a terminal would send it."""
+    if number in (signal.SIGTERM, signal.SIGKILL):
+        kill([pid], number)
+    else:
+        os.killpg(pid, number)
+
+
+def succeeds(words: Sequence[str]) -> bool:
+    """Run a program and tell whether it ends with code 0."""
+    return subprocess.run(words, check=False, capture_output=True).returncode == 0
 
 
 def any_lives(note: str) -> bool:

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 from simulated_trials import (
@@ -18,7 +20,7 @@ from simulated_trials import (
     draw_trials,
 )
 
-from barn_eval.analysis.sequential import LOOKS, decide, plan_looks
+from barn_eval.analysis.sequential import LOOKS, LookResult, decide, plan_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
 from barn_eval.analysis.statistics import TrialValues, difference, mean_interval
 from barn_eval.analysis.verdict import rank
@@ -176,13 +178,15 @@ def _improvement_is_clear(
 
 def _drive_plan(
     worlds: int,
-    percents: tuple[float, float],
-    improvement: float,
+    percent: float,
     generator: np.random.Generator,
-) -> tuple[bool, float]:
-    """Return whether a plan with looks decides, and the share of worlds it takes."""
+    improvement: float = 0.0,
+    steady: bool = False,
+) -> LookResult:
+    """Decide by a plan with looks; of two builds, a steady first one never fails."""
+    percents = (0.0 if steady else percent, percent)
     first, second = draw_pair(worlds, 1, percents, 1.0 + improvement, generator)
-    decision = decide(
+    return decide(
         first,
         second,
         range(worlds),
@@ -190,35 +194,25 @@ def _drive_plan(
         larger_is_better=True,
         flips=_FLIPS,
     )
-    is_decided = decision.decision in ("better", "worse")
-    return is_decided, decision.worlds / worlds
 
 
-def _equal_builds_differ(
-    worlds: int, percent: float, generator: np.random.Generator
+def _plan_decides(
+    worlds: int, percent: float, generator: np.random.Generator, **builds: Any
 ) -> bool:
-    return _drive_plan(worlds, (percent, percent), 0.0, generator)[0]
-
-
-def _unlike_builds_differ(
-    worlds: int, percent: float, generator: np.random.Generator
-) -> bool:
-    return _drive_plan(worlds, (0.0, percent), 0.0, generator)[0]
-
-
-def _plan_detects(worlds: int, percent: float, generator: np.random.Generator) -> bool:
-    return _drive_plan(worlds, (percent, percent), _DIFFERENCE, generator)[0]
+    plan = _drive_plan(worlds, percent, generator, **builds)
+    return plan.decision in ("better", "worse")
 
 
 def _plan_share(worlds: int, percent: float, generator: np.random.Generator) -> float:
-    return _drive_plan(worlds, (percent, percent), _DIFFERENCE, generator)[1]
+    plan = _drive_plan(worlds, percent, generator, _DIFFERENCE)
+    return plan.worlds / worlds
 
 
 _PLAN_GROUP = CheckGroup(
     "a plan with looks tells two equal builds apart",
     (0.0, 0.05),
     _PLAN,
-    _equal_builds_differ,
+    _plan_decides,
     _PLANS,
 )
 GROUPS = {
@@ -300,13 +294,13 @@ GROUPS = {
         _PLAN_GROUP,
         event="a plan with looks tells unlike builds of equal mean apart",
         target=_FALSE_ALARMS,
-        simulate=_unlike_builds_differ,
+        simulate=partial(_plan_decides, steady=True),
     ),
     "builds": replace(
         _PLAN_GROUP,
         event=f"a plan with looks finds a difference of {_IMPROVEMENT}",
         target=_DETECTIONS,
-        simulate=_plan_detects,
+        simulate=partial(_plan_decides, improvement=_DIFFERENCE),
         settings=_PLANS[::2],
     ),
     "plan": replace(
