@@ -152,11 +152,10 @@ def _npz(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     else:
         head = members[name][:128]
         rest = members[name][128:]
-        members[name] = (
-            mutate_bytes(draw, head, [head]) + rest
-            if draw.random() < 0.7
-            else mutate_bytes(draw, members[name], [head])
-        )
+        if draw.random() < 0.7:
+            members[name] = mutate_bytes(draw, head, [head]) + rest
+        else:
+            members[name] = mutate_bytes(draw, members[name], [head])
     if draw.random() < 0.05:
         del members[name]
     file = io.BytesIO()
@@ -294,10 +293,6 @@ def _robot(path: Path) -> None:
     description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
 
 
-def _urdf(path: Path) -> None:
-    read_chassis(path)
-
-
 def _bag_seeds(_: Path) -> list[bytes]:
     seeds = []
     for part, compression in enumerate(
@@ -320,12 +315,8 @@ def _bag_seeds(_: Path) -> list[bytes]:
             schema = writer.register_schema(kind, "ros2msg", b"")
             channel = writer.register_channel(topic, "cdr", schema)
             for time in range(2):
-                writer.add_message(
-                    channel,
-                    time * 10**8,
-                    serialize(_message(make_message, kind, time)),
-                    time * 10**8,
-                )
+                data = serialize(_message(kind, time))
+                writer.add_message(channel, time * 10**8, data, time * 10**8)
         writer.add_metadata(
             "barn.trial",
             {"specification": '{"planner": {"name": "dwa"}, "world": {"name": "w"}}'},
@@ -339,7 +330,7 @@ def _bag_seeds(_: Path) -> list[bytes]:
     return seeds
 
 
-def _message(make_message: Any, kind: str, time: int) -> Any:
+def _message(kind: str, time: int) -> Any:
     """Return a message of a type that a replay shows something of."""
     if kind == "sensor_msgs/msg/LaserScan":
         return make_message(
@@ -363,14 +354,9 @@ def _message(make_message: Any, kind: str, time: int) -> Any:
         marker = make_message("visualization_msgs/msg/Marker", type=4, points=points)
         return make_message(kind, markers=[marker])
     if kind == "tf2_msgs/msg/TFMessage":
-        return make_message(
-            kind,
-            transforms=[
-                make_message(
-                    "geometry_msgs/msg/TransformStamped", child_frame_id="laser"
-                )
-            ],
-        )
+        transform_type = "geometry_msgs/msg/TransformStamped"
+        transform = make_message(transform_type, child_frame_id="laser")
+        return make_message(kind, transforms=[transform])
     return make_message(kind)
 
 
@@ -395,9 +381,7 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
             kind = sorted(kinds)[0]
             connection = writer.add_connection(topic, kind, typestore=jazzy_types())
             for time in range(2):
-                writer.write(
-                    connection, time, serialize(_message(make_message, kind, time))
-                )
+                writer.write(connection, time, serialize(_message(kind, time)))
     text = (folder / "bag" / "metadata.yaml").read_text()
     (folder / "metadata.yaml").write_text(text.replace("bag.db3", "input.db3"))
     return _files(folder / "bag" / "bag.db3")
@@ -474,10 +458,6 @@ def _policy_seeds(folder: Path) -> list[bytes]:
     return _files(folder / "own.npz")
 
 
-def _weights(path: Path) -> None:
-    load_model(path)
-
-
 def _weights_seeds(folder: Path) -> list[bytes]:
     size = len(summary_names())
     filters = tuple(
@@ -507,11 +487,13 @@ READERS = {
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
     "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
-    "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
+    "urdf": Reader(
+        "input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), read_chassis
+    ),
     "npy": Reader("input.npy", _npy_seeds, _single),
     "dataset": Reader("input.npz", _dataset_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),
-    "weights": Reader("input.npz", _weights_seeds, _weights, _npz),
+    "weights": Reader("input.npz", _weights_seeds, load_model, _npz),
     "scene": Reader(
         "input.world.yaml", lambda _: [world_yaml(_scene()).encode()], _dataset
     ),

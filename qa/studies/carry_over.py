@@ -18,6 +18,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, fields
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 
 import click
@@ -145,21 +146,16 @@ def read_folders(folders: Sequence[Path]) -> Trials:
                 raise ConfigError(
                     f"{folder}: world {result.world} has not the grid of that of {GRIDS}"
                 )
-            name = source.chassis.name
-            seed = int(source.configuration["seed"])
-            scores = result.scores
-            time_s = round(scores.scored_time_s, 3)
-            rows.append(
-                Trial(
-                    name,
-                    result.planner,
-                    seed,
-                    result.repetition,
-                    result.world,
-                    scores.success,
-                    time_s,
-                )
+            trial = Trial(
+                source.chassis.name,
+                result.planner,
+                int(source.configuration["seed"]),
+                result.repetition,
+                result.world,
+                result.scores.success,
+                round(result.scores.scored_time_s, 3),
             )
+            rows.append(trial)
     return Trials(tuple(rows))
 
 
@@ -200,22 +196,15 @@ def results_table(trials: Trials) -> str:
         for robot in trials.robots:
             robot_trials = trials.of(robot, planner)
             worlds = np.array([trial.world for trial in robot_trials])
+            percents = [100.0 * trial.success for trial in robot_trials]
+            times_s = [trial.time_s for trial in robot_trials]
             success, time = (
                 mean_interval(np.array(values, np.float64), worlds)
-                for values in (
-                    [100.0 * trial.success for trial in robot_trials],
-                    [trial.time_s for trial in robot_trials],
-                )
+                for values in (percents, times_s)
             )
-            rows.append(
-                [
-                    spelling(planner),
-                    f"`{robot}`",
-                    str(len(robot_trials)),
-                    success.text(0),
-                    time.text(1),
-                ]
-            )
+            count = str(len(robot_trials))
+            texts = [success.text(0), time.text(1)]
+            rows.append([spelling(planner), f"`{robot}`", count, *texts])
     return markdown_table(
         ["planner", "robot", "trials", "success [%]", "time as counted [s]"], rows
     )
@@ -262,20 +251,13 @@ def robots_table(trials: Trials) -> str:
 
     The last columns show what repetition alone would leave of it.
     """
-    pairs = _pairs(trials)
+    pairs = list(combinations(trials.robots, 2))
     rows = []
     for planner in [*trials.planners, TOGETHER]:
-        across = [
-            _rank(trials, *(trials.times(robot, planner) for robot in pair)).text()
-            for pair in pairs
-        ]
-        rows.append(
-            [
-                spelling(planner),
-                *across,
-                *(_repeatability(trials, robot, planner) for robot in trials.robots),
-            ]
-        )
+        times = {robot: trials.times(robot, planner) for robot in trials.robots}
+        across = [_rank(trials, times[a], times[b]).text() for a, b in pairs]
+        again = [_repeatability(trials, robot, planner) for robot in trials.robots]
+        rows.append([spelling(planner), *across, *again])
     headings = [
         "planner",
         *(f"`{a}`, `{b}`" for a, b in pairs),
@@ -303,11 +285,7 @@ def regression_table(trials: Trials) -> str:
                 for part in (intercept, slope, determination)
             ]
             intervals = [*line, _over(determination, x, y)]
-            digits = (1, 2, 2, 2)
-            texts = [
-                interval.text(places)
-                for interval, places in zip(intervals, digits, strict=True)
-            ]
+            texts = [intervals[0].text(1), *(part.text(2) for part in intervals[1:])]
             count = str(int(solved.sum()))
             rows.append([spelling(planner), f"`{robot}`", count, *texts])
     headings = [
@@ -366,14 +344,6 @@ def scatter(trials: Trials) -> Figure:
         ncols=len(other_robots),
     )
     return figure
-
-
-def _pairs(trials: Trials) -> list[tuple[str, str]]:
-    return [
-        (a, b)
-        for place, a in enumerate(trials.robots)
-        for b in trials.robots[place + 1 :]
-    ]
 
 
 def _rank(trials: Trials, x: Floats, y: Floats) -> Interval:

@@ -37,36 +37,29 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.BitAnd: ast.BitOr,
     ast.BitOr: ast.BitAnd,
 }
-CONFUSED = [
-    *(
-        ("x", "y"),
-        ("linear", "angular"),
-        ("odometry", "truth"),
-        ("low", "high"),
-        ("left", "right"),
-        ("first", "last"),
-    ),
-    *(
-        ("min", "max"),
-        ("minimum", "maximum"),
-        ("any", "all"),
-        ("cos", "sin"),
-        ("a", "b"),
-        ("start", "goal"),
-    ),
-    *(
-        ("_first", "_last"),
-        ("traversal_time_s", "duration_s"),
-        ("mean", "sum"),
-        ("larger", "smaller"),
-    ),
-]
-NAMES = dict(CONFUSED) | {b: a for a, b in CONFUSED}
+CONFUSED = {
+    "x": "y",
+    "linear": "angular",
+    "odometry": "truth",
+    "low": "high",
+    "left": "right",
+    "first": "last",
+    "min": "max",
+    "minimum": "maximum",
+    "any": "all",
+    "cos": "sin",
+    "a": "b",
+    "start": "goal",
+    "_first": "_last",
+    "traversal_time_s": "duration_s",
+    "mean": "sum",
+    "larger": "smaller",
+}
+NAMES = CONFUSED | {b: a for a, b in CONFUSED.items()}
 SYMMETRIC = {"hypot", "min", "max", "minimum", "maximum", "isclose"}
 
-Change = tuple[
-    ast.expr | ast.stmt, str
-]  # what to replace of the source, and by which text
+# what to replace of the source, and by which text
+Change = tuple[ast.expr | ast.stmt, str]
 
 
 @dataclass(frozen=True)
