@@ -48,36 +48,30 @@ def _run_cheat(
 
 _CAUGHT = "The trial ends as interference, without a score, and names who did what."
 _NOTHING = "Nothing comes of it: the trial runs to its timeout at the first attempt."
-for _name, _done, _must, _outcome, _words, _find in (
+for _name, _done, _words in (
     (
         "forged-scans",
         "The planner publishes scans that show nothing.",
-        _CAUGHT,
-        "interference",
         "publishes /scan",
-        "",
     ),
     (
         "outcome",
         "The planner publishes a success on /outcome.",
-        _CAUGHT,
-        "interference",
         "publishes /outcome",
-        "",
     ),
     (
         "step",
         "The planner calls the simulator's step.",
-        _CAUGHT,
-        "interference",
         "called simulator/step",
-        "",
     ),
+):
+    _act = partial(_run_cheat, kind=_name, outcome="interference", words=_words)
+    add(FAMILY, _name, _done, _CAUGHT, _act)
+for _name, _done, _must, _words, _find in (
     (
         "evaluators-name",
         "The planner makes a node of the evaluator's name.",
         _NOTHING,
-        "timeout",
         "",
         "",
     ),
@@ -85,7 +79,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "evaluators-clock",
         "The planner sets use_sim_time of the evaluator.",
         _NOTHING,
-        "timeout",
         "",
         "",
     ),
@@ -93,7 +86,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "helper",
         "Another process of the planner sends commands as well.",
         "The row names both publishers.",
-        "timeout",
         "2 publishers on /cmd_vel: /cheat, /helper",
         "",
     ),
@@ -101,7 +93,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "memory",
         "The planner looks for the suite's processes, to open their memory.",
         "It sees none; the trial runs to its timeout.",
-        "timeout",
         "",
         "0 of the suite's processes",
     ),
@@ -109,7 +100,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "line",
         "The planner asks for a reset by each socket that it has or finds by name.",
         _NOTHING,
-        "timeout",
         "",
         "sockets took it",
     ),
@@ -117,7 +107,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "writes",
         "The planner adds to the rows, makes a bag, removes run.json and renames the folder of results.",
         "The kernel lets it do none of that; the trial runs to its timeout.",
-        "timeout",
         "",
         "Read-only file system; Read-only file system; Read-only file system; Device or resource busy",
     ),
@@ -125,7 +114,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "seed",
         "The planner reads the campaign's seed from the evaluator's file in the folder of results.",
         "It can: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
-        "timeout",
         "",
         "seed 0",
     ),
@@ -133,7 +121,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "suite",
         "The planner looks whether it may write to the suite's packages.",
         "It may, as any process of that user: [Fairness](fairness.md#left-to-the-organizer) says what helps.",
-        "timeout",
         "",
         "may write to them",
     ),
@@ -141,7 +128,6 @@ for _name, _done, _must, _outcome, _words, _find in (
         "forks",
         "The planner starts 500 processes.",
         _NOTHING,
-        "timeout",
         "",
         "500 processes",
     ),
@@ -149,12 +135,13 @@ for _name, _done, _must, _outcome, _words, _find in (
         "processor",
         "The planner starts six endless loops.",
         _NOTHING,
-        "timeout",
         "",
         "6 processes",
     ),
 ):
-    _act = partial(_run_cheat, kind=_name, outcome=_outcome, words=_words, report=_find)
+    _act = partial(
+        _run_cheat, kind=_name, outcome="timeout", words=_words, report=_find
+    )
     add(FAMILY, _name, _done, _must, _act)
 _GATE = ("--ros", "patience.gate_s=10")
 _DETAIL = 4000
@@ -234,17 +221,8 @@ def edits_results_where_it_can(lab: Lab) -> str:
 
     `barn check` finds the row.
     """
-    each = (
-        "--repetitions",
-        2,
-        "--ros",
-        "restart_planner=each_trial",
-        "--ros",
-        "isolate=false",
-        "--workers",
-        1,
-    )
-    lab.barn(*cheating(lab, "edits", *each))
+    each = "--repetitions 2 --ros restart_planner=each_trial --ros isolate=false"
+    lab.barn(*cheating(lab, "edits", *each.split(), "--workers", 1))
     hold(_read_report(lab) == "edited", _read_report(lab))
     ended = lab.barn("check", lab.out, code=1)
     hold("_r00: " in ended.text, ended.text)

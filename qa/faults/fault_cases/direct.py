@@ -64,144 +64,91 @@ _QUICK = ("--execution", "attempts=1", "--execution", "trial_limit_s=8")
 _DIED = "The trial ends as planner_died with the reason in one line; exit code 3."
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."
-for _kind, _done, _must, _options, _outcome, _detail in (
+_INVALID = "invalid_command."
+for _must, _outcome, _options, _kinds in (
     (
-        "raises",
-        "The planner raises an exception of two lines.",
         _DIED,
-        (),
         "planner_died",
-        "RuntimeError: out of",
+        (),
+        (
+            (
+                "raises",
+                "The planner raises an exception of two lines.",
+                "RuntimeError: out of",
+            ),
+            (
+                "raises-at-start",
+                "The planner raises when it gets its goal.",
+                "OSError: no such map",
+            ),
+            (
+                "no-decision",
+                "The planner returns a text instead of a decision.",
+                "AttributeError",
+            ),
+            (
+                "wrong-type",
+                "The planner's command is a pair of numbers.",
+                "must be a Velocity2D",
+            ),
+            ("recursion", "The planner recurses without end.", "RecursionError"),
+        ),
     ),
     (
-        "raises-at-start",
-        "The planner raises when it gets its goal.",
-        _DIED,
-        (),
-        "planner_died",
-        "OSError: no such map",
-    ),
-    (
-        "no-decision",
-        "The planner returns a text instead of a decision.",
-        _DIED,
-        (),
-        "planner_died",
-        "AttributeError",
-    ),
-    (
-        "wrong-type",
-        "The planner's command is a pair of numbers.",
-        _DIED,
-        (),
-        "planner_died",
-        "must be a Velocity2D",
-    ),
-    (
-        "recursion",
-        "The planner recurses without end.",
-        _DIED,
-        (),
-        "planner_died",
-        "RecursionError",
-    ),
-    (
-        "nan",
-        "The planner commands NaN.",
-        "invalid_command.",
-        (),
+        _INVALID,
         "invalid_command",
-        "nan m/s",
-    ),
-    (
-        "inf",
-        "The planner commands a turn at infinite speed.",
-        "invalid_command.",
         (),
-        "invalid_command",
-        "inf rad/s",
+        (
+            ("nan", "The planner commands NaN.", "nan m/s"),
+            ("inf", "The planner commands a turn at infinite speed.", "inf rad/s"),
+        ),
     ),
     (
-        "system-exit",
-        "The planner calls sys.exit.",
         _LOST,
-        (),
         "planner_died",
-        "at the last of 3 attempts",
+        (),
+        (
+            ("system-exit", "The planner calls sys.exit.", "at the last of 3 attempts"),
+            (
+                "keyboard-interrupt",
+                "The planner raises KeyboardInterrupt.",
+                "3 attempts",
+            ),
+            ("os-exit", "The planner ends its process by os._exit.", "exit code 7"),
+            ("segfault", "The planner reads address 0.", "SIGSEGV"),
+            ("kills-itself", "The planner sends itself SIGKILL.", "SIGKILL"),
+            (
+                "closes-files",
+                "The planner closes all file descriptors of its process.",
+                "",
+            ),
+        ),
     ),
     (
-        "keyboard-interrupt",
-        "The planner raises KeyboardInterrupt.",
-        _LOST,
-        (),
-        "planner_died",
-        "3 attempts",
-    ),
-    (
-        "os-exit",
-        "The planner ends its process by os._exit.",
-        _LOST,
-        (),
-        "planner_died",
-        "exit code 7",
-    ),
-    ("segfault", "The planner reads address 0.", _LOST, (), "planner_died", "SIGSEGV"),
-    (
-        "kills-itself",
-        "The planner sends itself SIGKILL.",
-        _LOST,
-        (),
-        "planner_died",
-        "SIGKILL",
-    ),
-    (
-        "closes-files",
-        "The planner closes all file descriptors of its process.",
-        _LOST,
-        (),
-        "planner_died",
-        "",
-    ),
-    (
-        "endless-loop",
-        "The planner loops without end.",
         _STALLED,
-        _QUICK,
         "planner_stalled",
-        "",
-    ),
-    (
-        "catches-everything",
-        "The planner sleeps and catches BaseException.",
-        _STALLED,
         _QUICK,
-        "planner_stalled",
-        "",
-    ),
-    (
-        "hangs-in-c",
-        "The planner hangs in C with the interpreter's lock.",
-        _STALLED,
-        _QUICK,
-        "planner_stalled",
-        "",
-    ),
-    (
-        "ignores-signals",
-        "The planner ignores SIGTERM and sleeps.",
-        _STALLED,
-        _QUICK,
-        "planner_stalled",
-        "",
+        (
+            ("endless-loop", "The planner loops without end.", ""),
+            (
+                "catches-everything",
+                "The planner sleeps and catches BaseException.",
+                "",
+            ),
+            (
+                "hangs-in-c",
+                "The planner hangs in C with the interpreter's lock.",
+                "",
+            ),
+            ("ignores-signals", "The planner ignores SIGTERM and sleeps.", ""),
+        ),
     ),
 ):
-    add(
-        FAMILY,
-        _kind,
-        _done,
-        _must,
-        partial(drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options),
-    )
+    for _kind, _done, _detail in _kinds:
+        _act = partial(
+            drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options
+        )
+        add(FAMILY, _kind, _done, _must, _act)
 
 
 @case(FAMILY)
@@ -234,17 +181,9 @@ def changes_the_working_directory(lab: Lab) -> str:
     Rows, bags and tables are in the folder asked for.
     """
     environment = with_rogue(lab)
-    options = (
-        "--planner",
-        "rogue",
-        "--set",
-        "kind=working-directory",
-        "--protocol",
-        "short.yaml",
-        "--worlds",
-        "0,9",
-    )
-    lab.barn("run", *options, "--bags", "all", "--out", "out", environment=environment)
+    words = "run --planner rogue --set kind=working-directory --protocol short.yaml"
+    options = "--worlds 0,9 --bags all --out out"
+    lab.barn(*words.split(), *options.split(), environment=environment)
     bags = sorted(path.name for path in (lab.out / "bags").iterdir())
     hold(len(bags) == len(lab.rows()) == 2, bags)
     return "2 rows and 2 bags in the folder"
@@ -258,27 +197,13 @@ def changes_the_global_random_state(lab: Lab) -> str:
     The other planner's rows are those of a run without it, to the byte.
     """
     environment = with_rogue(lab)
-    shared = (
-        "--protocol",
-        "short.yaml",
-        "--worlds",
-        "0,9",
-        "--repetitions",
-        1,
-        "--workers",
-        1,
-    )
-    meddled = ("--planners", "rogue,gap", "--set", "rogue.kind=random-state")
-    lab.barn("campaign", *shared, *meddled, "--out", lab.out, environment=environment)
-    lab.barn(
-        "campaign",
-        *shared,
-        "--planners",
-        "gap",
-        "--out",
-        lab.folder / "alone",
-        environment=environment,
-    )
+    shared = "campaign --protocol short.yaml --worlds 0,9 --repetitions 1 --workers 1"
+    for planners, out in (
+        ("rogue,gap --set rogue.kind=random-state", lab.out),
+        ("gap", lab.folder / "alone"),
+    ):
+        words = f"{shared} --planners {planners} --out".split()
+        lab.barn(*words, out, environment=environment)
     both = [row for row in lab.rows() if row["planner"] == "gap"]
     alone = lab.rows(lab.folder / "alone")
     hold(repeatable(both) == repeatable(alone), "the rows differ")
@@ -292,20 +217,15 @@ def cannot_be_imported(lab: Lab) -> str:
     Refused in one line that names planner, module and package, before any folder is
     made.
     """
-    refusal = lab.expect_refusal(
-        "run",
-        "--planner",
-        "broken",
-        "--worlds",
-        "0",
-        "--out",
-        lab.out,
-        environment=with_rogue(lab),
-    )
-    hold(
-        "'broken'" in refusal
-        and "a_package_that_is_not_there" in refusal
-        and not lab.out.exists(),
-        refusal,
-    )
+    words = ["run", "--planner", "broken", "--worlds", "0", "--out", "out"]
+    refusal = lab.expect_refusal(*words, environment=with_rogue(lab))
+    hold("'broken'" in refusal and "a_package_that_is_not_there" in refusal, refusal)
+    hold(not lab.out.exists(), refusal)
     return refusal
+
+
+def gap_run(lab: Lab) -> list[object]:
+    """Return the words of a short run of a planner that does nothing wrong."""
+    (lab.folder / "short.yaml").write_text(SHORT)
+    words = ["run", "--planner", "gap", "--worlds", "0", "--protocol", "short.yaml", "--out"]
+    return [*words, lab.out]

@@ -2,23 +2,22 @@
 
 import os
 import resource
-import subprocess
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fault_cases.campaigns import shifted_clock
-from fault_cases.direct import SHORT
+from fault_cases.direct import gap_run
 from fault_cases.kit import Lab, Skipped, case, ending, hold
 from fault_cases.processes import run_undisturbed, same, words
+from fault_cases.system import succeeds
 
 FAMILY = "machine"
 
 
 def _drive(lab: Lab, out: Path | None = None, **how: Any) -> str:
-    (lab.folder / "short.yaml").write_text(SHORT)
-    options = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
-    lab.barn("run", *options, "--bags", "all", "--out", out or lab.out, **how)
+    *words, usual_out = gap_run(lab)
+    lab.barn(*words, out or usual_out, "--bags", "all", **how)
     row = lab.rows(out)[0]
     hold(row["outcome"] == "timeout", ending(row))
     return ending(row)
@@ -32,14 +31,8 @@ def no_home(lab: Lab) -> str:
     The run works, with bag and picture.
     """
     gone = str(lab.folder / "gone")
-    return _drive(
-        lab,
-        environment={
-            "HOME": gone,
-            "XDG_CACHE_HOME": f"{gone}/c",
-            "XDG_CONFIG_HOME": f"{gone}/s",
-        },
-    )
+    caches = {"XDG_CACHE_HOME": f"{gone}/c", "XDG_CONFIG_HOME": f"{gone}/s"}
+    return _drive(lab, environment={"HOME": gone, **caches})
 
 
 @case(FAMILY)
@@ -50,14 +43,8 @@ def home_that_is_a_file(lab: Lab) -> str:
     """
     (lab.folder / "file").touch()
     file = str(lab.folder / "file")
-    return _drive(
-        lab,
-        environment={
-            "HOME": file,
-            "MPLCONFIGDIR": f"{file}/m",
-            "XDG_CACHE_HOME": f"{file}/c",
-        },
-    )
+    caches = {"MPLCONFIGDIR": f"{file}/m", "XDG_CACHE_HOME": f"{file}/c"}
+    return _drive(lab, environment={"HOME": file, **caches})
 
 
 @case(FAMILY)
@@ -100,10 +87,8 @@ def few_handles(lab: Lab) -> str:
     The run over ROS has the undisturbed row.
     """
     run_undisturbed()
-    lab.barn(
-        *words(lab),
-        before=partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64)),
-    )
+    limit = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64))
+    lab.barn(*words(lab), before=limit)
     return same(lab)
 
 
@@ -113,20 +98,8 @@ def too_few_handles(lab: Lab) -> str:
 
     The campaign ends with one line that gives the reason, or works; nothing is left.
     """
-    (lab.folder / "short.yaml").write_text(SHORT)
-    options = (
-        "run",
-        "--planner",
-        "gap",
-        "--worlds",
-        "0",
-        "--protocol",
-        "short.yaml",
-        "--bags",
-        "none",
-    )
     limit = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (12, 12))
-    ended = lab.barn(*options, "--out", lab.out, code=None, before=limit)
+    ended = lab.barn(*gap_run(lab), "--bags", "none", code=None, before=limit)
     hold(ended.code in (0, 1), ended.text)
     return ended.error[:200] if ended.code else ending(lab.row())
 
@@ -139,12 +112,7 @@ def shared_memory(size: str) -> list[str]:
     """
     unshared = ["unshare", "--mount", "sh", "-c"]
     hide = f"mount -t tmpfs -o size={size} barn-faults /dev/shm"
-    if (
-        os.geteuid() != 0
-        or subprocess.run(
-            [*unshared, hide], check=False, capture_output=True
-        ).returncode
-    ):
+    if os.geteuid() != 0 or not succeeds([*unshared, hide]):
         raise Skipped("a mount namespace cannot be made here (needs root)")
     return [*unshared, f'{hide}; exec "$@"', "sh"]
 

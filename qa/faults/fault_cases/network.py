@@ -11,7 +11,6 @@ import shlex
 import signal
 import socket
 import struct
-import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -21,15 +20,14 @@ from pathlib import Path
 from shutil import which
 
 from fault_cases.campaigns import shifted_clock
-from fault_cases.direct import SHORT
+from fault_cases.direct import gap_run
 from fault_cases.environment import FAMILY as MACHINE
 from fault_cases.kit import Lab, Skipped, add, case, ending, hold
 from fault_cases.planners import FOREIGN, by_command, judge, ros
 from fault_cases.processes import run_undisturbed, same, words
-from fault_cases.system import peak_memory_mb
+from fault_cases.system import peak_memory_mb, succeeds
 
 FAMILY = "live"
-_DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
 _HELLO = (
     "GET / HTTP/1.1\r\nHost: {0}:{1}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
@@ -120,7 +118,6 @@ def _slow(place: Place, connections: ExitStack) -> str:
 def _watch_during(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
     if find_spec("foxglove") is None:
         raise Skipped("foxglove-sdk is not installed")
-    (lab.folder / "short.yaml").write_text(SHORT)
     watch = lab.start("watch", lab.out, "--live", 0, "--wait", "--port", 0)
     error_file: Path = watch.stem.with_suffix(".err")  # type: ignore[attr-defined]
     ((host, port),) = lab.until(
@@ -130,7 +127,7 @@ def _watch_during(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
     place = host, int(port)
     with ExitStack() as connections:
         description = trouble(place, connections)
-        lab.barn("run", *_DIRECT, "--bags", "all", "--out", lab.out)
+        lab.barn(*gap_run(lab), "--bags", "all")
         with connect(place) as good:
             lab.until(lambda: b"advertise" in good.recv(65536), "what the view offers")
         peak_mb = peak_memory_mb(watch.pid)
@@ -168,12 +165,11 @@ def no_loopback(lab: Lab) -> str:
     Mode direct works; over ROS the run is refused in one line.
     """
     alone = ["unshare", "--net", "--"]
-    if subprocess.run([*alone, "true"], check=False, capture_output=True).returncode:
+    if not succeeds([*alone, "true"]):
         raise Skipped("a network namespace cannot be made here (needs root)")
     refusal = lab.expect_refusal(*words(lab), prefix=alone)
     hold("no loopback interface" in refusal, refusal)
-    (lab.folder / "short.yaml").write_text(SHORT)
-    lab.barn("run", *_DIRECT, "--out", lab.out, prefix=alone)
+    lab.barn(*gap_run(lab), prefix=alone)
     return f"{refusal}; direct: {ending(lab.row())}"
 
 
@@ -185,9 +181,8 @@ def no_such_dds(lab: Lab) -> str:
     the undisturbed one.
     """
     run_undisturbed()
-    ended = lab.barn(
-        *words(lab), code=None, environment={"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
-    )
+    cyclone = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    ended = lab.barn(*words(lab), code=None, environment=cyclone)
     if ended.code == 0:
         return same(lab)
     hold("rmw_cyclonedds_cpp" in ended.error and not lab.rows(), ended.text)
@@ -225,18 +220,13 @@ def a_planner_with_a_fast_clock(lab: Lab) -> str:
     return judge(lab, "timeout", "")
 
 
-def _run_with_limit(lab: Lab, kind: int, most: int, options: tuple[object, ...]) -> str:
+def _run_with_limit(lab: Lab, kind: int, most: int, over_ros: bool) -> str:
     limit = partial(resource.setrlimit, kind, (most, most))
-    (lab.folder / "short.yaml").write_text(SHORT)
-    ended = lab.barn(*(options or words(lab)), code=None, before=limit)
-    hold(
-        ended.code in (0, 1, 130), ended.text
-    )  # OpenBLAS interrupts its process where it gets no thread
-    return (
-        f"code {ended.code}: {ended.text.replace(str(lab.folder), '')}"
-        if ended.code
-        else ending(lab.row())
-    )
+    command = words(lab) if over_ros else gap_run(lab)
+    ended = lab.barn(*command, code=None, before=limit)
+    # OpenBLAS interrupts its process where it gets no thread
+    hold(ended.code in (0, 1, 130), ended.text)
+    return f"code {ended.code}: {ended.text}" if ended.code else ending(lab.row())
 
 
 for _name, _done, _kind, _most, _ros in (
@@ -270,14 +260,7 @@ for _name, _done, _kind, _most, _ros in (
     ),
 ):
     _must = "The run works, or ends with the reason and without a traceback; nothing is left."
-
-    def _act_limited(
-        lab: Lab, kind: int = _kind, most: int = _most, over_ros: bool = _ros
-    ) -> str:
-        return _run_with_limit(
-            lab, kind, most, () if over_ros else ("run", *_DIRECT, "--out", lab.out)
-        )
-
+    _act_limited = partial(_run_with_limit, kind=_kind, most=_most, over_ros=_ros)
     add(MACHINE, _name, _done, _must, _act_limited)
 
 
@@ -292,12 +275,9 @@ def few_processes(lab: Lab) -> str:
         raise Skipped("needs root, to be another user")
     lab.folder.chmod(0o777)
     other = ["setpriv", "--reuid=54321", "--clear-groups", "prlimit", "--nproc=30"]
-    if subprocess.run(
-        [*other, sys.executable, "-c", "import rclpy"], check=False, capture_output=True
-    ).returncode:
+    if not succeeds([*other, sys.executable, "-c", "import rclpy"]):
         raise Skipped("another user cannot use this environment")
-    ended = lab.barn(
-        *words(lab), code=None, prefix=other, environment={"HOME": str(lab.folder)}
-    )
+    home = {"HOME": str(lab.folder)}
+    ended = lab.barn(*words(lab), code=None, prefix=other, environment=home)
     hold(ended.code in (0, 1, 3), ended.text)
     return ended.error[:160] if ended.code == 1 else ending(lab.row())
