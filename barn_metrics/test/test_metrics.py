@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_metrics.metrics import (
     CELL_METRICS,
@@ -133,9 +134,7 @@ def test_every_free_cell_equals_the_plain_reference(formula, cspace):
     free = np.argwhere(~cspace)
     expected = [reference(cspace, tuple(cell), formula) for cell in free.tolist()]
     metrics = cell_metrics(cspace, free, formula)
-    np.testing.assert_allclose(
-        metrics, np.reshape(expected, (-1, 4)), rtol=0, atol=1e-9
-    )
+    assert_allclose(metrics, np.reshape(expected, (-1, 4)), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("formula, within", [("published", 1e-9), ("corrected", 1e-6)])
@@ -143,7 +142,7 @@ def test_a_formula_gives_the_values_that_it_is_named_after(originals, formula, w
     for world in originals:
         ours = path_metrics(world.cspace, world.path, formula).as_array()
         theirs = getattr(world, formula)
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=within)
+        assert_allclose(ours, theirs, rtol=0, atol=within)
     assert len(originals) == 50
 
 
@@ -164,7 +163,7 @@ def test_maps_hold_cell_values_and_nothing_where_occupied(cspace):
     values = cell_metrics(cspace, free)
     assert list(maps) == [metric.name for metric in CELL_METRICS]
     for column, picture in enumerate(maps.values()):
-        np.testing.assert_array_equal(picture[~cspace], values[:, column])
+        assert_array_equal(picture[~cspace], values[:, column])
         assert np.isnan(picture[cspace]).all()
 
 

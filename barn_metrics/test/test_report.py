@@ -5,6 +5,7 @@ from statistics import pstdev
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_metrics.metrics import METRICS, world_cell_metrics, world_metrics
 from barn_metrics.report import metrics_table
@@ -32,8 +33,8 @@ def test_rows_and_extremes_are_those_of_the_worlds(formula):
     assert table.worlds == tuple(world.name for world in worlds)
     assert table.rows() == [asdict(world_metrics(world, formula)) for world in worlds]
     cells = np.vstack([world_cell_metrics(world, formula) for world in worlds])
-    np.testing.assert_array_equal(table.cell_minimum, cells.min(axis=0))
-    np.testing.assert_array_equal(table.cell_maximum, cells.max(axis=0))
+    assert_array_equal(table.cell_minimum, cells.min(axis=0))
+    assert_array_equal(table.cell_maximum, cells.max(axis=0))
 
 
 def test_worlds_are_taken_one_by_one():
@@ -110,4 +111,4 @@ def test_the_original_folder_gives_what_was_published_with_it(original_folder):
     table = metrics_table(dataset, "published")
     for world, row in zip(table.worlds, table.values, strict=True):
         published = np.load(original_folder / "metrics_files" / f"metrics_{world}.npy")
-        np.testing.assert_allclose(row, published, rtol=0, atol=1e-9)
+        assert_allclose(row, published, rtol=0, atol=1e-9)

@@ -5,6 +5,7 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from scipy.ndimage import distance_transform_edt, shift
 
 from barn_planners.costmap import inflation, kernels
@@ -142,7 +143,7 @@ def test_inflation_of_a_window_equals_the_plain_one(config, share):
     layers.costs[:] = expected
     inflation.inflate(layers, Window(7, 31, 0, 44))
     expected[7:31, :44] = plain_inflation(lethal, config, 0.05)[7:31, :44]
-    np.testing.assert_array_equal(layers.costs, expected)
+    assert_array_equal(layers.costs, expected)
 
 
 def layers_of(lethal, config):
@@ -176,9 +177,9 @@ def test_marks_and_costs_equal_the_plain_ones(seed):
         if before is not None:
             lethal = shift(lethal, before - corner, order=0)
         lethal = plain_update(costmap, lethal, pose, scan, lidar)
-        np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
+        assert_array_equal(costmap.costs == LETHAL, lethal)
         expected = plain_inflation(lethal, config, 0.1)
-        np.testing.assert_array_equal(costmap.costs, expected)
+        assert_array_equal(costmap.costs, expected)
         x, y = rng.uniform(-1.0, 1.0, 2) ** 3 * rng.choice([1.0, 5.0])
         pose = Pose2D(pose.x + x, pose.y + y, rng.uniform(-3.0, 3.0))
 
@@ -356,9 +357,9 @@ def test_as_costmap_2d_marks_equal_the_plain_ones():
                 lethal[cell] = True
         for cell in filled_footprint(costmap, pose):
             lethal[cell] = False
-        np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
+        assert_array_equal(costmap.costs == LETHAL, lethal)
         expected = plain_inflation(lethal, config, 0.1)
-        np.testing.assert_array_equal(costmap.costs, expected)
+        assert_array_equal(costmap.costs, expected)
 
 
 def test_as_costmap_2d_the_window_follows_by_whole_cells():
@@ -401,7 +402,7 @@ def test_inflation_by_a_front_equals_the_plain_one(seed):
     inflation.inflate_by_front(layers, Window(0, 60, 0, 70))
     costs = layers.costs
     by_square = costs_by_square(config, 0.05)
-    np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
+    assert_array_equal(costs, plain_front(lethal, by_square, 6))
     exact = plain_inflation(lethal, config, 0.05)
     assert (costs != exact).sum() < 40
     assert (costs <= exact).all()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.runtime.messages import (
     CHEAPEST_COLOR,
@@ -29,9 +30,9 @@ def test_few_are_shown_from_end_to_end(count, length):
     shown = min(count, MAX_CANDIDATES)
     assert selection.points.shape == (shown, min(length, MAX_POINTS), 2)
     assert selection.colors.shape == (shown, 4)
-    np.testing.assert_array_equal(selection.points[[0, -1], 0, 1], [0, count - 1])
-    np.testing.assert_array_equal(selection.points[:, 0, 0], 0.0)
-    np.testing.assert_array_equal(selection.points[:, -1, 0], length - 1)
+    assert_array_equal(selection.points[[0, -1], 0, 1], [0, count - 1])
+    assert_array_equal(selection.points[:, 0, 0], 0.0)
+    assert_array_equal(selection.points[:, -1, 0], length - 1)
     assert len(np.unique(selection.points[:, 0, 1])) == shown
 
 
@@ -42,8 +43,8 @@ def test_the_cheapest_is_shown_in_its_color(cheapest):
     selection = select_candidates(lines(140, 10), costs)
     is_cheapest = selection.points[:, 0, 1] == cheapest
     assert is_cheapest.sum() == 1
-    np.testing.assert_allclose(selection.colors[is_cheapest], [CHEAPEST_COLOR])
-    np.testing.assert_allclose(selection.colors[~is_cheapest], [COSTLIEST_COLOR] * 19)
+    assert_allclose(selection.colors[is_cheapest], [CHEAPEST_COLOR])
+    assert_allclose(selection.colors[~is_cheapest], [COSTLIEST_COLOR] * 19)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +60,7 @@ def test_the_cheapest_is_shown_in_its_color(cheapest):
 )
 def test_rejected_ones_are_told_apart_and_costs_may_be_missing(costs, colors):
     costs = None if costs is None else np.array(costs)
-    np.testing.assert_allclose(select_candidates(lines(5, 3), costs).colors, colors)
+    assert_allclose(select_candidates(lines(5, 3), costs).colors, colors)
 
 
 def test_none_at_all():

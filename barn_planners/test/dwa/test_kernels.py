@@ -6,6 +6,7 @@ from collections import deque
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.costmap import kernels as costmap_kernels
 from barn_planners.costmap.config import rectangle
@@ -232,7 +233,7 @@ def test_rollouts_cost_what_the_rules_say():
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
             kinds.add(min(cost, 0.0))
             if cost >= 0.0:
-                np.testing.assert_allclose(row[ends], end, atol=1e-9)
+                assert_allclose(row[ends], end, atol=1e-9)
     # every way a rollout can end has been met
     assert kinds == {0.0, kernels.TOUCHES, kernels.NO_WAY}
 
@@ -308,7 +309,7 @@ def test_the_search_takes_the_sample_of_the_rules():
                     kind = "drive" if best < drives else "turn"
                     winners.add("none" if best < 0 else kind)
                     if best >= 0:
-                        np.testing.assert_array_equal(quick[best], full[best])
+                        assert_array_equal(quick[best], full[best])
     # every kind of winner has been met
     assert winners == {"none", "drive", "turn"}
 
@@ -321,10 +322,10 @@ def test_traces_are_the_rolled_out_poses():
     free = np.zeros((ROWS, COLS), np.uint8)
     _, end = plain_rollout(free, everywhere, everywhere, start, 0.5, 0.8)
     assert len(poses) == 50
-    np.testing.assert_allclose(poses[-1, :3], end, atol=1e-12)
+    assert_allclose(poses[-1, :3], end, atol=1e-12)
     traces = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
-    np.testing.assert_array_equal(traces, poses[np.minimum(np.arange(80), 49), :3])
+    assert_array_equal(traces, poses[np.minimum(np.arange(80), 49), :3])
     shorter = np.empty((20, 5))
     kernels.roll_out(start, 0.5, 0.8, MOTION, shorter)
     few = kernels.traces(start, np.array([[0.5, 0.8]]), MOTION, 20)[0]
-    np.testing.assert_array_equal(few, shorter[:, :3])
+    assert_array_equal(few, shorter[:, :3])

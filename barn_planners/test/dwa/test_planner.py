@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.costmap.config import CostmapConfig
 from barn_planners.costmap.costmap import RollingCostmap
@@ -56,11 +57,11 @@ def turn_samples(config, velocity):
 def test_forward_samples_open_the_window_of_one_period():
     samples = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), 9.0)
     assert samples.shape == (6 * 20, 2)
-    np.testing.assert_allclose(np.unique(samples[:, 0]), np.linspace(0.1, 0.5, 6))
+    assert_allclose(np.unique(samples[:, 0]), np.linspace(0.1, 0.5, 6))
     turns = samples[:20, 1]
     assert turns[0] == 0.0 and turns[1] == pytest.approx(-0.8)
     assert turns.max() < 1.2 - 0.05
-    np.testing.assert_allclose(np.diff(turns[1:]), 2.0 / 19)
+    assert_allclose(np.diff(turns[1:]), 2.0 / 19)
     with_highest = forward_samples(DwaConfig(), Velocity2D(0.3, 0.2), 9.0)
     assert with_highest.shape == (6 * 21, 2)
     assert with_highest[:, 1].max() == pytest.approx(1.2)
@@ -196,4 +197,4 @@ def test_displayed_samples_have_the_costs_of_the_choice():
     assert len(costs) == 6 * 21 + 20
     assert 20 < np.isfinite(costs).sum() < len(costs)
     assert costs[: 6 * 21].min() == decision.diagnostics["cost"]
-    np.testing.assert_array_equal(controller.view().candidate_costs, costs)
+    assert_array_equal(controller.view().candidate_costs, costs)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from barn_planners.costmap.config import CostmapConfig
 from barn_planners.costmap.inflation import costs_by_square, inflate, new_layers
@@ -225,7 +226,7 @@ def test_optimise_equals_reference(sweeps, gains):
             outcomes.append(False)
             continue
         assert n == len(expected), seed
-        np.testing.assert_allclose(band[:n], expected, atol=1e-9)
+        assert_allclose(band[:n], expected, atol=1e-9)
         assert all(reference.overlap(a, b) for a, b in pairwise(band[:n]))
         outcomes.append(True)
     assert 10 <= sum(outcomes) <= 50
@@ -249,7 +250,7 @@ def test_failures_are_told_apart(cells, points, capacity, failure):
 def test_connect_front_drops_what_the_robot_has_passed():
     band, context = measured((1.0, 1.5, 2.0, 3.0))
     n = kernels.connect_front(band, 4, Pose(1.4, 3.1, 0.3), context)
-    np.testing.assert_allclose(band[:n, :2], [(1.4, 3.1), (2.0, 3.0), (3.0, 3.0)])
+    assert_allclose(band[:n, :2], [(1.4, 3.1), (2.0, 3.0), (3.0, 3.0)])
 
 
 @pytest.mark.parametrize("distance", [0.5, 2.0])
@@ -273,7 +274,7 @@ def test_append_back_continues_the_band(start):
     points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])
     n = kernels.append_back(band, 3, points, context)
     back = band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]]
-    np.testing.assert_allclose(back, points)
+    assert_allclose(back, points)
     assert kernels.refine(band, n, context) > 0
     steps = np.diff(band[: n - 14, :2], axis=0)
     assert np.hypot(*steps.T).max() < 0.7 * 2 * 0.553

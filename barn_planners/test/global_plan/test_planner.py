@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import label
 
 from barn_planners.costmap.config import CostmapConfig
@@ -144,7 +145,7 @@ def test_the_potential_equals_the_plain_one_in_the_same_order(seed, goal):
     start = (1, 1)
     prices = cell_prices(GlobalPlanConfig())
     expected = plain_rounds(costs, prices, start, goal, 254.0, 100.0)
-    np.testing.assert_array_equal(grown(costs, start, goal), expected)
+    assert_array_equal(grown(costs, start, goal), expected)
 
 
 def test_leaving_out_far_obstacles_does_not_change_the_plan():
@@ -191,7 +192,7 @@ def test_a_plan_on_open_ground_is_nearly_straight():
     goal = center(costmap, 170, 110)
     poses = plan_on(costmap, start, goal).poses
     assert path_length(poses) < 1.02 * start.distance(goal)
-    np.testing.assert_allclose(poses[5:-5, 2], math.atan2(150, 80), atol=0.25)
+    assert_allclose(poses[5:-5, 2], math.atan2(150, 80), atol=0.25)
 
 
 def test_the_quirks_are_half_a_cell_and_no_heading():
@@ -200,7 +201,7 @@ def test_the_quirks_are_half_a_cell_and_no_heading():
     quirks = {"half_cell_offset": False, "zero_intermediate_yaw": True}
     right = plan_on(costmap, *ends).poses
     shifted = plan_on(costmap, *ends, **quirks).poses
-    np.testing.assert_allclose(right[:-1, :2] - shifted[:-1, :2], 0.025, atol=1e-12)
+    assert_allclose(right[:-1, :2] - shifted[:-1, :2], 0.025, atol=1e-12)
     assert (shifted[:-1, 2] == 0.0).all() and shifted[-1, 2] == 0.7
 
 
@@ -247,7 +248,7 @@ def test_a_plan_lasts_as_long_as_a_new_one_would_be_equal(seed, bounded):
             costmap.costs[cell] = rng.choice([0, 177, 193, INSCRIBED, LETHAL])
         plan = planner.plan(costmap, *ends)
         anew = plan_on(costmap, *ends, bounded=bounded)
-        np.testing.assert_array_equal(plan.poses, anew.poses)
+        assert_array_equal(plan.poses, anew.poses)
         unchanged += plan is last
         last = plan
     assert 10 < unchanged < 290
@@ -268,7 +269,7 @@ def test_a_new_goal_start_or_grid_needs_a_new_plan():
     plan = planner.plan(costmap, start, goal)
     costmap.origin_x += costmap.resolution
     moved = planner.plan(costmap, start, goal)
-    np.testing.assert_allclose(moved.poses[-1], plan.poses[-1])
+    assert_allclose(moved.poses[-1], plan.poses[-1])
     assert moved is not plan
 
 
@@ -378,7 +379,7 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit(seed):
         )
         expected, expected_arrived = plain_navfn_path(potential, start, goal, most)
         assert arrived == expected_arrived and (most == 200 or not arrived)
-        np.testing.assert_array_equal(points[:n], np.array(expected, np.float32))
+        assert_array_equal(points[:n], np.array(expected, np.float32))
 
 
 @pytest.mark.parametrize("unfinished", [False, True])

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.distance import cdist
 
 from barn_planners.costmap.config import CostmapConfig, rectangle
@@ -99,7 +100,7 @@ def test_smoothing_and_limits():
     smooth = sampling.smooth(controls, sent, weights)
     whole = np.concatenate([sent, controls, controls[-1:], controls[-1:]])
     expected = [np.convolve(column, weights[::-1], mode="valid") for column in whole.T]
-    np.testing.assert_allclose(smooth, np.stack(expected, axis=1), rtol=1e-12)
+    assert_allclose(smooth, np.stack(expected, axis=1), rtol=1e-12)
     held = smooth.copy()
     sampling.limit_controls(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1))
     last = np.array([0.2, -0.1])
@@ -144,8 +145,8 @@ def test_heading_by_series_stays_exact_at_the_fastest_turn():
     sampling.rollout(nominal, noise, SPREAD, free, start, DT, controls, poses)
     headings = 1.9 * DT * np.arange(steps)
     xs, ys, _ = poses[:, :, 0].T
-    np.testing.assert_allclose(xs, DT * np.cumsum(np.cos(headings)), atol=2e-6)
-    np.testing.assert_allclose(ys, DT * np.cumsum(np.sin(headings)), atol=2e-6)
+    assert_allclose(xs, DT * np.cumsum(np.cos(headings)), atol=2e-6)
+    assert_allclose(ys, DT * np.cumsum(np.sin(headings)), atol=2e-6)
 
 
 def footprint_touches(costmap, pose):
@@ -209,7 +210,7 @@ def test_checking_the_footprint_rarely_changes_nothing(poses):
         always, rarely = np.zeros((2, SAMPLES))
         counts.append(add_obstacle_costs(always, poses, costmap, 0, 1, False))
         counts.append(add_obstacle_costs(rarely, poses, costmap, lowest, 1, False))
-        np.testing.assert_array_equal(always, rarely)
+        assert_array_equal(always, rarely)
     assert lowest > 50
     assert min(counts) < SAMPLES // 2
     assert max(counts) > 0
@@ -225,11 +226,11 @@ def test_costs_of_the_end(poses):
     x, y, yaw = poses[-1]
     costs = np.zeros(SAMPLES)
     kernels.add_follow_costs(costs, poses, 1.0, 0.5, 5.0)
-    np.testing.assert_allclose(costs, 5.0 * np.hypot(x - 1.0, y - 0.5), rtol=1e-6)
+    assert_allclose(costs, 5.0 * np.hypot(x - 1.0, y - 0.5), rtol=1e-6)
     costs[:] = 0.0
     kernels.add_angle_costs(costs, poses, -1.0, 0.5, 2.0)
     turn = wrapped(np.arctan2(0.5 - y, -1.0 - x) - yaw)
-    np.testing.assert_allclose(costs, 2.0 * np.abs(turn), atol=1e-5)
+    assert_allclose(costs, 2.0 * np.abs(turn), atol=1e-5)
 
 
 @pytest.mark.parametrize("hidden", [3, range(5)])
@@ -254,7 +255,7 @@ def test_goal_costs(poses, places):
     kernels.add_goal_costs(costs, poses, (1.0, 0.3, -2.5), 5.0, 3.0)
     distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=0)
     angle = np.abs(wrapped(yaws.astype(float) + 2.5)).mean(axis=0)
-    np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
+    assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
 
 
 def test_control_costs(samples):
@@ -273,7 +274,7 @@ def test_control_costs(samples):
     beyond += np.maximum(np.abs(rate) - 0.5, 0)
     penalties = 4.0 * beyond + 5.0 * np.maximum(-speed, 0)
     expected = 0.015 * deviation + DT * penalties.sum(axis=0)
-    np.testing.assert_allclose(costs, expected, atol=1e-5)
+    assert_allclose(costs, expected, atol=1e-5)
 
 
 def test_weighted_mean(samples):
@@ -283,7 +284,7 @@ def test_weighted_mean(samples):
     sampling.weighted_mean(costs, controls, 0.3, mean)
     weights = np.exp((costs.min() - costs) / 0.3)
     expected = np.average(controls, axis=2, weights=weights)
-    np.testing.assert_allclose(mean, expected, atol=1e-6)
+    assert_allclose(mean, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("most", [4, 100])
@@ -292,5 +293,5 @@ def test_resample(most):
     traveled = [*np.arange(0.0, 0.73, 0.1), 0.73]
     along = [(min(d, 0.33), max(0.0, d - 0.33)) for d in traveled]
     points = kernels.resample(corner, 0.1, most)
-    np.testing.assert_allclose(points, along[:most], atol=1e-12)
-    np.testing.assert_array_equal(kernels.resample(corner[:1], 0.1, most), corner[:1])
+    assert_allclose(points, along[:most], atol=1e-12)
+    assert_array_equal(kernels.resample(corner[:1], 0.1, most), corner[:1])

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.global_plan.planner import (
     GlobalPlan,
@@ -176,8 +177,8 @@ def test_the_known_map_is_planned_on_in_the_odometry_frame(world):
     decision = planner.step(observation)
     assert math.dist(decision.plan[-1], (goal.x, goal.y)) < 1e-9
     inputs = planner.controller.inputs[0]
-    np.testing.assert_allclose(inputs.plan[-1], [GOAL.x, GOAL.y, GOAL.yaw], atol=1e-9)
-    np.testing.assert_allclose(inputs.plan[0, :2], [0.0, 0.0], atol=0.1)
+    assert_allclose(inputs.plan[-1], [GOAL.x, GOAL.y, GOAL.yaw], atol=1e-9)
+    assert_allclose(inputs.plan[0, :2], [0.0, 0.0], atol=0.1)
     assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
 
 
@@ -192,9 +193,9 @@ def test_in_the_map_frame_plans_follow_the_believed_pose(world):
         inputs = planner.controller.inputs[-1]
         assert inputs.pose == pose
         assert inputs.goal == goal
-        np.testing.assert_array_equal(inputs.plan[:, :2], decision.plan)
+        assert_array_equal(inputs.plan[:, :2], decision.plan)
         end = [goal.x, goal.y, goal.yaw]
-        np.testing.assert_allclose(inputs.plan[-1], end, atol=1e-9)
+        assert_allclose(inputs.plan[-1], end, atol=1e-9)
         # the wall 2 m to the left of the robot is marked where the robot believes it
         wall = pose @ Pose2D(0.0, 2.0, 0.0)
         row, col = inputs.costmap.cell(wall.x, wall.y)
@@ -237,4 +238,4 @@ def test_windows_of_a_plan():
     assert count_passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
     assert count_passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
     end = transform_plan(plan, Pose2D(1.0, 2.0, math.pi))[-1]
-    np.testing.assert_allclose(end, [-9.0, 2.0, -math.pi], atol=1e-9)
+    assert_allclose(end, [-9.0, 2.0, -math.pi], atol=1e-9)

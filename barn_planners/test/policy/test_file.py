@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from archives import members, pickled, repack
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.policy.file import (
     Policy,
@@ -52,7 +53,7 @@ def test_what_is_written_is_read(path):
         for layer, other in zip(
             getattr(read, name), getattr(written, name), strict=True
         ):
-            np.testing.assert_array_equal(layer, other)
+            assert_array_equal(layer, other)
 
 
 def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
@@ -73,7 +74,7 @@ def test_the_network_against_matrix_products(activation, output):
             values = bend(values)
     expected = np.tanh(values) if output == "tanh" else values
     actions = PolicyNetwork(network).act(inputs)
-    np.testing.assert_allclose(actions, expected, rtol=1e-12, atol=1e-12)
+    assert_allclose(actions, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_a_layer_sums_in_one_order():
@@ -82,7 +83,7 @@ def test_a_layer_sums_in_one_order():
     weights = rng.normal(size=(300, 130))
     biases = rng.normal(size=130)
     expected = np.add.accumulate([biases, *(values[:, None] * weights)])[-1]
-    np.testing.assert_array_equal(affine(values, weights, biases), expected)
+    assert_array_equal(affine(values, weights, biases), expected)
 
 
 def header_with(**changes):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.policy.collision_check import (
@@ -40,7 +41,7 @@ def observed(scan, pose=Pose2D(0.0, 0.0, 0.0), velocity=STOP):  # noqa: B008 (fr
 
 def assert_as_the_reference(config, scan):
     expected = reference_lidar(config, scan)
-    np.testing.assert_allclose(lidar(config, scan), expected, atol=1e-6)
+    assert_allclose(lidar(config, scan), expected, atol=1e-6)
 
 
 def lidar(config, scan):
@@ -88,7 +89,7 @@ def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
         angle_min=-scan.angle_min,
         angle_increment=-scan.angle_increment,
     )
-    np.testing.assert_array_equal(lidar(config, turned), lidar(config, scan))
+    assert_array_equal(lidar(config, turned), lidar(config, scan))
 
 
 def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
@@ -103,7 +104,7 @@ def test_goal_and_velocity_are_seen_from_the_robot():
     observation = observed(scan(np.full(720, np.inf)), pose, Velocity2D(-3.0, 1.0))
     vector = ObservationEncoder(config).encode(observation, Pose2D(1.0, 1.5, 0.0))
     expected = [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25]
-    np.testing.assert_allclose(vector, expected, atol=1e-6)
+    assert_allclose(vector, expected, atol=1e-6)
     low, high = config.bounds()
     assert vector.dtype == np.float32 and ((low <= vector) & (vector <= high)).all()
 
@@ -143,7 +144,7 @@ def test_many_actions_at_once_become_the_same_velocities(kind):
     actions[-2:] = [[math.nan, 1.0], [-0.0, math.inf]]
     commands = [action.command(values) for values in actions]
     expected = [(command.linear, command.angular) for command in commands]
-    np.testing.assert_array_equal(action.commands(actions), expected)
+    assert_array_equal(action.commands(actions), expected)
 
 
 def reference_gap(points, velocity, time_s, size_m):

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numba import njit
+from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -161,8 +162,8 @@ def test_friction_is_that_of_a_general_optimiser(seed):
     expected = reference_friction(
         velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling
     )
-    np.testing.assert_allclose(after[:2], expected[0], atol=2e-5)
-    np.testing.assert_allclose(after[2:], expected[1], atol=2e-4)
+    assert_allclose(after[:2], expected[0], atol=2e-5)
+    assert_allclose(after[2:], expected[1], atol=2e-4)
     impulses = np.hypot(wheels["impulse_x"], wheels["impulse_y"])
     assert (impulses <= limits * (1 + 1e-12)).all()
 
@@ -185,7 +186,7 @@ def test_inertias_turn_with_the_body():
         inverse = np.exp(rng.normal(size=3))
         turned = world_inertia(rows(turn), tuple(inverse))
         expected = turn @ np.diag(inverse) @ turn.T
-        np.testing.assert_allclose(turned, expected, rtol=0, atol=1e-13)
+        assert_allclose(turned, expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("robot, within", [("jackal", 1e-3), ("turtlebot4", 0.02)])
