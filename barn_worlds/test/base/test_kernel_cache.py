@@ -59,6 +59,14 @@ def read_only(monkeypatch, *folders):
     monkeypatch.setattr(os, "access", access)
 
 
+@pytest.fixture
+def temporary(package, tmp_path, monkeypatch):
+    """The folder for temporary files, the only one that can be written to."""
+    read_only(monkeypatch, package, tmp_path / "cache")
+    monkeypatch.setattr(kernel_cache.tempfile, "gettempdir", lambda: str(tmp_path))
+    return tmp_path
+
+
 def test_a_read_only_package_caches_kernels_for_the_user(
     package, tmp_path, monkeypatch, capsys
 ):
@@ -69,25 +77,20 @@ def test_a_read_only_package_caches_kernels_for_the_user(
 
 
 def test_without_a_writable_home_kernels_go_to_a_temp_folder(
-    package, tmp_path, monkeypatch, capsys
+    package, temporary, capsys
 ):
-    read_only(monkeypatch, package, tmp_path / "cache")
-    monkeypatch.setattr(kernel_cache.tempfile, "gettempdir", lambda: str(tmp_path))
     kernel_cache.prepare(package)
     folder = os.environ["NUMBA_CACHE_DIR"]
-    assert folder.startswith(str(tmp_path / "barn_kernels_"))
+    assert folder.startswith(str(temporary / "barn_kernels_"))
     assert Path(folder).stat().st_mode & 0o077 == 0
-    assert capsys.readouterr().err.startswith(
-        f"compiled kernels go to {folder}: neither "
-    )
+    warning = f"compiled kernels go to {folder}: neither "
+    assert capsys.readouterr().err.startswith(warning)
     kernel_cache.prepare(package)  # what it has found stands, and is said once
     assert capsys.readouterr().err == ""
 
 
-def test_a_folder_that_others_can_write_to_is_not_used(package, tmp_path, monkeypatch):
-    read_only(monkeypatch, package, tmp_path / "cache")
-    monkeypatch.setattr(kernel_cache.tempfile, "gettempdir", lambda: str(tmp_path))
-    folder = tmp_path / f"barn_kernels_{os.getuid()}"
+def test_a_folder_that_others_can_write_to_is_not_used(package, temporary):
+    folder = temporary / f"barn_kernels_{os.getuid()}"
     folder.mkdir()
     folder.chmod(0o777)
     kernel_cache.prepare(package)

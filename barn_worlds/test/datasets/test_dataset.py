@@ -25,10 +25,8 @@ from barn_worlds.robots.files import ROBOTS
 @pytest.fixture(scope="module")
 def worlds():
     """Three worlds by number."""
-    dataset = generate_dataset(
-        DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5])
-    )
-    return dict(zip((0, 6, 120), dataset, strict=True))
+    parameters = DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5])
+    return dict(zip((0, 6, 120), generate_dataset(parameters), strict=True))
 
 
 @pytest.fixture
@@ -81,9 +79,8 @@ def test_footprint_and_resolution_survive_the_layout(tmp_path):
     parameters = WorldParameters(
         resolution_m=0.3, footprint_cells=3, initial_fill=0.1, rows=20, cols=12
     )
-    (world,) = generate_dataset(
-        DatasetParameters("coarse", worlds_per_set=1, sets=(parameters,))
-    )
+    coarse = DatasetParameters("coarse", worlds_per_set=1, sets=(parameters,))
+    (world,) = generate_dataset(coarse)
     write_original(tmp_path / "coarse", {4: world}, {})
     assert same(open_dataset(tmp_path / "coarse"), {4: world})
 

@@ -226,16 +226,17 @@ def test_malformed_motion_in_a_data_set_file_is_one_clear_line(
 
 
 def test_the_example_of_the_page_is_a_world(tmp_path):
-    page = Path(__file__).parents[3] / "docs" / "dynamic.md"
-    if not page.is_file():
+    file = Path(__file__).parents[3] / "docs" / "dynamic.md"
+    if not file.is_file():
         pytest.skip("the repository's docs are not beside this package")
-    (example,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", page.read_text("utf-8"))
-    (tmp_path / "example.world.yaml").write_text(example)
-    world = open_dataset(tmp_path / "example.world.yaml").load(0)
+    page = file.read_text("utf-8")
+    (example,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", page)
+    path = tmp_path / "example.world.yaml"
+    path.write_text(example)
+    world = open_dataset(path).load(0)
     assert [obstacle.name for obstacle in world.moving] == ["person", "cart"]
     assert (len(world.walls), world.path_length_m) == (1, 20.0)
-    (tmp_path / "wrong.world.yaml").write_text(example.replace("[20, 0.0", "[9, 0.0"))
+    path.write_text(example.replace("[20, 0.0", "[9, 0.0"))
     with pytest.raises(BarnError) as caught:
-        open_dataset(tmp_path / "wrong.world.yaml").load(0)
-    message = str(caught.value).removeprefix(f"{tmp_path / 'wrong.world.yaml'}: ")
-    assert message in page.read_text("utf-8")
+        open_dataset(path).load(0)
+    assert str(caught.value).removeprefix(f"{path}: ") in page

@@ -1,6 +1,7 @@
 """Robots as data: what comes with the suite, and what a file must and must not say."""
 
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, read_chassis, rotation_matrix
 
 BURGER = find_robot_files()["turtlebot3_burger"]
+JACKAL = find_robot_files()["jackal"]
 HUSKY = find_robot_files()["husky"]
 
 
@@ -50,14 +52,6 @@ def test_robots_of_the_suite_say_where_their_numbers_are_from(name):
 
 def test_the_sizes_are_those_of_the_data_sheets():
     sizes = {
-        name: (
-            round(robot.length_m, 9),
-            round(robot.width_m, 9),
-            robot.footprint_cells(0.15),
-        )
-        for name, robot in ROBOTS.items()
-    }
-    assert sizes == {
         "husky": (0.990, 0.670, 7),
         "jackal": (0.508, 0.430, 5),
         "scout_mini": (0.612, 0.580, 5),
@@ -65,21 +59,24 @@ def test_the_sizes_are_those_of_the_data_sheets():
         "turtlebot3_waffle": (0.281, 0.306, 3),
         "turtlebot4": (0.342, 0.342, 3),
     }
+    assert list(ROBOTS) == list(sizes)
+    for name, (length_m, width_m, cells) in sizes.items():
+        robot = ROBOTS[name]
+        assert (round(robot.length_m, 9), round(robot.width_m, 9)) == (
+            length_m,
+            width_m,
+        )
+        assert robot.footprint_cells(0.15) == cells
 
 
 def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():
     robot = load_robot("jackal")
-    assert (robot.drive, robot.lidar, robot.odometry) == (
-        DriveConfig(),
-        LidarConfig(),
-        OdometryConfig(),
-    )
-    assert robot.chassis.mass_kg == pytest.approx(16.523 + 4 * 0.477)
-    assert robot.chassis.wheels_m[0] == (0.131, 0.187795, 0.0345)
-    assert (robot.chassis.wheel_radius_m, robot.chassis.base_height_m) == (
-        0.098,
-        0.0635,
-    )
+    parts = (robot.drive, robot.lidar, robot.odometry)
+    assert parts == (DriveConfig(), LidarConfig(), OdometryConfig())
+    chassis = robot.chassis
+    assert chassis.mass_kg == pytest.approx(16.523 + 4 * 0.477)
+    assert chassis.wheels_m[0] == (0.131, 0.187795, 0.0345)
+    assert (chassis.wheel_radius_m, chassis.base_height_m) == (0.098, 0.0635)
 
 
 def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
@@ -160,16 +157,11 @@ def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
 
 
 def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
-    (tmp_path / "mine.urdf").write_text(
-        find_robot_files()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8"
-    )
-    mine = load_robot(
-        changed(
-            {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, find_robot_files()["jackal"]
-        )
-    )
+    shutil.copy(JACKAL.with_suffix(".urdf"), tmp_path / "mine.urdf")
+    changes = {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}
     jackal = load_robot("jackal")
-    assert mine == replace(jackal, chassis=replace(jackal.chassis, mass_kg=30.0))
+    heavy = replace(jackal.chassis, mass_kg=30.0)
+    assert load_robot(changed(changes, JACKAL)) == replace(jackal, chassis=heavy)
 
 
 TURNED = """<robot name="r">
@@ -193,27 +185,24 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path.write_text(TURNED, "utf-8")
     chassis = read_chassis(path)
     assert chassis["mass_kg"] == 2.0
-    assert chassis["centre_of_mass_m"] == pytest.approx(
-        (0.0, 0.0, 0.0), abs=1e-12
-    )  # 1 ahead, 1 back
+    middle = pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    assert chassis["centre_of_mass_m"] == middle  # 1 ahead, 1 back
     assert chassis["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
-    assert chassis["base_height_m"] == pytest.approx(0.2)
-    assert (
-        chassis["track_m"],
-        chassis["wheelbase_m"],
-        chassis["axle_x_m"],
-    ) == pytest.approx((0.4, 0.0, 0.3))
-    assert (
-        chassis["wheel_radius_m"],
-        chassis["wheel_width_m"],
-        chassis["wheel_z_m"],
-    ) == pytest.approx((0.1, 0.02, -0.1))
+    lengths_m = {
+        "base_height_m": 0.2,
+        "track_m": 0.4,
+        "wheelbase_m": 0.0,
+        "axle_x_m": 0.3,
+        "wheel_radius_m": 0.1,
+        "wheel_width_m": 0.02,
+        "wheel_z_m": -0.1,
+    }
+    assert {name: chassis[name] for name in lengths_m} == pytest.approx(lengths_m)
 
 
 def test_a_rotation_is_about_fixed_axes():
-    assert rotation_matrix(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx(
-        [0.0, 1.0, 0.0]
-    )
+    left = rotation_matrix(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0]
+    assert left == pytest.approx([0.0, 1.0, 0.0])
     turned = rotation_matrix(0.3, -0.2, 0.5)
     assert turned @ turned.T == pytest.approx(np.eye(3))
     assert turned[2, 0] == pytest.approx(math.sin(0.2))
@@ -254,9 +243,8 @@ def test_axles_are_where_the_kind_of_drive_has_them():
     husky, burger = (
         load_robot(name).chassis for name in ("husky", "turtlebot3_burger")
     )
-    assert [x for x, _, _ in husky.wheels_m] == pytest.approx(
-        [0.256, 0.256, -0.256, -0.256]
-    )
+    axles_m = [x for x, _, _ in husky.wheels_m]
+    assert axles_m == pytest.approx([0.256, 0.256, -0.256, -0.256])
     assert [x for x, _, _ in burger.wheels_m] == [0.0, 0.0]
     assert replace(husky, axle_x_m=0.01).wheels_m[0][0] == pytest.approx(0.266)
 
@@ -289,7 +277,7 @@ def test_polygons():
     assert contains(square, (1.0, 0.5))
     assert not contains(square, (1.1, 0.5))
     rng = np.random.default_rng(5)
-    points = [(x, y) for x, y in rng.normal(size=(60, 2)).tolist()]
+    points = list(map(tuple, rng.normal(size=(60, 2)).tolist()))
     around = convex_hull(points)
     assert area(around) > 0.0
     assert set(around) <= set(points)

@@ -142,7 +142,17 @@ def markup_as_the_protocols_name(lab: Lab) -> str:
     It drives; report and leaderboard show its name as text.
     """
     (lab.folder / "p.yaml").write_text(SHORT.replace("short", f'"{TAG}"'))
-    words = ["run", "--planner", "gap", "--worlds", "0,9", "--protocol", "p.yaml", "--bags", "none"]
+    words = [
+        "run",
+        "--planner",
+        "gap",
+        "--worlds",
+        "0,9",
+        "--protocol",
+        "p.yaml",
+        "--bags",
+        "none",
+    ]
     lab.barn(*words, "--out", lab.out)
     return _show_folders(lab, lab.out)
 
@@ -155,7 +165,16 @@ def quotes_in_the_folders_name(lab: Lab) -> str:
     """
     (lab.folder / "short.yaml").write_text(SHORT)
     out = 'it\'s "mine" & {yours}'
-    words = ["--worlds", "0,9", "--repetitions", "1", "--protocol", "short.yaml", "--bags", "all"]
+    words = [
+        "--worlds",
+        "0,9",
+        "--repetitions",
+        "1",
+        "--protocol",
+        "short.yaml",
+        "--bags",
+        "all",
+    ]
     lab.barn("campaign", "--planners", "gap", *words, "--out", out)
     lab.barn("check", out)
     lab.barn("compare", out, out)

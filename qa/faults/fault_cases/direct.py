@@ -227,5 +227,14 @@ def cannot_be_imported(lab: Lab) -> str:
 def gap_run(lab: Lab) -> list[object]:
     """Return the words of a short run of a planner that does nothing wrong."""
     (lab.folder / "short.yaml").write_text(SHORT)
-    words = ["run", "--planner", "gap", "--worlds", "0", "--protocol", "short.yaml", "--out"]
+    words = [
+        "run",
+        "--planner",
+        "gap",
+        "--worlds",
+        "0",
+        "--protocol",
+        "short.yaml",
+        "--out",
+    ]
     return [*words, lab.out]
