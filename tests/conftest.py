@@ -3,7 +3,6 @@
 Its documentation, examples, images and the tools of its makers.
 """
 
-import pytest
 from extra_messages import extra_message_types, with_extra_messages
 from shared_fixtures import longest_first, original_folder
 
@@ -20,6 +19,6 @@ LONGEST = [
 ]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Put the longest files of tests first."""
     longest_first(items, LONGEST)

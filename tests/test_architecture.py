@@ -2,12 +2,12 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from repository import ROOT
+
 ALLOWED = {
     "barn_worlds": set(),
     "barn_sim": {"barn_worlds"},
@@ -54,7 +54,7 @@ class Source:
     tree: ast.Module
 
     @property
-    def ros(self) -> bool:
+    def ros(self):
         """Whether this is where ROS may be known.
 
         Nodes, what only they need, and launch files.
@@ -63,7 +63,7 @@ class Source:
         return parts[0] == "launch" or "ros" in parts
 
     @property
-    def imports(self) -> set[str]:
+    def imports(self):
         """The dotted name of everything that the file imports, wherever in it."""
         names: set[str] = set()
         for node in ast.walk(self.tree):
@@ -71,28 +71,24 @@ class Source:
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
                 names |= {f"{node.module}.{alias.name}" for alias in node.names}
-            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(
-                ("import_module", "__import__")
-            ):
-                names |= {
-                    argument.value
-                    for argument in node.args[:1]
-                    if isinstance(argument, ast.Constant)
-                }
+        for call in self.calls():
+            is_import = ast.unparse(call.func).endswith(("import_module", "__import__"))
+            if is_import and call.args and isinstance(call.args[0], ast.Constant):
+                names.add(call.args[0].value)
         return names
 
     @property
-    def tops(self) -> set[str]:
+    def tops(self):
         """The packages that the file imports."""
         return {name.split(".")[0] for name in self.imports}
 
-    def calls(self) -> Iterator[ast.Call]:
+    def calls(self):
         """Yield all calls."""
         return (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
 
 
 @cache
-def sources() -> tuple[Source, ...]:
+def sources():
     """Return the source files of all packages, tests and setup left out."""
     files = []
     for package in ALLOWED:
@@ -108,32 +104,21 @@ def test_the_source_is_looked_at():
     assert {source.package for source in sources()} == set(ALLOWED)
     assert len(sources()) > 80
     everything = {(source.package, top) for source in sources() for top in source.tops}
-    assert {
-        ("barn_sim", "pybullet"),
-        ("barn_sim", "rclpy"),
-        ("barn_eval", "barn_metrics"),
-    } <= everything
+    assert {("barn_sim", "pybullet"), ("barn_sim", "rclpy")} <= everything
+    assert ("barn_eval", "barn_metrics") in everything
 
 
 def test_packages_import_only_what_is_below_them():
-    wrong = [
-        f"{source.where} imports {top}"
-        for source in sources()
-        for top in source.tops
-        & set(ALLOWED) - {source.package} - ALLOWED[source.package]
-    ]
-    assert not wrong
+    for source in sources():
+        others = set(ALLOWED) - {source.package} - ALLOWED[source.package]
+        assert not source.tops & others, source.where
 
 
 def test_only_nodes_and_launch_files_know_ros():
-    wrong = [
-        f"{source.where} imports {top}"
-        for source in sources()
-        if not source.ros
-        for top in source.tops
-        if top in ROS or top.endswith(MESSAGES)
-    ]
-    assert not wrong
+    for source in sources():
+        tops = () if source.ros else source.tops
+        known = [top for top in tops if top in ROS or top.endswith(MESSAGES)]
+        assert not known, source.where
 
 
 # The rooms of barn_eval, folders and files at its root, from the lowest to the highest;
@@ -149,11 +134,9 @@ ENTRANCES = ("__init__", "__main__")  # which import what they offer by name
 
 def test_rooms_import_only_rooms_below_them():
     wrong = []
-    for source in (
-        file
-        for file in sources()
-        if file.package == "barn_eval" and not file.where.startswith("launch")
-    ):
+    for source in sources():
+        if source.package != "barn_eval" or source.where.startswith("launch"):
+            continue
         room = Path(source.where).with_suffix("").parts[1]
         if room in ENTRANCES:
             continue
@@ -202,24 +185,19 @@ def test_the_documentation_has_the_rooms_in_their_order():
 
 
 def test_cores_do_not_import_nodes():
-    wrong = [
-        f"{source.where} imports {name}"
-        for source in sources()
-        if not source.ros
-        and source.package != "barn_eval"  # whose rooms have an order of their own
-        for name in source.imports
-        if name.split(".")[0] in ALLOWED and name.split(".")[1:2] == ["ros"]
-    ]
-    assert not wrong
+    for source in sources():
+        # the rooms of barn_eval have an order of their own
+        if source.ros or source.package == "barn_eval":
+            continue
+        for name in source.imports:
+            top, *rooms = name.split(".")
+            assert top not in ALLOWED or rooms[:1] != ["ros"], source.where
 
 
 def test_heavy_libraries_stay_in_their_place():
-    assert not [
-        file.where
-        for file in sources()
-        if "pybullet" in file.tops and file.package != "barn_sim"
-    ]
-    assert not [file.where for file in sources() if "torch" in file.tops]
+    for source in sources():
+        assert "pybullet" not in source.tops or source.package == "barn_sim"
+        assert "torch" not in source.tops
 
 
 def test_there_is_no_global_random_state():
@@ -227,29 +205,18 @@ def test_there_is_no_global_random_state():
 
     Nothing but their constructors is taken from numpy.random.
     """
-    wrong = [
-        f"{source.where} imports random"
-        for source in sources()
-        if "random" in source.tops
-    ]
     for source in sources():
+        assert "random" not in source.tops, source.where
         for node in ast.walk(source.tree):
-            if isinstance(node, ast.Attribute) and ast.unparse(node.value) in (
-                "np.random",
-                "numpy.random",
-            ):
-                wrong += (
-                    []
-                    if node.attr in RANDOM
-                    else [f"{source.where}:{node.lineno} {node.attr}"]
-                )
+            if isinstance(node, ast.Attribute):
+                of_numpy = ast.unparse(node.value) in ("np.random", "numpy.random")
+                is_good = not of_numpy or node.attr in RANDOM
+                assert is_good, f"{source.where}:{node.lineno}"
         for call in source.calls():
-            unseeded = not call.args and not call.keywords
-            if unseeded and ast.unparse(call.func).split(".")[-1] in SEEDED:
-                wrong.append(
-                    f"{source.where}:{call.lineno} {ast.unparse(call.func)} without a seed"
-                )
-    assert not wrong
+            is_seeded = call.args or call.keywords
+            constructor = ast.unparse(call.func).split(".")[-1]
+            is_good = is_seeded or constructor not in SEEDED
+            assert is_good, f"{source.where}:{call.lineno} without a seed"
 
 
 def test_cores_read_no_clock():
@@ -271,14 +238,9 @@ def test_user_strings_meet_no_shell_and_no_unsafe_loader():
     for source in sources():
         for call in source.calls():
             name = ast.unparse(call.func)
-            options = {
-                keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords
-            }
-            unsafe = (
-                name in UNSAFE
-                or options.get("shell") == "True"
-                or options.get("allow_pickle") == "True"
-            )
-            if unsafe or (name == "np.load" and options.get("allow_pickle") != "False"):
+            options = {word.arg: ast.unparse(word.value) for word in call.keywords}
+            pickle = options.get("allow_pickle")
+            is_unsafe = name in UNSAFE or "True" in (options.get("shell"), pickle)
+            if is_unsafe or (name == "np.load" and pickle != "False"):
                 wrong.append(f"{source.where}:{call.lineno} {name}")
     assert not wrong

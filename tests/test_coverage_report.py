@@ -29,11 +29,7 @@ def test_branches_are_counted_by_package_and_all_come_last():
     branches = count_branches({"files": FILES})
     assert {
         name: (reached.branches, reached.reached) for name, reached in branches.items()
-    } == {
-        "barn_eval": (4, 3),
-        "barn_sim": (12, 9),
-        "all": (16, 12),
-    }
+    } == {"barn_eval": (4, 3), "barn_sim": (12, 9), "all": (16, 12)}
     assert list(branches)[-1] == "all"
     assert branches["all"].percent == 75.0
     assert branches["barn_sim"].missing == {
@@ -50,10 +46,7 @@ def test_each_gap_counts_for_the_first_reason_that_fits(tmp_path, monkeypatch):
     missing = count_branches({"files": FILES})["all"].missing
     assert group_by_reason(
         missing, {"barn_sim/*": "cannot be", "barn_sim/barn_sim/a.py": "later"}
-    ) == {
-        "cannot be": 3,
-        REFUSAL: 1,
-    }
+    ) == {"cannot be": 3, REFUSAL: 1}
     assert (
         reason_for("barn_eval/barn_eval/c.py", "pass", {"barn_sim/*": "cannot be"})
         == ""

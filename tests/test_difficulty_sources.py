@@ -1,6 +1,5 @@
 """Reading trials for the difficulty model, training and judging it, end to end."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,15 +7,15 @@ import pytest
 from click.testing import CliRunner
 from judge_difficulty import main as judge
 from model.test_model import make_trials
+from refusals import refused
 from reproduce_work import experiment_of, write_invented
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.commands.main import cli
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import ModelError, load_model
 from barn_metrics.model.evaluation import EvaluationConfig, evaluate
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 
@@ -64,41 +63,30 @@ def test_worlds_are_identified_by_checksum_not_by_number(source, tmp_path):
     worlds, trials = read_trials(source)
     dataset = open_dataset("barn300")
     assert tuple(worlds) == trials.world_numbers == dataset.world_numbers[::10]
-    assert all(
-        world.checksum == dataset.load(index).checksum
-        for index, world in worlds.items()
-    )
+    for index, world in worlds.items():
+        assert world.checksum == dataset.load(index).checksum
     results = read_source(source).results
-    first = [
-        result.scores.normalised_time_s_per_m
-        for result in results
-        if result.world == 10
-    ]
+    first = [result.scores for result in results if result.world == 10]
     assert (len(first), len(trials)) == (4, len(results))
-    assert trials.difficulty()[1] == pytest.approx(np.mean(first))
-    write_dataset_file(
-        tmp_path / "again.npz",
-        "again",
-        {1000 - index: world for index, world in worlds.items()},
-    )
+    mean = np.mean([scores.normalised_time_s_per_m for scores in first])
+    assert trials.difficulty()[1] == pytest.approx(mean)
+    renumbered = {1000 - index: world for index, world in worlds.items()}
+    write_dataset_file(tmp_path / "again.npz", "again", renumbered)
     again, moved = read_trials(source, str(tmp_path / "again.npz"))
-    assert tuple(again) == tuple(sorted(1000 - index for index in worlds))
+    assert tuple(again) == tuple(sorted(renumbered))
     assert moved.difficulty().tolist() == trials.difficulty().tolist()[::-1]
-    with pytest.raises(
-        ConfigError,
-        match="world 0 of its trials is none of barn_test; name the data set they ran in",
+    with refused(
+        "world 0 of its trials is none of barn_test; name the data set they ran in"
     ):
         read_trials(source, "barn_test")
 
 
-def test_uncounted_trials_and_incomplete_worlds_are_left_out(
-    tmp_path,
-):
+def test_uncounted_trials_and_incomplete_worlds_are_left_out(tmp_path):
     def lost(result):
-        failed = replace(
-            result, outcome=Outcome.ENVIRONMENT_FAILED, fault="environment"
-        )
-        return failed if result.trial_id == lost_id else result
+        if result.trial_id != lost_id:
+            return result
+        outcome = Outcome.ENVIRONMENT_FAILED
+        return replace(result, outcome=outcome, fault="environment")
 
     lost_id = experiment_of("0-11", 1).trials()[0].trial_id
     write_invented(tmp_path / "out", experiment_of("0-11", 1), change=lost)
@@ -109,48 +97,28 @@ def test_uncounted_trials_and_incomplete_worlds_are_left_out(
 def test_other_sources_are_refused(tmp_path):
     (tmp_path / "t.parquet").write_bytes(b"PAR1")
     for name in ("none.csv", "none", "t.parquet"):
-        with pytest.raises(BarnError, match=r"none|t\.parquet") as caught:
+        with refused(r"none|t\.parquet", BarnError) as caught:
             read_trials(tmp_path / name, "barn300")
         assert "\n" not in str(caught.value)
 
 
-def test_a_trained_model_predicts_from_the_command_line(weights):
-    path, description = weights
-    assert description["training_worlds"] == COUNT
-    predict = ["difficulty", "predict", "barn300", "--weights", str(path)]
-    output = CliRunner().invoke(cli, [*predict, "--worlds", "0-4", "--json"]).output
-    lines = json.loads(output)["worlds"]
-    expected = load_model(path).predict(open_dataset("barn300").load(3))
-    assert lines[3]["difficulty_s_per_m"] == expected.difficulty_s_per_m
-    table = CliRunner().invoke(cli, [*predict, "--worlds", "3"]).output
-    assert f"{expected.difficulty_s_per_m:.2f}" in table
-
-
 def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
     path, trained = weights
+    assert trained["training_worlds"] == COUNT
     config = EvaluationConfig(folds=3, repeats=1)
     report = evaluate(*load_trials([source]), load_model(path), config)
     ridge, network = report.scores
-    assert all(
-        each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, network)
-    )
+    for score in (ridge, network):
+        assert score.mse.low <= score.mse.estimate <= score.mse.high
     difficulty = read_trials(source)[1].difficulty()
-    assert (ridge.name, ridge.gain, network.name, report.worlds) == (
-        "ridge",
-        None,
-        "weights",
-        COUNT,
-    )
-    assert (
-        network.mse.estimate
-        == pytest.approx(trained["training_mse"])
-        == network.training_mse
-    )
+    assert (ridge.name, ridge.gain) == ("ridge", None)
+    assert (network.name, report.worlds) == ("weights", COUNT)
+    assert network.mse.estimate == pytest.approx(trained["training_mse"])
+    assert network.training_mse == pytest.approx(trained["training_mse"])
     unexplained = trained["training_mse"] / difficulty.var()
     assert network.r2.estimate == pytest.approx(1.0 - unexplained)
-    assert network.gain.estimate == pytest.approx(
-        ridge.mse.estimate - network.mse.estimate
-    )
+    gain = ridge.mse.estimate - network.mse.estimate
+    assert network.gain.estimate == pytest.approx(gain)
     assert report.ceiling is not None
 
 
@@ -162,10 +130,10 @@ def test_worlds_held_out_judge_weights_alone(tmp_path):
 
 
 def test_mistakes_are_named(source):
-    with pytest.raises(BarnError, match="no trials of planner 'dwb'"):
+    with refused("no trials of planner 'dwb'", BarnError):
         load_trials([source], planner="dwb")
     config = EvaluationConfig(folds=16)
-    with pytest.raises(BarnError, match="16 folds need at least 32 worlds, got 30"):
+    with refused("16 folds need at least 32 worlds, got 30", BarnError):
         evaluate(*load_trials([source]), load_model(), config)
     output = CliRunner().invoke(judge, ["weights", str(source), "--folds", "3"]).output
     assert "ridge" in output and "highest R2 that these trials allow" in output
@@ -173,36 +141,29 @@ def test_mistakes_are_named(source):
 
 def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     trials = make_trials(worlds, repetitions=1)
-    even_worlds, odd_worlds = (
-        {index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1)
-    )
+    even_worlds = {index: worlds[index] for index in list(worlds)[::2]}
+    odd_worlds = {index: worlds[index] for index in list(worlds)[1::2]}
     some = trials.in_worlds(even_worlds)
     rest = trials.in_worlds(odd_worlds)
     renumbered = dict(enumerate(odd_worlds.values()))
     numbers = dict(zip(odd_worlds, renumbered, strict=True))
     moved_numbers = [numbers[int(index)] for index in rest.worlds]
     moved = replace(rest, worlds=np.array(moved_numbers))
-    joined_worlds, joined_trials = join_trials(
-        [(even_worlds, some), (renumbered, moved), (even_worlds, some)]
-    )
-    assert len(joined_worlds) == len(worlds) and len(joined_trials) == len(
-        trials
-    ) + len(some)
-    expected = {
-        worlds[index].checksum: value
-        for index, value in zip(trials.world_numbers, trials.difficulty(), strict=True)
-    }
-    assert [
-        expected[joined_worlds[number].checksum]
-        for number in joined_trials.world_numbers
-    ] == pytest.approx(joined_trials.difficulty())
-    with pytest.raises(
-        ModelError, match="there are trials of world 1, but not the world itself"
-    ):
+    parts = [(even_worlds, some), (renumbered, moved), (even_worlds, some)]
+    joined_worlds, joined_trials = join_trials(parts)
+    assert len(joined_worlds) == len(worlds)
+    assert len(joined_trials) == len(trials) + len(some)
+
+    def difficulties(worlds, trials):
+        values = zip(trials.world_numbers, trials.difficulty(), strict=True)
+        return {worlds[number].checksum: value for number, value in values}
+
+    expected = difficulties(worlds, trials)
+    assert difficulties(joined_worlds, joined_trials) == pytest.approx(expected)
+    with refused("there are trials of world 1, but not the world itself", ModelError):
         join_trials([({0: renumbered[0]}, moved)])
     numbers_with_stray = np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)
     stray = replace(moved, worlds=numbers_with_stray)
-    with pytest.raises(
-        ModelError, match="there are trials of world 9999, but not the world itself"
-    ):
+    words = "there are trials of world 9999, but not the world itself"
+    with refused(words, ModelError):
         join_trials([(renumbered, stray)])

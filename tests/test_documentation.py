@@ -9,6 +9,7 @@ from pathlib import Path
 
 import figures as tool
 import yaml
+from repository import DOCS, ROOT
 
 from barn_eval.results.rows import results_table, timing_table
 from barn_eval.running.request import read_request
@@ -16,8 +17,6 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import RunConfig
 from barn_metrics.bootstrap import RESAMPLES
 
-ROOT = Path(__file__).resolve().parents[1]
-DOCS = ROOT / "docs"
 CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
 
 
@@ -29,9 +28,8 @@ def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
     output = capsys.readouterr().out
     folder = tmp_path / "figures"
     assert all(f"{folder / name}\n" in output for name in figures)
-    assert {
-        path.name for path in (DOCS / "figures").iterdir()
-    } == figures | tool.ELSEWHERE.keys()
+    shown = {path.name for path in (DOCS / "figures").iterdir()}
+    assert shown == figures | tool.ELSEWHERE.keys()
     assert not figures & tool.ELSEWHERE.keys()
     assert all(f"{name} is left as it is: " in output for name in tool.ELSEWHERE)
 
@@ -43,21 +41,12 @@ def test_a_folder_without_results_is_one_line(tmp_path, capsys):
 
 def test_every_figure_has_a_text_that_describes_it():
     pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
-    texts = [page.read_text("utf-8") for page in pages]
-    images = [
-        match
-        for text in texts
-        for match in re.findall(r"!\[([^\]]*)\]\(([^)]*figures/[^)]*)\)", text)
-    ]
-    tags = [
-        match
-        for text in texts
-        for match in re.findall(r'<img src="([^"]*figures/[^"]*)" alt="([^"]*)"', text)
-    ]
-    images += [(text, target) for target, text in tags]
-    assert {Path(target).name for _, target in images} == {
-        path.name for path in (DOCS / "figures").iterdir()
-    }
+    text = "\n".join(page.read_text("utf-8") for page in pages)
+    images = re.findall(r"!\[([^\]]*)\]\(([^)]*figures/[^)]*)\)", text)
+    tags = re.findall(r'<img src="([^"]*figures/[^"]*)" alt="([^"]*)"', text)
+    images += [(description, target) for target, description in tags]
+    names = {path.name for path in (DOCS / "figures").iterdir()}
+    assert {Path(target).name for _, target in images} == names
     unexplained = [target for text, target in images if len(text.split()) < 3]
     assert unexplained == []
 
@@ -80,10 +69,7 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
     path = tmp_path / "paper.yaml"
     path.write_text(text)
     campaign = read_request(path, {})
-    assert [planner.name for planner in campaign.config.planners] == [
-        "dwa",
-        "eband",
-    ]
+    assert [planner.name for planner in campaign.config.planners] == ["dwa", "eband"]
     assert campaign.config.protocol == PAPER_2020
     keys = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
     assert set(RunConfig.__dataclass_fields__) - keys == {"ros"}

@@ -8,16 +8,15 @@ import inspect
 import os
 import re
 import shlex
-import subprocess
-import sys
 import textwrap
 from functools import cache
-from pathlib import Path
 from pkgutil import resolve_name
 
 import click
 import pytest
 from launch_files import launch_arguments
+from repository import ROOT
+from waiting import run_python
 
 import barn_eval
 from barn_eval.commands.main import COMMANDS, MORE, cli
@@ -29,24 +28,16 @@ from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path
     for pattern in ("*.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md")
     for path in ROOT.glob(pattern)
 )
 # What a planner of one's own is called on these pages.
-EXAMPLES = {
-    "mine",
-    "simple",
-    "template",
-    "vector_pursuit",
-    "nav2_dwb",
-    "nav2_mppi",
-    "nav2_rpp",
-    "nav2_rpp_lockstep",
-}
-EXAMPLES |= {"gap_predictive", "mppi_predictive"}  # of examples/predictive_planners
+PLANNERS = """
+mine simple template vector_pursuit nav2_dwb nav2_mppi nav2_rpp nav2_rpp_lockstep
+gap_predictive mppi_predictive
+"""
 
 
 def commands(program):
@@ -108,13 +99,12 @@ def check_values(name, values):
     else:
         rules = PROTOCOLS[protocol]
     if name in ("run", "campaign"):
-        settings = [
-            setting for setting in values.get("ros") or [] if "KEY" not in setting
-        ]
-        replace_dotted(RosConfig(), parse_parameters(tuple(settings), "--ros"), "--ros")
+        settings = values.get("ros") or []
+        shown = tuple(setting for setting in settings if "KEY" not in setting)
+        replace_dotted(RosConfig(), parse_parameters(shown, "--ros"), "--ros")
         assignments = tuple(values.get("simulator") or ())
         simulator_config(rules, parse_parameters(assignments, "--sim"))
-    names = {*planner_names(), *EXAMPLES}
+    names = {*planner_names(), *PLANNERS.split()}
     for planner in (values.get("planners") or "dwa").split(","):
         assert planner.split(":")[0] in names
 
@@ -126,30 +116,20 @@ def executables(package):
     return set(re.findall(r"(?m)^    (\w+) = [\w.]+:\w+$", setup))
 
 
-FOREIGN = {
+FOREIGN = [
     "my_nav",
     "my_robot",
     "my_planner",
     "template_planner",
     "template_planner_cpp",
-}
+]
 
 
 @pytest.mark.parametrize("line", list(commands("ros2")))
 def test_ros2_is_shown_with_what_exists(line):
     _, verb, *words = words_of(line)
-    assert verb in (
-        "run",
-        "launch",
-        "bag",
-        "topic",
-        "param",
-        "node",
-        "service",
-        "action",
-        "lifecycle",
-        "pkg",
-    )
+    verbs = "run launch bag topic param node service action lifecycle pkg"
+    assert verb in verbs.split()
     if verb == "run" and words and words[0] not in FOREIGN:
         package, program, *rest = words
         assert program in executables(package)
@@ -233,8 +213,8 @@ def test_python_names_exist(path):
         for text in quotations(path)
         if not TOP_FOLDER.match(text)
     ]
-    names = [name[0] for name in matches if name]
-    missing = [name for name in names if name not in ENTRY_POINTS and not exists(name)]
+    names = {match[0] for match in matches if match} - ENTRY_POINTS
+    missing = [name for name in names if not exists(name)]
     assert missing == []
 
 
@@ -319,8 +299,6 @@ FEWER = {
     '"0:300:150"': '"0"',
     '"0:300:60"': '"0"',
     "per_set=3": "per_set=1",
-}
-FEWER |= {
     'predict("barn300")': 'predict("barn_test")',
     "per_class=50": "per_class=5",
     "workers=2": "workers=1",
@@ -340,27 +318,17 @@ def python_examples():
         ):  # which shows a whole node as well; test_ros_trials.py drives by its file
             node = (ROOT / "examples" / "simple_planner.py").read_text("utf-8")
             blocks = [block for block in blocks if block != node]
-        before = (
-            re.findall(r"(?m)^    (barn run .*)$", text)[:1]
-            if "out/bag/" in "".join(blocks)
-            else []
-        )
+        shown = "\n".join(blocks)
+        runs = re.findall(r"(?m)^    (barn run .*)$", text)
+        before = runs[:1] if "out/bag/" in shown else []
         if blocks:
-            yield pytest.param(
-                before, "\n".join(blocks), id=str(path.relative_to(ROOT))
-            )
-    members = {"": barn_eval} | {
-        name: getattr(barn_eval, name) for name in dir(barn_eval)
-    }
-    for noun, module in [
-        (name, member)
-        for name, member in members.items()
-        if name and inspect.ismodule(member)
-    ]:
-        members |= {
-            f"{noun}.{name}": member
-            for name, member in inspect.getmembers(module, inspect.isfunction)
-        }
+            yield pytest.param(before, shown, id=str(path.relative_to(ROOT)))
+    members = {"": barn_eval}
+    for noun in dir(barn_eval):
+        members[noun] = getattr(barn_eval, noun)
+        if inspect.ismodule(members[noun]):
+            functions = inspect.getmembers(members[noun], inspect.isfunction)
+            members |= {f"{noun}.{name}": function for name, function in functions}
     for name, member in members.items():
         text = inspect.getdoc(member) or ""
         lines = re.search(
@@ -376,12 +344,10 @@ def python_examples():
 
 @pytest.mark.parametrize(("before", "example"), list(python_examples()))
 def test_python_runs_as_it_is_shown(before, example, tmp_path):
-    for module in {"gymnasium", "stable_baselines3"} & {
-        word.split(".")[-1] for word in re.findall(r"[\w.]+", example)
-    }:
-        pytest.importorskip(
-            module, reason=f"{module}, an optional extra, is not installed"
-        )
+    words = {word.split(".")[-1] for word in re.findall(r"[\w.]+", example)}
+    for module in {"gymnasium", "stable_baselines3"} & words:
+        missing = f"{module}, an optional extra, is not installed"
+        pytest.importorskip(module, reason=missing)
     (tmp_path / "out").mkdir()
     for text, shorter in FEWER.items():
         example = example.replace(text, shorter)
@@ -390,16 +356,8 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
     search_path = os.pathsep.join(filter(None, folders))
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
-        command = [sys.executable, *words]
         environment = os.environ | {"PYTHONPATH": search_path}
-        done = subprocess.run(
-            command,
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = run_python(*words, check=False, cwd=tmp_path, env=environment)
         assert done.returncode == 0, done.stderr
 
 
@@ -407,11 +365,6 @@ def test_python_examples_are_found():
     source = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
     assert source in (ROOT / "README.md").read_text("utf-8")
     ids = {parameters.id for parameters in python_examples()}
-    assert {
-        "README.md",
-        "docs/python.md",
-        "docs/tutorials/reading_a_bag.md",
-        "barn_eval",
-        "barn_eval.run",
-    } <= ids
+    pages = "README.md docs/python.md docs/tutorials/reading_a_bag.md"
+    assert {*pages.split(), "barn_eval", "barn_eval.run"} <= ids
     assert len(ids) > 12

@@ -12,30 +12,23 @@ import shutil
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import kill_points
 import long_run
 import numpy as np
 import processes
 import pytest
-
-TOOLS = Path(__file__).resolve().parents[1] / "qa"
+from repository import ROOT
+from text_tables import answers_of
+from waiting import run_python
 
 
 def test_campaigns_resume_after_a_kill_to_the_same_tables():
-    mode = (
-        "ros" if importlib.util.find_spec("rclpy") else "direct"
-    )  # which test_campaign.py kills as well
-    command = [
-        sys.executable,
-        TOOLS / "faults" / "kill_points.py",
-        "--json",
-        "--points=1",
-        "--seed=4",
-        f"--mode={mode}",
-    ]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    # mode direct is killed by test_run.py as well
+    mode = "ros" if importlib.util.find_spec("rclpy") else "direct"
+    tool = ROOT / "qa" / "faults" / "kill_points.py"
+    options = ("--json", "--points=1", "--seed=4", f"--mode={mode}")
+    ended = run_python(tool, *options, check=False)
     assert ended.returncode == 0, ended.stderr + ended.stdout
     points = json.loads(ended.stdout)["points"]
     assert [point["mode"] for point in points] == [mode]
@@ -44,13 +37,15 @@ def test_campaigns_resume_after_a_kill_to_the_same_tables():
 
 def test_the_same_seed_gives_the_same_points():
     durations_s = {"direct": 10.0, "ros": 20.0}
-    first_points, same_points, other_points = (
-        kill_points.draw_points(20, seed, ["direct", "ros"], durations_s)
-        for seed in (1, 1, 2)
-    )
-    assert first_points == same_points != other_points
-    assert {point.role for point in first_points} <= set(kill_points.ROLES["ros"])
-    assert all(0.0 <= point.at_s <= durations_s[point.mode] for point in first_points)
+
+    def draw(seed):
+        return kill_points.draw_points(20, seed, ["direct", "ros"], durations_s)
+
+    points = draw(1)
+    assert points == draw(1) != draw(2)
+    for point in points:
+        assert point.role in kill_points.ROLES["ros"]
+        assert 0.0 <= point.at_s <= durations_s[point.mode]
 
 
 @pytest.fixture(scope="module")
@@ -60,23 +55,9 @@ def complete(tmp_path_factory):
     (folder / "near.yaml").write_text(
         "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\n"
     )
-    options = [
-        "--worlds=0",
-        "--planners=gap",
-        "--repetitions=2",
-        "--bags=all",
-        f"--protocol={folder / 'near.yaml'}",
-    ]
-    command = [
-        sys.executable,
-        "-m",
-        "barn_eval",
-        "campaign",
-        *options,
-        "--workers=1",
-        f"--out={folder / 'out'}",
-    ]
-    subprocess.run(command, check=True, capture_output=True)
+    options = "--worlds=0 --planners=gap --repetitions=2 --bags=all --workers=1"
+    paths = f"--protocol={folder}/near.yaml --out={folder}/out"
+    run_python("-m", "barn_eval", "campaign", *options.split(), *paths.split())
     return folder / "out"
 
 
@@ -114,26 +95,27 @@ def test_a_campaign_that_differs_is_not_equal(
     point = kill_points.Point("direct", "worker", 1.0)
     assert kill_points.compare_folders(point, out, complete).equal
     (out / name).write_bytes(change((out / name).read_bytes()))
-    assert complaint in " ".join(
-        kill_points.compare_folders(point, out, complete).problems
-    )
+    problems = kill_points.compare_folders(point, out, complete).problems
+    assert complaint in " ".join(problems)
 
 
 def test_what_grows_is_not_flat():
     trials = np.arange(1, 2001)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(trials))
-    steady = long_run.growth("all.anonymous_mb", trials, 200.0 + noise)
+
+    def growth(name, values):
+        return long_run.growth(f"all.{name}", trials, values)
+
+    steady = growth("anonymous_mb", 200.0 + noise)
     assert steady.flat
     assert abs(steady.per_1000) < steady.uncertainty * 2
-    leaking = long_run.growth("all.anonymous_mb", trials, 200.0 + noise + 0.02 * trials)
+    leaking = growth("anonymous_mb", 200.0 + noise + 0.02 * trials)
     assert not leaking.flat
     assert leaking.per_1000 == pytest.approx(20.0, abs=3 * leaking.uncertainty)
-    handles = 20.0 + np.floor(trials / 500)
-    assert not long_run.growth("all.handles", trials, handles).flat
-    assert long_run.growth("all.handles", trials, np.full(len(trials), 20.0)).flat
-    assert not long_run.growth(
-        "all.anonymous_mb", trials, 200.0 + 100.0 * noise
-    ).flat  # nothing can be told
+    assert not growth("handles", 20.0 + np.floor(trials / 500)).flat
+    assert growth("handles", np.full(len(trials), 20.0)).flat
+    # nothing can be told
+    assert not growth("anonymous_mb", 200.0 + 100.0 * noise).flat
     with pytest.raises(ValueError, match="at least 20"):
         long_run.growth("all.handles", trials[:10], trials[:10])
 
@@ -156,11 +138,8 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
             assert 0 < used.anonymous_bytes <= used.rss_bytes
             (tmp_path / "tmp" / "left").touch()
             taken = long_run.sample(7, tmp_path.name, set(), tmp_path / "tmp")
-            assert (
-                taken["trials"],
-                taken["temporary_files"],
-                taken["all.threads"],
-            ) == (7, 1, 2)
+            assert (taken["trials"], taken["temporary_files"]) == (7, 1)
+            assert taken["all.threads"] == 2
             assert processes.wait_for_end(tmp_path.name, 0.0) == [marked_process]
         finally:
             process.send_signal(signal.SIGKILL)
@@ -168,23 +147,24 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     assert processes.usage(marked_process) == processes.Usage()
 
 
-@pytest.mark.parametrize(
-    ("line", "role"),
-    [
-        ("python -m barn_eval campaign --worlds=0", "campaign"),
-        ("python -P -m barn_eval.running.worker 5 local-0", "worker"),
-        (
-            "python -I -S /a/supervision/launcher.py 7 -- python start.py barn_sim.ros.simulator:main",
-            "guard",
-        ),
-        (
-            "python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args",
-            "simulator",
-        ),
-        ("python /a/supervision/start.py barn_planners.ros.planner:main", "planner"),
-        ("python /a/supervision/start.py barn_eval.ros.evaluator:main", "evaluator"),
-        ("sleep 600", "other"),
-    ],
-)
+ROLES = """
+python -m barn_eval campaign --worlds=0
+    campaign
+python -P -m barn_eval.running.worker 5 local-0
+    worker
+python -I -S /a/supervision/launcher.py 7 -- python start.py barn_sim.ros.simulator:main
+    guard
+python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args
+    simulator
+python /a/supervision/start.py barn_planners.ros.planner:main
+    planner
+python /a/supervision/start.py barn_eval.ros.evaluator:main
+    evaluator
+sleep 600
+    other
+"""
+
+
+@pytest.mark.parametrize(("line", "role"), answers_of(ROLES))
 def test_roles_are_told_by_the_command_line(line, role):
     assert processes.role(line.split()) == role

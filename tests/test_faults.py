@@ -7,14 +7,12 @@
 import json
 import os
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from fuzz_readers import READERS
+from repository import ROOT
+from waiting import run_python
 
-ROOT = Path(__file__).resolve().parents[1]
 TOOL = ROOT / "qa" / "faults" / "faults.py"
 PAGE = ROOT / "docs" / "reliability.md"
 QUICK = (
@@ -26,46 +24,30 @@ QUICK = (
 
 
 def faults(*arguments):
-    return subprocess.run(
-        [sys.executable, TOOL, *arguments], capture_output=True, text=True, check=False
-    )
+    return run_python(TOOL, *arguments, check=False)
 
 
 def test_quick_cases_pass(tmp_path):
-    ended = faults(
-        *(word for name in QUICK for word in ("--only", name)),
-        "--json",
-        "--out",
-        tmp_path / "out",
-    )
+    out = tmp_path / "out"
+    options = ("--json", "--out", out)
+    ended = faults(*(f"--only={name}" for name in QUICK), *options)
     assert ended.returncode == 0, ended.stderr
     outcomes = json.loads(ended.stdout)
-    assert {
-        outcome["case"]: outcome["status"] for outcome in outcomes
-    } == dict.fromkeys(QUICK, "passed")
-    written = (tmp_path / "out/faults.json").read_text()
-    assert json.loads(written) == outcomes
-    assert (
-        faults(
-            "--only", QUICK[0], "--resume", "--json", "--out", tmp_path / "out"
-        ).stdout.strip()
-        == "[]"
-    )
+    statuses = {outcome["case"]: outcome["status"] for outcome in outcomes}
+    assert statuses == dict.fromkeys(QUICK, "passed")
+    assert json.loads((out / "faults.json").read_text()) == outcomes
+    again = faults(f"--only={QUICK[0]}", "--resume", *options)
+    assert again.stdout.strip() == "[]"
 
 
 def test_the_page_lists_exactly_the_cases_of_the_tool():
-    cases = {
-        case["case"]: case for case in json.loads(faults("--list", "--json").stdout)
-    }
-    assert len(cases) >= 80
-    rows = re.findall(
-        r"^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"), re.MULTILINE
-    )
-    assert sorted(rows) == sorted(cases)
-    assert all(
-        case["done"].endswith(".") and case["must"].endswith(".")
-        for case in cases.values()
-    )
+    cases = json.loads(faults("--list", "--json").stdout)
+    names = {case["case"] for case in cases}
+    assert len(names) >= 80
+    rows = re.findall(r"(?m)^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"))
+    assert sorted(rows) == sorted(names)
+    for case in cases:
+        assert case["done"].endswith(".") and case["must"].endswith(".")
 
 
 def test_a_page_without_a_place_for_the_table_is_refused(tmp_path):
@@ -88,9 +70,8 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
         raise kit.Wrong("it is not so")
 
     monkeypatch.setattr(kit, "_LEFT_S", 0.1)
-    outcome = tool.try_case(
-        kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, []
-    )
+    case = kit.Case("x", "y", "Done.", "Must.", act, 60.0)
+    outcome = tool.try_case(case, tmp_path, [])
     assert (outcome.status, outcome.measured) == ("failed", "it is not so")
 
     def sleep(lab):
@@ -109,16 +90,12 @@ INPUTS = 400  # the same in every run, which qa/fuzz/fuzz.py goes beyond
 def reports(tmp_path_factory):
     """What the tool says of each reader."""
     out = tmp_path_factory.mktemp("fuzz")
-    options = f"--corpus --inputs {INPUTS} --seconds 3600 --json".split()
-    command = [sys.executable, ROOT / "qa" / "fuzz" / "fuzz.py", *options, "--out", out]
+    options = f"--corpus --inputs {INPUTS} --seconds 3600 --json --out {out}"
+    tool = ROOT / "qa" / "fuzz" / "fuzz.py"
     patient = {**os.environ, "FUZZ_LIMIT_S": "60"}
-    ended = subprocess.run(
-        command, capture_output=True, text=True, check=False, env=patient
-    )
-    reports_by_reader = {
-        report["reader"]: report
-        for report in map(json.loads, ended.stdout.splitlines())
-    }
+    ended = run_python(tool, *options.split(), check=False, env=patient)
+    lines = map(json.loads, ended.stdout.splitlines())
+    reports_by_reader = {report["reader"]: report for report in lines}
     assert reports_by_reader.keys() == READERS.keys(), ended.stderr
     return reports_by_reader
 

@@ -3,11 +3,11 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from repository import ROOT
 
-TOOL = Path(__file__).resolve().parents[1] / "qa/checks/house.py"
+TOOL = ROOT / "qa/checks/house.py"
 UPPER_BOUNDS = {
     "packages": {
         "tokens": 328_000,
@@ -30,7 +30,7 @@ ALL_TOKENS = 698_000
 
 
 @pytest.fixture(scope="module")
-def figures() -> dict[str, dict[str, float]]:
+def figures():
     command = [sys.executable, TOOL, "--json"]
     output = subprocess.run(command, check=True, capture_output=True).stdout
     return json.loads(output)

@@ -4,15 +4,12 @@ No text in them overlaps another.
 """
 
 import itertools
-from pathlib import Path
 
 import metrics_figures as tool
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from PIL import Image
 from world_metrics import WIDTH_PX, draw_world_figure, world_figure
 
@@ -23,14 +20,14 @@ from barn_worlds.datasets.generate import WorldParameters, generate_world
 from barn_worlds.worlds.world import World
 
 
-def _world(seed: int = 3, rows: int = 30, cols: int = 30) -> World:
+def _world(seed=3, rows=30, cols=30):
     parameters = WorldParameters(initial_fill=0.2, rows=rows, cols=cols)
     return generate_world(
         parameters, np.random.default_rng(seed), f"world of seed {seed}"
     )
 
 
-def _free_world() -> World:
+def _free_world():
     return World(
         "nothing in the way",
         np.zeros((12, 20), bool),
@@ -38,7 +35,7 @@ def _free_world() -> World:
     )
 
 
-def _texts(figure: Figure) -> list[Text]:
+def _texts(figure):
     """Return the texts that are seen.
 
     Matplotlib also keeps labels of ticks beyond the ends of an axis.
@@ -61,7 +58,7 @@ def _texts(figure: Figure) -> list[Text]:
     return [text for text in texts if text.get_text().strip()]
 
 
-def _overlapping_texts(figure: Figure) -> list[tuple[str, str]]:
+def _overlapping_texts(figure):
     """Return pairs of texts that overlap, and texts that the figure's edge cuts."""
     FigureCanvasAgg(figure).draw()
     renderer = figure.canvas.get_renderer()
@@ -107,7 +104,7 @@ def test_texts_neither_overlap_nor_leave_the_figure(name):
     assert _overlapping_texts(FIGURES[name]()) == []
 
 
-def test_world_figure_is_a_repeatable_png_of_the_stated_width(tmp_path: Path):
+def test_world_figure_is_a_repeatable_png_of_the_stated_width(tmp_path):
     for name in ("first.png", "second.png"):
         draw_world_figure(_world(), tmp_path / "new folder" / name)
     first, second = (
@@ -119,7 +116,7 @@ def test_world_figure_is_a_repeatable_png_of_the_stated_width(tmp_path: Path):
         assert (image.format, image.width) == ("PNG", WIDTH_PX)
 
 
-def test_documentation_figures_are_all_written(tmp_path: Path):
+def test_documentation_figures_are_all_written(tmp_path):
     dataset = Dataset("few", {k: (lambda seed=k: _world(seed)) for k in range(5)})
     files = tool.draw_documentation_figures(tmp_path / "figures", dataset)
     assert sorted(tmp_path.joinpath("figures").iterdir()) == sorted(files)
@@ -134,7 +131,7 @@ def test_documentation_figures_are_all_written(tmp_path: Path):
             assert image.width == WIDTH_PX
 
 
-def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path: Path):
+def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("kept")
     with pytest.raises(WorldError, match="cannot be written"):
         draw_world_figure(_world(), tmp_path / "file" / "world.png")

@@ -1,5 +1,7 @@
 """Figures of moving obstacles, against worlds in which they can be counted by hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -37,54 +39,45 @@ def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
     assert (statistics.obstacles, statistics.period_s) == (1, 20.0)
     # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2),
     # 0.785 m in the mean, of 20 m
-    assert statistics.occupied_share == pytest.approx(
-        0.1 * 0.7854 / 20.0, rel=0.1
-    )  # counted in steps of 0.1 m
+    # counted in steps of 0.1 m
+    assert statistics.occupied_share == pytest.approx(0.1 * 0.7854 / 20.0, rel=0.1)
 
 
 def test_jumping_over_a_line_or_passing_its_ends_is_no_crossing():
     jump = cylinder("jump", 10.0, (0.0, 0.0, 1.0), (10.0, 0.0, 3.0))
     below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
     over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))
-    assert (
-        motion_statistics(build_arena("jumps", [jump, below, over])).crossings_per_min
-        == 0.0
-    )
+    jumps = motion_statistics(build_arena("jumps", [jump, below, over]))
+    assert jumps.crossings_per_min == 0.0
     beyond = motion_statistics(build_arena("beyond", [crossing(11.5, 20.0)]))
     assert beyond.crossings_per_min == 0.0
     moving = cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))
     once = motion_statistics(build_arena("once", [moving]))
-    assert once.crossings_per_min == pytest.approx(
-        6.0
-    )  # once a period: the jump back is none
+    # once a period: the jump back is none
+    assert once.crossings_per_min == pytest.approx(6.0)
 
 
 def test_means_are_over_worlds_and_extremes_over_all():
     slow = build_arena("slow", [crossing(0.0, 40.0)])
     fast = build_arena("fast", [crossing(0.0, 10.0)])
     statistics = mean_statistics([slow, fast])
-    assert (statistics.slowest_mps, statistics.fastest_mps) == pytest.approx(
-        (0.5, 2.0), rel=1e-3
-    )
+    assert statistics.slowest_mps == pytest.approx(0.5, rel=1e-3)
+    assert statistics.fastest_mps == pytest.approx(2.0, rel=1e-3)
     assert statistics.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
 
 
 def test_worlds_are_counted_by_their_class(tmp_path):
-    classes = [motion_class(name) for name in ("easy", "hard")]
-    dataset_worlds = dict(
-        enumerate(
-            world for motion in classes for world in generate_arenas(motion, 2, 5)
-        )
+    easy, hard = (
+        list(generate_arenas(motion_class(name), 2, 5)) for name in ("easy", "hard")
     )
-    write_dataset_file(tmp_path / "own.npz", "own", dataset_worlds, {"seed": 5})
-    worlds_by_class = by_class(str(tmp_path / "own.npz"))
-    assert {name: len(worlds) for name, worlds in worlds_by_class.items()} == {
-        "easy": 2,
-        "hard": 2,
-    }
-    mean = (len(dataset_worlds[0].moving) + len(dataset_worlds[1].moving)) / 2
+    own = str(tmp_path / "own.npz")
+    write_dataset_file(Path(own), "own", dict(enumerate(easy + hard)), {"seed": 5})
+    worlds_by_class = by_class(own)
+    counts = {name: len(worlds) for name, worlds in worlds_by_class.items()}
+    assert counts == {"easy": 2, "hard": 2}
+    mean = (len(easy[0].moving) + len(easy[1].moving)) / 2
     assert mean_statistics(worlds_by_class["easy"]).obstacles == mean
-    result = CliRunner().invoke(main, [str(tmp_path / "own.npz")])
+    result = CliRunner().invoke(main, [own])
     (row,) = (line for line in result.output.splitlines() if "easy" in line)
     assert f"{mean:.3f}" in row
 
@@ -100,16 +93,13 @@ def test_dynabarn_has_the_speeds_and_periods_that_were_published():
         (0, (0.50, 0.90), (12, 85)),
         (40, (1.52, 1.90), (16, 70)),
     ):
-        moving = [
-            obstacle
-            for index in range(first, first + 20)
-            for obstacle in dataset.load(index).moving
-        ]
-        keys = [np.array(obstacle.motion.keys) for obstacle in moving]
+        worlds = map(dataset.load, range(first, first + 20))
+        motions = [obstacle.motion for world in worlds for obstacle in world.moving]
         mean = []
-        for table in keys:
-            steps = np.diff(table[:, 1:], axis=0)
-            mean.append(np.hypot(*steps.T).sum() / table[-1, 0])
+        for motion in motions:
+            keys = np.array(motion.keys)
+            steps = np.diff(keys[:, 1:], axis=0)
+            mean.append(np.hypot(*steps.T).sum() / keys[-1, 0])
         assert (min(mean), max(mean)) == pytest.approx(speeds, abs=0.005)
-        of_period = [obstacle.motion.period_s for obstacle in moving]
-        assert periods[0] - 0.5 <= min(of_period) and max(of_period) <= periods[1] + 0.5
+        for motion in motions:
+            assert periods[0] - 0.5 <= motion.period_s <= periods[1] + 0.5

@@ -1,22 +1,17 @@
 """The notebooks in examples/ run, and their results are those that they show."""
 
 import re
-from pathlib import Path
 
 import pytest
+from repository import EXAMPLES
 
-nbformat = pytest.importorskip(
-    "nbformat", reason="nbclient, an optional extra, is not installed"
-)
-nbclient = pytest.importorskip(
-    "nbclient", reason="nbclient, an optional extra, is not installed"
-)
-pytest.importorskip(
-    "ipykernel", reason="ipykernel, an optional extra, is not installed"
-)
-pytest.importorskip("pandas", reason="pandas, an optional extra, is not installed")
+missing = "nbclient, an optional extra, is not installed"
+nbformat = pytest.importorskip("nbformat", reason=missing)
+nbclient = pytest.importorskip("nbclient", reason=missing)
+for extra in ("ipykernel", "pandas"):
+    missing = f"{extra}, an optional extra, is not installed"
+    pytest.importorskip(extra, reason=missing)
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 
@@ -51,12 +46,9 @@ def test_a_notebook_shows_what_it_gives(path, tmp_path):
             cell.outputs = []
     resources = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(run, timeout=1000, resources=resources).execute()
-    assert list_outputs(run) == list_outputs(stored)
-    assert not any(
-        output.get("name") == "stderr"
-        for cell in stored.cells
-        for output in cell.get("outputs", ())
-    )
+    outputs = list_outputs(stored)
+    assert list_outputs(run) == outputs
+    assert "stderr" not in {name for _, name, *_ in outputs}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
@@ -66,28 +58,13 @@ def test_a_notebook_is_as_run_small_and_names_no_machine(path):
     text = re.sub(
         r"[A-Za-z0-9+/=]{200,}", "", text.replace("\\n", "")
     )  # pictures, which are in base64
-    for trace in (
-        r"/home/",
-        r"/root",
-        r"/tmp",
-        r"/Users/",
-        r"\b20\d\d-\d\d-\d\dT",
-        "iopub",
-        "<iframe",
-    ):
-        assert not re.search(trace, text), trace
-    codes = [
-        cell
-        for cell in nbformat.read(path, as_version=4).cells
-        if cell.cell_type == "code"
-    ]
+    traces = r"/home/|/root|/tmp|/Users/|\b20\d\d-\d\d-\d\dT|iopub|<iframe"
+    assert not re.search(traces, text)
+    cells = nbformat.read(path, as_version=4).cells
+    codes = [cell for cell in cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in codes] == list(range(1, len(codes) + 1))
-    kinds = {
-        kind
-        for cell in codes
-        for output in cell.outputs
-        for kind in output.get("data", ())
-    }
+    outputs = [output for cell in codes for output in cell.outputs]
+    kinds = {kind for output in outputs for kind in output.get("data", ())}
     assert {"text/html", "image/svg+xml", "image/png"} <= kinds
 
 

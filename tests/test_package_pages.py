@@ -2,12 +2,11 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
+from repository import ROOT
 from topics_used import CATALOGUE, topics_of, trees_of
 
-ROOT = Path(__file__).resolve().parents[1]
 NODES = [
     path
     for path in sorted(ROOT.glob("barn_*/README.md"))
@@ -17,20 +16,15 @@ NODES = [
 
 def services_of(package):
     """Return the names of the services that a package's nodes offer."""
-    calls = (
-        node
-        for tree in trees_of(package)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-    )
+    names = set()
     # the simulator's node offers its own through a method that all of them share
-    names = [
-        call.args[1]
-        for call in calls
-        if ast.unparse(call.func).endswith((".create_service", "._add_service"))
-    ]
-    constants = [name.value for name in names if isinstance(name, ast.Constant)]
-    return {f"~/{name.removeprefix('~/')}" for name in constants}
+    methods = (".create_service", "._add_service")
+    for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(methods):
+            name = node.args[1]
+            if isinstance(name, ast.Constant):
+                names.add(f"~/{name.value.removeprefix('~/')}")
+    return names
 
 
 def rows_of(text):

@@ -1,19 +1,18 @@
 """READMEs and parameter files are what the code says, and ROS reads them."""
 
+import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 import reference as tool
 import yaml
+from repository import ROOT
 
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_planners.registry import planner_config
 from barn_sim.config import PRESETS, RunConfig, SimulatorConfig
 from barn_worlds.base.config import Checked, fields_of, quantity, replace_dotted
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 def readme(package):
@@ -73,14 +72,9 @@ def test_a_node_reads_its_section_in_any_namespace(tmp_path, namespace):
     context = rclpy.Context()
     rclpy.init(context=context)
     arguments = ["--ros-args", "--params-file", str(path)]
+    options = {"context": context, "cli_args": arguments, "enable_rosout": False}
     for name, expected in (("map_server", changed), ("another", MapServerConfig())):
-        node = Node(
-            name,
-            namespace=namespace,
-            context=context,
-            cli_args=arguments,
-            enable_rosout=False,
-        )
+        node = Node(name, namespace=namespace, **options)
         assert declare_parameters(node, MapServerConfig()) == expected
         node.destroy_node()
     rclpy.shutdown(context=context)
@@ -123,16 +117,13 @@ def test_every_outcome_is_explained():
 def test_the_example_of_the_library_runs():
     """The indented block under 'As a library', with fewer worlds."""
     section = readme("barn_eval").split("## As a library")[1].split("##")[0]
-    code = "\n".join(
-        line[4:] for line in section.splitlines() if line.startswith("    ")
-    )
-    printed: list[tuple[object, ...]] = []
-    exec(
-        compile(code.replace("0-9", "0"), "README.md", "exec"),
-        {"print": lambda *what: printed.append(what)},
-    )
-    assert len(printed) == 1
-    assert printed[0][0] is Outcome.SUCCESS
+    lines = re.findall(r"(?m)^    (.*)$", section)
+    code = "\n".join(lines).replace("0-9", "0")
+    printed = []
+    names = {"print": lambda *what: printed.append(what)}
+    exec(compile(code, "README.md", "exec"), names)
+    ((outcome, *_),) = printed
+    assert outcome is Outcome.SUCCESS
 
 
 def test_the_evaluators_file_holds_defaults_a_supervisor_leaves():
@@ -159,11 +150,8 @@ def test_preset_files_hold_their_changes_and_the_full_file_all():
 def test_a_file_holds_the_whole_preset(preset):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     values = values_of(tool.planners(), f"dwa_{preset}.yaml")
-    assert (values["planner"], values["preset"], values["use_sim_time"]) == (
-        "dwa",
-        preset,
-        True,
-    )
+    assert (values["planner"], values["preset"]) == ("dwa", preset)
+    assert values["use_sim_time"] is True
     assert values["use_map"] is (preset != "challenge")
     for name, _, value in fields_of(planner_config("dwa", preset)):
         assert values[name] == value

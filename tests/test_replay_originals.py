@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 import replay_originals as tool
-
-from barn_worlds.base.errors import ConfigError
+from refusals import refused
 
 FOLDER = Path(
     os.environ.get(
@@ -45,8 +44,5 @@ def test_commands_are_the_originals(path):
 
 
 def test_a_depth_that_there_is_not_is_refused():
-    with pytest.raises(
-        ConfigError,
-        match="depth must be one of controller, plan, observations, got 'bottom'",
-    ):
+    with refused("depth must be one of controller, plan, observations, got 'bottom'"):
         tool.Replay(tool.Recording(PATHS[0]), "bottom", {})

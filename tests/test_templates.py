@@ -6,15 +6,15 @@ The template in C++ is whole.
 import json
 import os
 import re
+import shlex
 import shutil
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from defusedxml import ElementTree
+from repository import EXAMPLES
+from waiting import run_python
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PYTHON = EXAMPLES / "template_planner_py"
 CPP = EXAMPLES / "template_planner_cpp"
 PREDICTIVE = EXAMPLES / "predictive_planners"
@@ -34,51 +34,24 @@ def installed_packages(tmp_path_factory):
             EXAMPLES / source.name, source, ignore=shutil.ignore_patterns("__pycache__")
         )
     target = folder / "target"
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-index",
-    ]
-    subprocess.run(
-        [*install, "--target", str(target), *map(str, sources)], check=True, timeout=600
-    )
-    paths = os.pathsep.join(
-        filter(None, [str(target), str(EXAMPLES), os.environ.get("PYTHONPATH", "")])
-    )
+    options = "--quiet --no-deps --no-build-isolation --no-index --target"
+    install = ("-m", "pip", "install", *options.split())
+    run_python(*install, target, *sources, timeout=600)
+    folders = [str(target), str(EXAMPLES), os.environ.get("PYTHONPATH", "")]
+    paths = os.pathsep.join(filter(None, folders))
     return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def python(environment, folder, *words):
+def python(environment, folder, line):
     """Run a module in a folder and return how it ended."""
-    options = {
-        "env": environment,
-        "cwd": folder,
-        "capture_output": True,
-        "text": True,
-        "timeout": 600,
-    }
-    return subprocess.run([sys.executable, "-m", *words], **options, check=False)
+    options = {"env": environment, "cwd": folder, "timeout": 600}
+    return run_python("-m", *shlex.split(line), check=False, **options)
 
 
-def barn(environment, folder, *arguments):
+def barn(environment, folder, options):
     """Run the barn command and return the rows of its results."""
-    words = (
-        "run",
-        "--protocol",
-        "challenge",
-        "--worlds",
-        "0",
-        "--json",
-        *arguments,
-        "--out",
-        str(folder / "run"),
-    )
-    done = python(environment, folder, "barn_eval", *words)
+    trial = "run --protocol challenge --worlds 0 --json --out run"
+    done = python(environment, folder, f"barn_eval {trial} {options}")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)["results"]
 
@@ -89,29 +62,14 @@ def barn(environment, folder, *arguments):
 def test_its_own_tests_pass(installed_packages, tmp_path, folder):
     if folder is TRAINING:
         pytest.importorskip("stable_baselines3")
-    done = python(
-        installed_packages,
-        tmp_path,
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        str(folder / "test"),
-    )
+    line = f"pytest -q -p no:cacheprovider {folder}/test"
+    done = python(installed_packages, tmp_path, line)
     assert done.returncode == 0, done.stdout
 
 
 def test_registered_it_refuses_a_wrong_configuration(installed_packages, tmp_path):
-    done = python(
-        installed_packages,
-        tmp_path,
-        "barn_eval",
-        "run",
-        "--planner",
-        "template",
-        "--set",
-        "max_speed_mps=3.0",
-    )
+    line = "barn_eval run --planner template --set max_speed_mps=3.0"
+    done = python(installed_packages, tmp_path, line)
     assert done.returncode == 1
     assert "max_speed_mps must be from 0 to 2 m/s, got 3.0" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -122,16 +80,8 @@ def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(
 ):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     node = f"{sys.executable} -m template_planner.node"
-    (result,) = barn(
-        installed_packages,
-        tmp_path,
-        "--mode",
-        "ros",
-        "--planner",
-        "mine",
-        "--planner-command",
-        node,
-    )
+    options = f"--mode ros --planner mine --planner-command '{node}'"
+    (result,) = barn(installed_packages, tmp_path, options)
     assert result["outcome"] == "success", result["detail"]
 
 
@@ -143,15 +93,8 @@ def test_registered_it_completes_a_world_directly_as_over_ros(
         if mode == "ros":
             pytest.importorskip("rclpy", reason="ROS 2 is not installed")
         (tmp_path / mode).mkdir()
-        settings = [
-            "--planner",
-            "template",
-            "--set",
-            "max_speed_mps=0.6",
-            "--mode",
-            mode,
-        ]
-        (row,) = barn(installed_packages, tmp_path / mode, *settings)
+        options = f"--planner template --set max_speed_mps=0.6 --mode {mode}"
+        (row,) = barn(installed_packages, tmp_path / mode, options)
         assert row["outcome"] == "success"
         rows.append({key: row[key] for key in ("planner", "scores", "measures")})
     assert rows[0] == rows[1]
@@ -165,11 +108,8 @@ def test_package_and_build_agree(folder):
     name = package.findtext("name")
     build = (folder / ("CMakeLists.txt" if folder is CPP else "setup.py")).read_text()
     assert f'NAME = "{name}"' in build or f"project({name})" in build
-    needed = {
-        element.text
-        for element in package
-        if element.tag in ("depend", "exec_depend", "buildtool_depend")
-    }
+    kinds = ("depend", "exec_depend", "buildtool_depend")
+    needed = {element.text for element in package if element.tag in kinds}
     if folder is CPP:
         assert set(re.findall(r"find_package\((\w+)", build)) == needed
         for file in re.findall(r"(\S+\.cpp)", build):
@@ -178,10 +118,8 @@ def test_package_and_build_agree(folder):
     else:
         assert (folder / "resource" / name).is_file()
     if folder is not PREDICTIVE:
-        assert (
-            f'package="{name}"'
-            in (folder / "launch" / "template_planner.launch.py").read_text()
-        )
+        launch_file = folder / "launch" / "template_planner.launch.py"
+        assert f'package="{name}"' in launch_file.read_text()
 
 
 def test_the_build_of_the_suite_leaves_them_out():

@@ -12,7 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_repository import ROOT, text_of
+from repository import ROOT
+from test_repository import text_of
+from waiting import run_python
 
 from barn_eval.commands.main import main
 
@@ -20,18 +22,8 @@ from barn_eval.commands.main import main
 def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no repository, so it cannot be cloned")
-    probe = [
-        sys.executable,
-        "-m",
-        "pip",
-        "download",
-        "--quiet",
-        "--no-deps",
-        "-d",
-        tmp_path,
-        "wheel",
-    ]
-    if subprocess.run(probe, check=False).returncode:
+    probe = f"-m pip download --quiet --no-deps -d {tmp_path} wheel"
+    if run_python(*probe.split(), check=False).returncode:
         pytest.skip("no packages can be had from here")
     pins = re.findall(
         r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)",
@@ -42,27 +34,22 @@ def test_the_readme_leads_to_the_score_of_its_planner(tmp_path):
     variables = {
         "PIP_CONSTRAINT": str(tmp_path / "pins.txt"),
         "PIP_BUILD_CONSTRAINT": os.devnull,
+        # which is yes: most modules of the libraries are not imported here
+        "PIP_NO_COMPILE": "no",
     }
-    variables |= {
-        "PIP_NO_COMPILE": "no"
-    }  # which is yes: most modules of the libraries are not imported here
     way = [ROOT / "qa" / "release" / "way_in.sh", tmp_path / "way", sys.executable]
     done = subprocess.run(
         way, check=False, env=os.environ | variables, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    rows = [
-        json.loads(line)
-        for line in (tmp_path / "way/out/simple/results.jsonl")
-        .read_text("utf-8")
-        .splitlines()
-    ]
-    assert [row["outcome"] for row in rows] == ["success"]
+    rows = (tmp_path / "way/out/simple/results.jsonl").read_text("utf-8")
+    (row,) = map(json.loads, rows.splitlines())
+    assert row["outcome"] == "success"
     rows = (tmp_path / "way/demo/results.jsonl").read_text("utf-8")
     assert len(rows.splitlines()) == 3
 
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/tutorials/own_robot.md"
+PAGE = ROOT / "docs/tutorials/own_robot.md"
 
 
 def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):

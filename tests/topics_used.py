@@ -1,12 +1,12 @@
 """Topics of the catalog that each package's nodes use, read from their source."""
 
 import ast
-from pathlib import Path
+
+from repository import ROOT
 
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import Topic
 
-ROOT = Path(__file__).resolve().parents[1]
 CATALOGUE = {
     name: value for name, value in vars(topics).items() if isinstance(value, Topic)
 }

@@ -1,4 +1,6 @@
-"""Pages in a headless Chromium, as Playwright drives it, and what holds for each however it is looked at."""
+"""Pages in a headless Chromium, as Playwright drives it, and what holds for each
+however it is looked at.
+"""
 
 import shutil
 from pathlib import Path
@@ -16,7 +18,10 @@ PHONE = {
 
 
 def launch(playwright):
-    """The system's Chromium, or else Playwright's own; the test is skipped without either."""
+    """The system's Chromium, or else Playwright's own.
+
+    The test is skipped without either.
+    """
     browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if not browser_path and not Path(playwright.chromium.executable_path).exists():
         pytest.skip(
@@ -35,7 +40,10 @@ class Opened:
         self.asked = set()
 
     def __call__(self, address, **view):
-        """The page at an address (a path or a URL), ready; a view is what Playwright says of a context."""
+        """The page at an address (a path or a URL), ready.
+
+        A view is what Playwright says of a context.
+        """
         context = self._browser.new_context(
             **{"viewport": {"width": 1280, "height": 900}} | view
         )
@@ -52,7 +60,9 @@ class Opened:
         return page
 
     def check(self):
-        """No page has written to the console, nor asked for more than files and the machine's own server."""
+        """No page has written to the console, nor asked for more than files and the
+        machine's own server.
+        """
         assert self.written == []
         inline_schemes = {"file", "data", "blob"}
         assert [
@@ -67,8 +77,11 @@ class Opened:
 
 
 def violations(page):
-    """What axe-core has against a page as it is now: the rule, its impact and where. What axe cannot judge counts too,
-    but for the contrast of single signs, and of what has to be scrolled to."""
+    """What axe-core has against a page as it is now: the rule, its impact and where.
+
+    What axe cannot judge counts too, but for the contrast of single signs, and of what
+    has to be scrolled to.
+    """
     axe = pytest.importorskip(
         "axe_playwright_python.sync_playwright",
         reason="axe-playwright-python is not installed",

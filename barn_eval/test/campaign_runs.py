@@ -1,4 +1,5 @@
-"""A small campaign for tests: short trials of two light planners, run by the command as a user does.
+"""A small campaign for tests: short trials of two light planners, run by the command as
+a user does.
 
 One of the two is announced by an installed package, as a planner of somebody else is.
 """
@@ -6,13 +7,13 @@ One of the two is announced by an installed package, as a planner of somebody el
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
-from waiting import processes
+from waiting import barn_words, processes
 
 PROTOCOL = "schema_version: 1\nbase: {base}\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
-# Where nothing moves and among moving obstacles: the rules, and a data set with three of its worlds.
+# Where nothing moves and among moving obstacles: the rules, and a data set with three
+# of its worlds.
 STATIC = {"base": "challenge", "dataset": "barn300", "worlds": (0, 100, 200)}
 MOVING = {"base": "dynabarn", "dataset": "dynabarn60", "worlds": (0, 7, 12)}
 KINDS = {"static": STATIC, "moving": MOVING}
@@ -22,62 +23,59 @@ TABLES = ("results.parquet", "results.csv", "tracks.jsonl")
 
 
 def write_campaign(folder, kind="static", **changes):
-    """Write a campaign of 12 trials as YAML and return its path; `changes` are further lines."""
+    """Write a campaign of 12 trials as YAML and return its path.
+
+    `changes` are further lines.
+    """
     of = KINDS[kind]
-    (folder / "short.yaml").write_text(PROTOCOL.format(base=of["base"]))
-    installed = folder / "stranger-1.0.dist-info"
-    installed.mkdir()
-    (installed / "METADATA").write_text(PACKAGE)
-    (installed / "entry_points.txt").write_text(ENTRY_POINTS)
+    protocol = folder / "short.yaml"
+    protocol.write_text(PROTOCOL.format(base=of["base"]))
+    install_stranger(folder, ENTRY_POINTS)
     lines = {
         "schema_version": 1,
         "dataset": of["dataset"],
         "planners": "[gap, stranger]",
-    }
-    lines |= {"worlds": f'"{",".join(map(str, of["worlds"]))}"'}
-    lines |= {"repetitions": 2, "protocol": folder / "short.yaml", "seed": 5} | changes
+        "worlds": f'"{",".join(map(str, of["worlds"]))}"',
+        "repetitions": 2,
+        "protocol": protocol,
+        "seed": 5,
+    } | changes
     path = folder / "campaign.yaml"
     path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()))
     return path
 
 
-def command(file, *arguments):
-    return [
-        sys.executable,
-        "-m",
-        "barn_eval",
-        "campaign",
-        str(file),
-        *map(str, arguments),
-    ]
+def install_stranger(folder, entry_points):
+    """Put the metadata of an installed package with entry points into a folder."""
+    installed = folder / "stranger-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text(PACKAGE)
+    (installed / "entry_points.txt").write_text(entry_points)
 
 
-def options(file):
-    """Return where and how the command is run: with the stranger installed beside the campaign's file."""
-    path = os.pathsep.join(
-        [str(file.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-    )
-    environment = os.environ | {"PYTHONPATH": path}
-    return {"text": True, "cwd": Path(__file__).parent, "env": environment}
+def start(file, line):
+    """Start the command in a session of its own, as a terminal does.
 
-
-def run(file, *arguments):
-    """Run the command to its end."""
-    return subprocess.run(
-        command(file, *arguments),
-        check=False,
-        capture_output=True,
-        timeout=600,
-        **options(file),
-    )
-
-
-def start(file, *arguments):
-    """Start the command in a session of its own, as a terminal does."""
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    The stranger is installed beside the campaign's file.
+    """
+    inherited = os.environ.get("PYTHONPATH", "")
+    path = f"{file.parent}{os.pathsep}{inherited}".strip(os.pathsep)
     return subprocess.Popen(
-        command(file, *arguments), start_new_session=True, **pipes, **options(file)
+        barn_words(f"campaign {file} {line}"),
+        start_new_session=True,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=Path(__file__).parent,
+        env=os.environ | {"PYTHONPATH": path},
     )
+
+
+def run(file, line):
+    """Run the command to its end, and return its exit code and error output."""
+    process = start(file, line)
+    _, errors = process.communicate(timeout=600)
+    return process.returncode, errors
 
 
 def rows(out):

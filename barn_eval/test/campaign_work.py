@@ -1,4 +1,7 @@
-"""Jobs for engines under test: each names what is to happen to the worker that does it."""
+"""Jobs for engines under test.
+
+Each names what is to happen to the worker that does it.
+"""
 
 import os
 import signal
@@ -7,7 +10,7 @@ from pathlib import Path
 
 from waiting import until
 
-from barn_eval.running.pool import Work
+from barn_eval.running.pool import JobResult, Work
 from barn_worlds.base.errors import BarnError
 
 
@@ -82,7 +85,10 @@ class Deeds(Work):
         return bytes(size)
 
     def meet(self, argument):
-        """Sign a list and wait until it has been signed often enough; return the parent of this process."""
+        """Sign a list and wait until it has been signed often enough.
+
+        Return the parent of this process.
+        """
         path, count = argument
         with Path(path).open("a") as file:
             file.write(f"{os.getpid()}\n")
@@ -103,8 +109,24 @@ def all_reports(engine, jobs):
     return reports
 
 
+def report_of(engine, *job):
+    """Run one job, a deed and its argument, and return its report."""
+    return all_reports(engine, {"job": job})["job"]
+
+
+def echoes(count):
+    """Return jobs that are done at once, by their number."""
+    return {str(number): ("echo", number) for number in range(count)}
+
+
+def failed_keys(reports):
+    return [key for key, report in reports.items() if not isinstance(report, JobResult)]
+
+
 class _HalfMade:
-    """Its finaliser fails unless its construction was complete, as llvmlite's references do."""
+    """Its finaliser fails unless its construction was complete, as llvmlite's
+    references do.
+    """
 
     def __init__(self, wait, seconds):
         wait(seconds)

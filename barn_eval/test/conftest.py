@@ -1,5 +1,7 @@
 """Fixtures of the package's tests."""
 
+import json
+import shlex
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +10,13 @@ import numpy as np
 import pytest
 from browser import Opened, launch
 from extra_messages import extra_message_types, with_extra_messages
+from planners import Straight, run_inline
 from report_work import campaign, drive
 from shared_fixtures import longest_first, original_folder
 
 from barn_eval.commands.main import main
 from barn_eval.pages.report.page import build_report
-from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
@@ -39,8 +42,11 @@ LONGEST = [
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the longest files of tests first; take a picture again where the browser of a busy machine could not."""
+def pytest_collection_modifyitems(items):
+    """Put the longest files of tests first.
+
+    Take a picture again where the browser of a busy machine could not.
+    """
     longest_first(items, LONGEST)
     for item in (
         test for test in items if "screenshots" in getattr(test, "fixturenames", ())
@@ -51,21 +57,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _interruptible() -> None:
-    """Let Ctrl-C reach what tests start: what a shell starts in the background ignores it, and passes that on."""
+def _interruptible():
+    """Let Ctrl-C reach what tests start.
+
+    What a shell starts in the background ignores it, and passes that on.
+    """
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
 def command(capfd, tmp_path, monkeypatch):
-    """Runs `barn` in an empty folder and returns exit code, standard output and standard error."""
+    """Runs `barn` in an empty folder and returns exit code, output and error output.
+
+    It is given a line as in a shell, without `barn`, and further arguments as they are.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
 
-    def run(*arguments: object) -> tuple[int, str, str]:
+    def run(line, *arguments):
         with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
+            main([*shlex.split(line), *map(str, arguments)])
         captured = capfd.readouterr()
         return ended.value.code, captured.out, captured.err
 
@@ -73,12 +85,37 @@ def command(capfd, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def rejected(command, tmp_path):
-    """Runs a command that must fail and returns its one line; it must leave nothing behind."""
+def succeed(command):
+    """Runs a command that must succeed and returns its output."""
 
-    def run(*arguments: object) -> str:
+    def run(line, *arguments):
+        code, out, err = command(line, *arguments)
+        assert code == 0, err
+        return out
+
+    return run
+
+
+@pytest.fixture
+def printed(succeed):
+    """Runs a command that must succeed and returns what it prints as JSON."""
+
+    def run(line, *arguments):
+        return json.loads(succeed(line, *arguments, "--json"))
+
+    return run
+
+
+@pytest.fixture
+def rejected(command, tmp_path):
+    """Runs a command that must fail and returns its one line.
+
+    The command must leave nothing behind.
+    """
+
+    def run(line, *arguments):
         before = sorted(tmp_path.rglob("*"))
-        code, out, err = command(*arguments)
+        code, out, err = command(line, *arguments)
         assert (code, out) == (1, "")
         assert err.startswith("error: ") and err.count("\n") == 1 and len(err) < 600
         assert sorted(tmp_path.rglob("*")) == before
@@ -88,9 +125,28 @@ def rejected(command, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def run(tmp_path_factory) -> Path:
-    """The folder of one trial that was driven, for campaigns made of it; nobody changes it."""
+def run(tmp_path_factory):
+    """The folder of one trial that was driven, for campaigns made of it.
+
+    Nobody changes it.
+    """
     return drive(tmp_path_factory.mktemp("driven") / "run")
+
+
+@pytest.fixture(scope="session")
+def two_trials(tmp_path_factory):
+    """The folder of two short trials without bags; nobody changes it."""
+    return run_inline("0,120", out=tmp_path_factory.mktemp("two") / "out").folder
+
+
+@pytest.fixture(scope="session")
+def collided(tmp_path_factory):
+    """The folder of a robot that drives blindly at its goal and hits a post."""
+    out = tmp_path_factory.mktemp("collided") / "out"
+    planners = {"straight": Straight}
+    results = run_inline("120", planners, CHALLENGE, out=out, bags="all")
+    assert [trial.outcome for trial in results.trials] == ["collision"]
+    return results.folder
 
 
 @pytest.fixture(scope="session")
@@ -107,7 +163,9 @@ def report(folder):
 
 @pytest.fixture(scope="session")
 def bag(tmp_path_factory):
-    """The bag of a trial in which what the follower of gaps takes for the goal is off by a cell, like the map."""
+    """The bag of a trial in which what the follower of gaps takes for the goal is off
+    by a cell, like the map.
+    """
     protocol = replace(
         PAPER_2020, name="by_truth", goal_source="truth", goal_distance_m=0.5
     )
@@ -116,7 +174,7 @@ def bag(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def open_world() -> World:
+def open_world():
     """A world with nothing but its side walls, and a straight path."""
     grid = np.zeros((30, 30), np.bool_)
     grid[[0, 29]] = True
@@ -124,8 +182,10 @@ def open_world() -> World:
 
 
 @pytest.fixture(scope="session")
-def moving_world(open_world) -> World:
-    """The same with a post that goes to and fro across the path, and a box beside it that jumps back."""
+def moving_world(open_world):
+    """The same with a post that goes to and fro across the path, and a box beside it
+    that jumps back.
+    """
     post = Motion("linear", 6.0, ((0.0, -3.5, 3.0), (3.0, -1.0, 3.0), (6.0, -3.5, 3.0)))
     cart = Motion("gazebo", 3.0, ((0.0, -4.2, 0.5), (1.0, -4.1, 1.5), (2.5, -4.2, 4.0)))
     moving = (
@@ -138,13 +198,15 @@ def moving_world(open_world) -> World:
 
 
 @pytest.fixture(params=["open_world", "moving_world"])
-def either_world(request) -> World:
+def either_world(request):
     return request.getfixturevalue(request.param)
 
 
 @pytest.fixture(scope="session")
-def walled_world(open_world) -> World:
-    """The same with a wall across, whose gap of one cell lets the path through but no robot."""
+def walled_world(open_world):
+    """The same with a wall across, whose gap of one cell lets the path through but no
+    robot.
+    """
     grid = open_world.grid.copy()
     grid[:, 10] = np.arange(30) != 15
     return replace(open_world, name="walled", grid=grid)
@@ -163,7 +225,10 @@ def chromium():
 
 @pytest.fixture
 def open_page(chromium):
-    """Opens pages in Chromium; none may write to the console or ask for a remote file."""
+    """Opens pages in Chromium.
+
+    None may write to the console or ask for a remote file.
+    """
     opened = Opened(chromium)
     yield opened
     opened.close()

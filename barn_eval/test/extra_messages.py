@@ -12,7 +12,10 @@ import pytest
 
 @pytest.fixture(scope="session")
 def extra_message_types(tmp_path_factory):
-    """A folder with nav2_msgs and tf2_msgs, of which the wheels have none; None where they are installed."""
+    """A folder with nav2_msgs and tf2_msgs, of which the wheels have none.
+
+    None where they are installed.
+    """
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return None

@@ -1,7 +1,9 @@
-"""A planner of somebody else in a process of its own: plain rclpy, no suite. It drives ahead, but for what its kind is.
+"""A planner of somebody else in a process of its own: plain rclpy, no suite. It drives
+ahead, but for what its kind is.
 
-Usage: foreign_planner.py NOTE KIND...: the file NOTE counts the starts, the n-th start does the n-th kind, the last one
-for all starts beyond. What the curious one hears of the truth, and how often the late one is asked, is in NOTE.heard.
+Usage: foreign_planner.py NOTE KIND...: the file NOTE counts the starts, the n-th start
+does the n-th kind, the last one for all starts beyond. What the curious one hears of
+the truth, and how often the late one is asked, is in NOTE.heard.
 """
 
 import math

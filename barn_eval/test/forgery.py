@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import contextmanager
 
 from report_work import change_row
 
@@ -13,7 +14,9 @@ from barn_worlds.base.config import as_dict
 
 
 def forge(folder, **changes):
-    """Change the first row of a folder, by dotted names with "__", and all that is made of it."""
+    """Change the first row of a folder, by dotted names with "__", and all that is made
+    of it.
+    """
     row = change_row(folder, **changes)
     write_tables(folder, RowFile(folder).read())
     bag = folder / "bags" / row["trial_id"]
@@ -38,6 +41,15 @@ def rewrite_bag(path, data_of, result):
         recorder.add_metadata("barn.result", {"result": result})
         recorder.finish()
     shutil.rmtree(path.with_name("old"))
+
+
+@contextmanager
+def edit_run(folder):
+    """Yield the content of a folder's run.json and write it back with its changes."""
+    path = folder / "run.json"
+    content = json.loads(path.read_text())
+    yield content
+    path.write_text(json.dumps(content))
 
 
 def replace_text(path, old, new):

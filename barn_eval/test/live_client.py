@@ -1,4 +1,7 @@
-"""A client of the live view: Foxglove's protocol over a WebSocket, as far as a test needs it."""
+"""A client of the live view.
+
+Foxglove's protocol over a WebSocket, as far as a test needs it.
+"""
 
 import json
 import struct
@@ -7,7 +10,10 @@ import pytest
 
 
 class LiveClient:
-    """A connection that subscribes to topics and receives messages. Use as a context manager."""
+    """A connection that subscribes to topics and receives messages.
+
+    Use as a context manager.
+    """
 
     def __init__(self, url):
         reason = "Tornado, which comes with nbclient, is not installed"
@@ -33,7 +39,10 @@ class LiveClient:
         return self._loop.run_sync(begin, timeout=600.0)
 
     def receive(self):
-        """The next message: what JSON holds, or (subscription, log time in ns, payload)."""
+        """The next message.
+
+        What JSON holds, or (subscription, log time in ns, payload).
+        """
         data = self._do(self._connection.read_message)
         return (
             json.loads(data)
@@ -53,7 +62,10 @@ class LiveClient:
         return by_topic
 
     def subscribe(self, channels):
-        """Subscribe to channels; the number of a subscription is that of its channel."""
+        """Subscribe to channels.
+
+        The number of a subscription is that of its channel.
+        """
         requests = [
             {"id": channel["id"], "channelId": channel["id"]} for channel in channels
         ]

@@ -1,8 +1,9 @@
-"""Message packages that the wheels lack, built for a test by the ROS generators that come with them.
+"""Message packages that the wheels lack, built for a test by the ROS generators that
+come with them.
 
-The types are real ones, with type support in C, as a full installation has them. Usage: message_packages.py FOLDER
-PACKAGE...: FOLDER then belongs into PYTHONPATH and LD_LIBRARY_PATH of what uses them. Takes some 3 s for each package,
-and a C compiler.
+The types are real ones, with type support in C, as a full installation has them. Usage:
+message_packages.py FOLDER PACKAGE...: FOLDER then belongs into PYTHONPATH and
+LD_LIBRARY_PATH of what uses them. Takes some 3 s for each package, and a C compiler.
 """
 
 import os
@@ -53,7 +54,8 @@ TRANSLATE = {
     "msg": TranslateMsgToIDL,
     "srv": TranslateSrvToIDL,
 }
-# The types' definitions, as far as the suite and its examples use them, by package, kind and name.
+# The types' definitions, as far as the suite and its examples use them, by package,
+# kind and name.
 DEFINITIONS = {
     "nav2_msgs/action/NavigateToPose": "geometry_msgs/PoseStamped pose, string behavior_tree, ---, uint16 error_code, "
     "---, float32 distance_remaining",
@@ -67,7 +69,9 @@ DEFINITIONS = {
 
 
 def generate(folder, package):
-    """Write the definitions of a package, where an installation has them, and its sources."""
+    """Write the definitions of a package, where an installation has them, and its
+    sources.
+    """
     share = folder / "share" / package
     package_folder = folder / package
     shared = [str(PREFIX / "share"), str(folder / "share")]

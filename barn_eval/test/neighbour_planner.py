@@ -1,10 +1,13 @@
-"""A managed planner as others write them, in a process of its own: plain rclpy, no suite.
+"""A managed planner as others write them, in a process of its own: plain rclpy, no
+suite.
 
-Usage: neighbour_planner.py KIND NOTES, where what it lives through is added to the file NOTES.
+Usage: neighbour_planner.py KIND NOTES, where what it lives through is added to the file
+NOTES.
 
-managed: a lifecycle node named `managed` that becomes active with the tenth scan and takes goals by the action
-navigate_to_pose: the first it works on until it is cancelled, the second it aborts, the third it refuses at first.
-inactive: the same, but never active.
+managed: a lifecycle node named `managed` that becomes active with the tenth scan and
+takes goals by the action navigate_to_pose: the first it works on until it is cancelled,
+the second it aborts, the third it refuses at first. inactive: the same, but never
+active.
 """
 
 import sys

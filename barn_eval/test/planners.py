@@ -1,4 +1,7 @@
-"""Planners for tests: one that drives, and some that do what a planner must not; and trials of them in one process."""
+"""Planners for tests: one that drives, and some that do what a planner must not.
+
+And trials of them in one process.
+"""
 
 import math
 import time
@@ -7,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+import barn_eval as barn
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import CHALLENGE
@@ -57,6 +61,12 @@ def spec_of(
         repetition,
         **changes,
     )
+
+
+def run_inline(worlds, planners="gap", protocol=SHORT, **options):
+    """Drive trials in this process, without a word, and return their results."""
+    options = {"engine": "inline", "progress": False} | options
+    return barn.run(worlds, planners, protocol, **options)
 
 
 def recorded(spec, path, planner=None):

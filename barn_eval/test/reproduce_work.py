@@ -14,54 +14,54 @@ from barn_eval.trials.spec import simulator_config
 
 
 def invent_result(spec):
-    """Return the result of a trial that was not driven: slower with filled cells, more so for DWA; some fail."""
+    """Return the result of a trial that was not driven.
+
+    Slower with filled cells, more so for DWA; some fail.
+    """
     generator = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     steepness = 8.0 if spec.planner == "dwa" else 4.0
     length_m = spec.world.path_length_m
-    time_s = length_m * (
-        1.5 + steepness * float(spec.world.grid.mean()) + 0.2 * generator.random()
-    )
+    filled = steepness * float(spec.world.grid.mean())
+    time_s = length_m * (1.5 + filled + 0.2 * generator.random())
     fails = generator.random() < 0.1
-    scored_s = spec.protocol.failure_time_s if fails else time_s
+    protocol = spec.protocol
+    scored_s = protocol.failure_time_s if fails else time_s
     result = a_result(spec.world_number)
-    times = {
-        "traversal_time_s": spec.protocol.limit_s if fails else time_s,
-        "scored_time_s": scored_s,
-    }
-    times |= {"path_length_m": length_m, "normalised_time_s_per_m": scored_s / length_m}
-    names = (
-        "trial_id",
-        "dataset",
-        "planner",
-        "task",
-        "planner_config",
-        "repetition",
-        "simulator_seed",
-        "planner_seed",
+    scores = replace(
+        result.scores,
+        success=not fails,
+        traversal_time_s=protocol.limit_s if fails else time_s,
+        scored_time_s=scored_s,
+        path_length_m=length_m,
+        normalised_time_s_per_m=scored_s / length_m,
     )
-    of_spec = {name: getattr(spec, name) for name in names} | {
-        "world_checksum": spec.world.checksum
-    }
-    of_spec |= {"protocol": spec.protocol.name, "metric": spec.protocol.metric}
-    outcome = Outcome.TIMEOUT if fails else Outcome.SUCCESS
     return replace(
         result,
-        **of_spec,
-        outcome=outcome,
-        scores=replace(result.scores, success=not fails, **times),
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        world_checksum=spec.world.checksum,
+        planner=spec.planner,
+        planner_config=spec.planner_config,
+        protocol=protocol.name,
+        metric=protocol.metric,
+        task=spec.task,
+        repetition=spec.repetition,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
+        outcome=Outcome.TIMEOUT if fails else Outcome.SUCCESS,
+        scores=scores,
     )
 
 
 def experiment_of(worlds, repetitions=3, dataset="barn300"):
     """Return an experiment of both planners."""
-    planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
-    rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
     return RunConfig(
         dataset=dataset,
         worlds=worlds,
-        planners=planners,
+        planners=(PlannerChoice("dwa"), PlannerChoice("eband")),
         repetitions=repetitions,
-        **rules,
+        protocol=PAPER_2020,
+        simulator=simulator_config(PAPER_2020),
     )
 
 

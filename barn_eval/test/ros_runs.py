@@ -1,4 +1,7 @@
-"""What the tests of trials over ROS have in common: plans, the processes of a test, and the messages of a bag."""
+"""What the tests of trials over ROS have in common.
+
+Plans, the processes of a test, and the messages of a bag.
+"""
 
 import os
 import shlex
@@ -36,7 +39,7 @@ SHORT = replace(
 _LONG_S = 600.0  # only what hangs takes as long
 _PATIENCE = WaitLimits(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
-    clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
+    clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0
 )  # fmt: skip
 PATIENT = RosConfig(
     command_wait_s=_LONG_S, patience=_PATIENCE
@@ -45,13 +48,16 @@ EACH = replace(PATIENT, restart_planner="each_trial")
 MANAGED = replace(
     PATIENT, command_wait_s=5.0
 )  # what a scan costs that comes while nodes become active
-# So, but for a planner's silence: for tests that wait for it in full. It counts by the evaluator's own progress.
+# So, but for a planner's silence: for tests that wait for it in full. It counts by the
+# evaluator's own progress.
 QUICK = RosConfig(patience=replace(_PATIENCE, command_s=5.0))
 
 
 @pytest.fixture(autouse=True)
 def nothing_left(monkeypatch):
-    """Mark all processes of a test by a variable of their environment, and see that none outlives it."""
+    """Mark all processes of a test by a variable of their environment, and see that
+    none outlives it.
+    """
     mark = uuid.uuid4().hex
     monkeypatch.setenv(MARK, mark)
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
@@ -63,7 +69,9 @@ def nothing_left(monkeypatch):
 
 
 def marked(mark, text=""):
-    """Return the processes other than this one that carry the mark and have the text in their command line."""
+    """Return the processes other than this one that carry the mark and have the text in
+    their command line.
+    """
     processes = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
@@ -112,7 +120,10 @@ def make_plan(
 
 
 def drive(folder, plan, notice=lambda _: None):
-    """Yield the result of each trial of a plan once it has ended; bags go to the folder."""
+    """Yield the result of each trial of a plan once it has ended.
+
+    Bags go to the folder.
+    """
     for record in run_ros_trials(
         plan, plan.trials(), BagStore(folder, plan.bags), notice=notice
     ):
@@ -129,7 +140,10 @@ def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
 
 
 def run(folder, plan):
-    """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
+    """Run a plan as the command does, by a worker, and return its results.
+
+    They are in the folder as well.
+    """
     request = RunRequest(plan, ExecutionConfig(workers=1), folder)
     return run_request(request, Reporter())
 
@@ -151,7 +165,8 @@ def messages(bag):
 
 
 def unstamped(bag):
-    """Return the bytes of a bag's messages by topic with the seconds of all stamps 0: over ROS they count from another.
+    """Return the bytes of a bag's messages by topic with the seconds of all stamps 0:
+    over ROS they count from another.
 
     Of the reports on /diagnostics only those of the planner.
     """

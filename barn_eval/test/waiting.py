@@ -1,5 +1,8 @@
 """What tests of processes wait for: a condition, or the end of a process."""
 
+import shlex
+import subprocess
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +17,19 @@ def until(condition):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     return value
+
+
+def barn_words(line):
+    """Return the words that run a line of `barn` in a process of its own."""
+    return [sys.executable, "-m", "barn_eval", *shlex.split(line)]
+
+
+def run_python(*arguments, check=True, **options):
+    """Run Python to its end and return the process with what it has written."""
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(
+        command, check=check, capture_output=True, text=True, **options
+    )
 
 
 def parent(pid):

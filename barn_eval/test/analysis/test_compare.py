@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from refusals import refused
 from results.test_rows import result as a_result
 
 from barn_eval.analysis.compare import (
@@ -41,25 +42,26 @@ def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
         world_s = draw.uniform(10.0, 30.0)
         for repetition in range(3):
             time_s = world_s + slower_s + draw.normal(0.0, 0.5)
-            times = {
-                "traversal_time_s": time_s,
-                "scored_time_s": time_s,
-                "normalised_time_s_per_m": time_s / 5.0,
-            }
-            named = {
-                "trial_id": format_trial_id(planner, world, repetition),
-                "simulator_seed": 100 * world + repetition,
-            }
             row = replace(
-                a_result(world), planner=planner, repetition=repetition, **named
+                a_result(world),
+                trial_id=format_trial_id(planner, world, repetition),
+                planner=planner,
+                repetition=repetition,
+                simulator_seed=100 * world + repetition,
             )
-            rows.append(scored(row, **times))
+            times = dict.fromkeys(("traversal_time_s", "scored_time_s"), time_s)
+            rows.append(scored(row, normalised_time_s_per_m=time_s / 5.0, **times))
     return rows
 
 
 def scored(row, **scores):
     """A result with some of its scores changed."""
     return replace(row, scores=replace(row.scores, **scores))
+
+
+def measured(row, **measures):
+    """A result with some of its measures changed."""
+    return replace(row, measures=replace(row.measures, **measures))
 
 
 def failed(row):
@@ -92,84 +94,52 @@ def test_a_comparison_says_who_is_better_by_each_measure():
     }
     worse = {"min_clearance_m": 0.05, "contact_s": 1.0, "rms_jerk_mps3": 2.0}
     bad = [scored(row, **worse_scores) for row in results("eband", worlds=3)]
-    bad = [replace(row, measures=replace(row.measures, **worse)) for row in bad]
+    bad = [measured(row, **worse) for row in bad]
     comparison = compare(good, bad)
     better = {
         key: comparison.row(key).paired.improvement.estimate
         for key in (*worse_scores, *worse)
     }
     assert better == dict.fromkeys(better, 1.0)
-    longer = [
-        replace(row, measures=replace(row.measures, driven_m=6.0, rotation_rad=2.0))
-        for row in good
-    ]
+    longer = [measured(row, driven_m=6.0, rotation_rad=2.0) for row in good]
     comparison = compare(good, longer)
-    assert [
-        comparison.row(key).paired.improvement.estimate
-        for key in ("driven_m", "rotation_rad")
-    ] == [1.0, 1.0]
+    for key in ("driven_m", "rotation_rad"):
+        assert comparison.row(key).paired.improvement.estimate == 1.0
 
 
 def test_a_row_names_its_measure_with_unit_and_side():
     row = compare(results(worlds=1), results("eband", worlds=1)).row("contact_s")
-    assert (row.key, row.measure, row.unit, row.larger_is_better) == (
-        "contact_s",
-        "time in contact",
-        "s",
-        False,
-    )
+    assert (row.key, row.measure, row.unit) == ("contact_s", "time in contact", "s")
+    assert row.larger_is_better is False
 
 
 def test_one_trial_each_is_compared():
     (a, *_), (b, *_) = results(), results("eband")
     comparison = compare([a], [b])
-    assert (comparison.a, comparison.b, comparison.protocol, comparison.task) == (
-        "dwa",
-        "eband",
-        "paper2020",
-        "",
-    )
-    assert (
-        comparison.trials_a,
-        comparison.trials_b,
-        comparison.worlds,
-        comparison.pairs,
-    ) == (1, 1, 1, 1)
+    assert (comparison.a, comparison.b) == ("dwa", "eband")
+    assert (comparison.protocol, comparison.task) == ("paper2020", "")
+    counts = ("trials_a", "trials_b", "worlds", "pairs")
+    assert {getattr(comparison, name) for name in counts} == {1}
 
 
 def test_moving_measures_are_compared_if_both_have_them():
     met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
     still = results(worlds=1)
     moved = [replace(trial, motion=met) for trial in results(worlds=1)]
-    keys = [
-        [row.key for row in compare(a, b, keys=()).rows]
-        for a, b in product((still, moved), repeat=2)
-    ]
-    assert keys == [
-        *[["normalised_time_s_per_m"]] * 3,
-        ["normalised_time_s_per_m", *MOVING],
-    ]
+    for a, b in product((still, moved), repeat=2):
+        keys = [row.key for row in compare(a, b, keys=()).rows]
+        both = MOVING if a is b is moved else ()
+        assert keys == ["normalised_time_s_per_m", *both]
 
 
 def test_a_comparison_counts_the_worlds_of_its_data_set():
     unknown, of_barn300 = (results(name, worlds=1) for name in ("dwa", "eband"))
     of_barn300 = [replace(row, dataset="barn300") for row in of_barn300]
-    assert (
-        compare(of_barn300, unknown).available,
-        compare(unknown, of_barn300).available,
-    ) == (
-        300,
-        0,
-    )
-    assert (
-        count_available_worlds(of_barn300[:1]),
-        count_available_worlds(of_barn300[:1] + unknown),
-        count_available_worlds([]),
-    ) == (
-        300,
-        300,
-        0,
-    )
+    assert compare(of_barn300, unknown).available == 300
+    assert compare(unknown, of_barn300).available == 0
+    assert count_available_worlds(of_barn300[:1]) == 300
+    assert count_available_worlds(of_barn300[:1] + unknown) == 300
+    assert count_available_worlds([]) == 0
 
 
 def test_a_comparison_is_a_row_of_a_table_by_measure():
@@ -179,31 +149,24 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
     rows = {row["measure"]: row for row in comparison.columns()}
     row = rows["scored_time_s"]
     paired = comparison.row("scored_time_s").paired
-    means = [
-        pytest.approx(np.mean([result.scores.scored_time_s for result in part]))
-        for part in (a, b)
-    ]
+    times = [[result.scores.scored_time_s for result in part] for part in (a, b)]
     difference = paired.difference
-    expected = {
+    assert row == {
         "a": "dwa",
         "b": "eband",
         "measure": "scored_time_s",
         "unit": "s",
         "worlds": 2,
         "trials": 6,
-    }
-    expected |= {
-        "mean_a": means[0],
-        "mean_b": means[1],
+        "mean_a": pytest.approx(np.mean(times[0])),
+        "mean_b": pytest.approx(np.mean(times[1])),
         "difference": difference.estimate,
-    }
-    expected |= {"difference_low": difference.low, "difference_high": difference.high}
-    expected |= {
+        "difference_low": difference.low,
+        "difference_high": difference.high,
         "p": paired.p,
         "p_holm": paired.p,
         "p_a_better": paired.improvement.estimate,
     }
-    assert row == expected
     assert list(rows) == list(COMPARED)
     assert {tuple(result) for result in rows.values()} == {tuple(row)}
 
@@ -249,17 +212,15 @@ def test_only_what_both_have_is_compared():
 )
 def test_what_is_not_the_same_task_is_refused(change, words):
     other = results("eband")
-    with pytest.raises(BarnError, match=words):
+    with refused(words, BarnError):
         compare(results(), [replace(other[0], **change), *other[1:]])
 
 
 def test_nothing_in_common_and_mixed_planners_are_refused():
-    with pytest.raises(BarnError, match="no trial of the same world and repetition"):
-        compare(
-            results(worlds=1),
-            [replace(row, world=5) for row in results("eband", worlds=1)],
-        )
-    with pytest.raises(BarnError, match="several planners cannot be compared as one"):
+    elsewhere = [replace(row, world=5) for row in results("eband", worlds=1)]
+    with refused("no trial of the same world and repetition", BarnError):
+        compare(results(worlds=1), elsewhere)
+    with refused("several planners cannot be compared as one", BarnError):
         compare(results() + results("eband"), results())
 
 
@@ -288,19 +249,18 @@ def test_limits_hold_the_mean_of_what_has_no_best_value():
 
 
 def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
-    """Write results as the folder of an experiment with as many repetitions as they have."""
+    """Write results as the folder of an experiment with as many repetitions as they
+    have.
+    """
     path.mkdir()
-    planners = tuple(
-        PlannerChoice(name, **choice)
-        for name in dict.fromkeys(row.planner for row in content)
-    )
+    names = dict.fromkeys(row.planner for row in content)
+    planners = tuple(PlannerChoice(name, **choice) for name in names)
     repetitions = 1 + max(row.repetition for row in content)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
-    RunFile.for_run(
-        path,
-        RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
-        [],
-    ).write()
+    config = RunConfig(
+        worlds=worlds, planners=planners, repetitions=repetitions, **rules
+    )
+    RunFile.for_run(path, config, []).write()
     for row in content:
         RowFile(path).append(row)
     return path
@@ -315,27 +275,23 @@ def folders(tmp_path):
     return tmp_path
 
 
-def test_command_compares_folders(folders, command):
-    content = json.loads(command("compare", folders / "a", folders / "b", "--json")[1])
-    assert [(entry["a"], entry["b"]) for entry in content] == [("dwa", "eband")]
-    assert content[0]["rows"][0]["paired"]["trials"] == 12
-    content = json.loads(
-        command("compare", folders / "a", f"{folders / 'both'}:eband", "--json")[1]
+def test_command_compares_folders(folders, command, printed):
+    (pair,) = printed(f"compare {folders}/a {folders}/b")
+    assert (pair["a"], pair["b"]) == ("dwa", "eband")
+    assert pair["rows"][0]["paired"]["trials"] == 12
+    (pair,) = printed(f"compare {folders}/a {folders}/both:eband")
+    assert pair["b"] == "eband"
+    first, other = printed(f"compare {folders}/both {folders}/both")
+    assert (first["a"], other["a"]) == (
+        f"DWA ({folders}/both)",
+        f"E-Band ({folders}/both)",
     )
-    assert content[0]["b"] == "eband"
-    content = json.loads(
-        command("compare", folders / "both", folders / "both", "--json")[1]
-    )
-    assert [entry["a"] for entry in content] == [
-        f"{name} ({folders / 'both'})" for name in ("DWA", "E-Band")
-    ]
-    assert content[0]["rows"][0]["paired"]["difference"]["estimate"] == 0.0
-    assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
-    text = " ".join(command("compare", folders / "a", folders / "b")[1].split())
+    assert first["rows"][0]["paired"]["difference"]["estimate"] == 0.0
+    assert first["verdict"].startswith("DWA") and first["pairs"] == 2
+    text = " ".join(command(f"compare {folders}/a {folders}/b")[1].split())
     assert "same worlds and seeds" in text
-    first = "protocol paper2020, task not recorded "
-    assert text.startswith(first)
-    assert text.removeprefix(first).startswith(
+    assert text.startswith(
+        "protocol paper2020, task not recorded "
         "DWA and E-Band cannot be told apart: time per meter as counted"
     )
     assert "Only 4 worlds: with fewer than 10" in text
@@ -343,14 +299,12 @@ def test_command_compares_folders(folders, command):
 
 def test_folders_are_compared_in_the_order_given(folders):
     (comparison,) = compare_folders(folders / "a", folders / "b")
-    assert comparison.row("scored_time_s").paired.difference.estimate == pytest.approx(
-        -1.0
-    )
+    difference = comparison.row("scored_time_s").paired.difference
+    assert difference.estimate == pytest.approx(-1.0)
     write_folder(folders / "copy", results(worlds=4) + results("eband", 1.0, worlds=4))
-    pairs = [
-        (pair.a, pair.b) for pair in compare_folders(folders / "both", folders / "copy")
-    ]
-    assert pairs == [("DWA (both)", "DWA (copy)"), ("E-Band (both)", "E-Band (copy)")]
+    pairs = compare_folders(folders / "both", folders / "copy")
+    names = [(pair.a, pair.b) for pair in pairs]
+    assert names == [("DWA (both)", "DWA (copy)"), ("E-Band (both)", "E-Band (copy)")]
 
 
 def test_parameters_in_which_planners_differ_are_told(folders, command):
@@ -363,46 +317,38 @@ def test_parameters_in_which_planners_differ_are_told(folders, command):
         return compare_folders(folders / "a", folders / "slow")[0].parameters
 
     assert changed("a") == ""
-    sentence = changed(
-        "slow", ('"overrides": {}', '"overrides": {"dwa.max_speed_mps": 0.3}')
-    )
-    assert (
-        sentence == "Parameters that differ: dwa dwa.max_speed_mps (0.5 against 0.3)."
-    )
-    foreign = (
-        ('"mode": "direct"', '"mode": "ros"'),
-        ('"overrides": {"dwa.max_speed_mps": 0.3}', '"overrides": {}'),
-    )
+    default = '"overrides": {}'
+    slower = '"overrides": {"dwa.max_speed_mps": 0.3}'
+    expected = "dwa dwa.max_speed_mps (0.5 against 0.3)."
+    assert changed("slow", (default, slower)) == f"Parameters that differ: {expected}"
+    foreign = (('"mode": "direct"', '"mode": "ros"'), (slower, default))
     for name, speed in (("a", 0.5), ("slow", 1.0)):
         logs = folders / name / "logs" / "dwa_0"
         logs.mkdir(parents=True)
-        write_node_parameters(
-            logs.parent,
-            logs,
-            "dwa",
-            json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}),
-        )
+        told = f'{{"/nav speed": "{speed}", "/{name} x": "1"}}'
+        write_node_parameters(logs.parent, logs, "dwa", told)
         files = f'"files": {{"p.yaml": "{name * 64}", "{name}.yaml": "0"}}'
-        sentence = changed(
-            name, *foreign, ('"command": ""', f'{files}, "command": "drive"')
-        )
+        driven = ('"command": ""', f'{files}, "command": "drive"')
+        sentence = changed(name, *foreign, driven)
     expected = f"file p.yaml ({'a' * 12} against {('slow' * 3)[:12]}) and /nav speed (0.5 against 1.0)."
     assert sentence == f"Parameters that differ: {expected}"
-    assert expected in " ".join(
-        command("compare", folders / "a", folders / "slow")[1].split()
-    )
+    text = command(f"compare {folders}/a {folders}/slow")[1]
+    assert expected in " ".join(text.split())
 
 
 @pytest.mark.parametrize("count", [5, 7])
 def test_the_first_five_parameters_that_differ_are_named(folders, count):
-    config = as_dict(planner_config("dwa", "paper2020"))
-    differ = [
-        f"dwa.{key}" for key, value in config["dwa"].items() if isinstance(value, float)
-    ][:count]
-    halved = {key: 0.5 * config["dwa"][key.removeprefix("dwa.")] for key in differ}
+    parameters = as_dict(planner_config("dwa", "paper2020"))["dwa"]
+    numbers = {
+        f"dwa.{key}": value
+        for key, value in parameters.items()
+        if isinstance(value, float)
+    }
+    halved = {key: 0.5 * numbers[key] for key in list(numbers)[:count]}
     write_folder(folders / "halved", results(worlds=4), overrides=halved)
     sentence = compare_folders(folders / "a", folders / "halved")[0].parameters
-    assert [word for word in sentence.split() if word.startswith("dwa.")] == differ[:5]
+    names = [word for word in sentence.split() if word.startswith("dwa.")]
+    assert names == list(halved)[:5]
     assert (f"{count - 5} more" in sentence) == (count > 5)
 
 
@@ -412,36 +358,32 @@ def test_an_uninstalled_planner_reports_no_parameter(folders):
     assert compare_folders(folders / "one", folders / "two")[0].parameters == ""
 
 
+def write_three(folders):
+    """Write a folder of three planners."""
+    slower_s = {"dwa": 0.0, "eband": 1.0, "gap": 2.0}
+    parts = (results(name, time_s, worlds=4) for name, time_s in slower_s.items())
+    write_folder(folders / "three", [row for part in parts for row in part])
+
+
 def test_the_share_of_pairs_that_is_compared_is_told(folders):
     shares = []
-    write_folder(
-        folders / "three",
-        results(worlds=4) + results("eband", worlds=4) + results("gap", worlds=4),
-    )
+    write_three(folders)
     compare_folders(folders / "three", keys=(), progress=shares.append)
     assert shares == [1 / 3, 2 / 3, 1.0]
 
 
 def test_folders_of_different_tasks_are_refused_by_key(folders):
-    write_folder(
-        folders / "other",
-        results("eband", worlds=4),
-        protocol=replace(PAPER_2020, failure_time_s=60.0),
-    )
-    with pytest.raises(
-        BarnError,
-        match=r"different tasks cannot be compared: protocol.failure_time_s is 30.0 in .*, 60.0",
-    ):
+    rules = replace(PAPER_2020, failure_time_s=60.0)
+    write_folder(folders / "other", results("eband", worlds=4), protocol=rules)
+    words = "different tasks cannot be compared: protocol.failure_time_s is 30.0 in .*, 60.0"
+    with refused(words, BarnError):
         compare_folders(folders / "a", folders / "other")
 
 
 def test_planners_of_several_folders_are_told_apart(folders):
-    assert {
-        name: group[0].planner for name, group in read_groups(folders / "both").items()
-    } == {
-        "DWA": "dwa",
-        "E-Band": "eband",
-    }
+    groups = read_groups(folders / "both")
+    planners = {name: group[0].planner for name, group in groups.items()}
+    assert planners == {"DWA": "dwa", "E-Band": "eband"}
     assert list(read_groups(folders / "b", folders / "a")) == ["E-Band", "DWA"]
     assert list(read_groups(folders / "a", folders / "both")) == [
         f"DWA ({folders / 'a'})",
@@ -450,25 +392,15 @@ def test_planners_of_several_folders_are_told_apart(folders):
     ]
 
 
-def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
-    write_folder(
-        folders / "three",
-        results(worlds=4)
-        + results("eband", 1.0, worlds=4)
-        + results("gap", 2.0, worlds=4),
-    )
-    pairs = [
-        (comparison.a, comparison.b)
-        for comparison in compare_folders(folders / "three")
-    ]
+def test_planners_of_one_folder_are_compared_with_each_other(folders, printed):
+    write_three(folders)
+    pairs = [(pair.a, pair.b) for pair in compare_folders(folders / "three")]
     assert pairs == [("dwa", "eband"), ("dwa", "gap"), ("eband", "gap")]
-    (entry,) = json.loads(command("compare", folders / "three:dwa,gap", "--json")[1])
+    (entry,) = printed(f"compare {folders}/three:dwa,gap")
     assert (entry["a"], entry["b"]) == ("dwa", "gap")
     pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
     assert entry["rows"] == json.loads(json.dumps(make_json_safe(pair["rows"])))
-    with pytest.raises(
-        BarnError, match="has one planner only, dwa; name a second folder"
-    ):
+    with refused("has one planner only, dwa; name a second folder", BarnError):
         compare_folders(folders / "a")
 
 
@@ -520,20 +452,19 @@ def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
 
 def test_folders_without_a_common_planner_need_a_choice(folders):
     write_folder(folders / "other", results("gap", worlds=1)[:1])
-    with pytest.raises(
-        BarnError,
-        match=r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER",
+    with refused(
+        r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER", BarnError
     ):
         compare_folders(folders / "both", folders / "other")
 
 
 def test_command_names_what_is_missing(folders, rejected):
-    assert "holds no results of a run" in rejected("compare", folders, folders / "a")
-    message = rejected("compare", folders / "a", f"{folders / 'both'}:ebnd")
+    assert "holds no results of a run" in rejected(f"compare {folders} {folders}/a")
+    message = rejected(f"compare {folders}/a {folders}/both:ebnd")
     assert "has no planner 'ebnd'; did you mean 'eband'" in message
     (folders / "a" / "run.json").unlink()
     assert "a/run.json: No such file or directory" in rejected(
-        "compare", folders / "a", folders / "b"
+        f"compare {folders}/a {folders}/b"
     )
 
 
@@ -554,11 +485,10 @@ def test_a_planner_must_be_shown_not_to_be_worse(
     a = results()
     b = results("eband", slower_s)
     counted = [[scored(row, failure_time_s=20.0) for row in part] for part in (a, b)]
-    folders = [
+    for part in counted:
         write_folder(tmp_path / part[0].planner, part, worlds="0-19")
-        for part in counted
-    ]
-    ended, out, _ = command("compare", *folders, "--fail-if-worse", margin, "--json")
+    line = f"compare dwa eband --fail-if-worse {margin}"
+    ended, out, _ = command(f"{line} --json")
     assert ended == code
     (test,) = json.loads(out)[0]["decisions"]
     assert (test["decision"], test["measure"]) == (decision, "scored_time_s")
@@ -568,22 +498,15 @@ def test_a_planner_must_be_shown_not_to_be_worse(
         4: "eband is worse than",
         5: "it is not shown that eband",
     }
-    assert words[code] in " ".join(
-        command("compare", *folders, "--fail-if-worse", margin)[1].split()
-    )
+    assert words[code] in " ".join(command(line)[1].split())
 
 
 def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command):
     """Four worlds have no limits at all."""
     code, out, _ = command(
-        "compare",
-        folders / "a",
-        folders / "b",
-        "--fail-if-worse",
-        "path_ratio:1",
-        "--json",
+        f"compare {folders}/a {folders}/b --fail-if-worse path_ratio:1 --json"
     )
-    content = json.loads(out)[0]
+    (content,) = json.loads(out)
     assert code == 5
     assert content["rows"][-1]["key"] == "path_ratio"
     assert content["decisions"][0]["high"] is None
@@ -599,6 +522,4 @@ def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command)
     ],
 )
 def test_margins_that_say_nothing_are_told(folders, rejected, text, words):
-    assert words in rejected(
-        "compare", folders / "a", folders / "b", "--fail-if-worse", text
-    )
+    assert words in rejected(f"compare {folders}/a {folders}/b --fail-if-worse {text}")

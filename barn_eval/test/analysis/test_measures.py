@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from refusals import refused
 from results.test_rows import result
 
 from barn_eval.analysis.compare import compare
@@ -28,7 +28,6 @@ from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.trajectory import NEAR_CONTACT_M
 from barn_metrics.bootstrap import Interval
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
 
 
@@ -90,6 +89,49 @@ def test_what_a_robot_drives_counts_where_it_arrives():
     assert of_successes == of_arrivals | {"path_over_straight", "time_over_straight"}
 
 
+WRITTEN = """
+success [%]: 100.0
+time [s]: 10.10
+time as counted [s]: 10.10
+time per meter as counted [s/m]: 2.020
+optimal time [s]: 3.00
+challenge metric (of 0.5): 0.290
+challenge metric of 2022 (of 0.25): 0.250
+efficiency [%]: 50.0
+least time possible [s]: 5.05
+driven length [m]: 5.500
+driven by path length: 1.100
+mean speed [m/s]: 0.500
+smallest clearance [m]: 0.100
+mean clearance [m]: 0.300
+time in contact [s]: 0.000
+rms jerk [m/s3]: 0.20
+time within 0.1 m of obstacles [s]: 0.40
+rms angular jerk [rad/s3]: 7.5
+total variation of speed commands [m/s]: 3.00
+total variation of turn commands [rad/s]: 6.00
+rms step of speed commands [m/s]: 0.0100
+rms step of turn commands [rad/s]: 0.0200
+mean distance from the plan [m]: 0.150
+rotation [rad]: 1.00
+recoveries: 2.00
+unanswered cycles: 0.00
+missed cycles: 4.00
+compute time per cycle, p50 [ms]: 1.11
+compute time per cycle, p95 [ms]: 2.22
+compute time per cycle, max [ms]: 3.33
+times real time: 31.4
+smallest clearance to what moves [m]: 0.250
+shortest time to collision [s]: 1.50
+time within 0.5 m of what moves [s]: 2.00
+driven by straight length: 1.250
+time by that of the straight run: 2.500
+own speed when hit [m/s]: 0.50
+closing speed when hit [m/s]: 2.00
+own share of the closing speed [%]: 25.0
+"""
+
+
 def test_measures_are_written_with_units_and_digits():
     moving_result = moved()
     timed = replace(
@@ -98,50 +140,10 @@ def test_measures_are_written_with_units_and_digits():
         wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, missed_cycles=4),
     )
     written = {
-        measure.trial_heading: measure.number(measure.value(timed))
+        f"{measure.trial_heading}: {measure.number(measure.value(timed))}"
         for measure in MEASURES.values()
     }
-    assert written == {
-        "success [%]": "100.0",
-        "time [s]": "10.10",
-        "time as counted [s]": "10.10",
-        "time per meter as counted [s/m]": "2.020",
-        "optimal time [s]": "3.00",
-        "challenge metric (of 0.5)": "0.290",
-        "challenge metric of 2022 (of 0.25)": "0.250",
-        "efficiency [%]": "50.0",
-        "least time possible [s]": "5.05",
-        "driven length [m]": "5.500",
-        "driven by path length": "1.100",
-        "mean speed [m/s]": "0.500",
-        "smallest clearance [m]": "0.100",
-        "mean clearance [m]": "0.300",
-        "time in contact [s]": "0.000",
-        "rms jerk [m/s3]": "0.20",
-        "time within 0.1 m of obstacles [s]": "0.40",
-        "rms angular jerk [rad/s3]": "7.5",
-        "total variation of speed commands [m/s]": "3.00",
-        "total variation of turn commands [rad/s]": "6.00",
-        "rms step of speed commands [m/s]": "0.0100",
-        "rms step of turn commands [rad/s]": "0.0200",
-        "mean distance from the plan [m]": "0.150",
-        "rotation [rad]": "1.00",
-        "recoveries": "2.00",
-        "unanswered cycles": "0.00",
-        "missed cycles": "4.00",
-        "compute time per cycle, p50 [ms]": "1.11",
-        "compute time per cycle, p95 [ms]": "2.22",
-        "compute time per cycle, max [ms]": "3.33",
-        "times real time": "31.4",
-        "smallest clearance to what moves [m]": "0.250",
-        "shortest time to collision [s]": "1.50",
-        "time within 0.5 m of what moves [s]": "2.00",
-        "driven by straight length": "1.250",
-        "time by that of the straight run": "2.500",
-        "own speed when hit [m/s]": "0.50",
-        "closing speed when hit [m/s]": "2.00",
-        "own share of the closing speed [%]": "25.0",
-    }
+    assert written == set(WRITTEN.strip().splitlines())
 
 
 def test_a_title_says_that_only_successes_are_in():
@@ -243,9 +245,7 @@ def test_measures_are_named_once():
 
 
 def test_an_unknown_measure_is_refused():
-    with pytest.raises(
-        ConfigError, match="unknown measure 'succes'; did you mean 'success'"
-    ):
+    with refused("unknown measure 'succes'; did you mean 'success'"):
         require_measures(["succes"])
 
 
@@ -310,5 +310,5 @@ def test_planners_of_a_figure_differ_in_color():
 
 def test_planners_are_spelled_as_the_field_does():
     assert [spelling(name) for name in ("dwa", "eband", "mppi", "gap", "policy", "mine")] == [
-        "DWA", "E-Band", "MPPI", "gap", "policy", "mine",
+        "DWA", "E-Band", "MPPI", "gap", "policy", "mine"
     ]  # fmt: skip

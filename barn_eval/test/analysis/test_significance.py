@@ -1,11 +1,13 @@
-"""Differences and shares against enumeration, textbooks and simulation, and what looks at a plan that runs decide."""
+"""Differences and shares against enumeration, textbooks and simulation, and what looks
+at a plan that runs decide.
+"""
 
 import itertools
 import math
 
 import numpy as np
 import pytest
-from analysis.test_statistics import counted
+from analysis.test_statistics import counted, limits
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy import stats
@@ -30,9 +32,8 @@ VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max
 @given(VALUES)
 def test_few_worlds_are_enumerated(values):
     test = paired_difference(np.array(values), np.arange(len(values)))
-    sums = np.abs(
-        list(itertools.product((1, -1), repeat=len(values))) @ np.array(values)
-    )  # of all patterns of signs
+    signs = np.array(list(itertools.product((1, -1), repeat=len(values))))
+    sums = np.abs(signs @ np.array(values))
     as_far = sums >= abs(sum(values)) - 1e-9 * sum(map(abs, values))
     assert test.p == pytest.approx(as_far.mean())
     assert test.interval.estimate == pytest.approx(np.mean(values))
@@ -59,6 +60,10 @@ def test_the_interval_holds_the_shifts_not_rejected(values, shift):
         assert p <= 0.05 + 1e-9
 
 
+def width(interval):
+    return interval.high - interval.low
+
+
 def test_trials_of_a_world_flip_together_and_in_any_order():
     generator = np.random.default_rng(1)
     worlds = np.repeat(np.arange(40), 3)
@@ -71,9 +76,7 @@ def test_trials_of_a_world_flip_together_and_in_any_order():
     student = stats.t.interval(0.95, 39, means.mean(), stats.sem(means))
     assert (test.interval.low, test.interval.high) == pytest.approx(student, abs=0.03)
     single = paired_difference(values, np.arange(120))
-    assert single.interval.high - single.interval.low < 0.7 * (
-        test.interval.high - test.interval.low
-    )
+    assert width(single.interval) < 0.7 * width(test.interval)
 
 
 def test_fewer_than_six_worlds_leave_a_difference_open():
@@ -94,15 +97,12 @@ def test_a_world_with_more_trials_counts_more():
 def test_shares_are_wilsons_with_students_quantile():
     successes = np.array([1] * 40 + [0] * 10)
     share = proportion(successes, np.arange(50))
-    n, p, z = (
-        50 - 1,
-        0.8,
-        stats.t.ppf(0.975, 49),
-    )  # the variance over worlds has the divisor n - 1
-    middle = p + z * z / (2 * n)
-    half = z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
-    limits = np.array([middle - half, middle + half]) / (1 + z * z / n)
-    assert (share.estimate, share.low, share.high) == pytest.approx((0.8, *limits))
+    n = 50 - 1  # the divisor of the variance over worlds
+    z = stats.t.ppf(0.975, 49)
+    middle = 0.8 + z * z / (2 * n)
+    half = z * math.sqrt(0.8 * 0.2 / n + (z / (2 * n)) ** 2)
+    expected = np.array([middle - half, middle + half]) / (1 + z * z / n)
+    assert limits(share) == pytest.approx((0.8, *expected))
 
 
 def test_shares_know_that_trials_of_a_world_are_alike():
@@ -111,7 +111,7 @@ def test_shares_know_that_trials_of_a_world_are_alike():
     single = proportion(np.array([1] * 40 + [0] * 10), np.arange(50))
     assert (alike.low, alike.high) == pytest.approx((single.low, single.high))
     mixed = proportion(np.array([1, 1, 1, 1, 0] * 30), worlds)
-    assert mixed.high - mixed.low < 0.8 * (alike.high - alike.low)
+    assert width(mixed) < 0.8 * width(alike)
 
 
 def test_shares_at_the_edge_and_without_data():
@@ -148,27 +148,21 @@ def test_the_smallest_p_value_follows_the_number_of_flips():
 def test_a_difference_knows_its_components_of_variance():
     worlds = np.repeat(np.arange(10), 2)
     values = np.random.default_rng(2).normal(0.0, 1.0, 20)
-    assert paired_difference(values, worlds).parts == variance_components(
-        values[np.lexsort((values, worlds))], worlds
-    )
-    assert paired_difference(values, worlds).trials == 20
+    test = paired_difference(values, worlds)
+    in_order = values[np.lexsort((values, worlds))]
+    assert test.parts == variance_components(in_order, worlds)
+    assert test.trials == 20
 
 
 def test_components_by_hand():
-    parts = variance_components(np.array([1.0, 3.0, 5.0, 7.0]), np.array([0, 0, 1, 1]))
+    def components(values, worlds):
+        return variance_components(np.array(values), np.array(worlds))
+
+    parts = components([1.0, 3.0, 5.0, 7.0], [0, 0, 1, 1])
     assert parts == Components(pytest.approx((16.0 - 2.0) / 2.0), pytest.approx(2.0))
-    assert variance_components(np.array([1.0, 3.0]), np.array([0, 1])) == Components(
-        pytest.approx(2.0), 0.0
-    )
-    assert math.isnan(
-        variance_components(np.array([1.0, 3.0]), np.array([0, 0])).between
-    )
-    assert (
-        variance_components(
-            np.array([1.0, 3.0, 1.0, 3.0]), np.array([0, 0, 1, 1])
-        ).between
-        == 0.0
-    )
+    assert components([1.0, 3.0], [0, 1]) == Components(pytest.approx(2.0), 0.0)
+    assert math.isnan(components([1.0, 3.0], [0, 0]).between)
+    assert components([1.0, 3.0, 1.0, 3.0], [0, 0, 1, 1]).between == 0.0
 
 
 def test_components_of_uneven_worlds_are_unbiased():
@@ -191,11 +185,8 @@ def test_counts_just_suffice():
     ):
         for repetitions in (1, 5):
             enough = worlds_for(parts, 0.03, repetitions)
-            assert (
-                reached(parts, enough, repetitions)
-                <= 0.03
-                < reached(parts, enough - 1, repetitions)
-            )
+            assert reached(parts, enough, repetitions) <= 0.03
+            assert reached(parts, enough - 1, repetitions) > 0.03
     assert worlds_for_half_width(parts, 1e-9, 1) is None
     assert half_width(parts, 1, 5) == math.inf
 
@@ -209,9 +200,8 @@ def test_a_detectable_difference_is_found_as_often_as_promised():
     world = np.repeat(np.arange(worlds), repetitions)
     draws = shift + generator.normal(0.0, 0.3, (400, worlds))[:, world]
     draws += generator.normal(0.0, math.sqrt(0.18), draws.shape)
-    assert np.mean(
-        [paired_difference(values, world).p <= 0.05 for values in draws]
-    ) == pytest.approx(0.8, abs=0.06)
+    clear = [paired_difference(values, world).p <= 0.05 for values in draws]
+    assert np.mean(clear) == pytest.approx(0.8, abs=0.06)
 
 
 WORLDS = 100
@@ -243,7 +233,9 @@ def test_a_clear_difference_stops_the_plan_early_on_its_side():
 
 
 def test_a_difference_waits_for_failures_not_yet_observed():
-    """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth of a score."""
+    """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth
+    of a score.
+    """
     look = decided(*builds(0.03, noise=0.001))
     assert look.decision == "better"
     assert look.worlds >= 40
@@ -264,20 +256,15 @@ def test_what_is_to_come_is_waited_for():
 def test_the_first_decision_stands_whatever_comes_after_it():
     a, b = builds(0.08)
     first = decided(a, b)
-    turned = counted(
-        np.where(np.arange(WORLDS) < first.worlds, b.values, 0.1),
-        b.failures,
-        range(WORLDS),
-    )
+    values = np.where(np.arange(WORLDS) < first.worlds, b.values, 0.1)
+    turned = counted(values, b.failures, range(WORLDS))
     assert decided(a, turned) == first
 
 
 def test_worlds_count_in_the_order_in_which_they_come():
     a, b = builds(0.08)
     order = [*range(50, 100), *range(50)]
-    later_worlds = np.arange(50, 90)
-    assert decided(a, b, order) == decided(
-        a.at(later_worlds), b.at(later_worlds), order
-    )
+    later = np.arange(50, 90)
+    assert decided(a, b, order) == decided(a.at(later), b.at(later), order)
     with pytest.raises(KeyError):
         decided(a, b, range(50))

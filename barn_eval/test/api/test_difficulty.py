@@ -23,7 +23,7 @@ def test_the_command_prints_what_the_model_predicts(command):
 
 def test_a_damaged_file_of_weights_is_named(tmp_path, rejected):
     (tmp_path / "w.npz").write_bytes(b"PK")
-    message = rejected("difficulty", "predict", "barn300", "--weights", "w.npz")
+    message = rejected("difficulty predict barn300 --weights w.npz")
     assert message.startswith("error: w.npz: not a difficulty model, or a damaged one")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from refusals import refused
 
 import barn_eval as barn
 from barn_eval.api.worlds import generate, resize
@@ -17,7 +18,7 @@ from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.metrics import world_metrics
 from barn_sim.config import robot_of, with_robot
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import dataset_files, open_dataset
 from barn_worlds.datasets.generate import narrowness
 from barn_worlds.robots.files import ROBOTS, load_robot
@@ -26,52 +27,44 @@ from barn_worlds.worlds.cspace import configuration_space, through_region
 CHALLENGE = PROTOCOLS["challenge"]
 
 
-def test_list(command):
-    code, out, _ = command("robots")
-    assert code == 0
+def test_list(succeed, printed):
+    out = succeed("robots")
     assert all(name in out for name in ROBOTS)
-    entries = json.loads(command("robots", "--json")[1])
+    entries = printed("robots")
     assert [entry["robot"] for entry in entries] == list(ROBOTS)
-    husky = entries[0]
-    assert (husky["drive"], husky["length [m]"], husky["speed [m/s]"]) == (
-        "skid_steer",
-        0.99,
-        1.0,
-    )
+    husky = {"drive": "skid_steer", "length [m]": 0.99, "speed [m/s]": 1.0}
+    assert entries[0] | husky == entries[0]
 
 
 @pytest.mark.parametrize("name", list(ROBOTS))
-def test_show(command, tmp_path, name):
-    code, out, _ = command("robots", name, "--out", "robot.png")
-    assert code == 0
+def test_show(succeed, printed, tmp_path, name):
+    out = succeed(f"robots {name} --out robot.png")
     assert out.startswith(name)
     assert "mass_kg" in out and "kg m2" in out and "sources" in out
     pixels = np.asarray(Image.open(tmp_path / "robot.png").convert("L"))
     assert pixels.std() > 10.0
-    assert (
-        json.loads(command("robots", name, "--json")[1])["lidar"]["beams"]
-        == ROBOTS[name].lidar.beams
-    )
+    lidar = printed(f"robots {name}")["lidar"]
+    assert lidar["beams"] == ROBOTS[name].lidar.beams
 
 
-def test_show_draws_vectors(command, tmp_path):
-    assert command("robots", "turtlebot4", "--out", "robot.svg")[0] == 0
+def test_show_draws_vectors(succeed, tmp_path):
+    succeed("robots turtlebot4 --out robot.svg")
     assert "<svg" in (tmp_path / "robot.svg").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("words", "message"),
     [
-        (["none.yaml"], "none.yaml: No such file or directory"),
-        (["husk"], "unknown robot 'husk'; did you mean 'husky'?"),
+        ("none.yaml", "none.yaml: No such file or directory"),
+        ("husk", "unknown robot 'husk'; did you mean 'husky'?"),
         (
-            ["turtlebot4", "--out", "robot.doc"],
+            "turtlebot4 --out robot.doc",
             "error: robot.doc: must end in .png, .svg or .pdf\n",
         ),
     ],
 )
-def test_mistakes_are_one_line(rejected, arguments, message):
-    assert message in rejected("robots", *arguments)
+def test_mistakes_are_one_line(rejected, words, message):
+    assert message in rejected(f"robots {words}")
 
 
 def test_tasks_of_other_robots_have_fingerprints_of_their_own():
@@ -108,25 +101,21 @@ def test_the_file_that_the_page_shows_is_a_robot(tmp_path):
 
 
 def test_the_table_of_the_page_has_the_numbers_of_the_files():
-    lines = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in page().splitlines()
-        if line.startswith("| `")
-    ]
-    table = {line[0].split("`")[1]: line[1:] for line in lines if len(line) == 7}
+    table = {}
+    for name, text in re.findall(r"(?m)^\| `(\w+)` \|(.*)\|$", page()):
+        cells = text.split("|")
+        if len(cells) == 6:
+            table[name] = [cell.strip() for cell in cells]
     assert set(table) == set(ROBOTS)
     for name, (_, size, mass, speed, turn, _) in table.items():
         robot = ROBOTS[name]
         long = f"{robot.length_m:.3f}"
         wide = f"{robot.width_m:.3f}"
-        assert size == (
-            f"round, {long}" if robot.chassis.is_round else f"{long} x {wide}"
-        )
+        is_round = robot.chassis.is_round
+        assert size == (f"round, {long}" if is_round else f"{long} x {wide}")
         assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
-        assert (float(speed), float(turn)) == (
-            robot.drive.max_speed_m_s,
-            robot.drive.max_yaw_rate_rad_s,
-        )
+        assert float(speed) == robot.drive.max_speed_m_s
+        assert float(turn) == robot.drive.max_yaw_rate_rad_s
 
 
 def test_barn_tb4_is_what_its_command_makes(tmp_path):
@@ -138,72 +127,46 @@ def test_barn_tb4_is_what_its_command_makes(tmp_path):
         shipped = open_dataset(name)
         assert copy.checksum == shipped.checksum
         assert {**copy.manifest, "made_by": ""} == {**shipped.manifest, "made_by": ""}
-        assert (
-            json.loads(dataset_files()[name].with_suffix(".manifest.json").read_text())
-            == shipped.manifest
-        )
+        manifest = dataset_files()[name].with_suffix(".manifest.json")
+        assert json.loads(manifest.read_text()) == shipped.manifest
 
 
 def test_every_world_of_barn_tb4_has_a_path_for_its_robot():
     robot = load_robot("turtlebot4")
     dataset = open_dataset("barn_tb4")
-    assert (
-        dataset.world_numbers == tuple(range(100))
-        and dataset.manifest["robot"] == "turtlebot4"
-    )
+    assert dataset.world_numbers == tuple(range(100))
+    assert dataset.manifest["robot"] == "turtlebot4"
     worlds = [dataset.load(index) for index in dataset.world_numbers]
     assert len({world.checksum for world in worlds}) == 100
     for world in worlds:
         cells = robot.footprint_cells(world.resolution_m)
-        assert (cells, world.resolution_m) == (
-            world.footprint_cells,
-            pytest.approx(0.15 * 0.171 / 0.254, abs=0.001),
-        )
+        assert cells == world.footprint_cells
+        assert world.resolution_m == pytest.approx(0.15 * 0.171 / 0.254, abs=0.001)
         cspace = configuration_space(world.grid, cells)
-        assert (
-            through_region(cspace) is not None and not cspace[tuple(world.path.T)].any()
-        )
+        assert through_region(cspace) is not None
+        assert not cspace[tuple(world.path.T)].any()
     order = [narrowness(world) for world in worlds]
     assert order == sorted(order)
-    closest = np.array([world_metrics(world).closest_obstacle for world in worlds])
-    usual = [
-        world_metrics(open_dataset("barn300").load(index)).closest_obstacle
-        for index in range(300)
-    ]
-    assert closest.min() < np.quantile(usual, 0.05) and closest.max() > np.quantile(
-        usual, 0.95
-    )
+    closest = [world_metrics(world).closest_obstacle for world in worlds]
+    usual_worlds = map(open_dataset("barn300").load, range(300))
+    usual = [world_metrics(world).closest_obstacle for world in usual_worlds]
+    low, high = np.quantile(usual, [0.05, 0.95])
+    assert min(closest) < low < high < max(closest)
 
 
 def test_worlds_kept_are_spread_over_the_order(tmp_path):
     options = {"per_set": 1, "seed": 3, "robot": "turtlebot4"}
-    whole = [world.checksum for world in generate(**options).values()]
-    selection = [
-        world.checksum
-        for world in generate(tmp_path / "few.npz", keep=4, **options).values()
-    ]
-    assert selection == [whole[k] for k in (0, 4, 7, 11)]
+    whole = list(generate(**options).values())
+    selection = generate(tmp_path / "few.npz", keep=4, **options).values()
+    for world, place in zip(selection, (0, 4, 7, 11), strict=True):
+        assert world.checksum == whole[place].checksum
     assert len(generate(keep=1, **options)) == 1
-    with pytest.raises(
-        ConfigError, match="keep must be at most the 12 worlds made, got 13"
-    ):
+    with refused("keep must be at most the 12 worlds made, got 13"):
         generate(keep=13, **options)
 
 
-def test_robots_too_large_for_a_data_set_are_refused(
-    rejected,
-):
-    message = rejected(
-        "run",
-        "--dataset",
-        "barn_tb4",
-        "--worlds",
-        "0",
-        "--planner",
-        "gap",
-        "--out",
-        "unused",
-    )
+def test_robots_too_large_for_a_data_set_are_refused(rejected):
+    message = rejected("run --dataset barn_tb4 --worlds 0 --planner gap --out unused")
     ways = "with paths for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
     assert f"barn_tb4 is made for robot turtlebot4, {ways}" in message
     dataset = open_dataset("barn_tb4")
@@ -212,7 +175,7 @@ def test_robots_too_large_for_a_data_set_are_refused(
     open_dataset("barn300").require_fit(load_robot("husky"), [0])
     gymnasium = pytest.importorskip("gymnasium")
     pytest.importorskip("barn_eval.gym")
-    with pytest.raises(BarnError, match="barn_tb4 is made for robot turtlebot4"):
+    with refused("barn_tb4 is made for robot turtlebot4", BarnError):
         gymnasium.make("barn/Jackal-v0", dataset="barn_tb4", robot="husky")
 
 
@@ -222,19 +185,15 @@ def test_resized_worlds_have_equal_grids_in_robot_cells(tmp_path):
         resized = resize(worlds, robot)
         for index, world in resized.items():
             assert world.resolution_m == side_m and world.footprint_cells == 5
-            assert (world.grid == worlds[index].grid).all() and (
-                world.path == worlds[index].path
-            ).all()
-    assert [item.checksum for item in resize(worlds, "jackal").values()] == [
-        item.checksum for item in worlds.values()
-    ]
+            assert (world.grid == worlds[index].grid).all()
+            assert (world.path == worlds[index].path).all()
+    for index, world in resize(worlds, "jackal").items():
+        assert world.checksum == worlds[index].checksum
     written = open_dataset(barn.worlds.save(resized, tmp_path / "husky.npz"))
-    assert (
-        written.world_numbers == (0, 150, 299)
-        and written.load(150).checksum == resized[150].checksum
-    )
-    with pytest.raises(
+    assert written.world_numbers == (0, 150, 299)
+    assert written.load(150).checksum == resized[150].checksum
+    with refused(
+        "walls, moving obstacles and arenas are in meters and cannot be resized",
         BarnError,
-        match="walls, moving obstacles and arenas are in meters and cannot be resized",
     ):
         resize(barn.worlds.load("dynabarn60", "0"), "husky")

@@ -1,4 +1,7 @@
-"""Files that were made to hurt: every command refuses them in one short line, and shows their names as text."""
+"""Files that were made to hurt.
+
+Every command refuses them in one short line, and shows their names as text.
+"""
 
 import shutil
 

@@ -1,4 +1,7 @@
-"""What the terminal shows: tables whole at any width from 60 columns on, and a campaign that runs."""
+"""What the terminal shows.
+
+Tables whole at any width from 60 columns on, and a campaign that runs.
+"""
 
 import io
 import re
@@ -53,7 +56,9 @@ def draw_table(fitted, width):
 
 
 def check_whole(fitted):
-    """Nothing is in the drawn table but the words of its cells and heads, and all of them are."""
+    """Nothing is in the drawn table but the words of its cells and heads, and all of
+    them are.
+    """
     texts = [
         fitted.title,
         fitted.caption,
@@ -66,36 +71,25 @@ def check_whole(fitted):
         assert set(re.sub("─+", " ", output).split()) == words, width
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["compare", "a_campaign:dwa", "a_campaign:gap"],
-        ["compare", "a_campaign", "b"],
-        ["leaderboard", "a_campaign"],
-        ["leaderboard", "a_campaign", "--by", "time"],
-        ["precision", "a_campaign"],
-        ["precision", "a_campaign:dwa,gap"],
-        [
-            "campaign",
-            "--worlds",
-            "0-40",
-            "--planners",
-            "dwa,eband",
-            "--dry-run",
-            "--out",
-            "out",
-        ],
-        ["metrics", "--worlds", "0-3"],
-        ["worlds", "list"],
-        ["difficulty", "predict", "barn300", "--worlds", "0-3"],
-        ["info"],
-    ],
-    ids=lambda command: " ".join(command[:2]),
-)
-def test_tables_of_commands_are_whole(folder, monkeypatch, command):
-    monkeypatch.chdir(
-        folder.parent
-    )  # names of files are short: one that is wider than the terminal has to be broken
+LINES = """
+compare a_campaign:dwa a_campaign:gap
+compare a_campaign b
+leaderboard a_campaign
+leaderboard a_campaign --by time
+precision a_campaign
+precision a_campaign:dwa,gap
+campaign --worlds 0-40 --planners dwa,eband --dry-run --out out
+metrics --worlds 0-3
+worlds list
+difficulty predict barn300 --worlds 0-3
+info
+"""
+
+
+@pytest.mark.parametrize("line", LINES.strip().splitlines())
+def test_tables_of_commands_are_whole(folder, monkeypatch, line):
+    # names of files are short: one that is wider than the terminal has to be broken
+    monkeypatch.chdir(folder.parent)
     tables = []
     printed = options.console.print
 
@@ -105,7 +99,7 @@ def test_tables_of_commands_are_whole(folder, monkeypatch, command):
 
     monkeypatch.setattr(options.console, "print", record)
     with pytest.raises(SystemExit) as ended:
-        main(command)
+        main(line.split())
     assert ended.value.code == 0
     assert tables
     for fitted in tables:

@@ -1,4 +1,6 @@
-"""The layouts for RViz and Foxglove name topics that a trial's bag has, with what is needed to receive them."""
+"""The layouts for RViz and Foxglove name topics that a trial's bag has, with what is
+needed to receive them.
+"""
 
 import dataclasses
 import json
@@ -26,13 +28,16 @@ DISPLAYS = {
 }
 IN_THE_SCENE = {
     "/map", "/local_costmap/costmap", "/robot_description", "/scan", "/plan", "/local_plan", "/band", "/candidates",
-    "/ground_truth/odom", "/goal_pose", "/score_text", "/world", "/moving_obstacles",
+    "/ground_truth/odom", "/goal_pose", "/score_text", "/world", "/moving_obstacles"
 }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def topics(tmp_path_factory):
-    """Topics with type and profile that a trial's bag has: DWA's and E-Band's, and one among moving obstacles."""
+    """Topics with type and profile that a trial's bag has.
+
+    DWA's and E-Band's, and one among moving obstacles.
+    """
     types = {}
     for planner, protocol in (
         ("dwa", PAPER_2020),

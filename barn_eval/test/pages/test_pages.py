@@ -1,4 +1,7 @@
-"""Every page on a desk, on a phone in the dark, on paper and by keyboard: whole, readable, named, alone."""
+"""Every page on a desk, on a phone in the dark, on paper and by keyboard.
+
+Whole, readable, named, alone.
+"""
 
 import pytest
 from browser import PHONE, violations

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forgery import replace_text, without_bags
-from planners import SHORT, Straight
+from planners import run_inline
+from refusals import refused
 from report_work import rewrite_rows
+from text_tables import rows_of
 
 import barn_eval as barn
 from barn_eval.results.bags.bagfile import BagFile
@@ -21,24 +23,15 @@ from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import FinishedTrial
 from barn_eval.verification.rerun import read_bag
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 
 PERIOD_NS = 50_000_000
 
 
-@pytest.fixture(scope="module")
-def driven(tmp_path_factory):
-    """A run of two trials that keeps no bags."""
-    out = tmp_path_factory.mktemp("commands") / "out"
-    return barn.run(
-        "0,120", "gap", SHORT, out=out, engine="inline", progress=False
-    ).folder
-
-
 @pytest.fixture
-def folder(driven, tmp_path):
-    return Path(shutil.copytree(driven, tmp_path / "out"))
+def folder(two_trials, tmp_path):
+    """A run of two trials that keeps no bags."""
+    return Path(shutil.copytree(two_trials, tmp_path / "out"))
 
 
 def lines_of(folder):
@@ -46,15 +39,17 @@ def lines_of(folder):
     return {json.loads(line)["trial_id"]: unseal_line(line, "line") for line in lines}
 
 
-def test_a_run_without_bags_is_driven_again(driven, command):
+def test_a_run_without_bags_is_driven_again(two_trials, command):
     said = "2 of 2 rows, 2 tracks, 0 bags, 2 driven again\n"
-    assert command("check", driven) == (0, said, "")
+    assert command(f"check {two_trials}") == (0, said, "")
 
 
-def test_a_run_without_bags_is_submitted_and_verified(driven, command, tmp_path):
+def test_a_run_without_bags_is_submitted_and_verified(
+    two_trials, command, succeed, tmp_path
+):
     path = tmp_path / "gap.barn.zip"
-    assert command("submit", driven, "--out", path)[0] == 0
-    code, out, _ = command("verify", path, "--out", tmp_path / "kept")
+    succeed(f"submit {two_trials} --out {path}")
+    code, out, _ = command(f"verify {path} --out {tmp_path}/kept")
     assert (code, out.splitlines()[-1]) == (0, "holds")
     assert barn.results.check(tmp_path / "kept").driven == 2
 
@@ -71,23 +66,16 @@ def test_commands_are_small_and_those_of_the_bag(tmp_path):
     assert len(record.commands) < 15 * len(commands) + 300
 
 
-def test_other_commands_than_those_of_a_bag_are_named(tmp_path):
-    run = barn.run(
-        "120",
-        {"straight": Straight},
-        out=tmp_path / "out",
-        bags="all",
-        engine="inline",
-        progress=False,
-    )
-    ((trial_id, line),) = lines_of(run.folder).items()
+def test_other_commands_than_those_of_a_bag_are_named(collided, tmp_path):
+    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    ((trial_id, line),) = lines_of(folder).items()
     _, commands = parse_commands_line(line, "line")
     commands = commands.copy()
     commands[3, 0] += 0.01
     content = {"trial_id": trial_id} | pack_arrays({"commands": commands.ravel()})
     text = f"{seal_line(json.dumps(content))}\n"
-    (run.folder / "commands.jsonl").write_text(text)
-    problems = barn.results.check(run.folder).problems
+    (folder / "commands.jsonl").write_text(text)
+    problems = barn.results.check(folder).problems
     assert any("its commands are not those of its bag" in line for line in problems)
 
 
@@ -119,7 +107,7 @@ def test_a_kill_while_commands_are_written_loses_one_trial_only(folder, cut):
     rewrite_rows(folder, lambda rows: rows[:1])
     for name in ("parquet", "csv"):
         (folder / f"results.{name}").unlink()
-    barn.run("0,120", "gap", SHORT, out=folder, engine="inline", progress=False)
+    run_inline("0,120", out=folder)
     assert lines_of(folder) == expected
     report = barn.results.check(folder)
     assert (report.problems, report.driven) == ([], 2)
@@ -129,30 +117,21 @@ def test_a_trial_that_runs_again_counts_with_its_last_commands(folder):
     """A kill between commands and row leaves commands without a row."""
     expected = lines_of(folder)
     rewrite_rows(folder, lambda rows: rows[:1])
-    barn.run("0,120", "gap", SHORT, out=folder, engine="inline", progress=False)
+    run_inline("0,120", out=folder)
     assert len((folder / "commands.jsonl").read_text().splitlines()) == 3
     assert lines_of(folder) == expected
     assert barn.results.check(folder).problems == []
 
 
-def test_results_are_compared_and_shown_without_commands(folder, command, tmp_path):
+def test_results_are_compared_and_shown_without_commands(folder, command, succeed):
     (folder / "commands.jsonl").write_bytes(b"\0nothing")
-    assert command("compare", folder, folder)[0] in (0, 1, 2)
-    assert command("report", folder, "--out", tmp_path / "report.html")[0] == 0
+    assert command(f"compare {folder} {folder}")[0] in (0, 1, 2)
+    succeed(f"report {folder} --out report.html")
     assert barn.load(folder).summary["trials"].tolist() == [2]
 
 
 def test_overwriting_removes_commands(folder):
-    barn.run(
-        "0",
-        "gap",
-        SHORT,
-        out=folder,
-        engine="inline",
-        progress=False,
-        overwrite=True,
-        seed=3,
-    )
+    run_inline("0", out=folder, overwrite=True, seed=3)
     assert list(lines_of(folder)) == ["gap_w0000_r00"]
 
 
@@ -170,20 +149,23 @@ def finished(counts, mode="ros", compute="free"):
     return FinishedTrial(spec, result, log.trajectory())
 
 
-@pytest.mark.parametrize(
-    ("counts", "mode", "compute", "kept"),
-    [
-        ([1, 1, 1, 0], "ros", "free", True),
-        ([1, 1, 1, 1], "ros", "free", True),
-        ([1, 0, 1, 0], "ros", "free", False),
-        ([1, 2, 1, 0], "ros", "free", False),
-        ([1, 1, 1, 0], "ros", "real_time", False),
-        ([1, 0, 1, 0], "direct", "free", True),
-        ([], "direct", "free", False),
-    ],
-)
+# Commands after each reading, how the trial was run and computed, and whether its
+# commands are kept.
+TRIALS = """
+1 1 1 0 | ros | free | kept
+1 1 1 1 | ros | free | kept
+1 0 1 0 | ros | free | dropped
+1 2 1 0 | ros | free | dropped
+1 1 1 0 | ros | real_time | dropped
+1 0 1 0 | direct | free | kept
+ | direct | free | dropped
+"""
+
+
+@pytest.mark.parametrize(("counts", "mode", "compute", "kept"), rows_of(TRIALS))
 def test_commands_are_kept_that_say_when_they_took_effect(counts, mode, compute, kept):
-    assert (commands_line(finished(counts, mode, compute)) is not None) == kept
+    trial = finished(map(int, counts.split()), mode, compute)
+    assert (commands_line(trial) is not None) == (kept == "kept")
 
 
 def test_the_commands_of_an_endless_trial_are_not_kept(monkeypatch):
@@ -194,32 +176,24 @@ def test_the_commands_of_an_endless_trial_are_not_kept(monkeypatch):
     assert len(json.dumps(pack_arrays({"commands": noise}))) < 1_000_000
 
 
+def packed(commands):
+    """Return the line of a trial with these numbers as its commands."""
+    return json.dumps({"trial_id": "a"} | pack_arrays({"commands": commands}))
+
+
 @pytest.mark.parametrize(
     ("line", "words"),
     [
         ("{}", "line 1: no commands: trial_id is missing"),
         ('{"trial_id": 3}', "no commands: trial_id is missing"),
         ('{"trial_id": "a"}', "no commands: holds no packed arrays"),
-        (
-            json.dumps({"trial_id": "a"} | pack_arrays({"commands": np.zeros(3)})),
-            "no commands: cannot reshape",
-        ),
-        (
-            json.dumps(
-                {"trial_id": "a"} | pack_arrays({"commands": np.zeros(4, "f4")})
-            ),
-            "commands are no numbers of 64 bits",
-        ),
-        (
-            json.dumps(
-                {"trial_id": "a"} | pack_arrays({"commands": np.zeros(3_000_000)})
-            ),
-            "cut off, or of more than",
-        ),
+        (packed(np.zeros(3)), "no commands: cannot reshape"),
+        (packed(np.zeros(4, "f4")), "commands are no numbers of 64 bits"),
+        (packed(np.zeros(3_000_000)), "cut off, or of more than"),
     ],
 )
 def test_what_holds_no_commands_is_refused_in_one_line(line, words):
-    with pytest.raises(ConfigError, match=words):
+    with refused(words):
         parse_commands_line(line, "commands.jsonl, line 1")
 
 
@@ -236,16 +210,9 @@ def test_a_file_is_whole_after_a_failed_write(tmp_path):
     ]
 
 
-def test_an_older_folder_is_driven_again_by_its_bags(tmp_path):
+def test_an_older_folder_is_driven_again_by_its_bags(collided, tmp_path):
     """Folders of schema 2 have no commands but those in bags."""
-    folder = barn.run(
-        "120",
-        {"straight": Straight},
-        out=tmp_path / "out",
-        bags="all",
-        engine="inline",
-        progress=False,
-    ).folder
+    folder = Path(shutil.copytree(collided, tmp_path / "out"))
     (folder / "commands.jsonl").unlink()
     assert barn.results.check(folder).driven == 1
     without_bags(folder)

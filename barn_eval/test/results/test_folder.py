@@ -8,6 +8,8 @@ from functools import cache
 from itertools import count as numbers
 
 import pytest
+from campaign_runs import tables
+from refusals import refused
 from report_work import change_row
 from running.test_runner import record
 
@@ -19,7 +21,7 @@ from barn_eval.trials.run_config import (
     PlannerChoice,
     RunConfig,
 )
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError
 
 GAP = RunConfig(
     worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
@@ -28,7 +30,9 @@ EXECUTION = ExecutionConfig(workers=1)
 
 
 def keep(path, experiment, count=None, **options):
-    """Begin or resume an experiment, give it results without driving, and return all there are."""
+    """Begin or resume an experiment, give it results without driving, and return all
+    there are.
+    """
     with ResultsFolder.open(
         path, experiment, EXECUTION, experiment.trials(), **options
     ) as folder:
@@ -52,9 +56,8 @@ def test_a_folder_without_a_result_is_taken_over(tmp_path):
     keep(tmp_path, mended, 1)
     assert RunFile.read(tmp_path).run_config() == mended
     assert not (tmp_path / "logs").exists()
-    with pytest.raises(
-        ConfigError,
-        match=r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here",
+    with refused(
+        r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here"
     ):
         keep(tmp_path, typo)
 
@@ -62,14 +65,11 @@ def test_a_folder_without_a_result_is_taken_over(tmp_path):
 def test_results_are_replaced_only_when_told_to(tmp_path):
     keep(tmp_path, GAP)
     other = replace(GAP, seed=4)
-    with pytest.raises(
-        ConfigError, match="seed is 3 there, 4 here; use another folder, or --overwrite"
-    ):
+    with refused("seed is 3 there, 4 here; use another folder, or --overwrite"):
         keep(tmp_path, other, 0)
     assert len(read_results(tmp_path)) == 4
-    assert [
-        result.campaign_seed for result in keep(tmp_path, other, 1, overwrite=True)
-    ] == [4]
+    (result,) = keep(tmp_path, other, 1, overwrite=True)
+    assert result.campaign_seed == 4
     assert len(content(tmp_path)["sessions"]) == 1
 
 
@@ -87,19 +87,14 @@ def test_sessions_are_kept_one_after_the_other(tmp_path):
         keep(tmp_path, GAP, count)
     run_file = content(tmp_path)
     assert (run_file["schema_version"], len(run_file["sessions"])) == (3, 3)
-    assert all(
-        {"started_at", "execution", "versions", "commit", "machine"} <= session.keys()
-        for session in run_file["sessions"]
-    )
+    keys = {"started_at", "execution", "versions", "commit", "machine"}
+    assert all(keys <= session.keys() for session in run_file["sessions"])
 
 
 def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
     live = replace(GAP, planners=(PlannerChoice("mine", source=UNKNOWN_SOURCE),))
     keep(tmp_path, live, 1)
-    with pytest.raises(
-        ConfigError,
-        match="'mine': its source is unknown, so the run cannot be resumed",
-    ):
+    with refused("'mine': its source is unknown, so the run cannot be resumed"):
         keep(tmp_path, live)
     with_source = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
     keep(tmp_path / "known", with_source, 1)
@@ -110,9 +105,7 @@ def test_another_robot_is_not_mixed_in(tmp_path):
     keep(tmp_path, GAP, 1)
     run = RunFile.read(tmp_path)
     replace(run, robot="0" * 64).write()
-    with pytest.raises(
-        ConfigError, match="holds results of another robot: robot is '0000"
-    ):
+    with refused("holds results of another robot: robot is '0000"):
         keep(tmp_path, GAP)
 
 
@@ -127,10 +120,8 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 )
 def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
     (tmp_path / "run.json").write_text(text)
-    with pytest.raises(ConfigError) as caught:
+    with refused(message):
         RunFile.read(tmp_path).run_config()
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +142,7 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, message):
 def test_a_row_of_another_trial_is_refused(tmp_path, name, value, message):
     keep(tmp_path, GAP, 1)
     change_row(tmp_path, **{name: value})
-    with pytest.raises(ConfigError, match=message):
+    with refused(message):
         keep(tmp_path, GAP)
 
 
@@ -190,13 +181,9 @@ def test_a_failing_disk_stops_the_run_and_loses_nothing(
         finally:
             monkeypatch.setattr(os, name, function)
         keep_whole(out)
-        for table in ("results.parquet", "results.csv", "tracks.jsonl"):
-            assert (out / table).read_bytes() == (
-                tmp_path / "whole" / table
-            ).read_bytes()
-        assert sorted(result.trial_id for result in read_results(out)) == sorted(
-            spec.trial_id for spec in trials()
-        )
+        assert tables(out) == tables(tmp_path / "whole")
+        names = {result.trial_id for result in read_results(out)}
+        assert names == {spec.trial_id for spec in trials()}
         assert not list(out.glob(".*.partial"))
     else:
         pytest.fail("it never came to its end")
@@ -220,9 +207,7 @@ def test_two_writers_do_not_touch_each_others_files(tmp_path):
     with ResultsFolder.open(tmp_path, GAP, EXECUTION, trials()) as folder:
         partial = tmp_path / "bags" / f"{folder.remaining[0].trial_id}.partial"
         partial.mkdir(parents=True)
-        with pytest.raises(
-            ConfigError, match="another process is working in this folder"
-        ):
+        with refused("another process is working in this folder"):
             keep_whole(tmp_path)
         assert partial.is_dir()
         for spec in folder.remaining:

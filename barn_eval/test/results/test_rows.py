@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 
 import pytest
+from refusals import refused
 from waiting import until
 
 from barn_eval.results.rows import RowFile, seal_line
@@ -24,11 +25,11 @@ from barn_eval.trials.result import (
     to_json_line,
 )
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.base.errors import ConfigError, StoreError
+from barn_worlds.base.errors import StoreError
 from barn_worlds.base.files import write_durably
 
 
-def result(number: int = 0) -> TrialResult:
+def result(number=0):
     return TrialResult(
         trial_id=format_trial_id("dwa", number, 0),
         dataset="set",
@@ -119,7 +120,7 @@ SEALED = f"{seal_line(LINE)}\n"
 )
 def test_wrong_rows_are_named_by_file_and_line(rows, content, words):
     rows.path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(ConfigError, match=rf"results\.jsonl, {words}"):
+    with refused(rf"results\.jsonl, {words}"):
         rows.read()
 
 
@@ -147,7 +148,10 @@ def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
 
 @contextmanager
 def file_size_limit(size):
-    """Let writes fail with EFBIG beyond a size, as a full disk does with ENOSPC: those of pytest as well."""
+    """Let writes fail with EFBIG beyond a size, as a full disk does with ENOSPC.
+
+    Those of pytest as well.
+    """
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
@@ -208,5 +212,5 @@ def test_a_flipped_bit_anywhere_in_a_row_is_noticed(rows):
         damaged = bytearray(whole)
         damaged[place] ^= 1
         rows.path.write_bytes(damaged)
-        with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: "):
+        with refused(r"results\.jsonl, line 1: "):
             rows.read()

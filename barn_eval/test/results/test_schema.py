@@ -8,8 +8,9 @@ import typing
 from pathlib import Path
 
 import pytest
-from forgery import replace_text
-from planners import SHORT
+from forgery import edit_run, replace_text
+from planners import run_inline
+from refusals import refused
 from report_work import rewrite_rows
 
 import barn_eval as barn
@@ -17,7 +18,6 @@ from barn_eval.results.folder import read_results
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
-from barn_worlds.base.errors import ConfigError
 
 # Hash of all keys of rows and run.json by schema. Where the keys have changed, raise
 # SCHEMA_VERSION in barn_eval.trials.result and add its hash; hashes never change.
@@ -36,21 +36,13 @@ def keys_of(record, prefix=""):
                 yield from keys_of(kind, f"{name}.")
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    out = tmp_path_factory.mktemp("schema") / "out"
-    return barn.run(
-        "0,120", "gap", SHORT, out=out, engine="inline", progress=False
-    ).folder
-
-
 @pytest.fixture
-def folder(run, tmp_path):
-    return Path(shutil.copytree(run, tmp_path / "out"))
+def folder(two_trials, tmp_path):
+    return Path(shutil.copytree(two_trials, tmp_path / "out"))
 
 
-def test_keys_that_change_raise_the_schema(run):
-    content = json.loads((run / "run.json").read_text())
+def test_keys_that_change_raise_the_schema(two_trials):
+    content = json.loads((two_trials / "run.json").read_text())
     (session,) = content["sessions"]
     keys = [
         *(f"row.{key}" for key in keys_of(TrialResult)),
@@ -66,13 +58,12 @@ def test_keys_that_change_raise_the_schema(run):
 
 def make_old(folder, change=lambda row: None):
     """Make of a folder one that an earlier commit wrote: without newer keys."""
-    content = json.loads((folder / "run.json").read_text())
-    content["schema_version"] = 2
-    del content["code_versions"]
-    del content["experiment"]["ros"]["isolate"]
-    for session in content["sessions"]:
-        session["commit"] = OLD_COMMIT
-    (folder / "run.json").write_text(json.dumps(content))
+    with edit_run(folder) as content:
+        content["schema_version"] = 2
+        del content["code_versions"]
+        del content["experiment"]["ros"]["isolate"]
+        for session in content["sessions"]:
+            session["commit"] = OLD_COMMIT
     task = RunFile.read(folder).task_fingerprint
 
     def write(rows):
@@ -94,10 +85,10 @@ def test_rows_of_an_older_folder_have_what_they_lack(folder):
     assert [row.scores.failure_time_s for row in rows] == [100.0, 100.0]
 
 
-def test_an_older_folder_is_compared_and_reported(folder, command, tmp_path):
+def test_an_older_folder_is_compared_and_reported(folder, command, succeed):
     make_old(folder)
-    assert command("report", folder, "--out", tmp_path / "report.html")[0] == 0
-    code, _, err = command("compare", folder, folder)
+    succeed(f"report {folder} --out report.html")
+    code, _, err = command(f"compare {folder} {folder}")
     assert (code, err) == (0, "")
     assert barn.load(folder).summary["trials"].tolist() == [2]
 
@@ -145,56 +136,49 @@ def test_only_an_older_row_may_lack_a_score(folder):
         return rows
 
     rewrite_rows(folder, write)
-    with pytest.raises(ConfigError, match="missing key 'scores"):
+    with refused("missing key 'scores"):
         read_results(folder)
 
 
 def test_run_json_cannot_pass_for_another_task(folder):
-    content = json.loads((folder / "run.json").read_text())
     expected = RunFile.read(folder).task_fingerprint
-    content["code_versions"]["protocol"] = {"name": "another"}
-    (folder / "run.json").write_text(json.dumps(content))
+    with edit_run(folder) as content:
+        content["code_versions"]["protocol"] = {"name": "another"}
     assert RunFile.read(folder).task_fingerprint == expected
-    content["robot"] = "0" * 64
-    (folder / "run.json").write_text(json.dumps(content))
+    with edit_run(folder) as content:
+        content["robot"] = "0" * 64
     task = RunFile.read(folder).task_fingerprint
     rewrite_rows(folder, lambda rows: [row | {"task": task} for row in rows])
     report = barn.results.check(folder)
-    assert f"run.json: describes task {task}, which is {expected} here" in (
-        "\n".join(report.problems + report.unchecked)
-    )
+    lines = "\n".join(report.problems + report.unchecked)
+    assert f"run.json: describes task {task}, which is {expected} here" in lines
 
 
 def test_the_commit_in_a_message_is_a_commit(folder, rejected):
-    content = json.loads((folder / "run.json").read_text())
-    content["sessions"][0]["commit"] = "0+\nerror: \x1b[2J"
-    content["schema_version"] = 9
-    (folder / "run.json").write_text(json.dumps(content))
-    assert "(written at an unknown commit, this is " in rejected("check", folder)
+    with edit_run(folder) as content:
+        content["sessions"][0]["commit"] = "0+\nerror: \x1b[2J"
+        content["schema_version"] = 9
+    assert "(written at an unknown commit, this is " in rejected(f"check {folder}")
 
 
 def test_what_is_damaged_is_wrong_in_an_older_folder_as_well(folder):
     make_old(folder)
     replace_text(folder / "results.jsonl", "success", "Success")
-    assert any(
-        "damaged or edited" in line for line in barn.results.check(folder).problems
-    )
+    problems = barn.results.check(folder).problems
+    assert any("damaged or edited" in line for line in problems)
 
 
 def test_settings_of_ros_are_no_identity_in_mode_direct(folder):
-    content = json.loads((folder / "run.json").read_text())
-    content["schema_version"] = 2
-    del content["experiment"]["ros"]["isolate"]
-    (folder / "run.json").write_text(json.dumps(content))
+    with edit_run(folder) as content:
+        content["schema_version"] = 2
+        del content["experiment"]["ros"]["isolate"]
 
     def write(rows):
         rows[0]["schema_version"] = 2
         return rows[:1]
 
     rewrite_rows(folder, write)
-    results = barn.run(
-        "0,120", "gap", SHORT, out=folder, engine="inline", progress=False
-    )
+    results = run_inline("0,120", out=folder)
     assert [row.schema_version for row in results.trials] == [2, 3]
     assert RunFile.read(folder).schema_version == SCHEMA_VERSION
     report = barn.results.check(folder)
@@ -203,16 +187,14 @@ def test_settings_of_ros_are_no_identity_in_mode_direct(folder):
 
 def test_results_of_another_physics_are_not_mixed(folder, rejected):
     rewrite_rows(make_old(folder), lambda rows: rows[:1])
-    with pytest.raises(ConfigError, match="physics is not set there, 1 here") as error:
-        barn.run("0,120", "gap", SHORT, out=folder, engine="inline", progress=False)
+    with refused("physics is not set there, 1 here") as error:
+        run_inline("0,120", out=folder)
     assert "(written at e6873c24, this is " in str(error.value)
 
 
 def test_another_configuration_is_refused_with_the_commits(folder, rejected):
     make_old(folder)
-    error = rejected(
-        "run", "--planner", "gap", "--worlds", "0,120", "--seed", 8, "--out", folder
-    )
+    error = rejected(f"run --planner gap --worlds 0,120 --seed 8 --out {folder}")
     assert "protocol.name is 'short' there, 'challenge' here" in error
     assert "(written at e6873c24, this is " in error
 
@@ -227,17 +209,16 @@ def test_another_configuration_is_refused_with_the_commits(folder, rejected):
 def test_a_folder_that_cannot_be_read_is_named_with_its_commit(
     folder, rejected, old, new, words
 ):
-    content = json.loads((folder / "run.json").read_text())
-    content["sessions"][0]["commit"] = OLD_COMMIT
-    content["schema_version"] = 2
-    (folder / "run.json").write_text(json.dumps(content))
+    with edit_run(folder) as content:
+        content["sessions"][0]["commit"] = OLD_COMMIT
+        content["schema_version"] = 2
     replace_text(folder / "run.json", old, new)
-    error = rejected("check", folder)
+    error = rejected(f"check {folder}")
     assert words in error
     assert "(written at e6873c24, this is " in error
 
 
 def test_a_row_that_cannot_be_read_is_named_with_its_commit(folder, rejected):
     make_old(folder, lambda row: row.pop("outcome"))
-    error = rejected("compare", folder, folder)
+    error = rejected(f"compare {folder} {folder}")
     assert "results.jsonl, line 1: missing key 'outcome' (written at e6873c24" in error

@@ -1,9 +1,11 @@
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 from planners import spec_of
+from text_tables import rows_of
 
 from barn_eval.results.bags.decode import decode_planner_status
 from barn_eval.ros.adapter import (
@@ -40,7 +42,10 @@ ODOMETRY = OdometryEncoder("odom", "base_link")
 
 
 def message(topic, value, sent_ns):
-    """Return a message: of odometry, the stamp and x; of a command, its two speeds; of diagnostics, the status."""
+    """Return a message: of odometry, the stamp and x; of a command, its two speeds.
+
+    Of diagnostics, the status.
+    """
     if topic in ("/odom", "/truth"):
         stamp_ns, x = value
         return Message(
@@ -61,7 +66,9 @@ def message(topic, value, sent_ns):
 
 
 def adapter_of(**changes):
-    """Return an adapter of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
+    """Return an adapter of a trial under the rules of the challenge, but for some
+    changes, with 10 m straight ahead.
+    """
     return TrialAdapter(
         TOPICS,
         RunningTrial(spec_of(0, replace(AHEAD, **changes))),
@@ -246,34 +253,34 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
     assert decode_planner_status(b"not a message") == ""
 
 
-@pytest.mark.parametrize(
-    ("commands_ms", "now_ms", "missed", "share"),
-    [
-        ([], 500, 0, 0.0),  # it has not begun
-        ([100, 150, 200, 250, 300], 300, 0, 0.0),
-        ([100, 160, 190, 260, 300], 300, 0, 0.0),  # up to half a period late or early
-        ([100, 150, 240, 300], 300, 1, 0.25),
-        ([100, 150, 350], 350, 3, 0.6),
-        ([100, 175, 251], 251, 1, 50 / 151),  # no more than half a period
-        ([100, 150], 300, 2, 0.5),  # and none since
-        ([100, 600], 600, 9, 0.9),  # the longest time without that counts
-        ([100], 150, 0, 0.0),
-        ([100], 147, 0, 0.0),  # not a period yet
-        ([100, 150, 200, 900, 950, 1000, 1050, 1100], 1100, 0, 0.0),  # it has waited
-        ([100, 120, 140, 160, 180, 200], 200, 0, 0.0),  # faster than it has to be
-    ],
-)
-def test_control_periods_without_a_command_are_counted(
-    commands_ms, now_ms, missed, share
-):
-    commands_ns = [1_000_000 * now for now in commands_ms]
-    now_ns = 1_000_000 * now_ms
-    assert count_missed_periods(commands_ns, now_ns, PERIOD, SILENCE) == missed
-    assert share_of_missed(missed, commands_ns, now_ns, PERIOD) == pytest.approx(share)
+# When commands came and what time it is, in ms; how many were missed, and which share.
+PERIODS = """
+                                      | 500  | 0 | 0      | it has not begun
+100 150 200 250 300                   | 300  | 0 | 0      | all came
+100 160 190 260 300                   | 300  | 0 | 0      | half a period late or early
+100 150 240 300                       | 300  | 1 | 1/4    | one is missing
+100 150 350                           | 350  | 3 | 3/5    | three are missing
+100 175 251                           | 251  | 1 | 50/151 | no more than half a period
+100 150                               | 300  | 2 | 1/2    | and none since
+100 600                               | 600  | 9 | 9/10   | the longest time without counts
+100                                   | 150  | 0 | 0      | one came
+100                                   | 147  | 0 | 0      | not a period yet
+100 150 200 900 950 1000 1050 1100    | 1100 | 0 | 0      | it has waited
+100 120 140 160 180 200               | 200  | 0 | 0      | faster than it has to be
+"""
+
+
+@pytest.mark.parametrize("case", rows_of(PERIODS), ids=lambda cells: cells[-1])
+def test_control_periods_without_a_command_are_counted(case):
+    commands_ms, now_ms, missed, share, _ = case
+    commands_ns = [1_000_000 * int(word) for word in commands_ms.split()]
+    now_ns = 1_000_000 * int(now_ms)
+    count = count_missed_periods(commands_ns, now_ns, PERIOD, SILENCE)
+    assert count == int(missed)
+    expected = pytest.approx(float(Fraction(share)))
+    assert share_of_missed(count, commands_ns, now_ns, PERIOD) == expected
     is_counting = bool(commands_ns) and now_ns - commands_ns[0] >= PERIOD
-    assert share_of_missed(1000, commands_ns, now_ns, PERIOD) == (
-        1.0 if is_counting else 0.0
-    )
+    assert share_of_missed(1000, commands_ns, now_ns, PERIOD) == float(is_counting)
 
 
 def test_a_planner_that_skips_cycles_is_seen_to(adapter):

@@ -1,9 +1,11 @@
-"""Planners that others have written: goals by action, managed nodes, other names, and what is said of their faults."""
+"""Planners that others have written.
+
+Goals by action, managed nodes, other names, and what is said of their faults.
+"""
 
 import json
 import os
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -11,9 +13,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
 import ros_runs as ros
+from refusals import refused
 from ros_runs import nothing_left  # noqa: F401 (a fixture)
+from waiting import run_python
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.folder import read_results
@@ -29,38 +32,26 @@ def test_a_managed_planner_gets_its_goal_by_action(tmp_path, with_extra_messages
     notes = tmp_path / "notes"
     setup = replace(ros.MANAGED, goal_by="action", lifecycle_nodes=("managed",))
     command = ros.foreign(NEIGHBOUR, "managed", notes)
-    longer = replace(
-        ros.SHORT, limit_s=3.5
-    )  # so that the action's answer arrives before the end on a busy machine too
-    plan = ros.make_plan(
-        longer, setup, planner="managed", planner_command=command, repetitions=3
-    )
+    # so that the action's answer arrives before the end on a busy machine too
+    longer = replace(ros.SHORT, limit_s=3.5)
+    plan = ros.make_plan(longer, setup, "managed", command, repetitions=3)
     folder = tmp_path / "run"
     results = ros.run(folder, plan)
-    verdicts = ["executing", "aborted (error 104)", "succeeded"]
-    assert [(item.outcome, item.planner_verdict) for item in results] == [
-        (Outcome.TIMEOUT, action_result) for action_result in verdicts
-    ]
+    verdicts = ("executing", "aborted (error 104)", "succeeded")
+    for result, verdict in zip(results, verdicts, strict=True):
+        assert (result.outcome, result.planner_verdict) == (Outcome.TIMEOUT, verdict)
     assert read_results(folder) == results
-    goals = [f"goal {number} in odom: 10.0" for number in (1, 2, 3)]
-    assert notes.read_text().splitlines() == [
-        "active",
-        goals[0],
-        "canceled",
-        goals[1],
-        "refused",
-        goals[2],
-    ]
+    first, second, third = (f"goal {number} in odom: 10.0" for number in (1, 2, 3))
+    events = ["active", first, "canceled", second, "refused", third]
+    assert notes.read_text().splitlines() == events
     recorded = ros.messages(folder / "bags" / results[0].trial_id)
     # a type of others is recorded with the definition that its package has
     _, costmap = recorded["/costmap_raw"][-1]
     assert (costmap.metadata.layer, list(costmap.data)) == ("master", [1, 2, 3])
     # transforms are published, and recorded, where tf2_msgs is installed
-    transforms = recorded["/tf"][-1][1].transforms
-    assert [(item.header.frame_id, item.child_frame_id) for item in transforms] == [
-        ("map", "odom"),
-        ("odom", "base_link"),
-    ]
+    odom, base = recorded["/tf"][-1][1].transforms
+    assert (odom.header.frame_id, odom.child_frame_id) == ("map", "odom")
+    assert (base.header.frame_id, base.child_frame_id) == ("odom", "base_link")
 
 
 def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_extra_messages):
@@ -68,12 +59,8 @@ def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_extra_messag
     patience = replace(ros.PATIENT.patience, lifecycle_s=8.0, settle_s=60.0)
     nodes = {"planner_node": "managed", "lifecycle_nodes": ("/absent",)}
     setup = replace(ros.MANAGED, goal_by="action", patience=patience, **nodes)
-    plan = ros.make_plan(
-        ros.SHORT,
-        setup,
-        "managed",
-        ros.foreign(NEIGHBOUR, "inactive", tmp_path / "notes"),
-    )
+    command = ros.foreign(NEIGHBOUR, "inactive", tmp_path / "notes")
+    plan = ros.make_plan(ros.SHORT, setup, "managed", command)
     (result,) = ros.drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.PLANNER_NOT_READY
     assert result.detail.removesuffix("; use_sim_time is off in /managed") == (
@@ -82,13 +69,10 @@ def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_extra_messag
 
 
 def test_an_action_whose_type_is_not_installed_is_one_line(tmp_path):
-    setup = replace(
-        ros.QUICK, goal_by="action", goal_action_type="no_such_msgs/action/Drive"
-    )
-    with pytest.raises(
-        ProcessError,
-        match=r"^goal_action_type 'no_such_msgs/action/Drive': no_such_msgs is not inst",
-    ):
+    kind = "no_such_msgs/action/Drive"
+    setup = replace(ros.QUICK, goal_by="action", goal_action_type=kind)
+    words = f"^goal_action_type '{kind}': no_such_msgs is not inst"
+    with refused(words, ProcessError):
         ros.drive_kinds(tmp_path, "drives", setup=setup)
 
 
@@ -105,9 +89,7 @@ def test_what_is_missing_is_said(tmp_path):
     )
 
 
-def test_wall_clock_planners_and_best_effort_ones_differ(
-    tmp_path,
-):
+def test_wall_clock_planners_and_best_effort_ones_differ(tmp_path):
     wall_clock, best_effort = ros.drive_kinds(tmp_path, "wall_clock", "best_effort")
     assert wall_clock.outcome is Outcome.NO_FIRST_MOTION
     assert re.match(
@@ -118,16 +100,12 @@ def test_wall_clock_planners_and_best_effort_ones_differ(
 
 
 def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
-    setup = replace(
-        ros.EACH,
-        planner_node="late",
-        patience=replace(ros.PATIENT.patience, gate_s=5.0),
-    )
+    patience = replace(ros.PATIENT.patience, gate_s=5.0)
+    setup = replace(ros.EACH, planner_node="late", patience=patience)
     late, absent = ros.drive_kinds(tmp_path, "late", "drives", setup=setup)
     assert late.outcome is Outcome.TIMEOUT
-    assert (
-        int((tmp_path / "starts.heard").read_text()) >= 2
-    )  # asked again where an answer is slow to come
+    # asked again where an answer is slow to come
+    assert int((tmp_path / "starts.heard").read_text()) >= 2
     message = "the node /late (planner_node) is not there (waited 5 s)"
     assert (absent.outcome, absent.detail) == (Outcome.PLANNER_NOT_READY, message)
 
@@ -148,41 +126,33 @@ def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path):
     (result,) = ros.drive(folder, plan)
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.2
-    heard = ros.messages(folder / "bags" / result.trial_id)
+    bag = folder / "bags" / result.trial_id
+    heard = ros.messages(bag)
     frames = {
-        **{
-            "cmd_vel": "robot1/base_link",
-            "front/scan": "robot1/front",
-            "odom": "robot1/odom",
-        },
-        **dict.fromkeys(("ground_truth/odom", "goal_pose", "map"), "world"),
+        "cmd_vel": "robot1/base_link",
+        "front/scan": "robot1/front",
+        "odom": "robot1/odom",
+        "ground_truth/odom": "world",
+        "goal_pose": "world",
+        "map": "world",
     }
-    assert {
-        name: heard[f"/robot1/{name}"][-1][1].header.frame_id for name in frames
-    } == frames
+    for name, frame in frames.items():
+        _, message = heard[f"/robot1/{name}"][-1]
+        assert message.header.frame_id == frame
     assert heard["/robot1/odom"][-1][1].child_frame_id == "robot1/base_link"
-    assert {"/cmd_vel", "/scan", "/robot1/scan", "/clock", "/sim/clock"} & set(
-        heard
-    ) == {"/sim/clock"}
-    read = {
-        message.topic
-        for message in BagFile(folder / "bags" / result.trial_id).messages()
-    }
+    assert "/sim/clock" in heard
+    assert not {"/cmd_vel", "/scan", "/robot1/scan", "/clock"} & set(heard)
+    read = {message.topic for message in BagFile(bag).messages()}
     assert {"/odom", "/scan", "/cmd_vel", "/ground_truth/odom", "/collision"} <= read
 
 
 def test_a_planner_of_others_in_a_namespace(tmp_path):
-    names = ["--ros-args", "-r", "__ns:=/robot1", "-r", "scan:=front/scan"]
-    command = shlex.join([sys.executable, str(ros.EXAMPLE), *names])
-    setup = replace(
-        ros.PATIENT,
-        namespace="/robot1",
-        remap=("scan:=front/scan",),
-        odom_frame="robot1/odom",
-    )
-    (result,) = ros.drive(
-        tmp_path / "run", ros.make_plan(ros.SHORT, setup, "simple", command)
-    )
+    names = "--ros-args -r __ns:=/robot1 -r scan:=front/scan"
+    command = f"{ros.foreign(ros.EXAMPLE)} {names}"
+    frames = {"namespace": "/robot1", "odom_frame": "robot1/odom"}
+    setup = replace(ros.PATIENT, remap=("scan:=front/scan",), **frames)
+    plan = ros.make_plan(ros.SHORT, setup, "simple", command)
+    (result,) = ros.drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.3
     heard = ros.messages(tmp_path / "run" / "bags" / result.trial_id)
@@ -190,17 +160,9 @@ def test_a_planner_of_others_in_a_namespace(tmp_path):
     assert "/robot1/map" not in heard
 
 
-def test_an_interrupted_evaluator_ends_without_traceback(
-    tmp_path,
-):
-    command = [
-        sys.executable,
-        "-m",
-        "barn_eval.ros.evaluator",
-        "--ros-args",
-        "-p",
-        f"out:={tmp_path / 'out'}",
-    ]
+def test_an_interrupted_evaluator_ends_without_traceback(tmp_path):
+    words = f"-m barn_eval.ros.evaluator --ros-args -p out:={tmp_path}/out"
+    command = [sys.executable, *words.split()]
     with reserve_domain({}) as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         with subprocess.Popen(
@@ -214,7 +176,8 @@ def test_an_interrupted_evaluator_ends_without_traceback(
                 time.sleep(0.005)
             output += evaluator.stderr.read()
     assert "Traceback" not in output
-    # a signal that comes after Python's own handlers have gone ends what is left of the process
+    # a signal that comes after Python's own handlers have gone ends what is left of the
+    # process
     assert evaluator.returncode in (1, -signal.SIGINT)
 
 
@@ -223,29 +186,14 @@ def test_the_rclpy_of_another_python_is_refused(tmp_path, monkeypatch):
     other.mkdir(parents=True)
     (other / "__init__.py").touch()
     (other / "_rclpy_pybind11.cpython-27-x86_64-linux-gnu.so").touch()
-    command = [sys.executable, "-m", "barn_eval"]
     environment = os.environ | {"PYTHONPATH": str(other.parent)}
-    info = subprocess.run(
-        [*command, "info", "--json"], env=environment, capture_output=True, check=True
-    )
+    info = run_python("-m", "barn_eval", "info", "--json", env=environment)
     off = json.loads(info.stdout)["optional"]["rclpy"]
     assert off.startswith(
         f"off: rclpy of {other} is of another Python (cpython-27-x86_64-linux-gnu.so)"
     )
-    words = [
-        "run",
-        "--mode",
-        "ros",
-        "--worlds",
-        "0",
-        "--planner",
-        "gap",
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    refused = subprocess.run(
-        [*command, *words], env=environment, capture_output=True, text=True, check=False
-    )
-    assert refused.returncode == 1
-    assert f"mode ros: rclpy of {other} is of another Python" in refused.stderr
+    words = f"run --mode ros --worlds 0 --planner gap --out {tmp_path}/out".split()
+    ended = run_python("-m", "barn_eval", *words, check=False, env=environment)
+    assert ended.returncode == 1
+    assert f"mode ros: rclpy of {other} is of another Python" in ended.stderr
     assert not (tmp_path / "out").exists()

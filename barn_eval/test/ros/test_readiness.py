@@ -31,37 +31,33 @@ SIMULATOR = (
 )
 
 
+def commander(kind=TWIST, node="", **quality):
+    """Return the endpoint of a node that publishes commands."""
+    return Endpoint("/cmd_vel", kind, b"c", node, **quality)
+
+
 def graph(*publishers, subscriptions=INPUTS):
     return Graph([*SIMULATOR, *publishers], subscriptions)
 
 
 def test_a_complete_planner_passes_and_its_command_type_is_found():
     for kind in (TWIST, TWIST_STAMPED):
-        finding = inspect(
-            graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS
-        )
-        assert (finding.text(), finding.command_node, finding.command_type) == (
-            "",
-            "/dwa_planner",
-            kind,
-        )
+        finding = inspect(graph(commander(kind, "/dwa_planner")), NEEDS)
+        assert (finding.text(), finding.command_type) == ("", kind)
+        assert finding.command_node == "/dwa_planner"
 
 
 def test_a_missing_simulator_differs_from_a_missing_planner():
     needs = replace(NEEDS, known_nodes={"/simulator"}, surroundings="on ROS domain 5")
     endpoints = [replace(endpoint, node="/simulator") for endpoint in SIMULATOR]
-    assert (
-        inspect(Graph(endpoints), needs).missing[-1]
-        == "no node of a planner is seen on ROS domain 5"
-    )
+    alone = inspect(Graph(endpoints), needs)
+    assert alone.missing[-1] == "no node of a planner is seen on ROS domain 5"
     talker = Endpoint("/chatter", "std_msgs/msg/String", b"t", "/talker")
-    assert (
-        inspect(Graph([*endpoints, talker]), needs).missing[-1]
-        == "no subscription to /odom"
-    )
+    beside = inspect(Graph([*endpoints, talker]), needs)
+    assert beside.missing[-1] == "no subscription to /odom"
 
 
-COMMAND = Endpoint("/cmd_vel", TWIST, b"c")
+COMMAND = commander()
 OTHER_SCAN = Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s")
 STAMPED, TEXT = (
     Endpoint("/cmd_vel", kind, b"2") for kind in (TWIST_STAMPED, "std_msgs/msg/String")
@@ -125,52 +121,38 @@ def test_what_is_missing_is_named_with_what_is_there_instead(
 
 def test_incompatible_quality_of_service():
     inputs = (Endpoint("/scan", SCAN, b"s", reliable=True), INPUTS[1])
-    finding = inspect(
-        graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS
-    )
-    assert (
-        finding.text()
-        == "the subscription to /scan asks for reliable delivery, which its publisher does not offer"
+    finding = inspect(graph(COMMAND, subscriptions=inputs), NEEDS)
+    assert finding.text() == (
+        "the subscription to /scan asks for reliable delivery, "
+        "which its publisher does not offer"
     )
     inputs = (INPUTS[0], Endpoint("/odom", ODOMETRY, b"o", latched=True))
-    finding = inspect(
-        graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS
-    )
+    finding = inspect(graph(COMMAND, subscriptions=inputs), NEEDS)
     assert "transient local durability" in finding.text()
 
 
 def test_an_input_that_is_listened_for_elsewhere_is_hinted_at():
     inputs = (Endpoint("/front/scan", SCAN, b"s", "/nav"), INPUTS[1])
-    finding = inspect(
-        graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav"), subscriptions=inputs), NEEDS
-    )
-    assert (
-        finding.text()
-        == "no subscription to /scan; a LaserScan subscription exists on /front/scan, remap it"
+    finding = inspect(graph(commander(node="/nav"), subscriptions=inputs), NEEDS)
+    assert finding.text() == (
+        "no subscription to /scan; "
+        "a LaserScan subscription exists on /front/scan, remap it"
     )
     # the simulator's own subscriptions, and those that are served, are no hint
     served = Endpoint("/rear/scan", SCAN, b"R")
     needs = replace(NEEDS, known_nodes={"/nav"}, offered=[served])
-    assert (
-        inspect(graph(subscriptions=inputs), needs).missing[1]
-        == "no subscription to /scan"
-    )
+    own = inspect(graph(subscriptions=inputs), needs)
+    assert own.missing[1] == "no subscription to /scan"
     inputs = (replace(inputs[0], topic="/rear/scan"), INPUTS[1])
-    assert (
-        inspect(graph(subscriptions=inputs), replace(needs, known_nodes=())).missing[1]
-        == "no subscription to /scan"
-    )
+    strange = inspect(graph(subscriptions=inputs), replace(needs, known_nodes=()))
+    assert strange.missing[1] == "no subscription to /scan"
 
 
 def test_a_goal_that_the_evaluator_would_send_in_vain():
     latched = Endpoint("/goal_pose", POSE_STAMPED, b"g", "/nav", latched=True)
-    needs = Needs(
-        "/cmd_vel",
-        "auto",
-        [("/goal_pose", POSE_STAMPED)],
-        offered=[replace(latched, latched=False)],
-    )
-    command = Endpoint("/cmd_vel", TWIST, b"c", "/nav")
+    offered = [replace(latched, latched=False)]
+    needs = Needs("/cmd_vel", "auto", [("/goal_pose", POSE_STAMPED)], offered=offered)
+    command = commander(node="/nav")
     assert inspect(graph(command, subscriptions=[latched]), needs).text() == (
         "the subscription to /goal_pose asks for transient local durability, which its publisher does not offer"
     )
@@ -181,35 +163,25 @@ def test_a_goal_that_the_evaluator_would_send_in_vain():
 
 
 def test_an_action_for_the_goal():
-    command = Endpoint("/cmd_vel", TWIST, b"c", "/nav")
-    needs = Needs("/cmd_vel", action=("/navigate_to_pose", ACTION))
-    assert (
-        inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).text()
-        == ""
-    )
-    assert inspect(Graph([command]), needs).text() == "no action /navigate_to_pose"
-    elsewhere = inspect(
-        Graph([command], [], [("/robot/navigate_to_pose", ACTION)]), needs
-    )
-    assert elsewhere.text() == (
-        "no action /navigate_to_pose; a NavigateToPose action exists as /robot/navigate_to_pose"
-    )
+    def find(*actions):
+        needs = Needs("/cmd_vel", action=("/navigate_to_pose", ACTION))
+        return inspect(Graph([commander(node="/nav")], [], actions), needs)
+
+    missing = "no action /navigate_to_pose"
+    assert find(("/navigate_to_pose", ACTION)).text() == ""
+    assert find().text() == missing
+    elsewhere = find(("/robot/navigate_to_pose", ACTION))
+    there = "a NavigateToPose action exists as /robot/navigate_to_pose"
+    assert elsewhere.text() == f"{missing}; {there}"
     assert elsewhere.outcome is Outcome.PLANNER_NOT_READY
-    other = inspect(
-        Graph([command], [], [("/navigate_to_pose", "my_msgs/action/Drive")]), needs
-    )
-    assert (
-        other.text()
-        == "no action /navigate_to_pose of NavigateToPose; one of Drive exists"
-    )
+    other = find(("/navigate_to_pose", "my_msgs/action/Drive"))
+    assert other.text() == f"{missing} of NavigateToPose; one of Drive exists"
     assert other.outcome is Outcome.WRONG_MESSAGE_TYPE
 
 
 def test_best_effort_commands_are_accepted_and_marked():
     for reliable in (True, False):
-        finding = inspect(
-            graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS
-        )
+        finding = inspect(graph(commander(node="/nav", reliable=reliable)), NEEDS)
         assert (finding.text(), finding.command_reliable) == ("", reliable)
 
 
@@ -245,10 +217,8 @@ def test_a_simulator_that_is_stuck_is_not_the_planners_silence():
     quiet(watch, 5.0, ticks=False, commands=False)
     assert watch.judge(5.0, moved=True) is None
     quiet(watch, 6.1, ticks=False, commands=False)
-    assert watch.judge(6.1, moved=True) == (
-        Outcome.SIMULATOR_DIED,
-        "no tick of /clock for 5 s",
-    )
+    verdict = (Outcome.SIMULATOR_DIED, "no tick of /clock for 5 s")
+    assert watch.judge(6.1, moved=True) == verdict
 
 
 def test_a_trial_without_end():
@@ -256,25 +226,21 @@ def test_a_trial_without_end():
     quiet(watch, 60.0)
     assert watch.judge(60.0, moved=True) is None
     quiet(watch, 61.0)
-    assert watch.judge(61.0, moved=True) == (
-        Outcome.PLANNER_STALLED,
-        "no verdict after 60 s of wall-clock time",
-    )
+    verdict = (Outcome.PLANNER_STALLED, "no verdict after 60 s of wall-clock time")
+    assert watch.judge(61.0, moved=True) == verdict
 
 
 def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
     watch = Watchdog(WaitLimits(), 0.0)
     verdict = None
-    second = 0
-    while (
-        verdict is None
-    ):  # 5 s for each step of 0.05 s, all of them spent waiting for its answer
-        second += 5
-        quiet(watch, float(second))
-        verdict = watch.judge(
-            float(second), moved=True, simulated_s=second * 0.01, waited_s=float(second)
-        )
-    assert second == 60
+    now_s = 0.0
+    # 5 s for each step of 0.05 s, all of them spent waiting for its answer
+    while verdict is None:
+        now_s += 5.0
+        quiet(watch, now_s)
+        spent = {"simulated_s": 0.01 * now_s, "waited_s": now_s}
+        verdict = watch.judge(now_s, moved=True, **spent)
+    assert now_s == 60.0
     assert verdict == (
         Outcome.PLANNER_STALLED,
         "60 s of wall-clock time for 0.60 simulated seconds: more than 50 s per simulated second",
@@ -290,15 +256,8 @@ def test_a_slow_planner_or_a_slow_simulator_is_not_ended(pace, owed):
     watch = Watchdog(WaitLimits(), 0.0)
     for second in range(0, 600, 5):
         quiet(watch, float(second))
-        assert (
-            watch.judge(
-                float(second),
-                moved=True,
-                simulated_s=second * pace,
-                waited_s=second * owed,
-            )
-            is None
-        )
+        spent = {"simulated_s": second * pace, "waited_s": second * owed}
+        assert watch.judge(float(second), moved=True, **spent) is None
 
 
 def test_the_silence_of_a_planner_that_never_spoke_says_so():

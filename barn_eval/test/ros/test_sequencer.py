@@ -10,7 +10,10 @@ def message(topic, sent_ns):
 
 
 def published(ticks):
-    """Ticks and messages in the order of sending: what is due at each tick, and a command after it."""
+    """Ticks and messages in the order of sending.
+
+    What is due at each tick, and a command after it.
+    """
     for k in range(ticks):
         sent = 1000 * k
         yield "tick", k * 50, sent
@@ -48,7 +51,8 @@ def test_a_command_may_come_as_late_as_the_scan_after_its_own():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_any_order_across_topics_gives_the_same_ticks(seed):
-    # Each topic keeps its own order; across topics anything may be late by up to one tick.
+    # Each topic keeps its own order; across topics anything may be late by up to one
+    # tick.
     random.seed(seed)
     events = list(published(30))
     late = {

@@ -21,7 +21,7 @@ import yaml
 from planners import recorded
 from ros_runs import nothing_left  # noqa: F401 (a fixture)
 from rosbags.rosbag2 import Reader
-from waiting import until
+from waiting import barn_words, until
 
 from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.bags.recorded import read_recorded_trial
@@ -49,6 +49,8 @@ from barn_worlds.robots.files import find_robot_files, load_robot
 from barn_worlds.ros.domain import reserve_domain
 
 MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
+TRANSFORMS = {"/tf", "/tf_static"}
+HAS_TRANSFORMS = importlib.util.find_spec("tf2_msgs") is not None
 # They may come after the verdict, when the trial is over.
 SHOWN_AFTER_COMMANDS = {
     topic.path for topic in (PLAN, LOCAL_PLAN, COSTMAP, BAND, CANDIDATES, DIAGNOSTICS)
@@ -59,10 +61,9 @@ def write_robot(folder):
     """A robot of one's own, from a file: a TurtleBot 3 Waffle that is slower."""
     content = yaml.safe_load(find_robot_files()["turtlebot3_waffle"].read_text("utf-8"))
     content["drive"]["max_speed_m_s"] = 0.2
-    (folder / "mine.yaml").write_text(
-        yaml.safe_dump(content | {"name": "own_robot"}), "utf-8"
-    )
-    return load_robot(folder / "mine.yaml")
+    file = folder / "mine.yaml"
+    file.write_text(yaml.safe_dump(content | {"name": "own_robot"}), "utf-8")
+    return load_robot(file)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +78,8 @@ def write_robot(folder):
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     tmp_path, protocol, robot, planner
 ):
-    # Eight seconds with and without a map, and among moving obstacles: every reading, scan and command, to a bit.
+    # Eight seconds with and without a map, and among moving obstacles: every reading,
+    # scan and command, to a bit.
     dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
     driven = write_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
@@ -89,44 +91,29 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     (spec,) = plan.trials()
     direct = recorded(spec, tmp_path / "direct").result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
-    over_ros = ros.messages(tmp_path / "ros" / "bags" / spec.trial_id)
+    bag = tmp_path / "ros" / "bags" / spec.trial_id
+    over_ros = ros.messages(bag)
     messages = ros.messages(tmp_path / "direct")
-    for topic in (
-        "/odom",
-        "/ground_truth/odom",
-        "/scan",
-        "/cmd_vel",
-        "/score",
-        "/outcome",
-        "/score_text",
-    ):
+    names = "odom ground_truth/odom scan cmd_vel score outcome score_text"
+    for name in names.split():
         stamps, expected = (
-            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, messages)
+            [stamp for stamp, _ in messages_by_topic[f"/{name}"]]
+            for messages_by_topic in (over_ros, messages)
         )
         assert stamps == expected  # and their bytes: see below
-    assert (
-        len(messages["/odom"]) > 100
-        and len(messages["/score"]) > 10
-        and len(messages["/world"]) == 1
-    )
-    assert [len(messages.get(topic, [])) > 50 for topic in MOVING] == [
-        protocol.arena
-    ] * 2
-    assert [messages["/outcome"][place][1].data for place in (0, -1)] == [
-        "running",
-        result.outcome.value,
-    ]
+    assert len(messages["/odom"]) > 100
+    assert len(messages["/score"]) > 10
+    assert len(messages["/world"]) == 1
+    for topic in MOVING:
+        assert (len(messages.get(topic, [])) > 50) == protocol.arena
+    outcomes = [outcome.data for _, outcome in messages["/outcome"]]
+    assert (outcomes[0], outcomes[-1]) == ("running", result.outcome.value)
     assert messages["/score"][-1][1].data == result.scores.challenge
     assert len(over_ros["/goal_pose"]) > 10 or not protocol.map_given
-    assert_equal_bytes(
-        ros.unstamped(tmp_path / "ros" / "bags" / spec.trial_id),
-        ros.unstamped(tmp_path / "direct"),
-    )
+    assert_equal_bytes(ros.unstamped(bag), ros.unstamped(tmp_path / "direct"))
 
 
-def test_a_free_running_trial_meets_movers_where_scans_do(
-    tmp_path,
-):
+def test_a_free_running_trial_meets_movers_where_scans_do(tmp_path):
     protocol = replace(DYNABARN, limit_s=5.0, timeout_time_s=5.0)
     setup = replace(ros.PATIENT, lockstep=False, real_time_factor=2.0)
     plan = ros.make_plan(
@@ -140,52 +127,45 @@ def test_a_free_running_trial_meets_movers_where_scans_do(
     tracks = spec.world.tracks
     moving = bag.moving
     assert len(moving.times_s) > 40
-    np.testing.assert_allclose(
-        moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9
-    )
+    expected = tracks.over(moving.times_s + spec.phase_s)[0]
+    np.testing.assert_allclose(moving.places, expected, atol=1e-9)
     walls = wall_bodies(spec.world.walls)
     point = Footprint(np.zeros((1, 2)), 1e-9)
     for item in bag.scans[::10]:
-        pose = Pose2D(*bag.poses[bag.index_at(item.time_s)].tolist()) @ bag.lidar
+        robot = Pose2D(*bag.poses[bag.index_at(item.time_s)].tolist())
         is_hit = np.isfinite(item.content.ranges)
         angles = item.content.angles()[is_hit]
         ranges = item.content.ranges[is_hit].astype(float)
-        hits = pose.transform(
-            np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
-        )
+        ends = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+        hits = (robot @ bag.lidar).transform(ends)
         points = np.column_stack([hits, np.zeros(len(hits))])
-        places = np.repeat(
-            tracks.at(spec.phase_s + item.time_s)[0][None], len(hits), axis=0
-        )
-        assert (
-            np.quantile(compute_gaps(moving.bodies, walls, places, points, point), 0.95)
-            < 0.1
-        )
+        place = tracks.at(spec.phase_s + item.time_s)[0]
+        places = np.repeat(place[None], len(hits), axis=0)
+        gaps_m = compute_gaps(moving.bodies, walls, places, points, point)
+        assert np.quantile(gaps_m, 0.95) < 0.1
 
 
 def assert_equal_bytes(ros, direct):
-    """Every message of a direct bag is in that of ROS, byte for byte; DDS fills up to a multiple of four."""
-    transforms = (
-        set() if importlib.util.find_spec("tf2_msgs") else {"/tf", "/tf_static"}
-    )
+    """Every message of a direct bag is in that of ROS, byte for byte.
+
+    DDS fills up to a multiple of four.
+    """
+    transforms = set() if HAS_TRANSFORMS else TRANSFORMS
     assert set(direct) - set(ros) == transforms
     assert len(direct) > 12 + len(transforms)
     for topic in set(direct) - transforms:
-        if (
-            topic == "/goal_pose"
-        ):  # sent again when the evaluator comes to it: equal but for the stamp
-            assert {data[12:] for data in ros[topic]} == {
-                data[12:] for data in direct[topic]
-            }
+        if topic == "/goal_pose":
+            # sent again when the evaluator comes to it: equal but for the stamp
+            goals = {data[12:] for data in ros[topic]}
+            assert goals == {data[12:] for data in direct[topic]}
             continue
         if topic not in SHOWN_AFTER_COMMANDS:
             assert len(ros[topic]) == len(direct[topic]), topic
         for got, expected in zip(ros[topic], direct[topic], strict=False):
-            assert got[: len(expected)] == expected, topic
-            assert (
-                got[len(expected) :]
-                == bytes(-len(expected) % 4)[: len(got) - len(expected)]
-            ), topic
+            size = len(expected)
+            assert got[:size] == expected, topic
+            padding = bytes(-size % 4)
+            assert got[size:] == padding[: len(got) - size], topic
         assert len(direct[topic]) - len(ros[topic]) <= 1
 
 
@@ -206,38 +186,21 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     custom = description["rosbag2_bagfile_information"]["custom_data"]
     assert custom["barn.result.result"] and custom["barn.trial.specification"]
     cycles = round(result.scores.duration_s / plan.protocol.control_period_s)
-    assert (
-        counts["/clock"]
-        >= counts["/scan"]
-        == counts["/odom"]
-        == counts["/collision"]
-        == cycles + 1
-    )
+    for topic in ("/scan", "/odom", "/collision"):
+        assert counts[topic] == cycles + 1
+    assert counts["/clock"] > cycles
     assert (counts["/cmd_vel"], counts["/robot_description"]) == (cycles, 1)
-    transforms = (
-        {"/tf", "/tf_static"} if importlib.util.find_spec("tf2_msgs") else set()
+    display = (
+        "plan local_plan local_costmap/costmap candidates score outcome score_text"
     )
-    display_topics = {
-        "/plan",
-        "/local_plan",
-        "/local_costmap/costmap",
-        "/candidates",
-        "/score",
-        "/outcome",
-        "/score_text",
-    }
-    other_topics = {
-        "/goal_pose",
-        "/joint_states",
-        "/amcl_pose",
-        "/ground_truth/odom",
-        "/diagnostics",
-    }
-    assert display_topics | other_topics | transforms <= set(counts)
+    others = "goal_pose joint_states amcl_pose ground_truth/odom diagnostics"
+    topics = {f"/{name}" for name in f"{display} {others}".split()}
+    assert topics | (TRANSFORMS if HAS_TRANSFORMS else set()) <= set(counts)
     # what was put away is not run again
-    before = (folder / "logs" / "simulator.log").read_bytes()
+    log = folder / "logs" / "simulator.log"
+    before = log.read_bytes()
     assert ros.run(folder, plan) == [result]
-    assert (folder / "logs" / "simulator.log").read_bytes() == before
+    assert log.read_bytes() == before
 
 
 def test_every_planner_fault_is_an_outcome(tmp_path):
@@ -250,9 +213,8 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
         "hangs": Outcome.PLANNER_STALLED,
         "one_shot": Outcome.TIMEOUT,  # drives, and ends when there is nothing more to do, as the one after it
     }
-    results = ros.drive_kinds(
-        tmp_path, *kinds, setup=ros.QUICK, repetitions=len(kinds) + 1
-    )
+    options = {"setup": ros.QUICK, "repetitions": len(kinds) + 1}
+    results = ros.drive_kinds(tmp_path, *kinds, **options)
     assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
     by_kind = dict(zip(kinds, results, strict=False))
     assert by_kind["wrong_type"].detail == (
@@ -265,18 +227,15 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
     for kind in ("nan", "dies", "exits", "hangs"):
         # 30 good cycles went before, and are in the trajectory
         assert by_kind[kind].measures.driven_m > 0.3, kind
-    bags = tmp_path / "run" / "bags"
-    assert {path.name for path in bags.iterdir()} == {
-        result.trial_id for result in results
-    }
+    names = {path.name for path in tmp_path.glob("run/bags/*")}
+    assert names == {result.trial_id for result in results}
 
 
 def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     setup = replace(ros.PATIENT, lockstep=False, real_time_factor=1.0)
     (result,) = ros.drive_kinds(tmp_path, "dozes", setup=setup)
-    assert (
-        result.wall_clock.missed_share >= 0.15
-    )  # of 50 scans a second, five in ten are not answered
+    # of 50 scans a second, five in ten are not answered
+    assert result.wall_clock.missed_share >= 0.15
     assert result.wall_clock.is_late
     assert "without a command in time" in result.remarks
 
@@ -307,102 +266,71 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         for repetition, deed in deeds.items():
             name = f"drives_w0000_r{repetition:02d}"
             part = folder / "bags" / f"{name}.partial" / f"{name}_0.mcap"
-            until(
-                lambda part=part: part.exists() and part.stat().st_size > 10_000
-            )  # it is driving
+            # it is driving
+            until(lambda part=part: part.exists() and part.stat().st_size > 10_000)
             deed()
 
     threading.Thread(target=disturb, daemon=True).start()
     notices = []
     results = list(ros.drive(folder, plan, notices.append))
     assert [result.repetition for result in results] == [0, 1, 2]
-    expected = [
+    for text in (
         "simulator was killed by SIGKILL in trial drives_w0000_r00",
         "drives_w0000_r00 is repeated: simulator_died, the simulator was killed by SIGKILL",
         "evaluator was killed by SIGKILL in trial drives_w0000_r01",
         "planner was lost with its launcher in trial drives_w0000_r02",
         "drives_w0000_r02 is repeated: planner_died, the planner was lost with its launcher",
-    ]
-    assert [
-        text
-        for text in expected
-        if not any(notice.startswith(text) for notice in notices)
-    ] == []
-    assert [
-        (result.wall_clock.attempts, result.wall_clock.repeated) for result in results
-    ] == [
-        (2, "simulator_died, the simulator was killed by SIGKILL"),
-        (2, "the evaluator was killed by SIGKILL"),
-        (2, "planner_died, the planner was lost with its launcher"),
-    ]
-    undisturbed = list(ros.drive(tmp_path / "undisturbed", plan))
-    assert [result.repeatable() for result in results] == [
-        result.repeatable() for result in undisturbed
-    ]
-    assert {result.outcome for result in results} == {Outcome.TIMEOUT}
+    ):
+        assert any(notice.startswith(text) for notice in notices), text
+    reasons = (
+        "simulator_died, the simulator was killed by SIGKILL",
+        "the evaluator was killed by SIGKILL",
+        "planner_died, the planner was lost with its launcher",
+    )
+    undisturbed = ros.drive(tmp_path / "undisturbed", plan)
+    for result, reason, other in zip(results, reasons, undisturbed, strict=True):
+        clock = result.wall_clock
+        assert (clock.attempts, clock.repeated) == (2, reason)
+        assert result.repeatable() == other.repeatable()
+        assert result.outcome is Outcome.TIMEOUT
 
 
 def listeners(pid):
-    """Return (address, port), as the kernel writes them, of the sockets of a process that a network could reach."""
+    """Return (address, port), as the kernel writes them, of the sockets of a process
+    that a network could reach.
+    """
     sockets = set()
     for entry in Path(f"/proc/{pid}/fd").iterdir():
         with suppress(FileNotFoundError):  # closed meanwhile
             sockets.add(str(entry.readlink()))
-    tables = [
-        Path(f"/proc/{pid}/net/{name}").read_text()
-        for name in ("udp", "tcp", "udp6", "tcp6")
-    ]
-    rows = [row.split() for table in tables for row in table.splitlines()[1:]]
-    return {
-        tuple(words[1].split(":"))
-        for words in rows
-        if f"socket:[{words[9]}]" in sockets
-    }
+    addresses = set()
+    for name in ("udp", "tcp", "udp6", "tcp6"):
+        table = Path(f"/proc/{pid}/net/{name}").read_text()
+        for words in map(str.split, table.splitlines()[1:]):
+            if f"socket:[{words[9]}]" in sockets:
+                addresses.add(tuple(words[1].split(":")))
+    return addresses
 
 
 def test_nothing_listens_beyond_loopback_or_is_left_running(
     tmp_path,
     nothing_left,  # noqa: F811
 ):
-    command = [
-        sys.executable,
-        "-m",
-        "barn_eval",
-        "run",
-        "--worlds",
-        "0",
-        "--mode",
-        "ros",
-        "--bags",
-        "all",
-    ]
-    command += [
-        "--planner",
-        "simple",
-        "--planner-command",
-        ros.foreign(ros.EXAMPLE),
-        "--out",
-        str(tmp_path / "run"),
-    ]
+    planner = f"--planner simple --planner-command '{ros.foreign(ros.EXAMPLE)}'"
+    options = f"--worlds 0 --mode ros --bags all --out {tmp_path}/run"
+    command = barn_words(f"run {planner} {options}")
     run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    until(
-        lambda: (
-            list((tmp_path / "run" / "bags").glob("*.partial/*.mcap"))
-            or run.poll() is not None
-        )
-    )
-    pids = until(
-        lambda: len(processes := ros.marked(nothing_left)) >= 7 and processes
-    )  # nodes, their launchers, the command
+    partial_bags = "run/bags/*.partial/*.mcap"
+    until(lambda: list(tmp_path.glob(partial_bags)) or run.poll() is not None)
+    # nodes, their launchers, the command
+    until(lambda: len(ros.marked(nothing_left)) >= 7)
+    pids = ros.marked(nothing_left)
     addresses = {address for pid in pids for address in listeners(pid)}
     assert len(addresses) >= 6  # two ports of each node, at least
     (loopback,) = struct.unpack("=L", socket.inet_aton("127.0.0.1"))
     assert {address for address, _ in addresses} == {f"{loopback:08X}"}
-    assert not [
-        pid
-        for pid in pids
-        if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()
-    ]
+    for pid in pids:
+        assert "/dev/shm/fastrtps" not in Path(f"/proc/{pid}/maps").read_text()
     run.terminate()
     _, errors = run.communicate(timeout=600)
     assert run.returncode != 0
@@ -413,50 +341,23 @@ def test_nothing_listens_beyond_loopback_or_is_left_running(
 
 
 def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
-    # As with `ros2 run` in three terminals: no supervisor, another name and another topic for the commands.
+    # As with `ros2 run` in three terminals: no supervisor, another name and another
+    # topic for the commands.
     with reserve_domain({}) as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        remap = ["--ros-args", "-r", "cmd_vel:=/drive"]
-        commands = {
-            "simulator": [
-                "barn_sim.ros.simulator:main",
-                *remap,
-                "-p",
-                "lockstep:=true",
-                "-r",
-                "__node:=jackal",
-            ],
-            "planner": [
-                "barn_planners.ros.planner:main_dwa",
-                *remap,
-                "-p",
-                "command_type:=twist_stamped",
-            ],
-            "evaluator": [
-                "barn_eval.ros.evaluator:main",
-                *remap,
-                "-p",
-                f"out:={tmp_path / 'run'}",
-            ],
+        out = f"-p out:={tmp_path}/run -p simulator_node:=/jackal"
+        programs = {
+            "barn_sim.ros.simulator:main": "-p lockstep:=true -r __node:=jackal",
+            "barn_planners.ros.planner:main_dwa": "-p command_type:=twist_stamped",
+            "barn_eval.ros.evaluator:main": f"{out} -p worlds:='3' -p planner:=mine",
         }
-        commands["evaluator"] += [
-            "-p",
-            "simulator_node:=/jackal",
-            "-p",
-            "worlds:='3'",
-            "-p",
-            "planner:=mine",
-        ]
-        nodes = [
-            SupervisedProcess(
-                name,
-                [sys.executable, start.__file__, *command],
-                os.environ,
-                tmp_path / f"{name}.log",
-            )
-            for name, command in commands.items()
-        ]
+        nodes = []
+        for program, options in programs.items():
+            words = f"{program} --ros-args -r cmd_vel:=/drive {options}".split()
+            command = [sys.executable, start.__file__, *words]
+            log = tmp_path / f"{program}.log"
+            nodes.append(SupervisedProcess(program, command, os.environ, log))
         try:
             nodes[2].wait(600.0)
             assert nodes[2].end == "exited with code 0", nodes[2].log.read_text()
@@ -465,10 +366,8 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
                 node.stop()
     (result,) = read_results(tmp_path / "run")
     assert (result.trial_id, result.outcome) == ("mine_w0003_r00", Outcome.SUCCESS)
-    assert (result.preset, result.planner_config) == (
-        "",
-        "",
-    )  # nobody told the evaluator
+    # nobody told the evaluator
+    assert result.preset == result.planner_config == ""
     assert result.task == RunConfig().trials([3])[0].task
     assert "/drive" in ros.messages(tmp_path / "run" / "bags" / result.trial_id)
 
@@ -478,22 +377,11 @@ def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
         "import runpy, sys; sys.modules |= dict.fromkeys(sys.argv[2:]); "
         "runpy.run_path(sys.argv[1], {}, '__main__')"
     )
-    suite = (
-        "barn_worlds",
-        "barn_sim",
-        "barn_planners",
-        "barn_metrics",
-        "barn_eval",
-        "numba",
-        "pybullet",
-    )
-    command = shlex.join(
-        [sys.executable, "-I", "-c", without, str(ros.EXAMPLE), *suite]
-    )
+    suite = "barn_worlds barn_sim barn_planners barn_metrics barn_eval numba pybullet"
+    command = [sys.executable, "-I", "-c", without, str(ros.EXAMPLE), *suite.split()]
     setup = replace(ros.PATIENT, lockstep=False, command_type="twist")
-    (result,) = ros.drive(
-        tmp_path / "run", ros.make_plan(ros.SHORT, setup, "simple", command)
-    )
+    plan = ros.make_plan(ros.SHORT, setup, "simple", shlex.join(command))
+    (result,) = ros.drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.3
 
@@ -512,8 +400,7 @@ def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
     ],
 )
 def test_a_planner_that_does_not_start_ends_the_run(tmp_path, command, words):
+    plan = ros.make_plan(planner="broken", planner_command=command)
     with pytest.raises(RunError, match=f"(?s){words}"):
-        ros.run(
-            tmp_path / "run", ros.make_plan(planner="broken", planner_command=command)
-        )
+        ros.run(tmp_path / "run", plan)
     assert not (tmp_path / "run" / "results.jsonl").exists()

@@ -1,6 +1,7 @@
 """Local workers that are killed, hang, fail and are orphaned."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from campaign_runs import stop
-from campaign_work import Deeds, all_reports
+from campaign_work import Deeds, all_reports, echoes, failed_keys, report_of
 from waiting import alive, until
 
 from barn_eval.running import local_pool as local
@@ -25,30 +26,28 @@ def engine():
 
 
 def started(engine):
-    """Wait until a worker does a job within the limit of its engine, for which a busy machine may need several."""
-    while not isinstance(all_reports(engine, {"a": ("echo", 1)})["a"], JobResult):
+    """Wait until a worker does a job within the limit of its engine, for which a busy
+    machine may need several.
+    """
+    while not isinstance(report_of(engine, "echo", 1), JobResult):
         pass
 
 
 def test_every_job_is_reported_once_and_workers_are_kept(engine):
-    reports = all_reports(engine, {str(n): ("echo", n) for n in range(40)})
+    reports = all_reports(engine, echoes(40))
     assert [reports[str(n)].result for n in range(40)] == list(range(40))
-    workers = [
-        report.result
-        for report in all_reports(
-            engine, {str(n): ("whoami", None) for n in range(10)}
-        ).values()
-    ]
-    assert len({pid for pid, _, _ in workers}) <= 2
-    assert os.getpid() not in {pid for pid, _, _ in workers}
-    assert max(jobs for _, jobs, _ in workers) > 1
+    reports = all_reports(engine, dict.fromkeys("abcdefghij", ("whoami", None)))
+    pids, jobs, _ = zip(*(report.result for report in reports.values()), strict=True)
+    assert len(set(pids)) <= 2
+    assert os.getpid() not in pids
+    assert max(jobs) > 1
 
 
 def test_a_stopped_worker_is_the_machines_fault(monkeypatch):
     monkeypatch.setattr(local, "GRACE_S", 0.5)
     with closing(LocalPool(Deeds(), workers=1, trial_limit_s=2.0)) as engine:
         started(engine)
-        report = all_reports(engine, {"a": ("die", signal.SIGSTOP)})["a"]
+        report = report_of(engine, "die", signal.SIGSTOP)
         assert report.is_stall and not report.is_overtime
         assert report.reason.endswith("as the machine stood still")
         started(engine)
@@ -57,7 +56,8 @@ def test_a_stopped_worker_is_the_machines_fault(monkeypatch):
 def test_environment_of_workers_does_not_leak(engine, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    assert all_reports(engine, {"a": ("whoami", None)})["a"].result[2] == "1"
+    _, _, threads = report_of(engine, "whoami", None).result
+    assert threads == "1"
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "MKL_NUM_THREADS" not in os.environ
 
@@ -72,16 +72,10 @@ def test_environment_of_workers_does_not_leak(engine, monkeypatch):
     ],
 )
 def test_a_worker_that_dies_loses_its_own_job_only(engine, deed, argument, reason):
-    jobs = (
-        {str(n): ("echo", n) for n in range(12)}
-        | {"lost": (deed, argument)}
-        | {"after": ("echo", "after")}
-    )
+    jobs = echoes(12) | {"lost": (deed, argument), "after": ("echo", "after")}
     reports = all_reports(engine, jobs)
     assert reports["lost"].reason == reason
-    assert [
-        key for key, report in reports.items() if not isinstance(report, JobResult)
-    ] == ["lost"]
+    assert failed_keys(reports) == ["lost"]
 
 
 def test_failures_and_mistakes_are_told_apart(engine):
@@ -103,12 +97,10 @@ def test_a_result_that_cannot_be_sent_is_a_loss(engine):
 
 def test_a_job_over_its_time_is_lost_even_if_it_resists(monkeypatch, tmp_path):
     monkeypatch.setattr(local, "GRACE_S", 0.5)
-    with closing(
-        LocalPool(Deeds(str(tmp_path / "log")), workers=2, trial_limit_s=4.0)
-    ) as engine:
-        reports = all_reports(
-            engine, {"a": ("sleep", 3600), "b": ("ignore_term", 3600)}
-        )
+    work = Deeds(str(tmp_path / "log"))
+    jobs = {"a": ("sleep", 3600), "b": ("ignore_term", 3600)}
+    with closing(LocalPool(work, workers=2, trial_limit_s=4.0)) as engine:
+        reports = all_reports(engine, jobs)
         started(engine)
     for key in "ab":
         assert reports[key].reason.startswith("no result within 4 s of wall-clock time")
@@ -138,23 +130,18 @@ def test_the_time_limit_is_one_for_each_part():
 
 
 def test_an_idle_worker_that_was_killed_costs_nothing(engine):
-    pids = {
-        report.result[0]
-        for report in all_reports(
-            engine, {str(n): ("whoami", 0) for n in range(6)}
-        ).values()
-    }
-    for pid in pids:
+    reports = all_reports(engine, dict.fromkeys("abcdef", ("whoami", 0)))
+    for pid in {report.result[0] for report in reports.values()}:
         os.kill(pid, signal.SIGKILL)
-        os.waitid(
-            os.P_PID, pid, os.WEXITED | os.WNOWAIT
-        )  # until its last thread has let go of the pipe
-    assert all(
-        isinstance(outcome, JobResult)
-        for outcome in all_reports(
-            engine, {str(n): ("echo", n) for n in range(6)}
-        ).values()
-    )
+        # until its last thread has let go of the pipe
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+    assert failed_keys(all_reports(engine, echoes(6))) == []
+
+
+def pids_of(log, word):
+    """Return the workers of which a log says that they have begun or closed."""
+    text = log.read_text() if log.exists() else ""
+    return [int(pid) for pid in re.findall(rf"(?m)^{word} (\d+)$", text)]
 
 
 def test_close_ends_idle_and_busy_workers_and_lets_them_clean_up(tmp_path):
@@ -163,23 +150,20 @@ def test_close_ends_idle_and_busy_workers_and_lets_them_clean_up(tmp_path):
     engine.submit("a", ("sleep", 3600))
     engine.submit("b", ("whoami", None))
     (report,) = engine.wait(600.0)
-    until(lambda: log.exists() and "started" in log.read_text())
+    until(lambda: pids_of(log, "started"))
     engine.close()
-    words = [line.split() for line in log.read_text().splitlines()]
-    assert {int(pid) for word, pid in words if word == "closed"} == {
-        int(words[0][1]),
-        report.result[0],
-    }
-    assert not any(alive(int(pid)) for _, pid in words)
+    (busy,) = pids_of(log, "started")
+    assert sorted(pids_of(log, "closed")) == sorted([busy, report.result[0]])
+    assert not any(map(alive, pids_of(log, "closed")))
 
 
 def test_a_worker_ended_amid_a_construction_ends_quietly(tmp_path, capfd):
     log = tmp_path / "log"
     engine = LocalPool(Deeds(str(log)), workers=1, trial_limit_s=600.0)
     engine.submit("a", ("make", 3600))
-    until(lambda: log.exists() and "started" in log.read_text())
+    until(lambda: pids_of(log, "started"))
     engine.close()
-    assert "closed" in log.read_text()
+    assert pids_of(log, "closed")
     assert capfd.readouterr().err == ""
 
 
@@ -199,14 +183,10 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
     command = [sys.executable, "-c", script, str(log)]
     folder = Path(__file__).parents[1]
     with subprocess.Popen(command, cwd=folder, start_new_session=True) as parent:
-        until(lambda: log.exists() and log.read_text().count("started") == 2)
-        pids = [int(line.split()[1]) for line in log.read_text().splitlines()]
+        until(lambda: len(pids_of(log, "started")) == 2)
+        pids = pids_of(log, "started")
         stop(parent, number)
         parent.wait(600.0)
-    until(lambda: not any(map(alive, pids)) and log.read_text().count("closed") == 2)
-    closed = [
-        int(line.split()[1])
-        for line in log.read_text().splitlines()
-        if line.startswith("closed")
-    ]
-    assert sorted(closed) == sorted(pids)
+    until(lambda: not any(map(alive, pids)))
+    until(lambda: len(pids_of(log, "closed")) == 2)
+    assert sorted(pids_of(log, "closed")) == sorted(pids)

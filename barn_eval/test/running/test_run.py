@@ -1,4 +1,7 @@
-"""Campaigns run as a user runs them, undisturbed and under faults: the same table in the end."""
+"""Campaigns run as a user runs them, undisturbed and under faults.
+
+The same table in the end.
+"""
 
 import json
 import os
@@ -11,13 +14,16 @@ from itertools import product
 import campaign_runs as runs
 import pyarrow.parquet
 import pytest
+import yaml
+from forgery import edit_run
+from refusals import refused
+from text_tables import answers_of
 from waiting import alive, until
 
 from barn_eval.results.folder import read_results
 from barn_eval.ros.work import run_request
 from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import read_request
-from barn_worlds.base.errors import ConfigError
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +31,8 @@ def whole(tmp_path_factory):
     """A campaign of one worker: its file and its folder."""
     folder = tmp_path_factory.mktemp("whole")
     file = runs.write_campaign(folder)
-    done = runs.run(file, "--out", folder / "out", "--workers", 1)
-    assert done.returncode == 0, done.stderr
+    code, errors = runs.run(file, f"--out {folder}/out --workers 1")
+    assert code == 0, errors
     return file, folder / "out"
 
 
@@ -54,10 +60,9 @@ def test_one_row_per_trial_in_the_order_of_the_plan(whole):
 )
 def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     out = tmp_path / "out"
-    before = signal.signal(
-        number, signal.SIG_DFL
-    )  # tests that are run in the background may have it ignored
-    campaign = runs.start(whole[0], "--out", out, "--workers", 2)
+    # tests that are run in the background may have it ignored
+    before = signal.signal(number, signal.SIG_DFL)
+    campaign = runs.start(whole[0], f"--out {out} --workers 2")
     signal.signal(number, before)
     until(lambda: runs.rows(out) >= 1)
     os.killpg(campaign.pid, number)  # as a terminal does
@@ -74,7 +79,7 @@ def test_an_interrupted_run_resumes_to_the_same_table(whole, tmp_path):
     out = tmp_path / "out"
     rows_before = 0
     for number in (signal.SIGKILL, signal.SIGINT):
-        campaign = runs.start(whole[0], "--out", out, "--workers", 2)
+        campaign = runs.start(whole[0], f"--out {out} --workers 2")
         until(lambda rows_before=rows_before: runs.rows(out) >= rows_before + 2)
         workers = runs.children(campaign.pid)
         runs.stop(campaign, number)
@@ -96,7 +101,7 @@ def test_an_interrupted_run_resumes_to_the_same_table(whole, tmp_path):
             )
         rows_before = runs.rows(out)
     assert rows_before < 12, "the campaign was complete before it could be disturbed"
-    assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
+    assert runs.run(whole[0], f"--out {out} --workers 2")[0] == 0
     same_table(whole, out)
     assert len(json.loads((out / "run.json").read_text())["sessions"]) == 3
 
@@ -104,9 +109,8 @@ def test_an_interrupted_run_resumes_to_the_same_table(whole, tmp_path):
 def test_killed_workers_do_not_change_the_bytes(whole, tmp_path):
     out = tmp_path / "out"
     # chance may kill the workers at the same trial each time
-    campaign = runs.start(
-        whole[0], "--out", out, "--workers", 2, "--execution", "attempts=9"
-    )
+    options = "--workers 2 --execution attempts=9"
+    campaign = runs.start(whole[0], f"--out {out} {options}")
     for count in (1, 4, 7):
         until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
@@ -138,15 +142,15 @@ def test_a_full_disk_is_one_line_and_loses_nothing(whole, small_disk):
     out = small_disk / "out"
     filler = small_disk / "filler"
     filler.write_bytes(bytes(232 * 1024))
-    full = runs.run(whole[0], "--out", out, "--workers", 2)
-    assert full.returncode == 1
-    assert "No space left on device" in full.stderr
-    assert full.stderr.count("error:") == 1
+    code, errors = runs.run(whole[0], f"--out {out} --workers 2")
+    assert code == 1
+    assert "No space left on device" in errors
+    assert errors.count("error:") == 1
     rows = runs.rows(out)
     assert rows >= 1
     filler.unlink()
-    done = runs.run(whole[0], "--out", out, "--workers", 2)
-    assert done.returncode == 0, done.stderr
+    code, errors = runs.run(whole[0], f"--out {out} --workers 2")
+    assert code == 0, errors
     same_table(whole, out)
 
 
@@ -163,42 +167,42 @@ def run_here(whole, monkeypatch):
     return run
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"seed": 6}, "seed is 5 there, 6 here"),
-        ({"repetitions": 3}, "repetitions is 2 there, 3 here"),
-        ({"protocol": "challenge"}, "protocol.name is 'short' there, 'challenge' here"),
-        ({"planners": "gap"}, "planners.1.name is 'stranger' there, not set here"),
-        (
-            {"settings": {"gap": {"max_speed_mps": 0.3}}},
-            "planners.0.overrides.max_speed_mps is not set there",
-        ),
-        (
-            {"simulator": {"lidar.beams": 360}},
-            "simulator.lidar.beams is 720 there, 360 here",
-        ),
-        ({"worlds": "0,100"}, "worlds is '0,100,200' there, '0,100' here"),
-        ({"bags": "all"}, "bags is 'none' there, 'all' here"),
-    ],
-)
+CHANGES = """
+{seed: 6}
+    seed is 5 there, 6 here
+{repetitions: 3}
+    repetitions is 2 there, 3 here
+{protocol: challenge}
+    protocol.name is 'short' there, 'challenge' here
+{planners: gap}
+    planners.1.name is 'stranger' there, not set here
+{settings: {gap: {max_speed_mps: 0.3}}}
+    planners.0.overrides.max_speed_mps is not set there
+{simulator: {lidar.beams: 360}}
+    simulator.lidar.beams is 720 there, 360 here
+{worlds: '0,100'}
+    worlds is '0,100,200' there, '0,100' here
+{bags: all}
+    bags is 'none' there, 'all' here
+"""
+
+
+@pytest.mark.parametrize(("options", "words"), answers_of(CHANGES))
 def test_another_configuration_is_refused_by_its_key(whole, run_here, options, words):
     before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
-    with pytest.raises(
-        ConfigError,
-        match=rf"{whole[1]}: holds results of another configuration: {re.escape(words)}",
+    with refused(
+        rf"{whole[1]}: holds results of another configuration: {re.escape(words)}"
     ):
-        run_here(out=whole[1], **options)
+        run_here(out=whole[1], **yaml.safe_load(options))
     assert {path.name: path.read_bytes() for path in whole[1].iterdir()} == before
 
 
 def test_worlds_that_have_changed_are_refused(whole, run_here, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(whole[1], out)
-    content = json.loads((out / "run.json").read_text())
-    content["worlds"]["100"] = "0" * 64
-    (out / "run.json").write_text(json.dumps(content))
-    with pytest.raises(ConfigError, match="another checksum of world: 100 is '0000"):
+    with edit_run(out) as content:
+        content["worlds"]["100"] = "0" * 64
+    with refused("another checksum of world: 100 is '0000"):
         run_here(out=out)
 
 
@@ -206,13 +210,8 @@ def test_bags_are_kept_of_what_was_asked_for(run_here, tmp_path):
     options = {"worlds": "0", "planners": "gap", "engine": "inline"}
     results = run_here(out=tmp_path / "failed", bags="failed", **options)
     failed = {row.trial_id for row in results if not row.scores.success}
-    folder = tmp_path / "failed" / "bags"
-    assert (
-        {path.name for path in folder.iterdir()} if folder.exists() else set()
-    ) == failed
+    assert {path.name for path in tmp_path.glob("failed/bags/*")} == failed
     run_here(out=tmp_path / "all", bags="all", **options)
-    assert {path.name for path in (tmp_path / "all" / "bags").iterdir()} == {
-        "gap_w0000_r00",
-        "gap_w0000_r01",
-    }
+    names = {path.name for path in tmp_path.glob("all/bags/*")}
+    assert names == {"gap_w0000_r00", "gap_w0000_r01"}
     assert runs.tables(tmp_path / "failed") == runs.tables(tmp_path / "all")

@@ -1,12 +1,17 @@
-"""The order of trials, what becomes of lost ones, and the tables, with an engine that does as it is told."""
+"""The order of trials, what becomes of lost ones, and the tables, with an engine that
+does as it is told.
+"""
 
 import csv
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
+from campaign_runs import tables
+from refusals import refused
 
 from barn_eval.results.folder import ResultsFolder, read_results
 from barn_eval.results.rows import RowFile
@@ -33,7 +38,9 @@ ENDED_AT = "2026-01-01T00:00:00.000+00:00"
 
 
 def driven(spec, clock=0.0):
-    """Return a finished trial that depends on the trial's seeds only, apart from its wall-clock figures."""
+    """Return a finished trial that depends on the trial's seeds only, apart from its
+    wall-clock figures.
+    """
     draw = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     count = 50
     truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
@@ -65,14 +72,17 @@ def record(spec, clock=0.0):
 
 
 class Scripted(WorkerPool):
-    """Answers jobs in an order of its own; `fate` may turn an attempt into something else than a result."""
+    """Answers jobs in an order of its own.
+
+    `fate` may turn an attempt into something else than a result.
+    """
 
     def __init__(self, slots=3, seed=0, fate=lambda key, attempt, result: result):
         self._slots = slots
         self.fate = fate
         self.draw = np.random.default_rng(seed)
         self.out = {}
-        self.attempts = {}
+        self.attempts = Counter()
         self.order = []
         self.closed = False
 
@@ -89,10 +99,9 @@ class Scripted(WorkerPool):
     def wait(self, limit_s):
         key = list(self.out)[self.draw.integers(len(self.out))]
         job = self.out.pop(key)
-        self.attempts[key] = self.attempts.get(key, 0) + 1
-        done = JobResult(
-            key, "scripted", record(job.trials[0], float(self.draw.random())), ENDED_AT
-        )
+        self.attempts[key] += 1
+        trial = record(job.trials[0], float(self.draw.random()))
+        done = JobResult(key, "scripted", trial, ENDED_AT)
         return [self.fate(key, self.attempts[key], done)]
 
     def close(self):
@@ -116,16 +125,10 @@ def specs(config):
 
 def run(path, config, specs, engine, mode="direct", **execution):
     execution = ExecutionConfig(**execution)
+    work = DirectWork(BagStore(path))
     with ResultsFolder.open(path, config, execution, specs) as folder:
         events = list(
-            run_trials(
-                folder,
-                folder.remaining,
-                engine,
-                execution,
-                DirectWork(BagStore(path)),
-                mode,
-            )
+            run_trials(folder, folder.remaining, engine, execution, work, mode)
         )
         folder.complete()
     return events
@@ -144,20 +147,12 @@ def lost_if(condition, **what):
 
 def test_order_and_losses_change_no_byte_of_the_table(tmp_path, config, specs):
     run(tmp_path / "a", config, specs, Scripted(slots=1))
-    run(
-        tmp_path / "b",
-        config,
-        specs,
-        Scripted(slots=4, seed=9, fate=lost_if(lambda key, attempt: attempt == 1)),
-    )
-    for name in ("results.parquet", "results.csv", "tracks.jsonl"):
-        assert (tmp_path / "a" / name).read_bytes() == (
-            tmp_path / "b" / name
-        ).read_bytes()
+    fate = lost_if(lambda key, attempt: attempt == 1)
+    run(tmp_path / "b", config, specs, Scripted(slots=4, seed=9, fate=fate))
+    a, b = tmp_path / "a", tmp_path / "b"
+    assert tables(a) == tables(b)
     for name in ("timing.parquet", "timing.csv"):
-        assert (tmp_path / "a" / name).read_bytes() != (
-            tmp_path / "b" / name
-        ).read_bytes()
+        assert (a / name).read_bytes() != (b / name).read_bytes()
 
 
 def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, specs):
@@ -166,15 +161,12 @@ def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, spe
         lambda name, attempt: name == key and attempt < 3, traceback="Traceback of it"
     )
     events = run(tmp_path, config, specs, Scripted(fate=fate))
-    losses = [event for event in events if isinstance(event, TrialLoss)]
-    assert losses == [
-        TrialLoss(key, 1, "it was told to"),
-        TrialLoss(key, 2, "it was told to"),
-    ]
-    (result,) = [
-        event
-        for event in events
-        if not isinstance(event, TrialLoss) and event.trial_id == key
+    first, second, result = (event for event in events if event.trial_id == key)
+    assert first == TrialLoss(key, 1, "it was told to")
+    assert second == TrialLoss(key, 2, "it was told to")
+    assert [event for event in events if isinstance(event, TrialLoss)] == [
+        first,
+        second,
     ]
     assert (result.wall_clock.attempts, result.wall_clock.worker) == (3, "scripted")
     assert result.repeatable() == finished(specs[2]).repeatable()
@@ -198,21 +190,18 @@ def test_a_trial_lost_at_every_attempt_is_a_failure(
     run(tmp_path, config, specs, engine, attempts=2)
     assert engine.attempts[key] == 2
     table = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
-    (row,) = [row for row in table if row["trial_id"] == key]
-    assert (
-        row["fault"] == "planner"
-    )  # which shares the worker's process, and could end it to escape its score
+    (row,) = (row for row in table if row["trial_id"] == key)
     expected = {
         "outcome": outcome.value,
+        # which shares the worker's process, and could end it to escape its score
+        "fault": "planner",
         "detail": "it was told to, at the last of 2 attempts",
         "success": False,
-    }
-    expected |= {
         "traversal_time_s": None,
         "scored_time_s": config.protocol.failure_time_s,
+        "simulator_seed": specs[1].simulator_seed,
     }
-    expected |= {"simulator_seed": specs[1].simulator_seed}
-    assert {key: row[key] for key in expected} == expected
+    assert row | expected == row
 
 
 def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
@@ -222,50 +211,32 @@ def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
     engine = Scripted(fate=lost_if(lambda name, attempt: name == key))
     run(tmp_path / "x", config, specs, engine, "ros", attempts=2)
     whole = pyarrow.csv.read_csv(tmp_path / "x" / "results.csv").to_pylist()
-    assert {
-        row["trial_id"]: row["fault"]
-        for row in whole
-        if row["outcome"] == "simulator_died"
-    } == {key: "simulator"}
+    died = [row for row in whole if row["outcome"] == "simulator_died"]
+    assert {row["trial_id"]: row["fault"] for row in died} == {key: "simulator"}
     scored = read_results(tmp_path / "x")
-    assert {result.trial_id for result in scored} == {
-        spec.trial_id for spec in specs
-    } - {key}
-    apart = describe_unscored(
-        [*scored, *(row for row in RowFile(tmp_path / "x").read() if not row.is_scored)]
-    )
-    assert apart.startswith(
+    names = {spec.trial_id for spec in specs}
+    assert {result.trial_id for result in scored} == names - {key}
+    unscored = (row for row in RowFile(tmp_path / "x").read() if not row.is_scored)
+    assert describe_unscored([*scored, *unscored]) == (
         f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; "
-    )
-    assert apart.endswith(
+        "the same command runs them again: "
         f"{key} (simulator: it was told to, at the last of 2 attempts)"
     )
     again = run(tmp_path / "x", config, specs, Scripted())
     assert [event.trial_id for event in again] == [key]
     run(tmp_path / "undisturbed", config, specs, Scripted())
-    for name in ("results.csv", "tracks.jsonl"):
-        assert (tmp_path / "x" / name).read_bytes() == (
-            tmp_path / "undisturbed" / name
-        ).read_bytes(), name
+    assert tables(tmp_path / "x") == tables(tmp_path / "undisturbed")
     assert describe_unscored(read_results(tmp_path / "x")) == ""
 
 
 def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
-    with pytest.raises(
-        RunError,
-        match="4 attempts in a row were lost, the last one: it was told to",
-    ):
-        run(
-            tmp_path,
-            config,
-            specs,
-            Scripted(fate=lost_if(lambda name, attempt: True)),
-            losses=4,
-        )
+    engine = Scripted(fate=lost_if(lambda name, attempt: True))
+    words = "4 attempts in a row were lost, the last one: it was told to"
+    with refused(words, RunError):
+        run(tmp_path, config, specs, engine, losses=4)
     run(tmp_path, config, specs, Scripted())
-    assert pyarrow.parquet.read_table(tmp_path / "results.parquet").num_rows == len(
-        specs
-    )
+    table = pyarrow.parquet.read_table(tmp_path / "results.parquet")
+    assert table.num_rows == len(specs)
 
 
 def test_a_users_mistake_stops_the_run_and_keeps_results(tmp_path, config, specs):
@@ -274,7 +245,7 @@ def test_a_users_mistake_stops_the_run_and_keeps_results(tmp_path, config, specs
     def fate(name, attempt, result):
         return JobRefusal(name, "scripted", "no such preset") if name == key else result
 
-    with pytest.raises(RunError, match=f"{key}: no such preset"):
+    with refused(f"{key}: no such preset", RunError):
         run(tmp_path, config, specs, Scripted(slots=1, fate=fate))
     assert (tmp_path / "results.jsonl").read_bytes().count(b"\n") == len(specs) - 1
     assert not (tmp_path / "results.csv").exists()
@@ -297,12 +268,10 @@ def test_the_table_holds_every_value_to_the_last_bit(tmp_path, config, specs):
         texts = list(csv.DictReader(file))
     for spec, row, text in zip(specs, rows, texts, strict=True):
         result = finished(spec)
-        for part in (result.scores, result.measures):
-            for name in part.__dataclass_fields__:
-                value = getattr(part, name)
-                assert row[name] == value
-                if isinstance(value, float):
-                    assert float(text[name]) == value
+        for name, value in (vars(result.scores) | vars(result.measures)).items():
+            assert row[name] == value
+            if isinstance(value, float):
+                assert float(text[name]) == value
     types = {field.name: str(field.type) for field in table.schema}
     assert types["world"] == types["simulator_seed"] == "int64"
     assert types["traversal_time_s"] == types["min_clearance_m"] == "double"
@@ -314,11 +283,10 @@ class Shares(DirectWork):
     """Hands out trials by planner."""
 
     def jobs(self, trials):
-        names = dict.fromkeys(spec.planner for spec in trials)
-        return [
-            Job(name, tuple(spec for spec in trials if spec.planner == name))
-            for name in names
-        ]
+        of_planners = {}
+        for spec in trials:
+            of_planners.setdefault(spec.planner, []).append(spec)
+        return [Job(name, tuple(part)) for name, part in of_planners.items()]
 
 
 class PartByPart(Scripted):
@@ -329,14 +297,10 @@ class PartByPart(Scripted):
         job = self.out.pop(key)
         reports = []
         for spec in job.trials:
-            number = self.attempts[spec.trial_id] = (
-                self.attempts.get(spec.trial_id, 0) + 1
-            )
-            part = self.fate(
-                spec.trial_id,
-                number,
-                PartialResult(key, "scripted", record(spec), ENDED_AT),
-            )
+            name = spec.trial_id
+            self.attempts[name] += 1
+            done = PartialResult(key, "scripted", record(spec), ENDED_AT)
+            part = self.fate(name, self.attempts[name], done)
             reports.append(replace(part, key=key))
             if isinstance(part, JobLoss):
                 return reports
@@ -345,32 +309,17 @@ class PartByPart(Scripted):
 
 def test_a_job_of_several_trials_resumes_at_the_lost_one(tmp_path, config, specs):
     second, last = (spec.trial_id for spec in (specs[2], specs[-2]))
-    engine = PartByPart(
-        slots=1,
-        fate=lost_if(
-            lambda key, attempt: key == last or (key == second and attempt < 3)
-        ),
-    )
+    fate = lost_if(lambda key, attempt: key == last or (key == second and attempt < 3))
+    engine = PartByPart(slots=1, fate=fate)
     execution = ExecutionConfig(attempts=3)
+    work = Shares(BagStore(tmp_path))
     with ResultsFolder.open(tmp_path, config, execution, specs) as folder:
-        events = list(
-            run_trials(
-                folder, folder.remaining, engine, execution, Shares(BagStore(tmp_path))
-            )
-        )
+        events = list(run_trials(folder, folder.remaining, engine, execution, work))
         results = {result.trial_id: result for result in folder.complete()}
-    assert [event.trial_id for event in events if isinstance(event, TrialLoss)] == [
-        second,
-        second,
-        last,
-        last,
-        last,
-    ]
+    losses = [event.trial_id for event in events if isinstance(event, TrialLoss)]
+    assert losses == [second, second, last, last, last]
     assert set(engine.attempts.values()) == {1, 3}
-    assert [results[name].outcome for name in (second, last)] == [
-        finished(specs[2]).outcome,
-        Outcome.PLANNER_DIED,
-    ]
-    assert [
-        results[name].wall_clock.attempts for name in (second, specs[0].trial_id)
-    ] == [3, 1]
+    assert results[second].outcome == finished(specs[2]).outcome
+    assert results[last].outcome == Outcome.PLANNER_DIED
+    assert results[second].wall_clock.attempts == 3
+    assert results[specs[0].trial_id].wall_clock.attempts == 1

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from refusals import refused
 
 from barn_eval.running.reporting import Reporter
 from barn_eval.studies import ab as studied
@@ -94,31 +95,23 @@ def test_what_is_nothing_is_refused_in_one_line(
     text, command, words, workspace, monkeypatch
 ):
     monkeypatch.chdir(workspace.parent)
-    with pytest.raises(BarnError, match=words):
+    with refused(words, BarnError):
         side(text, command)
 
 
 def test_equal_sides_are_refused(tmp_path):
-    with pytest.raises(BarnError, match="BASE and HEAD are the same"):
-        ab(
-            "gap",
-            "gap,max_speed_mps=0.5",
-            "",
-            OPTIONS | {"out": tmp_path},
-            Reporter(),
-        )
+    with refused("BASE and HEAD are the same", BarnError):
+        ab("gap", "gap,max_speed_mps=0.5", "", OPTIONS | {"out": tmp_path}, Reporter())
 
 
 def test_unchanged_sides_are_not_driven_again(command, tmp_path):
     words = ("--worlds", "0:300:20", "--run", "engine=inline", "--out", "ab")
-    code, out, err = command(
-        "ab", "gap,max_speed_mps=0.9", "gap,max_speed_mps=0.4", *words
-    )
+    code, out, err = command("ab gap,max_speed_mps=0.9 gap,max_speed_mps=0.4", *words)
     assert code == 4
     assert out.startswith("**HEAD is worse than BASE**, by the challenge metric: ")
     assert "| challenge metric (of 0.5) | " in out
     code, out, err = command(
-        "ab", "gap,max_speed_mps=0.4", "gap,max_speed_mps=0.9", *words, "--json"
+        "ab gap,max_speed_mps=0.4 gap,max_speed_mps=0.9", *words, "--json"
     )
     content = json.loads(out)
     assert (code, content["decision"]) == (0, "better")
@@ -130,11 +123,7 @@ def test_unchanged_sides_are_not_driven_again(command, tmp_path):
 
 def test_a_verdict_tells_how_far_it_went(tmp_path):
     conclusion = ab(
-        "gap",
-        "gap,margin_m=0.031",
-        "",
-        OPTIONS | {"out": tmp_path},
-        Reporter(),
+        "gap", "gap,margin_m=0.031", "", OPTIONS | {"out": tmp_path}, Reporter()
     )
     assert isinstance(conclusion, AbResult) and conclusion.decision in (
         "futile",

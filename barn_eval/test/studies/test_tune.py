@@ -1,9 +1,11 @@
-"""Tuning: which ranges are refused, that it goes on where it was stopped, and what it writes and says."""
-
-import json
+"""Tuning: which ranges are refused, that it goes on where it was stopped, and what it
+writes and says.
+"""
 
 import pytest
 import yaml
+from refusals import refused
+from text_tables import answers_of
 
 from barn_worlds.base.errors import BarnError
 
@@ -23,11 +25,8 @@ OPTIONS = {"worlds": "0,3,6,9,12,15", "workers": 1, "engine": "inline"}
 
 def ranges_file(folder, parameters=RANGES, **fields):
     path = folder / "ranges.yaml"
-    path.write_text(
-        yaml.safe_dump(
-            {"schema_version": 1, "planner": "gap", "parameters": parameters} | fields
-        )
-    )
+    content = {"schema_version": 1, "planner": "gap", "parameters": parameters}
+    path.write_text(yaml.safe_dump(content | fields))
     return str(path)
 
 
@@ -50,37 +49,42 @@ def test_shipped_ranges_are_read_and_hold_the_defaults(name, tmp_path):
         names = ("common", "mapless", name.removeprefix("nav2_"))
         files = " ".join(f"--params-file {root / path}.yaml" for path in names)
         options["planner_command"] = f"nav2=host --ros-args {files}"
-    assert (
-        tuning.Tuner(ranges, options, (), "6-9", Reporter()).default.keys()
-        == ranges.parameters.keys()
-    )
+    tuner = tuning.Tuner(ranges, options, (), "6-9", Reporter())
+    assert tuner.default.keys() == ranges.parameters.keys()
 
 
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({}, "must have parameters"),
-        (
-            {"max_speed_mps": {"low": 1.0, "high": 0.5}},
-            "max_speed_mps: must be low < high",
-        ),
-        ({"max_speed_mps": 3}, "max_speed_mps: must be low < high"),
-        ({"max_sped_mps": {"low": 0.1, "high": 0.5}}, "did you mean 'max_speed_mps'"),
-        ({"max_speed_mps": {"low": 0.1, "high": 0.4}}, "must hold the default, 0.5"),
-    ],
-)
+NO_RANGES = """
+{}
+    must have parameters
+{max_speed_mps: {low: 1.0, high: 0.5}}
+    max_speed_mps: must be low < high
+{max_speed_mps: 3}
+    max_speed_mps: must be low < high
+{max_sped_mps: {low: 0.1, high: 0.5}}
+    did you mean 'max_speed_mps'
+{max_speed_mps: {low: 0.1, high: 0.4}}
+    must hold the default, 0.5
+"""
+
+
+@pytest.mark.parametrize(("parameters", "words"), answers_of(NO_RANGES))
 def test_what_are_no_ranges_is_refused_in_one_line(parameters, words, tmp_path):
-    with pytest.raises(BarnError, match=words):
-        tuned(tmp_path, parameters=parameters, settings=1)
+    with refused(words, BarnError):
+        tuned(tmp_path, parameters=yaml.safe_load(parameters), settings=1)
 
 
 def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
-    with pytest.raises(BarnError, match="one of dwa, eband, gap, mppi"):
+    with refused("one of dwa, eband, gap, mppi", BarnError):
         Ranges.read("dvb")
-    with pytest.raises(BarnError, match="none that settings are chosen by"):
+    with refused("none that settings are chosen by", BarnError):
         tuned(tmp_path, unseen="2,3")
-    with pytest.raises(BarnError, match="unknown measure 'min_clearnce_m'"):
+    with refused("unknown measure 'min_clearnce_m'", BarnError):
         tuned(tmp_path, by=["min_clearnce_m"])
+
+
+def repeatable(folder):
+    """Return what repeats of a folder's rows."""
+    return [row.repeatable() for row in read_results(folder)]
 
 
 def test_a_stopped_tuning_resumes_to_the_same_result(tmp_path, monkeypatch):
@@ -89,7 +93,7 @@ def test_a_stopped_tuning_resumes_to_the_same_result(tmp_path, monkeypatch):
 
     def stop(run, worlds):
         results = drive_scored(run, worlds)
-        if len(list((tmp_path / "stopped" / "settings").iterdir())) == 3:
+        if len(list(tmp_path.glob("stopped/settings/*"))) == 3:
             raise KeyboardInterrupt
         return results
 
@@ -98,64 +102,36 @@ def test_a_stopped_tuning_resumes_to_the_same_result(tmp_path, monkeypatch):
         tuned(tmp_path, "stopped")
     monkeypatch.undo()
     again = tuned(tmp_path, "stopped")
-    assert [item.values for item in again.tuned] == [
-        item.values for item in whole.tuned
-    ]
+    for setting, expected in zip(again.tuned, whole.tuned, strict=True):
+        assert setting.values == expected.values
     for number in range(4):
-        rows = [
-            read_results(tmp_path / out / "settings" / f"{number:04}")
-            for out in ("out", "stopped")
-        ]
-        assert rows[0] and [item.repeatable() for item in rows[0]] == [
-            item.repeatable() for item in rows[1]
-        ]
-    with pytest.raises(BarnError, match=r"holds another tuning: ranges\."):
+        place = f"settings/{number:04}"
+        expected = repeatable(tmp_path / "out" / place)
+        assert expected
+        assert repeatable(tmp_path / "stopped" / place) == expected
+    with refused(r"holds another tuning: ranges\.", BarnError):
         tuned(tmp_path, parameters={"max_speed_mps": RANGES["max_speed_mps"]})
 
 
-def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path):
-    words = (
-        "--worlds",
-        "0,3,6,9,12,15",
-        "--unseen",
-        "1,4",
-        "--settings",
-        4,
-        "--run",
-        "engine=inline",
-    )
-    code, out, _ = command(
-        "tune", ranges_file(tmp_path), *words, "--out", "tuned", "--json"
-    )
-    assert code == 0
-    content = json.loads(out)
+def test_what_is_written_drives_as_the_setting_that_was_judged(
+    succeed, printed, tmp_path
+):
+    options = "--worlds 0,3,6,9,12,15 --unseen 1,4 --settings 4 --run engine=inline"
+    line = f"tune {ranges_file(tmp_path)} {options} --out tuned"
+    content = printed(line)
     (best,) = content["tuned"]
     assert best["seen"]["challenge"] > content["default_seen"]["challenge"]
-    assert (content["worlds"], content["unseen"], content["given_up"] > 0) == (
-        6,
-        2,
-        True,
-    )
+    assert (content["worlds"], content["unseen"]) == (6, 2)
+    assert content["given_up"] > 0
     assert best["unseen"]["b"] == "default"
-    command(
-        "run",
-        *best["files"],
-        "--worlds",
-        "1,4",
-        "--execution",
-        "engine=inline",
-        "--out",
-        "alone",
-    )
-    unseen = read_results(tmp_path / "tuned" / "unseen" / f"{best['number']:04}")
-    assert [row.repeatable() for row in read_results(tmp_path / "alone")] == [
-        row.repeatable() for row in unseen
-    ]
-    code, out, _ = command("tune", ranges_file(tmp_path), *words, "--out", "tuned")
-    assert (
-        f"setting {best['number']}" in out
-        and "2 worlds that no setting was chosen by" in out
-    )
+    run = "run --worlds 1,4 --execution engine=inline --out alone"
+    succeed(run, *best["files"])
+    number = best["number"]
+    unseen = tmp_path / "tuned" / "unseen" / f"{number:04}"
+    assert repeatable(tmp_path / "alone") == repeatable(unseen)
+    output = succeed(line)
+    assert f"setting {number}" in output
+    assert "2 worlds that no setting was chosen by" in output
 
 
 def test_several_measures_give_a_front_and_its_picture(tmp_path):
@@ -163,23 +139,17 @@ def test_several_measures_give_a_front_and_its_picture(tmp_path):
     means = [setting.seen for setting in result.tuned]
     assert result.given_up == 0 and means
     for setting in means:
-        assert not any(
-            all(other[key] > setting[key] for key in setting)
-            for other in [*means, result.default_seen]
-        )
+        for other in [*means, result.default_seen]:
+            assert not all(other[key] > setting[key] for key in setting)
     assert (tmp_path / "out" / "front.png").stat().st_size > 1000
 
 
 def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
     source = tmp_path / "given.yaml"
-    source.write_text(
-        yaml.safe_dump(
-            {"controller": {"ros__parameters": {"speed": 0.5, "rate": 20.0}}}
-        )
-    )
-    ranges = Ranges.read(
-        ranges_file(tmp_path, {"speed": {"low": 0.1, "high": 1.0}}, planner="")
-    )
+    parameters = {"controller": {"ros__parameters": {"speed": 0.5, "rate": 20.0}}}
+    source.write_text(yaml.safe_dump(parameters))
+    speed = {"speed": {"low": 0.1, "high": 1.0}}
+    ranges = Ranges.read(ranges_file(tmp_path, speed, planner=""))
     options = {
         "out": tmp_path / "out",
         "worlds": "0-5",
@@ -192,7 +162,5 @@ def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
     study.enqueue_trial({"speed": 0.3})
     setting = tuner.make_setting(study.ask(dict(ranges.parameters)), "settings")
     (path,) = tuner.write_files(2, setting, "better")
-    assert yaml.safe_load(path.read_text())["controller"]["ros__parameters"] == {
-        "speed": 0.3,
-        "rate": 20.0,
-    }
+    parameters["controller"]["ros__parameters"]["speed"] = 0.3
+    assert yaml.safe_load(path.read_text()) == parameters

@@ -1,4 +1,7 @@
-"""How a trial stands while it runs: what a success now would be worth, then what the verdict is."""
+"""How a trial stands while it runs.
+
+What a success now would be worth, then what the verdict is.
+"""
 
 import pytest
 from planners import spec_of
@@ -81,7 +84,7 @@ def test_what_is_said_in_the_scene(referee, spec):
     (marker,) = messages["/score_text"].markers
     left = f"{referee.standing.goal_distance_m:.2f} m to the goal"
     assert marker.text.split("\n") == [
-        "dwa, world_0", "0.00 s on the clock", left, "0.00 s in contact", "worth 0.500 if there now",
+        "dwa, world_0", "0.00 s on the clock", left, "0.00 s in contact", "worth 0.500 if there now"
     ]  # fmt: skip
     assert (marker.type, marker.action, marker.header.frame_id) == (9, 0, "map")
     assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (2, 250_000_000)

@@ -14,7 +14,7 @@ from barn_worlds.base.types import Pose2D
 COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 5.0, 0.0), 4.5, 10.0, 5.0)
 
 
-def verdict(outcome: Outcome, time_s: float | None) -> Verdict:
+def verdict(outcome, time_s):
     return Verdict(outcome, "", time_s, 60.0, 0.0)
 
 

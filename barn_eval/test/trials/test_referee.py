@@ -30,15 +30,20 @@ class Reading(NamedTuple):
     collision: bool
 
 
-def reading(step: int, y: float, collision: bool = False) -> Reading:
-    """Return the readings of a robot that has driven straight to y; odometry counts along its own x."""
+def reading(step, y, collision=False):
+    """Return the readings of a robot that has driven straight to y.
+
+    Odometry counts along its own x.
+    """
     return Reading(
         step * PERIOD_NS, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, math.pi / 2), collision
     )
 
 
 def judge(protocol, positions, contacts=()):
-    """Return the verdict on a list of positions along the course, None if there is none."""
+    """Return the verdict on a list of positions along the course, None if there is
+    none.
+    """
     referee = Referee(protocol, COURSE)
     verdicts = (
         referee.observe(*reading(step, y, step in contacts))
@@ -50,7 +55,8 @@ def judge(protocol, positions, contacts=()):
 def test_success_is_timed_from_the_first_motion_to_the_goal():
     positions = [0.0] * 10 + [0.05 * step for step in range(200)]
     verdict = judge(CHALLENGE, positions)
-    # Motion of more than 0.1 m is first seen at 0.15 m, and 4 m is within 1 m of the goal: 77 periods later.
+    # Motion of more than 0.1 m is first seen at 0.15 m, and 4 m is within 1 m of the
+    # goal: 77 periods later.
     times_s = pytest.approx(77 * 0.05), pytest.approx((10 + 80) * 0.05)
     assert verdict == Verdict(Outcome.SUCCESS, "", *times_s, 0.0)
 
@@ -155,7 +161,8 @@ def test_contact_time_counts_since_the_reading_before():
             stamp_ns=stamp_ms * 1_000_000
         )
         assert referee.observe(*contact_reading) is None
-    # 0.1 s up to the contact at 1.1 s and 0.4 s up to that at 1.7 s; before the first reading nothing is known
+    # 0.1 s up to the contact at 1.1 s and 0.4 s up to that at 1.7 s; before the first
+    # reading nothing is known
     assert referee.standing.contact_s == pytest.approx(0.5)
     verdict = referee.fail(Outcome.PLANNER_DIED, "")
     assert (verdict.contact_s, verdict.duration_s) == (
@@ -308,7 +315,7 @@ steps = st.lists(
     offset_ns=st.integers(0, 10**15),
 )
 def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offset_ns):
-    def run(first_ns: int):
+    def run(first_ns):
         referee = Referee(protocol, COURSE)
         now_ns = first_ns
         verdicts = []

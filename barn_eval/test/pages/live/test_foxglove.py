@@ -1,19 +1,22 @@
-"""The live view: what a trial records reaches whoever watches, message by message, and costs the trial nothing."""
+"""The live view: what a trial records reaches whoever watches, message by message, and
+costs the trial nothing.
+"""
 
 import re
 import signal
 import subprocess
-import sys
 import time
 from contextlib import closing
 
 import pytest
 from live_client import LiveClient
+from refusals import refused
+from waiting import barn_words
 
 from barn_eval.pages.live import foxglove as live
 from barn_eval.results.bags.bagfile import TrialFollower
 from barn_eval.results.bags.recorder import Recorder
-from barn_worlds.base.errors import BagError, ConfigError
+from barn_worlds.base.errors import BagError
 from barn_worlds.messages.encode import encode_number, encode_text
 from barn_worlds.messages.topics import OUTCOME, ROBOT_DESCRIPTION, SCORE
 
@@ -82,22 +85,22 @@ def test_what_is_no_bag_is_refused(tmp_path, size, words):
     path.write_bytes(
         b"\x89MCAP0\r\n" + b"\x06" + size.to_bytes(8, "little") + bytes(20)
     )
-    with pytest.raises(BagError, match=words):
+    with refused(words, BagError):
         TrialFollower(tmp_path).read()
 
 
 def test_without_the_sdk_one_line_says_so(rejected, monkeypatch):
     monkeypatch.setattr(live, "find_spec", lambda _: None)
-    for words in (
+    for line in (
         "watch . --live --port 0",
         "run --worlds 0 --bags all --view --out out",
     ):
-        assert rejected(*words.split()) == f"error: {live.MISSING}\n"
+        assert rejected(line) == f"error: {live.MISSING}\n"
 
 
 def test_a_view_without_bags_is_refused(rejected):
     message = "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
-    assert rejected("run", "--worlds", "0", "--view", "--out", "out") == message
+    assert rejected("run --worlds 0 --view --out out") == message
 
 
 def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
@@ -126,7 +129,7 @@ def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
                 assert late.messages(1) == [(robot["id"], 0, encode_text("a robot"))]
             record(recorder, 3, 5)
             assert [stamp // SECOND for _, stamp, _ in client.messages(2)] == [3, 4]
-        with pytest.raises(ConfigError, match=r"live port \d+: cannot be served"):
+        with refused(r"live port \d+: cannot be served"):
             live.FoxgloveStream(
                 tmp_path, host="127.0.0.1", port=int(view.url.split(":")[2])
             )
@@ -136,38 +139,15 @@ def test_a_run_is_watched_as_it_goes(tmp_path):
     pytest.importorskip(
         "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
     )
-    served = [
-        sys.executable,
-        "-m",
-        "barn_eval",
-        "watch",
-        str(tmp_path / "out"),
-        "--live",
-        "0",
-        "--wait",
-        "--port",
-        "0",
-    ]
+    served = barn_words(f"watch {tmp_path}/out --live 0 --wait --port 0")
     with subprocess.Popen(served, stderr=subprocess.PIPE, text=True) as watch:
         url = re.search(r"ws://[\d.:]+", watch.stderr.readline())[0]
         with LiveClient(url) as client:
             channels = client.channels(len(live._TOPICS))
             client.subscribe([channels[OUTCOME.path]])
-            drive = [
-                sys.executable,
-                "-m",
-                "barn_eval",
-                "run",
-                "--worlds",
-                "0",
-                "--planner",
-                "gap",
-            ]
-            subprocess.run(
-                [*drive, "--bags", "all", "--out", str(tmp_path / "out")],
-                check=True,
-                capture_output=True,
-            )
+            options = f"--planner gap --bags all --out {tmp_path}/out"
+            drive = barn_words(f"run --worlds 0 {options}")
+            subprocess.run(drive, check=True, capture_output=True)
             texts = [client.messages(1)[0][2]]
             while b"success" not in texts[-1]:
                 texts += [client.messages(1)[0][2]]

@@ -1,4 +1,7 @@
-"""The page of a campaign that updates itself: from the files alone, and nothing but what belongs to the folder."""
+"""The page of a campaign that updates itself.
+
+From the files alone, and nothing but what belongs to the folder.
+"""
 
 import http.client
 import json
@@ -7,21 +10,25 @@ import shutil
 import socket
 import struct
 import subprocess
-import sys
 from urllib.parse import quote
 
 import pytest
+from refusals import refused
 from report_work import EVIL, campaign, rewrite_rows
+from waiting import barn_words
 
 from barn_eval.pages.live.server import PageServer, RunState, read_state
 from barn_eval.results.folder import read_results
 from barn_eval.results.rows import RowFile
-from barn_worlds.base.errors import ConfigError
 
 
 @pytest.fixture
 def folder(run, tmp_path):
     return campaign(tmp_path / "campaign", run, faster=2.0)
+
+
+def port_of(page):
+    return int(page.url.split(":")[2].strip("/"))
 
 
 def get(page, path, host="localhost"):
@@ -33,9 +40,8 @@ def get(page, path, host="localhost"):
 
 def cut(folder, count):
     lines = (folder / "results.jsonl").read_text().splitlines(keepends=True)
-    (folder / "results.jsonl").write_text(
-        "".join(lines[:count]) + (lines[count][:50] if count < len(lines) else "")
-    )
+    torn = "".join(lines[count : count + 1])[:50]
+    (folder / "results.jsonl").write_text("".join(lines[:count]) + torn)
     return lines
 
 
@@ -54,23 +60,19 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
     (folder / "results.jsonl").write_text("".join(lines))
     after = state.read()
     assert after["done"] == 32
-    failures = [
-        row.trial_id for row in RowFile(folder).read() if not row.scores.success
-    ]
+    rows = RowFile(folder).read()
+    failures = [row.trial_id for row in rows if not row.scores.success]
     assert [trial["id"] for trial in after["failures"]] == failures[::-1]
 
 
 def test_rate_and_time_left_are_those_of_the_trials(folder):
     def with_start(place, row):
-        clock = {
-            "started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00",
-            "duration_s": 4.0,
-        }
-        return row | {"wall_clock": row["wall_clock"] | clock}
+        time = f"2026-01-01T00:00:{5 * place:02d}+00:00"
+        row["wall_clock"] |= {"started_at": time, "duration_s": 4.0}
+        return row
 
     rewrite_rows(
-        folder,
-        lambda rows: [with_start(place, row) for place, row in enumerate(rows[:11])],
+        folder, lambda rows: [with_start(*row) for row in enumerate(rows[:11])]
     )
     state = read_state(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"
@@ -84,7 +86,7 @@ def test_a_campaign_without_a_result_and_a_damaged_one_are_shown(folder):
     assert state.read()["verdict"] == "No trial has ended yet."
     (folder / "results.jsonl").write_text("nonsense\n")
     assert "results.jsonl" in state.read()["problem"]
-    with pytest.raises(ConfigError, match=r"run\.json"):
+    with refused(r"run\.json"):
         RunState(folder / "bags")
 
 
@@ -105,7 +107,7 @@ def test_the_page_and_replays_are_served_and_nothing_else(folder):
         for path in (
             "/run.json", "/results.jsonl", "/bags/gap_w0000_r00/metadata.yaml", "/../run.json", "//etc/passwd",
             "/replay/", "/replay/..", "/replay/../run.json", "/replay/..%2f..%2foutside", "/replay/stranger",
-            "/replay/dwa_w0000_r00", "/replay/dwa_w0005_r00", "/replay/%00", "/replay/" + quote(str(outside), safe=""),
+            "/replay/dwa_w0000_r00", "/replay/dwa_w0005_r00", "/replay/%00", "/replay/" + quote(str(outside), safe="")
         ):  # fmt: skip
             assert get(page, path)[0] == 404, path
         assert get(page, "/state", "evil.example")[0] == 403
@@ -127,29 +129,27 @@ def test_nothing_is_written_and_a_taken_port_is_told(folder):
     before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     with PageServer(folder, port=0) as page:
         assert get(page, "/replay/gap_w0000_r00")[0] == 200
-        with pytest.raises(ConfigError, match=r"port \d+: cannot be served"):
-            PageServer(folder, port=int(page.url.split(":")[2].strip("/")))
+        with refused(r"port \d+: cannot be served"):
+            PageServer(folder, port=port_of(page))
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
-    with pytest.raises(ConfigError, match="host 'nowhere"):
+    with refused("host 'nowhere"):
         PageServer(folder, host="nowhere.invalid", port=0)
 
 
 def test_a_client_that_leaves_early_causes_no_traceback(folder, capfd):
     with PageServer(folder, port=0) as page:
         for _ in range(5):
-            with socket.create_connection(
-                ("127.0.0.1", int(page.url.split(":")[2].strip("/")))
-            ) as client:
-                client.setsockopt(
-                    socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
-                )  # closed by a reset
+            with socket.create_connection(("127.0.0.1", port_of(page))) as client:
+                # closed by a reset
+                now = struct.pack("ii", 1, 0)
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, now)
                 client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert get(page, "/state")[0] == 200
     assert capfd.readouterr().err == ""
 
 
 def test_the_command_says_where_and_ends_on_ctrl_c(folder):
-    command = [sys.executable, "-m", "barn_eval", "watch", str(folder), "--port", "0"]
+    command = barn_words(f"watch {folder} --port 0")
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         line = process.stderr.readline()
         assert line.startswith("http://127.0.0.1:")
@@ -165,9 +165,8 @@ def test_the_page_updates_and_failures_lead_to_replays(folder, open_page):
         assert text.text_content().startswith("12 of 32 trials")
         (folder / "results.jsonl").write_text("".join(lines))
         text.filter(has_text=re.compile("^32 of 32 trials, finished")).wait_for()
-        failed = {
-            row.trial_id for row in read_results(folder) if not row.scores.success
-        }
+        rows = read_results(folder)
+        failed = {row.trial_id for row in rows if not row.scores.success}
         assert set(page.locator("#failures td.id").all_text_contents()) == failed
         assert page.evaluate("window.evil") is None
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

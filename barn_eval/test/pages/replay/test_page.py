@@ -1,12 +1,17 @@
-"""Replays from bags alone: what the trial was, whoever wrote the bag and whatever has become of it."""
+"""Replays from bags alone.
+
+What the trial was, whoever wrote the bag and whatever has become of it.
+"""
 
 import json
+import math
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from browser import violations
+from refusals import refused
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
@@ -37,7 +42,9 @@ def either_bag(request):
 
 
 def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
-    """The map that the paper's protocol gives is off by a cell, and a pose that is matched to it is drawn there."""
+    """The map that the paper's protocol gives is off by a cell, and a pose that is
+    matched to it is drawn there.
+    """
     recorded = read_recorded_trial(bag)
     assert recorded.map_frame == Pose2D(0.0, 0.15, 0.0)
     assert any("0.15 m" in note for note in recorded.notes)
@@ -54,13 +61,11 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
             ends = reach * np.stack(
                 [np.cos(angles[near]), np.sin(angles[near])], axis=1
             )
-            points = (Pose2D(*pose.tolist()) @ recorded.lidar).transform(ends) + [
-                0.0,
-                off_y_m,
-            ]
-            cells = np.floor(
-                (points - [grid.origin_x, grid.origin_y]) / grid.resolution
-            ).astype(int)[:, ::-1]
+            lidar = Pose2D(*pose.tolist()) @ recorded.lidar
+            x, y = lidar.transform(ends).T
+            rows = (y + off_y_m - grid.origin_y) / grid.resolution
+            columns = (x - grid.origin_x) / grid.resolution
+            cells = np.floor(np.column_stack([rows, columns])).astype(int)
             inside = ((cells >= 0) & (cells < grid.data.shape)).all(axis=1)
             hits.extend(grid.data[tuple(cells[inside].T)] >= 50)
         return np.mean(hits)
@@ -77,29 +82,27 @@ def copy_of(bag, path, change):
     return path
 
 
+def messages_on(reader, topic):
+    """Return the messages of a topic of a bag."""
+    connections = [item for item in reader.connections if item.topic == topic]
+    return reader.messages(connections)
+
+
 def test_poses_scans_and_result_are_those_of_the_bag(bag):
     recorded = read_recorded_trial(bag)
     with Reader(bag) as reader:
-        truth = [
-            connection
-            for connection in reader.connections
-            if connection.topic == "/ground_truth/odom"
-        ]
         read = jazzy_types().deserialize_cdr
         messages = [
             (stamp, read(data, connection.msgtype))
-            for connection, stamp, data in reader.messages(truth)
+            for connection, stamp, data in messages_on(reader, "/ground_truth/odom")
         ]
     assert len(recorded.times_s) == len(messages) == len(recorded.scans)
     stamps = [stamp for stamp, _ in messages]
-    assert recorded.times_s.tolist() == [
-        (stamp - stamps[0]) / NANOSECONDS_PER_SECOND for stamp in stamps
-    ]
-    positions = [
-        (message.pose.pose.position.x, message.pose.pose.position.y)
-        for _, message in messages
-    ]
-    assert recorded.poses[:, :2].tolist() == [list(position) for position in positions]
+    times_s = (np.array(stamps) - stamps[0]) / NANOSECONDS_PER_SECOND
+    np.testing.assert_array_equal(recorded.times_s, times_s)
+    positions = [message.pose.pose.position for _, message in messages]
+    expected = [[position.x, position.y] for position in positions]
+    assert recorded.poses[:, :2].tolist() == expected
     assert recorded.result["outcome"] == "success"
     assert recorded.map is not None
     assert np.isfinite(recorded.commands[1:]).all()
@@ -107,20 +110,19 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.outcomes[0].content == "running"
     assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
     assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
-    assert all(
-        len(item.content.lines) == MAX_CANDIDATES for item in recorded.candidates
-    )
-    assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
-    assert [note.split(" ")[0] for note in recorded.notes] == [
-        "map"
-    ]  # that the map was off
+    for item in recorded.candidates:
+        assert len(item.content.lines) == MAX_CANDIDATES
+    assert len(recorded.candidates) == math.ceil(len(messages) / 10)  # two a second
+    (note,) = recorded.notes
+    assert note.startswith("map ")  # that the map was off
 
 
 def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
     whole = read_recorded_trial(either_bag)
-    cut = read_recorded_trial(
-        copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10])
+    part = copy_of(
+        either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10]
     )
+    cut = read_recorded_trial(part)
     assert 0.2 < len(cut.times_s) / len(whole.times_s) < 0.9
     assert cut.poses.tolist() == whole.poses[: len(cut.poses)].tolist()
     assert "cut off" in cut.notes[0]
@@ -133,9 +135,8 @@ def test_a_bag_cut_inside_a_number_is_read_up_to_there(either_bag, tmp_path):
     data = file.read_bytes()
     cut = tmp_path / "cut.mcap"
     problems = set()
-    for length in range(
-        len(data) - 36, len(data) - 8
-    ):  # the record before the last eight bytes has three numbers
+    # the record before the last eight bytes has three numbers
+    for length in range(len(data) - 36, len(data) - 8):
         cut.write_bytes(data[:length])
         bag_file = BagFile(cut)
         assert sum(1 for _ in bag_file.messages()) > 1000
@@ -169,33 +170,32 @@ def test_files_that_are_no_bags_are_refused_in_one_line(
     content, message, tmp_path, rejected
 ):
     (tmp_path / "thing.mcap").write_bytes(content)
-    assert f"thing.mcap: not an MCAP file{message}\n" in rejected(
-        "replay", "thing.mcap", "--out", "out.html"
-    )
+    error = rejected("replay thing.mcap --out out.html")
+    assert f"thing.mcap: not an MCAP file{message}\n" in error
 
 
 def test_folders_without_a_bag_are_refused(tmp_path):
-    with pytest.raises(BagError, match="no such bag"):
+    with refused("no such bag", BagError):
         read_recorded_trial(tmp_path / "nowhere")
-    with pytest.raises(BagError, match="holds no bag"):
+    with refused("holds no bag", BagError):
         read_recorded_trial(tmp_path)
 
 
 def test_a_bag_of_something_else_is_refused(tmp_path):
     with Recorder(tmp_path / "talk") as recorder:
         recorder.add_topic("/chatter", "std_msgs/msg/String")
-        recorder.write(
-            "/chatter", serialize(make_message("std_msgs/msg/String", data="hello")), 1
-        )
+        message = make_message("std_msgs/msg/String", data="hello")
+        recorder.write("/chatter", serialize(message), 1)
         recorder.finish()
-    with pytest.raises(
-        BagError, match=r"no poses of a robot on /ground_truth/odom or /odom"
-    ):
+    with refused(r"no poses of a robot on /ground_truth/odom or /odom", BagError):
         read_recorded_trial(tmp_path / "talk")
 
 
 def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
-    """As another recorder may write it: SQLite, no truth, no result, a topic of a type it should not have."""
+    """As another recorder may write it.
+
+    SQLite, no truth, no result, a topic of a type it should not have.
+    """
     path = tmp_path / "foreign"
     types = jazzy_types()
     with (
@@ -206,16 +206,9 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
             "/odom", "nav_msgs/msg/Odometry", typestore=types
         )
         wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
-        writer.write(
-            wrong, 0, serialize(make_message("std_msgs/msg/String", data=EVIL))
-        )
-        for _, stamp, data in reader.messages(
-            [
-                connection
-                for connection in reader.connections
-                if connection.topic == "/odom"
-            ]
-        ):
+        message = make_message("std_msgs/msg/String", data=EVIL)
+        writer.write(wrong, 0, serialize(message))
+        for _, stamp, data in messages_on(reader, "/odom"):
             writer.write(odometry, stamp, data)
     recorded = read_recorded_trial(path)
     assert (recorded.frame, recorded.map) == ("odom", None)
@@ -226,7 +219,9 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
 
 
 def some_of(bag, path, topics, metadata):
-    """A copy of a bag with the topics that are wanted, and what is known about its trial, if anything is."""
+    """A copy of a bag with the topics that are wanted, and what is known about its
+    trial, if anything is.
+    """
     with Reader(bag) as reader, Recorder(path) as recorder:
         for connection, stamp, data in reader.messages():
             if topics(connection.topic):
@@ -240,16 +235,13 @@ def some_of(bag, path, topics, metadata):
 
 @pytest.mark.parametrize("specified", [True, False])
 def test_without_static_transforms_the_lidar_is_as_specified(bag, tmp_path, specified):
-    """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
+    """As in bags of trials over ROS where tf2_msgs is not installed.
+
+    Another's bag says nothing of its lidar.
+    """
     metadata = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
-    recorded = read_recorded_trial(
-        some_of(
-            bag,
-            tmp_path / "bare",
-            {"/ground_truth/odom", "/scan"}.__contains__,
-            metadata,
-        )
-    )
+    topics = {"/ground_truth/odom", "/scan"}.__contains__
+    recorded = read_recorded_trial(some_of(bag, tmp_path / "bare", topics, metadata))
     assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
     assert any("drawn at base_link" in note for note in recorded.notes) != specified
 
@@ -258,28 +250,19 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
     world = open_dataset("barn300").load(0)
     recorded = read_recorded_trial(bag)
     assert recorded.scene.cylinders_m.tolist() == world.cylinders_m.tolist()
-    assert (recorded.scene.start.x, recorded.scene.start.y) == pytest.approx(
-        tuple(recorded.poses[0, :2]), abs=1e-3
+    scene = recorded.scene
+    assert [scene.start.x, scene.start.y] == pytest.approx(
+        recorded.poses[0, :2], abs=1e-3
     )
     assert recorded.goal_pose().distance(PAPER_2020.course(world).goal) == 0.0
-    assert (
-        float(recorded.clearance_m.min())
-        == recorded.result["measures"]["min_clearance_m"]
-    )
-    left, below, right, above = bounds(recorded)
-    assert (
-        left <= world.bounds_m[0]
-        and below <= world.bounds_m[1]
-        and right >= world.bounds_m[2]
-    )
-    assert above >= max(
-        world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m
-    )
-    other = read_recorded_trial(
-        some_of(
-            bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial
-        )
-    )
+    nearest_m = recorded.result["measures"]["min_clearance_m"]
+    assert recorded.clearance_m.min() == nearest_m
+    shown = bounds(recorded)
+    assert (np.array(shown[:2]) <= world.bounds_m[:2]).all()
+    assert (np.array(shown[2:]) >= world.bounds_m[2:]).all()
+    assert shown[3] >= scene.goal.y + scene.goal_distance_m
+    part = some_of(bag, tmp_path / "other", "/world".__ne__, recorded.trial)
+    other = read_recorded_trial(part)
     assert other.scene is None
     assert np.isnan(other.clearance_m).all()
     assert '"scene":null' in replay_page(other)
@@ -291,9 +274,8 @@ def test_progress_is_along_the_path_and_never_back(bag):
     assert along_m[0] == pytest.approx(0.0, abs=0.05)
     assert (np.diff(along_m) >= 0.0).all()
     scene = recorded.scene
-    whole = np.vstack(
-        [[scene.start.x, scene.start.y], scene.path_m, [scene.goal.x, scene.goal.y]]
-    )
+    ends = [[pose.x, pose.y] for pose in (scene.start, scene.goal)]
+    whole = np.vstack([ends[0], scene.path_m, ends[1]])
     length_m = np.hypot(*np.diff(whole, axis=0).T).sum()
     assert length_m - scene.goal_distance_m - 0.1 < along_m[-1] < length_m + 1e-9
     back = replace(recorded, poses=recorded.poses[::-1].copy())
@@ -304,14 +286,10 @@ def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
     first = read_recorded_trial(bag)
     other = replace(first, trial=first.trial | {"planner": {"name": "dwa"}})
     assert label_trials([first, other]) == ["gap", "DWA"]
-    assert label_trials([first, replace(first, name="later")]) == [
-        "gap (gap_w0000_r00)",
-        "gap (later)",
-    ]
-    assert label_trials([first, replace(first, folder="again")]) == [
-        "gap (run)",
-        "gap (again)",
-    ]
+    names = label_trials([first, replace(first, name="later")])
+    assert names == ["gap (gap_w0000_r00)", "gap (later)"]
+    names = label_trials([first, replace(first, folder="again")])
+    assert names == ["gap (run)", "gap (again)"]
     assert label_trials([first, first]) == ["gap (1)", "gap (2)"]
 
 
@@ -367,16 +345,11 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     bag, open_page, screenshots, tmp_path
 ):
     recorded = read_recorded_trial(bag)
-    touched = replace(
-        recorded,
-        contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3),
-        recoveries_s=(3.0,),
-    )
-    slower = replace(
-        recorded,
-        times_s=2.0 * recorded.times_s,
-        trial=recorded.trial | {"planner": {"name": EVIL}},
-    )
+    times_s = recorded.times_s
+    contact = (times_s > 2.0) & (times_s < 2.3)
+    touched = replace(recorded, contact=contact, recoveries_s=(3.0,))
+    trial = recorded.trial | {"planner": {"name": EVIL}}
+    slower = replace(recorded, times_s=2.0 * times_s, trial=trial)
     file = tmp_path / "two.html"
     file.write_text(replay_page(touched, slower), "utf-8")
     page = open_page(file)
@@ -393,12 +366,10 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     def read_status():
         return page.locator("#told").text_content()
 
-    assert page.evaluate(
-        "[document.querySelectorAll('figure').length, window.evil]"
-    ) == [2, None]
-    assert page.evaluate("replay.player.end") == pytest.approx(
-        2.0 * recorded.times_s[-1], abs=0.01
-    )
+    assert page.evaluate("document.querySelectorAll('figure').length") == 2
+    assert page.evaluate("window.evil") is None
+    end_s = page.evaluate("replay.player.end")
+    assert end_s == pytest.approx(2.0 * times_s[-1], abs=0.01)
     page.screenshot(path=screenshots / "replay_two.png", full_page=True)
     assert violations(page) == []
     # Contact, recovery and closest approach: forward, back and around.
@@ -408,12 +379,12 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     assert read_status().startswith("gap: contact at 2.0")
     assert page.evaluate("replay.view.zoom") > 2.0
     page.click("#to-closest")
-    assert clock() == pytest.approx(
-        recorded.times_s[recorded.clearance_m.argmin()], abs=0.01
-    )
+    closest_s = times_s[recorded.clearance_m.argmin()]
+    assert clock() == pytest.approx(closest_s, abs=0.01)
     key("0")
     whole = pixels()
-    # Zoom by wheel keeps the point under the mouse; both scenes follow; Fit shows all again.
+    # Zoom by wheel keeps the point under the mouse; both scenes follow; Fit shows all
+    # again.
     page.locator("#scene").evaluate(
         "(one) => one.addEventListener('wheel', (event) => {"
         "window.spot = [event.offsetX, event.offsetY]; window.before = replay.scenes[0].at(...spot) }, {capture: true})"

@@ -1,20 +1,21 @@
-"""The figures of a report: of the width and type of a paper, on axes of others, in the colors of the page."""
+"""The figures of a report.
+
+Of the width and type of a paper, on axes of others, in the colors of the page.
+"""
 
 import re
 from collections import Counter
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from refusals import refused
 
 from barn_eval.pages.figures import Plot, figure_of, style
-from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import draw, plot
 from barn_eval.pages.template import render
 from barn_eval.trials.protocol import CHALLENGE
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import PLANNERS
 
@@ -45,27 +46,20 @@ def test_differences_favor_the_planner_named_on_their_side(report):
     with style():
         first, *rest = draw(CHARTS["paired"], report)
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *rest)]
-    assert titles == [
-        "challenge metric",
-        "success",
-        "time per meter as counted",
-        "better in a trial",
-    ]
+    time = "time per meter as counted"
+    assert titles == ["challenge metric", "success", time, "better in a trial"]
     (comparison,) = report.overview.comparisons
-    assert comparison.row(
-        "traversal_time_s"
-    ).paired.difference.estimate == pytest.approx(-0.3)  # gap is faster
-    assert [label.get_text() for label in first.get_yticklabels()] == [
-        "DWA \u25c2 \u25b8 gap"
-    ] and comparison.a == "gap"
-    assert [axes.xaxis_inverted() for axes in (first, *rest)] == [
-        False,
-        False,
-        True,
-        False,
-    ]
-    points = first.lines[1].get_xydata().tolist()
-    assert points == [[comparison.row("challenge").paired.difference.estimate, 0.0]]
+    assert comparison.a == "gap"
+
+    def difference(key):
+        return comparison.row(key).paired.difference.estimate
+
+    assert difference("traversal_time_s") == pytest.approx(-0.3)  # gap is faster
+    (label,) = first.get_yticklabels()
+    assert label.get_text() == "DWA \u25c2 \u25b8 gap"
+    inverted = [axes.xaxis_inverted() for axes in (first, *rest)]
+    assert inverted == [False, False, True, False]
+    assert first.lines[1].get_xydata().tolist() == [[difference("challenge"), 0.0]]
 
 
 def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
@@ -75,10 +69,9 @@ def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
         time = summary["normalised_time_s_per_m"]
         clearance = summary["min_clearance_m"]
         assert line.get_xydata().tolist() == [[clearance.estimate, time.estimate]]
-        np.testing.assert_allclose(
-            across.get_segments()[0][:, 0], [clearance.low, clearance.high]
-        )
-        np.testing.assert_allclose(up.get_segments()[0][:, 1], [time.low, time.high])
+        (width,), (height,) = across.get_segments(), up.get_segments()
+        assert width[:, 0] == pytest.approx([clearance.low, clearance.high])
+        assert height[:, 1] == pytest.approx([time.low, time.high])
 
 
 @pytest.mark.parametrize("width_mm", [88.0, 180.0])
@@ -94,47 +87,35 @@ def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(
 
 
 def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
-    plot = Plot(
-        figure_of(report_module.plot("trade", report.entries, width_mm=88.0)), ""
-    )
-    content = plot.save(tmp_path / "trade.pdf").read_bytes()
+    axes = plot("trade", report.entries, width_mm=88.0)
+    file = Plot(figure_of(axes), "").save(tmp_path / "trade.pdf")
+    content = file.read_bytes()
     assert content.count(b"/FontFile2") >= 1 and b"/Type3" not in content
-    with pytest.raises(ConfigError, match="width_mm: must lie in 60 to 400, got 8"):
-        report_module.plot("trade", report.entries, width_mm=8)
+    with refused("width_mm: must lie in 60 to 400, got 8"):
+        plot("trade", report.entries, width_mm=8)
 
 
 @pytest.mark.parametrize("chart", SHOWN, ids=lambda item: item.name)
 def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
     figure_panels = plot(chart.name, report.entries)
-    panels = Figure().subplots(1, len(figure_panels), squeeze=False)[0]
-    assert plot(
-        chart.name, report.entries, ax=panels[0] if len(figure_panels) == 1 else panels
-    ) == list(panels)
-    for item, other in zip(figure_panels, panels, strict=True):
-        assert (
-            other.get_title() == item.get_title()
-            and other.get_xlabel() == item.get_xlabel()
-        )
-        lines = [
-            [line.get_xydata().tolist() for line in axes.lines]
-            for axes in (item, other)
-        ]
-        assert repr(lines[0]) == repr(lines[1])
-    with pytest.raises(
-        ConfigError,
-        match=f"'{chart.name}' has {len(figure_panels)} panels, got {len(figure_panels) + 1} axes",
-    ):
-        plot(chart.name, report.entries, ax=[panels[0]] * (len(figure_panels) + 1))
+    count = len(figure_panels)
+    panels = Figure().subplots(1, count, squeeze=False)[0]
+    drawn = plot(chart.name, report.entries, ax=panels[0] if count == 1 else panels)
+    assert drawn == list(panels)
+
+    def content(axes):
+        lines = [line.get_xydata().tolist() for line in axes.lines]
+        return axes.get_title(), axes.get_xlabel(), repr(lines)
+
+    assert list(map(content, panels)) == list(map(content, figure_panels))
+    with refused(f"'{chart.name}' has {count} panels, got {count + 1} axes"):
+        plot(chart.name, report.entries, ax=[panels[0]] * (count + 1))
 
 
 def test_a_figure_that_there_is_nothing_for_is_refused(report):
-    with pytest.raises(
-        ConfigError, match="unknown figure 'wrlds'; did you mean 'worlds'"
-    ):
+    with refused("unknown figure 'wrlds'; did you mean 'worlds'"):
         plot("wrlds", report.entries)
-    with pytest.raises(
-        ConfigError, match="figure 'paired': these results have nothing to show in it"
-    ):
+    with refused("figure 'paired': these results have nothing to show in it"):
         plot("paired", report.entries[:1])
     assert set(CHARTS) == {*report.figures, "sweep"}
 
@@ -144,13 +125,7 @@ def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
     number = int(re.match(r"world (\d+)", axes.get_title(loc="left"))[1])
     course = CHALLENGE.course(open_dataset("barn300").load(number))
     (left, right), (below, above) = axes.get_xlim(), axes.get_ylim()
-    ends = {
-        (line.get_marker(), *line.get_xydata()[0])
-        for line in axes.lines
-        if line.get_marker() in ("o", "*")
-    }
-    assert ends == {
-        ("o", course.start.x, course.start.y),
-        ("*", course.goal.x, course.goal.y),
-    }
-    assert all(left < x < right and below < y < above for _, x, y in ends)
+    for marker, pose in (("o", course.start), ("*", course.goal)):
+        (line,) = (line for line in axes.lines if line.get_marker() == marker)
+        assert tuple(line.get_xydata()[0]) == (pose.x, pose.y)
+        assert left < pose.x < right and below < pose.y < above

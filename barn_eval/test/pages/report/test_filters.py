@@ -1,4 +1,7 @@
-"""A report's filters choose which trials, worlds and maps are shown; figures and tables stay those of all trials."""
+"""A report's filters choose which trials, worlds and maps are shown.
+
+Figures and tables stay those of all trials.
+"""
 
 import pytest
 from browser import PHONE, violations

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from refusals import refused
 from waiting import until
 
 from barn_eval.pages.report.processes import run_forked
@@ -30,7 +31,7 @@ def test_a_killed_process_is_one_line():
     message = (
         r"^a process that computed a part of the report was killed; was there enough"
     )
-    with pytest.raises(BarnError, match=message):
+    with refused(message, BarnError):
         run_forked([partial(signal.raise_signal, signal.SIGKILL)], print)
 
 

@@ -109,7 +109,9 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
 
 
 def rows(text, first):
-    """Return the rows of a page's tables that begin with a cell, each as a list of cells."""
+    """Return the rows of a page's tables that begin with a cell, each as a list of
+    cells.
+    """
     lines = [
         line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")
     ]
@@ -163,9 +165,7 @@ def test_models_are_judged_by_the_interval_of_their_gain(tiny):
 
 
 def test_the_command_refuses_in_one_line(rejected):
-    message = rejected(
-        "reproduce", "--quick", "--set", "dataset=barn301", "--out", "here"
-    )
+    message = rejected("reproduce --quick --set dataset=barn301 --out here")
     assert message.startswith(
         "error: barn301: no such file, folder or data set; did you mean 'barn300'"
     )
