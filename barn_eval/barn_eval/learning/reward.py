@@ -14,9 +14,9 @@ import numpy as np
 from barn_eval.learning.config import STRAIGHT, RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
-from barn_planners.kernel import kernel
 from barn_planners.policy.space import Vector
 from barn_worlds.base.arrays import Bools, Floats, Integers
+from barn_worlds.base.kernel import kernel
 from barn_worlds.worlds.world import World
 
 # More than the relative error of a squared distance.

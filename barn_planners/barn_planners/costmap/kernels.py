@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bytes, Cells, Points
+from barn_worlds.base.kernel import kernel
 
 INSCRIBED = 253  # base_link in this cell: the footprint certainly touches
 LETHAL = 254  # an obstacle

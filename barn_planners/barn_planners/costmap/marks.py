@@ -17,8 +17,8 @@ from barn_planners.costmap.kernels import (
     line_between,
     next_cell,
 )
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bytes, Integers, Points, Singles
+from barn_worlds.base.kernel import kernel
 
 MARK = np.uint8(1)
 STATIC = np.uint8(2)

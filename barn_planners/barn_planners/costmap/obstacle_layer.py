@@ -24,8 +24,8 @@ from barn_planners.costmap.marks import (
     clear_line,
     mark_cell,
 )
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Points, Singles
+from barn_worlds.base.kernel import kernel
 
 _INSIDE_M = 0.001  # how far inside the upper edges a ray ends that leads beyond
 

@@ -29,8 +29,8 @@ from barn_planners.dwa.wavefront import (
     start_wavefront,
     steps_to,
 )
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bytes, Floats, Integers, Points
+from barn_worlds.base.kernel import kernel
 
 # Costs of samples that are not allowed.
 TOUCHES = -1.0  # the footprint touches an obstacle or leaves the costmap

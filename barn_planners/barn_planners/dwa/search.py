@@ -41,8 +41,8 @@ from barn_planners.dwa.wavefront import (
     padded,
     steps_to,
 )
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.kernel import kernel
 
 _STRIDE = 6  # poses between two of those that are checked first
 _ROUNDING = 1e-6

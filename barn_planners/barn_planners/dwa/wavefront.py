@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_planners.costmap.kernels import INSCRIBED, Cell, Grid, cell_at, is_on_grid
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bytes, Cells, Integers, MediumIntegers, Points
+from barn_worlds.base.kernel import kernel
 
 UNREACHED = 2**30
 

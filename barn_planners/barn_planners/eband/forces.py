@@ -26,8 +26,8 @@ from barn_planners.eband.kernels import (
     refine,
     wrap,
 )
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.kernel import kernel
 
 _CLOSE_M = 0.01
 

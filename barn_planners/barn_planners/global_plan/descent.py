@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from barn_planners.global_plan.kernels import UNREACHED, Ends, Potential
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Floats, Singles
+from barn_worlds.base.kernel import kernel
 
 _LARGEST_INTEGER = 2.0**31
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.costmap.kernels import Grid
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bytes, Floats, Integers, MediumIntegers
+from barn_worlds.base.kernel import kernel
 
 UNREACHED = 1.0e10
 NOWHERE = (1, -1, 1, 1)  # a window without cells, also with a margin of one cell

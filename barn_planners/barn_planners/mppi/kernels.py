@@ -11,8 +11,8 @@ import numpy as np
 
 from barn_planners.costmap.kernels import edge_cost, place_corners
 from barn_planners.interface import FloatArray
-from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles
+from barn_worlds.base.kernel import kernel
 
 _FREE = 0
 _INSCRIBED = 253

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from barn_planners.interface import Observation
 from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, nanoseconds
 
 # Anything beyond these is a fault of the source, not a fast robot or a large world.
@@ -120,7 +120,7 @@ class ObservationCheck:
         return ""
 
 
-@njit(cache=True)
+@kernel
 def _nearest_return(
     ranges: npt.NDArray[np.float32], range_min: float, range_max: float
 ) -> tuple[float, bool]:

@@ -10,12 +10,11 @@ import itertools
 import math
 from dataclasses import dataclass
 
-from numba import njit
-
 from barn_planners.interface import FloatArray
 from barn_planners.navigation.observation_check import LidarMountConfig
 from barn_planners.navigation.scan_planner import scan_points
 from barn_worlds.base.config import quantity
+from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import STOP, Scan, Velocity2D
 
 # Distance between checked poses, along the path of the outline's fastest corner.
@@ -82,7 +81,7 @@ def avoid_collision(
     return STOP
 
 
-@njit(cache=True)
+@kernel
 def least_clearance(
     points: FloatArray,
     linear: float,

@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from barn_planners.interface import FloatArray
 from barn_planners.policy.space import ACTIONS, PolicyAction, PolicyObservation, Vector
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError, suggest
+from barn_worlds.base.kernel import kernel
 from barn_worlds.formats.npz import Arrays, NpzFormat
 
 ACTIVATIONS = ("tanh", "relu")
@@ -142,7 +142,7 @@ class PolicyNetwork:
         return np.tanh(values) if self._squashes_output else values
 
 
-@njit(cache=True)
+@kernel
 def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
     """Return values @ weights + biases, summed in a fixed order.
 

@@ -22,6 +22,7 @@ from numba import njit
 from barn_planners.interface import FloatArray, Observation
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 
 Vector = npt.NDArray[np.float32]
@@ -275,7 +276,7 @@ def _encode(
         vectors[i, count + 4] = min(max(velocities[i, 1] / rate_limit, -1.0), 1.0)
 
 
-@njit(cache=True)
+@kernel
 def nearest_returns(
     ranges: Vector,
     beam_bounds: Indices,

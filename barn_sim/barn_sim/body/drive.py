@@ -2,11 +2,10 @@
 
 import math
 
-from numba import njit
-
 from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import DriveConfig
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Velocity2D, nanoseconds
 
 
@@ -65,7 +64,7 @@ class DriveController:
             add_command(self.fleet.robots, self.fleet.pending, *command)
 
 
-@njit(cache=True)
+@kernel
 def add_command(
     robots: Records,
     pending: Floats,
@@ -98,7 +97,7 @@ def add_command(
     return True
 
 
-@njit(cache=True)
+@kernel
 def turn_wheels(
     robot: Record, pending: Floats, index: int, settings: Record, now_ns: int
 ) -> None:
@@ -142,6 +141,6 @@ def turn_wheels(
     robot.right_m_s = right
 
 
-@njit(cache=True)
+@kernel
 def _limit(value: float, largest: float) -> float:
     return max(-largest, min(largest, value))

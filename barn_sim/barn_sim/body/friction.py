@@ -14,6 +14,7 @@ from numba import njit
 from barn_sim.body.state import Record, Records
 from barn_sim.body.vectors import Matrix, Vector, fill
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.kernel import inline_kernel, kernel
 
 SWEEPS = 100
 # Change of an impulse that ends the iteration, N s: 1e-9 m/s of the Jackal.
@@ -27,7 +28,7 @@ Motion = tuple[float, float, float, float, float]
 Rims = tuple[float, float, float, float]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def begin_friction(
     motion: Motion,
     left: float,
@@ -71,7 +72,7 @@ def begin_friction(
     return motion, rims
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def sweep_friction(
     motion: Motion, rims: Rims, wheels: Records, inverse_mass: float, sweeps: int
 ) -> Motion:
@@ -110,7 +111,7 @@ def sweep_friction(
     return motion
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def contact_response(
     arm: Vector, inverse: Matrix, inverse_mass: float
 ) -> tuple[float, Levers]:

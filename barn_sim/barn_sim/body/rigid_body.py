@@ -7,8 +7,6 @@ the attitude. Both agree to a nanometer over seconds; last digits differ.
 
 import math
 
-from numba import njit
-
 from barn_sim.body.friction import Motion
 from barn_sim.body.state import Record
 from barn_sim.body.vectors import (
@@ -24,12 +22,13 @@ from barn_sim.body.vectors import (
     transpose,
     vector,
 )
+from barn_worlds.base.kernel import inline_kernel, kernel
 
 # Slower spins than this turn the body by less than rounding.
 _STILL_RAD_S = 1e-12
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
     """Move the body for one tick.
 
@@ -60,7 +59,7 @@ def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
         robot.position[k] += robot.velocity[k] * tick_s
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def rotate(attitude: Quaternion, spin: Vector, tick_s: float) -> Quaternion:
     """Return the attitude after a tick with a constant spin, by the exponential map.
 
@@ -84,7 +83,7 @@ def rotate(attitude: Quaternion, spin: Vector, tick_s: float) -> Quaternion:
     return x / length, y / length, z / length, w / length
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gyroscopic_change(
     attitude: Quaternion, spin: Vector, inertia: Vector, tick_s: float
 ) -> Vector:
@@ -121,7 +120,7 @@ def gyroscopic_change(
     return transform(turn, step)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def place_base(robot: Record, fixed: Record) -> None:
     """Fill in the pose of base_link from that of the body.
 

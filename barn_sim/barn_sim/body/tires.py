@@ -17,7 +17,6 @@ import math
 from functools import cache
 
 import numpy as np
-from numba import njit
 
 from barn_sim.body.friction import Motion, Rims, begin_friction
 from barn_sim.body.model import RobotModel
@@ -33,6 +32,7 @@ from barn_sim.body.vectors import (
 )
 from barn_sim.config import PhysicsConfig
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.kernel import inline_kernel, kernel
 
 # Growth per tick, of the 2 at which an explicit integration becomes unstable.
 _STABLE = 1.9
@@ -103,7 +103,7 @@ class Tires:
 tires_of = cache(Tires)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
     """Prepare the friction solver for the tick that begins.
 
@@ -136,7 +136,7 @@ def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
     """Fill in arms, loads and limits of friction of the wheels.
 
@@ -183,7 +183,7 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
     return torque_x, torque_y, 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def tire_forces(robot: Record, fixed: Record) -> tuple[Vector, Vector]:
     """Return what the ground does to the body in the tick that has begun.
 
@@ -210,7 +210,7 @@ def tire_forces(robot: Record, fixed: Record) -> tuple[Vector, Vector]:
     return (fx, fy, fz), (tx, ty, tz)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def world_inertia(turn: Matrix, inverse_inertia: Vector) -> Matrix:
     """Return the inverse inertia in the world frame.
 

@@ -1,27 +1,26 @@
 """Vectors, quaternions (x, y, z, w) and matrices as tuples, for compiled code."""
 
-from numba import njit
-
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.kernel import kernel
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 
 
-@njit(cache=True)
+@kernel
 def vector(values: Floats) -> Vector:
     """Return the first three numbers of an array as a tuple."""
     return values[0], values[1], values[2]
 
 
-@njit(cache=True)
+@kernel
 def quaternion(values: Floats) -> Quaternion:
     """Return the first four numbers of an array as a tuple."""
     return values[0], values[1], values[2], values[3]
 
 
-@njit(cache=True)
+@kernel
 def fill(values: Floats, numbers: tuple[float, ...]) -> None:
     """Write a tuple to an array.
 
@@ -33,13 +32,13 @@ def fill(values: Floats, numbers: tuple[float, ...]) -> None:
         values[k] = numbers[k]
 
 
-@njit(cache=True)
+@kernel
 def dot(a: Vector, b: Vector) -> float:
     """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@kernel
 def cross(a: Vector, b: Vector) -> Vector:
     """Return the vector product of two vectors."""
     return (
@@ -49,7 +48,7 @@ def cross(a: Vector, b: Vector) -> Vector:
     )
 
 
-@njit(cache=True)
+@kernel
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the rotation of b followed by that of a."""
     return (
@@ -60,7 +59,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit(cache=True)
+@kernel
 def rotation(q: Quaternion) -> Matrix:
     """Return the matrix of a unit quaternion."""
     x, y, z, w = q
@@ -71,13 +70,13 @@ def rotation(q: Quaternion) -> Matrix:
     )
 
 
-@njit(cache=True)
+@kernel
 def transform(matrix: Matrix, v: Vector) -> Vector:
     """Return the product of a matrix and a vector."""
     return dot(matrix[0], v), dot(matrix[1], v), dot(matrix[2], v)
 
 
-@njit(cache=True)
+@kernel
 def transpose(matrix: Matrix) -> Matrix:
     """Return the transpose of a matrix."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix

@@ -8,9 +8,9 @@ point while the cylinder stands upright.
 import math
 
 import numpy as np
-from numba import njit
 
 from barn_worlds.base.arrays import Bools, Floats, Integers
+from barn_worlds.base.kernel import kernel
 from barn_worlds.geometry.kernels import rectangle_gap
 
 # Points of a segment of 1 m: closer together than a cylinder is thick.
@@ -19,7 +19,7 @@ _SAMPLES = 9
 _ROUNDING_M = 1e-9
 
 
-@njit(cache=True)
+@kernel
 def near_cylinders(
     segments: Floats,
     candidates: Bools,
@@ -83,7 +83,7 @@ def near_cylinders(
     return indices[:count], free - _ROUNDING_M
 
 
-@njit(cache=True)
+@kernel
 def nearest_gap(
     segments: Floats, x: float, y: float, yaw: float, extent: Floats
 ) -> float:
@@ -108,13 +108,13 @@ def nearest_gap(
     return nearest
 
 
-@njit(cache=True)
+@kernel
 def _reach(extent: Floats) -> float:
     """Return the distance from base_link to the farthest corner of the robot."""
     return math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3]))
 
 
-@njit(cache=True)
+@kernel
 def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
     """Return the distance from the robot's rectangle to a segment, 0 within it.
 
@@ -139,7 +139,7 @@ def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -
     return nearest
 
 
-@njit(cache=True)
+@kernel
 def segment_gap(first: Floats, second: Floats) -> float:
     """Return the distance between two segments, to within the spacing of samples.
 
@@ -164,7 +164,7 @@ def segment_gap(first: Floats, second: Floats) -> float:
     return nearest
 
 
-@njit(cache=True)
+@kernel
 def follow_cylinders(
     indices: Integers,
     bodies: Floats,
@@ -222,7 +222,7 @@ def follow_cylinders(
         pushed[i] = is_touched or speed > largest_speed or spin > largest_spin
 
 
-@njit(cache=True)
+@kernel
 def intersect_cylinders(
     indices: Integers,
     states: Floats,
@@ -267,7 +267,7 @@ def intersect_cylinders(
     return count
 
 
-@njit(cache=True)
+@kernel
 def _axis(state: Floats) -> tuple[float, float, float]:
     """Return the unit vector along the axis of a cylinder."""
     x, y, z, w = state[3], state[4], state[5], state[6]

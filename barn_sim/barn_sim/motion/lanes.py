@@ -25,6 +25,7 @@ from barn_sim.body.tires import begin_tires
 from barn_sim.body.vectors import fill
 from barn_sim.motion.ticks import NO_REFERENCES, advance, finish_tick, is_free
 from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.kernel import kernel
 
 LANES = 32
 # So few robots are faster one after the other.
@@ -64,7 +65,7 @@ _LANES = record_type(
 )
 
 
-@njit(cache=True)
+@kernel
 def advance_all(
     robots: Records,
     pending: Floats,
@@ -113,7 +114,7 @@ def advance_all(
     )
 
 
-@njit(cache=True, **NO_REFERENCES)
+@njit(**NO_REFERENCES)
 def _advance_lanes(
     robots: Records,
     pending: Floats,
@@ -163,7 +164,7 @@ def _advance_lanes(
         )
 
 
-@njit(cache=True, **NO_REFERENCES)
+@njit(**NO_REFERENCES)
 def _fill_lane(
     robots: Records,
     pending: Floats,
@@ -186,7 +187,7 @@ def _fill_lane(
     return False, waiting
 
 
-@njit(cache=True, **NO_REFERENCES)
+@njit(**NO_REFERENCES)
 def _begin_tick(
     robots: Records,
     pending: Floats,
@@ -224,7 +225,7 @@ def _begin_tick(
     return True
 
 
-@njit(cache=True, forceinline=True, **NO_REFERENCES)
+@njit(forceinline=True, **NO_REFERENCES)
 def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motion:
     """Copy the impulses of a lane to the robot's record, and return the motion."""
     for i in range(fixed.grips):
@@ -240,7 +241,7 @@ def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motio
     )
 
 
-@njit(cache=True, **NO_REFERENCES)
+@njit(**NO_REFERENCES)
 def _finish_sweeps(
     robot: Record, fixed: Record, noise: Floats, lanes: Record, lane: int
 ) -> None:
@@ -256,7 +257,7 @@ def _finish_sweeps(
     finish_tick(robot, fixed, noise)
 
 
-@njit(cache=True, **NO_REFERENCES)
+@njit(**NO_REFERENCES)
 def _move_lane(lanes: Record, grips: int, source: int, target: int) -> None:
     lanes.index[target] = lanes.index[source]
     lanes.sweeps[target] = lanes.sweeps[source]
@@ -277,7 +278,7 @@ def _move_lane(lanes: Record, grips: int, source: int, target: int) -> None:
             row.levers[k, target] = row.levers[k, source]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, **NO_REFERENCES)
+@njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
 def _sweep(lanes: Record, fixed: Record, used: int) -> int:
     """Do a sweep in the lanes in use; fill in which are done, return how many."""
     # Whole vectors; nobody reads the numbers in the lanes beyond.
@@ -296,7 +297,7 @@ def _sweep(lanes: Record, fixed: Record, used: int) -> int:
     return count
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, **NO_REFERENCES)
+@njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
 def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) -> None:
     """Do as `sweep_friction` for one wheel of the robots in all lanes."""
     rows = lanes.motion

@@ -28,13 +28,14 @@ from barn_sim.body.vectors import (
 from barn_sim.contact.cylinders import nearest_gap
 from barn_sim.sensors.odometry import integrate_wheels, read_odometry, renew_noise, wrap
 from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.kernel import inline_kernel, kernel
 
 # For kernels that neither create nor store arrays: numba need not count references to
 # them, which takes a third of a tick.
-NO_REFERENCES: dict[str, Any] = {"_nrt": False}
+NO_REFERENCES: dict[str, Any] = {"cache": True, "_nrt": False}
 
 
-@njit(cache=True, **NO_REFERENCES)
+@njit(**NO_REFERENCES)
 def advance(
     robots: Records,
     pending: Floats,
@@ -68,7 +69,7 @@ def advance(
     return 0
 
 
-@njit(cache=True)
+@kernel
 def advance_past_movers(
     robots: Records,
     pending: Floats,
@@ -98,7 +99,7 @@ def advance_past_movers(
     return True
 
 
-@njit(cache=True, forceinline=True)
+@inline_kernel
 def _tick_freely(
     robot: Record, pending: Floats, index: int, fixed: Record, noise: Floats
 ) -> None:
@@ -107,7 +108,7 @@ def _tick_freely(
     finish_tick(robot, fixed, noise)
 
 
-@njit(cache=True)
+@kernel
 def push_body(
     robots: Records, pending: Floats, settings: Records, index: int
 ) -> tuple[Vector, Vector, Vector, Vector]:
@@ -132,7 +133,7 @@ def push_body(
     return place, vector(robot.position), force, torque
 
 
-@njit(cache=True)
+@kernel
 def follow_body(
     robots: Records,
     settings: Records,
@@ -162,7 +163,7 @@ def follow_body(
     return robot.x, robot.y, robot.yaw
 
 
-@njit(cache=True)
+@kernel
 def body_state(
     robots: Records, index: int
 ) -> tuple[Vector, Quaternion, Vector, Vector]:
@@ -181,7 +182,7 @@ def body_state(
     )
 
 
-@njit(cache=True)
+@kernel
 def solve_tires(robot: Record, fixed: Record) -> Motion:
     """Solve the friction of a tick whose rim speeds are set.
 
@@ -197,7 +198,7 @@ def solve_tires(robot: Record, fixed: Record) -> Motion:
     return sweep_friction(motion, rims, wheels, fixed.inverse_mass, SWEEPS)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
     """Update everything that follows from the motion of the body.
 
@@ -217,7 +218,7 @@ def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
         renew_noise(robot, fixed, noise[update - robot.noise_from])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
     """Tell whether the robot can touch nothing in the next tick, as far as is known.
 
@@ -231,7 +232,7 @@ def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
     return _is_clear(robot, fixed, segments)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inline_kernel
 def _is_clear(robot: Record, fixed: Record, segments: Floats) -> bool:
     """Tell whether no cylinder is near; distances are computed only when necessary."""
     if _distance_from(robot, fixed, robot.looked_from) < robot.clearance_m:
@@ -242,7 +243,7 @@ def _is_clear(robot: Record, fixed: Record, segments: Floats) -> bool:
     return bool(robot.clearance_m > 0.0)
 
 
-@njit(cache=True)
+@kernel
 def _is_clear_of_movers(robot: Record, fixed: Record) -> bool:
     """Tell whether no wall or mover can be near by the last look at them."""
     if robot.movers_clearance_m == math.inf:
@@ -255,7 +256,7 @@ def _is_clear_of_movers(robot: Record, fixed: Record) -> bool:
     return bool(approach < robot.movers_clearance_m)
 
 
-@njit(cache=True)
+@kernel
 def _distance_from(robot: Record, fixed: Record, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
     dx = pose[0] - robot.x
@@ -264,7 +265,7 @@ def _distance_from(robot: Record, fixed: Record, pose: Floats) -> float:
     return float(math.sqrt(dx * dx + dy * dy) + turn * fixed.reach_m)
 
 
-@njit(cache=True)
+@kernel
 def read_all(
     robots: Records,
     indices: Integers,
@@ -293,13 +294,13 @@ def read_all(
         velocities[index, 1] = yaw_rate
 
 
-@njit(cache=True)
+@kernel
 def _through_quaternion(yaw: float) -> float:
     """Return a yaw as a message holds it, as `Pose2D.through_quaternion` does."""
     return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
-@njit(cache=True)
+@kernel
 def base_motion(
     robots: Records, settings: Records, index: int
 ) -> tuple[float, float, float, float, float]:

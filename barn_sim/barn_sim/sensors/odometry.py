@@ -2,12 +2,12 @@
 
 import math
 
-from numba import njit
 from numpy.random import Generator
 
 from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import OdometryConfig
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds
 
 
@@ -95,7 +95,7 @@ class FusedOdometry:
         return Odometry(stamp_ns, pose, Velocity2D(speed, yaw_rate))
 
 
-@njit(cache=True)
+@kernel
 def integrate_wheels(robot: Record, tick_s: float) -> None:
     """Integrate the odometry of a robot over one tick.
 
@@ -109,7 +109,7 @@ def integrate_wheels(robot: Record, tick_s: float) -> None:
     robot.odometry_y += tick_s * robot.odometry_speed * math.sin(heading)
 
 
-@njit(cache=True)
+@kernel
 def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
     """Replace the errors of a robot's odometry by those of a new update.
 
@@ -123,7 +123,7 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
     robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1] + robot.gyro_bias
 
 
-@njit(cache=True)
+@kernel
 def read_odometry(
     robots: Records, index: int
 ) -> tuple[float, float, float, float, float]:
@@ -142,7 +142,7 @@ def read_odometry(
     return robot.odometry_x, robot.odometry_y, yaw, robot.odometry_speed, yaw_rate
 
 
-@njit(cache=True)
+@kernel
 def wrap(angle: float) -> float:
     """Return the angle in [-pi, pi), as `barn_worlds.base.types.wrap_angle` does."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

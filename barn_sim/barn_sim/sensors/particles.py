@@ -16,10 +16,10 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from numba import njit
 
 from barn_sim.config import LocalizationConfig
 from barn_worlds.base.arrays import BoolGrid, Floats, Integers
+from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan, nanoseconds, wrap_angle
 
 # Costs of map cells from which on they are obstacles.
@@ -250,7 +250,7 @@ def bin_keys(bins: Integers) -> Integers:
     return keys
 
 
-@njit(cache=True)
+@kernel
 def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
     """Return the distance of each cell's center from the nearest occupied one.
 
@@ -313,7 +313,7 @@ def cluster_labels(bins: Integers) -> Integers:
     return labels
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def particle_weights(
     particles: Floats,
     hits: Floats,

@@ -16,6 +16,7 @@ from barn_sim.body.state import Record, Records
 from barn_sim.body.vectors import Vector
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Floats, Integers, Singles
+from barn_worlds.base.kernel import kernel
 from barn_worlds.geometry.kernels import entry_time
 
 # Angle of the first beam, angle from beam to beam (rad), longest range (m).
@@ -40,7 +41,7 @@ _TURN = 2.0 * math.pi
 _PARALLEL = 1e-12
 
 
-@njit(cache=True)
+@kernel
 def scan_all(
     robots: Records,
     indices: Integers,
@@ -88,7 +89,7 @@ def scan_all(
         used[index] += 1
 
 
-@njit(cache=True)
+@kernel
 def cast_beams(
     ranges: Floats,
     directions: Floats,
@@ -118,7 +119,7 @@ def cast_beams(
     _cast_shapes(ranges, directions, fan, frame, shapes)
 
 
-@njit(cache=True)
+@kernel
 def cast_sweep(
     ranges: Floats,
     directions: Floats,
@@ -184,7 +185,7 @@ def cast_sweep(
         _cast_shapes(beam_range, direction, beam_fan, frame, shapes)
 
 
-@njit(cache=True)
+@kernel
 def measure(ranges: Floats, noise: Singles, limits: Limits, measured: Singles) -> None:
     """Turn true ranges into measured ones, with noise and the values of REP-117.
 
@@ -208,7 +209,7 @@ def measure(ranges: Floats, noise: Singles, limits: Limits, measured: Singles) -
         measured[beam] = reading
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def rough_angle(y: float, x: float) -> float:
     """Approximate atan2 to within `ROUGH_RAD`, three times as fast.
 
@@ -236,7 +237,7 @@ def rough_angle(y: float, x: float) -> float:
     return -angle if y < 0.0 else angle
 
 
-@njit(cache=True)
+@kernel
 def _cast_circles(
     ranges: Floats,
     directions: Floats,
@@ -252,7 +253,7 @@ def _cast_circles(
     _cast_spans(ranges, directions, fan, frame, xs, ys, radius, spans)
 
 
-@njit(cache=True)
+@kernel
 def _cast_spans(
     ranges: Floats,
     directions: Floats,
@@ -290,7 +291,7 @@ def _cast_spans(
                 _cast_circle(ranges, directions, first, last, ahead, left, radius)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _find_spans(
     fan: Fan,
     frame: Frame,
@@ -367,7 +368,7 @@ def _cast_circle(
         ranges[beam] = hit if is_nearer else ranges[beam]
 
 
-@njit(cache=True)
+@kernel
 def _cast_moving(
     ranges: Floats,
     directions: Floats,
@@ -387,7 +388,7 @@ def _cast_moving(
         _cast_circle(ranges, directions, beam, beam, ahead, left, radius)
 
 
-@njit(cache=True)
+@kernel
 def _cast_shapes(
     ranges: Floats, directions: Floats, fan: Fan, frame: Frame, shapes: Floats
 ) -> None:
@@ -400,7 +401,7 @@ def _cast_shapes(
             _cast_box(ranges, directions, fan, frame, shapes[i])
 
 
-@njit(cache=True)
+@kernel
 def _cast_box(
     ranges: Floats, directions: Floats, fan: Fan, frame: Frame, box: Floats
 ) -> None:
@@ -453,7 +454,7 @@ def _cast_box(
             ranges[beam] = min(ranges[beam], distance)
 
 
-@njit(cache=True)
+@kernel
 def _cast_tilted(
     ranges: Floats, directions: Floats, frame: Frame, cylinders: Floats, radius: float
 ) -> None:
@@ -481,7 +482,7 @@ def _cast_tilted(
             ranges[beam] = min(ranges[beam], distance)
 
 
-@njit(cache=True)
+@kernel
 def _tilted_hit(
     bx: float,
     by: float,

@@ -11,7 +11,6 @@ import numpy as np
 from barn_planners.costmap.costmap import Costmap
 from barn_planners.gap.planner import GapConfig, GapPlanner
 from barn_planners.interface import FloatArray, Observation, Task
-from barn_planners.kernel import kernel
 from barn_planners.mppi.config import MppiPlannerConfig
 from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.loop import NavigationPlanner
@@ -19,6 +18,7 @@ from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
 from barn_worlds.base.arrays import Singles
 from barn_worlds.base.config import quantity
+from barn_worlds.base.kernel import kernel
 from predictive_planners.tracker import (
     Tracker,
     TrackerConfig,

@@ -1,4 +1,4 @@
-"""The decorator of kernels: functions that numba compiles."""
+"""The decorators of kernels: functions that numba compiles."""
 
 from collections.abc import Callable
 from typing import TypeVar, cast
@@ -15,3 +15,9 @@ def kernel(function: _Function) -> _Function:
     branch at every division, and would keep loops from being vectorized.
     """
     return cast(_Function, njit(cache=True, error_model="numpy")(function))
+
+
+def inline_kernel(function: _Function) -> _Function:
+    """Compile a function as `kernel` does, into each kernel that calls it."""
+    compiled = njit(cache=True, error_model="numpy", forceinline=True)(function)
+    return cast(_Function, compiled)
