@@ -149,15 +149,15 @@ class Batch:
             commands: Finite speed (m/s) and yaw rate (rad/s) of all (n, 2).
         """
         fleet = self.fleet
-        robots = fleet.robots
-        settings = fleet.settings
         collisions = self.readings.collisions
         collisions[indices] = False
 
         # Noise of the odometry must wait before compiled code needs it.
-        end_ns = robots["stamp_ns"][indices] + self._ticks * settings["tick_ns"]
-        last_update = end_ns // settings["odometry_ns"]
-        supplied = robots["noise_from"][indices] + fleet.noise.shape[1]
+        end_ns = (
+            fleet.robots["stamp_ns"][indices] + self._ticks * fleet.settings["tick_ns"]
+        )
+        last_update = end_ns // fleet.settings["odometry_ns"]
+        supplied = fleet.robots["noise_from"][indices] + fleet.noise.shape[1]
         for index in indices[last_update >= supplied].tolist():
             self._simulators[index].motion.draw_noise(self._ticks)
         if not self._has_plain_lidars:
@@ -166,12 +166,9 @@ class Batch:
 
         left = np.zeros(len(commands), np.int64)
         advance_all(
-            robots,
-            fleet.pending,
-            settings,
+            fleet,
             self._segments,
             self._cylinders,
-            fleet.noise,
             self._ticks,
             indices,
             commands,

@@ -132,17 +132,12 @@ def test_batched_robots_advance_as_each_alone(walled_world, robot):
     for _ in range(10):
         commands = rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2))
         left = np.zeros(count, np.int64)
-        fleet = abreast
-        advance_all(
-            fleet.robots, fleet.pending, fleet.settings, segments, np.full(count, 2), fleet.noise, 10, which,
-            commands, 0, left,
-        )  # fmt: skip
-        robots, pending, settings = alone.robots, alone.pending, alone.settings
+        cylinders = np.full(count, 2)
+        advance_all(abreast, segments, cylinders, 10, which, commands, 0, left)
         for index in which:
-            now_ns = robots["stamp_ns"][index]
-            add_command(robots, pending, index, now_ns, *commands[index])
-            near = segments[index]
-            wanted = advance(robots, pending, settings, index, near, alone.noise, 10)
+            stamp_ns = alone.robots["stamp_ns"][index]
+            add_command(alone, index, stamp_ns, *commands[index])
+            wanted = advance(alone, index, segments[index], 10)
             assert left[index] == wanted
         which = which[left[which] == 0]
     assert LANES < len(which) < count

@@ -29,7 +29,7 @@ ROBOTS = ["jackal", "turtlebot4", "scout_mini"]
 def tick_freely(robots, pending, settings):
     """Advance by a tick and return force and torque of the ground in it."""
     robot = robots[0]
-    turn_wheels(robot, pending, 0, settings[0], robot.stamp_ns)
+    turn_wheels(robot, pending[0], settings[0])
     motion = solve_tires(robot, settings[0])
     force, torque = tire_forces(robot, settings[0])
     move_body(robot, settings[0], motion)

@@ -2,7 +2,8 @@
 
 import math
 
-from barn_sim.body.state import Fleet, Record, Records
+from barn_sim.body.state import Fleet, Record
+from barn_sim.body.vectors import fill
 from barn_sim.config import DriveConfig
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.kernel import kernel
@@ -58,68 +59,51 @@ class DriveController:
             now_ns: Time at which it arrives; no later than any command after it.
         """
         arrival_ns = now_ns + self._latency_ns
-        command = (self._index, arrival_ns, velocity.linear, velocity.angular)
-        if not add_command(self.fleet.robots, self.fleet.pending, *command):
+        if self.fleet.is_full(self._index):
             self.fleet = self.fleet.with_more_room()
-            add_command(self.fleet.robots, self.fleet.pending, *command)
+        add_command(
+            self.fleet, self._index, arrival_ns, velocity.linear, velocity.angular
+        )
 
 
 @kernel
 def add_command(
-    robots: Records,
-    pending: Floats,
-    index: int,
-    arrival_ns: int,
-    linear: float,
-    angular: float,
-) -> bool:
-    """Put a command behind those on their way.
+    fleet: Fleet, index: int, arrival_ns: int, linear: float, angular: float
+) -> None:
+    """Put a command behind those on their way, for which there is room.
 
     Args:
-        robots: Records (n,) of robots.
-        pending: Their commands on the way (n, capacity, 3).
+        fleet: Robots with their commands.
         index: Row of the robot.
         arrival_ns: Time at which the command takes effect.
         linear: Speed, m/s.
         angular: Yaw rate, rad/s.
-
-    Returns:
-        Whether there was room.
     """
-    robot: Record = robots[index]
-    if robot.pending == pending.shape[1]:
-        return False
-    command = pending[index, robot.pending]
-    command[0] = arrival_ns
-    command[1] = linear
-    command[2] = angular
+    robot: Record = fleet.robots[index]
+    fill(fleet.pending[index, robot.pending], (float(arrival_ns), linear, angular))
     robot.pending += 1
-    return True
 
 
 @kernel
-def turn_wheels(
-    robot: Record, pending: Floats, index: int, settings: Record, now_ns: int
-) -> None:
+def turn_wheels(robot: Record, pending: Floats, settings: Record) -> None:
     """Set the rim speeds of a robot for the tick that begins now.
 
     Args:
         robot: Record of the robot.
-        pending: Commands on their way to all robots (n, capacity, 3).
-        index: Row of the robot.
+        pending: Its commands on the way (capacity, 3).
         settings: Record of the fleet's settings.
-        now_ns: Time since the start.
     """
-    while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
-        robot.target_since_ns = int(pending[index, 0, 0])
-        robot.target_speed = pending[index, 0, 1]
-        robot.target_turn = pending[index, 0, 2]
+    now_ns = robot.stamp_ns
+    while robot.pending > 0 and pending[0, 0] <= now_ns:
+        robot.target_since_ns = int(pending[0, 0])
+        robot.target_speed = pending[0, 1]
+        robot.target_turn = pending[0, 2]
         robot.timed_out = False
         robot.pending -= 1
         # Number by number: numba would copy a row to memory in between.
         for k in range(robot.pending):
             for column in range(3):
-                pending[index, k, column] = pending[index, k + 1, column]
+                pending[k, column] = pending[k + 1, column]
 
     # The watchdog stops the robot once; the next command starts it again.
     if now_ns - robot.target_since_ns >= settings.timeout_ns and not robot.timed_out:

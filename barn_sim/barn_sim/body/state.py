@@ -1,8 +1,7 @@
 """The state of robots as records of arrays, which compiled code advances."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -155,9 +154,8 @@ SETTINGS = record_type(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Fleet:
-    """Robots with equal settings."""
+class Fleet(NamedTuple):
+    """Robots with equal settings, which kernels take as a whole."""
 
     robots: Records
     """Records (n,) of `ROBOT`."""
@@ -190,7 +188,11 @@ class Fleet:
             noise=np.zeros((count, _UPDATES, 2)),
         )
 
+    def is_full(self, index: int) -> bool:
+        """Tell whether a robot has no room for another command."""
+        return bool(self.robots[index]["pending"] == self.pending.shape[1])
+
     def with_more_room(self) -> "Fleet":
         """Return the same fleet with room for twice as many commands."""
         room = np.zeros_like(self.pending)
-        return replace(self, pending=np.concatenate([self.pending, room], axis=1))
+        return self._replace(pending=np.concatenate([self.pending, room], axis=1))

@@ -113,7 +113,8 @@ class Movers:
         robot["movers_clearance_m"] = (gaps - self._wake_m).min()
         robot["movers_speed_m_s"] = self._fastest_m_s
         holds_ns = math.floor(NANOSECONDS_PER_SECOND * remaining_s) - self._tick_ns
-        robot["movers_until_ns"] = stamp_ns + holds_ns
+        # At the time of the look it always holds: a tick never waits for another look.
+        robot["movers_until_ns"] = stamp_ns + max(holds_ns, 1)
 
     def prepare(
         self, scene: ContactScene, x: float, y: float, yaw: float, stamp_ns: int

@@ -20,7 +20,7 @@ from barn_sim.body.friction import (
     sweep_friction,
 )
 from barn_sim.body.rigid_body import move_body
-from barn_sim.body.state import Record, Records, record_type
+from barn_sim.body.state import Fleet, Record, record_type
 from barn_sim.body.tires import begin_tires
 from barn_sim.body.vectors import fill
 from barn_sim.motion.ticks import NO_REFERENCES, advance, finish_tick, is_free
@@ -67,12 +67,9 @@ _LANES = record_type(
 
 @kernel
 def advance_all(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
+    fleet: Fleet,
     segments: Floats,
     cylinders: Integers,
-    noise: Floats,
     ticks: int,
     indices: Integers,
     commands: Floats,
@@ -82,12 +79,9 @@ def advance_all(
     """Send commands to robots and advance each as long as no obstacle is near.
 
     Args:
-        robots: Records (n,) of robots.
-        pending: Commands on their way (n, capacity, 3), with room for one more.
-        settings: The fleet's settings (1,).
+        fleet: Robots with room for one more command each.
         segments: Axes (n, m, 4) of the cylinders in each robot's world, m.
         cylinders: How many of the m rows each world has (n,).
-        noise: Noise of the odometry's next updates (n, k, 2).
         ticks: Largest number of ticks.
         indices: Rows of the robots that advance.
         commands: Speed (m/s) and yaw rate (rad/s) for each robot (n, 2).
@@ -95,39 +89,27 @@ def advance_all(
         left: Filled in (n,): ticks that are left, since something is near.
     """
     for index in indices:
-        arrival_ns = robots[index].stamp_ns + latency_ns
+        arrival_ns = fleet.robots[index].stamp_ns + latency_ns
         linear = commands[index, 0]
         angular = commands[index, 1]
-        add_command(robots, pending, index, arrival_ns, linear, angular)
+        add_command(fleet, index, arrival_ns, linear, angular)
         left[index] = ticks
     lanes = np.zeros(1, _LANES)
-    _advance_lanes(
-        robots,
-        pending,
-        settings,
-        segments,
-        cylinders,
-        noise,
-        indices,
-        left,
-        lanes[0],
-    )
+    _advance_lanes(fleet, segments, cylinders, indices, left, lanes[0])
 
 
 @njit(**NO_REFERENCES)
 def _advance_lanes(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
+    fleet: Fleet,
     segments: Floats,
     cylinders: Integers,
-    noise: Floats,
     indices: Integers,
     left: Integers,
     lanes: Record,
 ) -> None:
+    robots, _, settings, noise = fleet
     fixed: Record = settings[0]
-    state = (robots, pending, settings, segments, cylinders)
+    state = (fleet, segments, cylinders)
     used = 0
     waiting = 0
     is_full = True
@@ -159,16 +141,12 @@ def _advance_lanes(
         index = lanes.index[lane]
         near = segments[index, : cylinders[index]]
         _finish_sweeps(robots[index], fixed, noise[index], lanes, lane)
-        left[index] = advance(
-            robots, pending, settings, index, near, noise, left[index] - 1
-        )
+        left[index] = advance(fleet, index, near, left[index] - 1)
 
 
 @njit(**NO_REFERENCES)
 def _fill_lane(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
+    fleet: Fleet,
     segments: Floats,
     cylinders: Integers,
     indices: Integers,
@@ -180,18 +158,14 @@ def _fill_lane(
     while waiting < len(indices):
         index = indices[waiting]
         waiting += 1
-        if _begin_tick(
-            robots, pending, settings, segments, cylinders, index, lanes, lane
-        ):
+        if _begin_tick(fleet, segments, cylinders, index, lanes, lane):
             return True, waiting
     return False, waiting
 
 
 @njit(**NO_REFERENCES)
 def _begin_tick(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
+    fleet: Fleet,
     segments: Floats,
     cylinders: Integers,
     index: int,
@@ -199,11 +173,11 @@ def _begin_tick(
     lane: int,
 ) -> bool:
     """Put a robot into a lane, up to the first sweep, if no obstacle is near."""
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
+    robot: Record = fleet.robots[index]
+    fixed: Record = fleet.settings[0]
     if not is_free(robot, fixed, segments[index, : cylinders[index]]):
         return False
-    turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+    turn_wheels(robot, fleet.pending[index], fixed)
     motion, rims = begin_tires(robot, fixed)
     lanes.index[lane] = index
     lanes.sweeps[lane] = 0

@@ -30,7 +30,6 @@ from barn_sim.contact.obstacles import Obstacles, contact_gap_m
 from barn_sim.contact.scene import ContactScene, ScenePool
 from barn_sim.motion.ticks import (
     advance,
-    advance_past_movers,
     base_motion,
     body_state,
     follow_body,
@@ -148,10 +147,7 @@ class RobotMotion:
     def place(self) -> tuple[Pose2D, Velocity2D]:
         """Return pose and velocity of base_link now."""
         if self._placement is None or self._placement[0] != self.stamp_ns:
-            fleet = self.drive.fleet
-            x, y, yaw, linear, angular = base_motion(
-                fleet.robots, fleet.settings, self._index
-            )
+            x, y, yaw, linear, angular = base_motion(self.drive.fleet, self._index)
             placement = (Pose2D(x, y, yaw), Velocity2D(linear, angular))
             self._placement = (self.stamp_ns, placement)
         return self._placement[1]
@@ -192,35 +188,22 @@ class RobotMotion:
 
     def run(self, ticks: int) -> None:
         """Advance by a number of ticks for which noise has been drawn."""
-        fleet = self.drive.fleet
-        state = (fleet.robots, fleet.pending, fleet.settings, self._index)
-        segments = self.obstacles.segments
         while ticks:
-            ticks = advance(*state, segments, fleet.noise, ticks)
-            if ticks:
-                if not self._passes_movers():
-                    self._advance_in_contact()
-                ticks -= 1
+            left = self._advance_freely(ticks)
+            if left == ticks and self.movers is not None and self._scene is None:
+                # Compiled code knows only how near they may have come since the last
+                # look.
+                self.movers.look(self.drive.fleet.robots[self._index])
+                left = self._advance_freely(ticks)
+            if left == ticks:
+                self._advance_in_contact()
+                left -= 1
+            ticks = left
 
-    def _passes_movers(self) -> bool:
-        """Look at the moving obstacles, and advance by a tick if none is near.
-
-        `advance` knows only how near they may have come since the last look.
-        """
-        if self.movers is None or self.is_in_contact:
-            return False
-        fleet = self.drive.fleet
-        self.movers.look(fleet.robots[self._index])
-        return bool(
-            advance_past_movers(
-                fleet.robots,
-                fleet.pending,
-                fleet.settings,
-                self._index,
-                self.obstacles.segments,
-                fleet.noise,
-            )
-        )
+    def _advance_freely(self, ticks: int) -> int:
+        """Advance while nothing is near; return how many ticks are left."""
+        segments = self.obstacles.segments
+        return advance(self.drive.fleet, self._index, segments, ticks)
 
     def _advance_in_contact(self) -> None:
         """Advance by a tick in PyBullet, and end the contact if nothing is near."""
@@ -233,15 +216,13 @@ class RobotMotion:
             self._scene = scene
             fleet.robots[index]["in_contact"] = True
 
-        place, position, force, torque = push_body(
-            fleet.robots, fleet.pending, fleet.settings, index
-        )
+        place, position, force, torque = push_body(fleet, index)
         self.obstacles.prepare(scene, *place)
         is_mover_near = False
         if self.movers is not None:
             is_mover_near = self.movers.prepare(scene, *place, self.stamp_ns)
         state = scene.tick(position, force, torque)
-        pose = follow_body(fleet.robots, fleet.settings, index, state, fleet.noise)
+        pose = follow_body(fleet, index, state)
         self._was_touched = self._was_touched or scene.is_robot_touched()
         if self.obstacles.has_bodies:
             self.obstacles.follow(scene, Pose2D(*pose))

@@ -13,7 +13,7 @@ from numba import njit
 from barn_sim.body.drive import turn_wheels
 from barn_sim.body.friction import SWEEPS, Motion, sweep_friction
 from barn_sim.body.rigid_body import move_body, place_base
-from barn_sim.body.state import Record, Records
+from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.body.tires import begin_tires, tire_forces
 from barn_sim.body.vectors import (
     Quaternion,
@@ -36,97 +36,45 @@ NO_REFERENCES: dict[str, Any] = {"cache": True, "_nrt": False}
 
 
 @njit(**NO_REFERENCES)
-def advance(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    index: int,
-    segments: Floats,
-    noise: Floats,
-    ticks: int,
-) -> int:
+def advance(fleet: Fleet, index: int, segments: Floats, ticks: int) -> int:
     """Advance a robot as long as no obstacle is near.
 
     Args:
-        robots: Records (n,) of robots.
-        pending: Commands on their way (n, capacity, 3).
-        settings: The fleet's settings (1,).
+        fleet: Robots of which one advances.
         index: Row of the robot.
         segments: Axes (m, 4) of the cylinders in its world, seen from above, m.
-        noise: Noise of the odometry's next updates (n, k, 2).
         ticks: Largest number of ticks.
 
     Returns:
         The number of ticks that are left; the next one needs PyBullet, or a look at the
         moving obstacles.
     """
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
+    robot: Record = fleet.robots[index]
+    fixed: Record = fleet.settings[0]
     for left in range(ticks, 0, -1):
         if not is_free(robot, fixed, segments):
             return left
-        _tick_freely(robot, pending, index, fixed, noise[index])
+        turn_wheels(robot, fleet.pending[index], fixed)
+        move_body(robot, fixed, solve_tires(robot, fixed))
+        finish_tick(robot, fixed, fleet.noise[index])
     return 0
 
 
 @kernel
-def advance_past_movers(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    index: int,
-    segments: Floats,
-    noise: Floats,
-) -> bool:
-    """Advance a robot by a tick after a look at the moving obstacles, if none is near.
-
-    Args:
-        robots: Records (n,) of robots.
-        pending: Commands on their way (n, capacity, 3).
-        settings: The fleet's settings (1,).
-        index: Row of the robot.
-        segments: Axes (m, 4) of the cylinders in its world, seen from above, m.
-        noise: Noise of the odometry's next updates (n, k, 2).
-
-    Returns:
-        Whether the robot has advanced.
-    """
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
-    if robot.movers_clearance_m <= 0.0 or not _is_clear(robot, fixed, segments):
-        return False
-    _tick_freely(robot, pending, index, fixed, noise[index])
-    return True
-
-
-@inline_kernel
-def _tick_freely(
-    robot: Record, pending: Floats, index: int, fixed: Record, noise: Floats
-) -> None:
-    turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
-    move_body(robot, fixed, solve_tires(robot, fixed))
-    finish_tick(robot, fixed, noise)
-
-
-@kernel
-def push_body(
-    robots: Records, pending: Floats, settings: Records, index: int
-) -> tuple[Vector, Vector, Vector, Vector]:
+def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]:
     """Begin a tick that PyBullet completes.
 
     Args:
-        robots: Records (n,) of robots.
-        pending: Commands on their way (n, capacity, 3).
-        settings: The fleet's settings (1,).
+        fleet: Robots with their commands.
         index: Row of the robot.
 
     Returns:
         x, y (m) and yaw (rad) of base_link, position of the center of mass (m), force
         there (N) and torque (N m).
     """
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
-    turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+    robot: Record = fleet.robots[index]
+    fixed: Record = fleet.settings[0]
+    turn_wheels(robot, fleet.pending[index], fixed)
     solve_tires(robot, fixed)
     force, torque = tire_forces(robot, fixed)
     place = (robot.x, robot.y, robot.yaw)
@@ -135,31 +83,25 @@ def push_body(
 
 @kernel
 def follow_body(
-    robots: Records,
-    settings: Records,
-    index: int,
-    state: tuple[Vector, Quaternion, Vector, Vector],
-    noise: Floats,
+    fleet: Fleet, index: int, state: tuple[Vector, Quaternion, Vector, Vector]
 ) -> tuple[float, float, float]:
     """Complete a tick with the body's state in PyBullet.
 
     Args:
-        robots: Records (n,) of robots.
-        settings: The fleet's settings (1,).
+        fleet: Robots with the noise of their odometry.
         index: Row of the robot.
         state: Position, attitude, velocity and spin after the tick.
-        noise: Noise of the odometry's next updates (n, k, 2).
 
     Returns:
         x, y (m) and yaw (rad) of base_link.
     """
-    robot: Record = robots[index]
+    robot: Record = fleet.robots[index]
     position, attitude, velocity, spin = state
     fill(robot.position, position)
     fill(robot.attitude, attitude)
     fill(robot.velocity, velocity)
     fill(robot.spin, spin)
-    finish_tick(robot, settings[0], noise[index])
+    finish_tick(robot, fleet.settings[0], fleet.noise[index])
     return robot.x, robot.y, robot.yaw
 
 
@@ -301,21 +243,18 @@ def _through_quaternion(yaw: float) -> float:
 
 
 @kernel
-def base_motion(
-    robots: Records, settings: Records, index: int
-) -> tuple[float, float, float, float, float]:
+def base_motion(fleet: Fleet, index: int) -> tuple[float, float, float, float, float]:
     """Return the motion of base_link.
 
     Args:
-        robots: Records (n,) of robots.
-        settings: The fleet's settings (1,).
+        fleet: Robots and their settings.
         index: Row of the robot.
 
     Returns:
         x, y (m), yaw (rad), forward speed (m/s) and yaw rate (rad/s).
     """
-    robot: Record = robots[index]
-    center = vector(settings[0].center)
+    robot: Record = fleet.robots[index]
+    center = vector(fleet.settings[0].center)
     offset = transform(rotation(quaternion(robot.attitude)), center)
     lever_x, lever_y, _ = cross(vector(robot.spin), offset)
     vx = robot.velocity[0] - lever_x

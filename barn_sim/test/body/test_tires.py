@@ -62,7 +62,7 @@ class Driven:
         robots, settings = self.fleet.robots, self.fleet.settings
         for _ in range(round(duration_s / self.tick_s)):
             state = self.scene.tick(*push(robots, settings, speed - half, speed + half))
-            follow_body(robots, settings, 0, state, self.fleet.noise)
+            follow_body(self.fleet, 0, state)
 
     def close(self):
         self.scene.close()
@@ -70,11 +70,11 @@ class Driven:
 
     @property
     def pose(self):
-        return Pose2D(*base_motion(self.fleet.robots, self.fleet.settings, 0)[:3])
+        return Pose2D(*base_motion(self.fleet, 0)[:3])
 
     @property
     def velocity(self):
-        return Velocity2D(*base_motion(self.fleet.robots, self.fleet.settings, 0)[3:])
+        return Velocity2D(*base_motion(self.fleet, 0)[3:])
 
 
 @pytest.fixture

@@ -20,7 +20,8 @@ PROMPT = DriveConfig(command_latency_s=0.0)
 
 @njit
 def turn_once(robots, pending, settings, now_ns):
-    turn_wheels(robots[0], pending, 0, settings[0], now_ns)
+    robots[0].stamp_ns = now_ns
+    turn_wheels(robots[0], pending[0], settings[0])
     return robots[0].left_m_s, robots[0].right_m_s
 
 
