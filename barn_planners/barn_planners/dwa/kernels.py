@@ -109,22 +109,6 @@ class Rules(NamedTuple):
     weights: Weights
 
 
-class Sampling(NamedTuple):
-    """How velocities are sampled."""
-
-    # Velocities that the robot can reach in one control period, m/s and rad/s.
-    min_speed: float
-    max_speed: float
-    min_turn: float
-    max_turn: float
-    speeds: int  # number of forward speeds
-    turns: int  # number of yaw rates per speed, and in place
-    highest_turn: bool  # False: going straight takes the place of the highest yaw rate
-    min_turn_in_place: float  # rad/s
-    skip_slow_turns: bool  # no turns in place within one step of zero
-    accumulate: bool  # add up steps as the original does, with its rounding
-
-
 class Fields(NamedTuple):
     """Memory for the scenes of all cycles on one size of costmap."""
 
@@ -149,58 +133,6 @@ def new_fields(rows: int, cols: int) -> Fields:
         np.empty((rows + 2) * (cols + 2), np.uint8),
         np.empty(_MAX_PLAN_CELLS, np.int64),
     )
-
-
-@kernel
-def _even_values(low: float, high: float, count: int, accumulate: bool) -> Floats:
-    """Return values from low to high: bit by bit those of numpy.linspace, or sums."""
-    step = (high - low) / (count - 1)
-    values = np.empty(count)
-    value = low
-    for k in range(count):
-        values[k] = value if accumulate else k * step + low
-        value += step
-    if not accumulate:
-        values[-1] = high
-
-    return values
-
-
-@kernel
-def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
-    """Return the table of samples, and how many of them drive forward.
-
-    Args:
-        sampling: Velocities to sample.
-        forward: Whether samples may drive forward.
-
-    Returns:
-        Table (n, COLUMNS) with speeds and yaw rates; the rest is 0. Rows that drive
-        forward come first, for each speed straight ahead and one per yaw rate. The
-        others turn in place.
-    """
-    low, high, low_turn, high_turn, speed_count, turn_count, _, _, _, sums = sampling
-    speeds = _even_values(low, high, speed_count, sums)
-    turns = _even_values(low_turn, high_turn, turn_count, sums)
-    turns_per_speed = turn_count + (1 if sampling.highest_turn else 0)
-    drives = speed_count * turns_per_speed if forward else 0
-    table = np.zeros((drives + turn_count, COLUMNS))
-    for k in range(drives):
-        table[k, SPEED] = speeds[k // turns_per_speed]
-        if k % turns_per_speed > 0:
-            table[k, TURN] = turns[k % turns_per_speed - 1]
-
-    # The original skips turns in place that are closer to zero than one step.
-    step = (high_turn - low_turn) / (turn_count - 1)
-    slowest = sampling.min_turn_in_place
-    count = drives
-    for turn in turns:
-        if not sampling.skip_slow_turns or abs(turn) > step:
-            in_place = max(turn, slowest) if turn > 0.0 else min(turn, -slowest)
-            table[count, TURN] = in_place
-            count += 1
-
-    return table[:count], drives
 
 
 @kernel

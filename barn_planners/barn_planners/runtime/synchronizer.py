@@ -51,9 +51,7 @@ class Synchronizer:
         # The scan that waits for its readings, and the stamp of the last complete one.
         self._scan: Scan | None = None
         self._last_ns: int | None = None
-        self.skipped = 0
         self.restarted = False
-        self.missing = "no scan yet"
 
     def add_odometry(self, odometry: Odometry) -> Observation | None:
         """Add odometry; return the observation that it completes."""
@@ -83,8 +81,6 @@ class Synchronizer:
 
         # The scan before cannot expect better readings any more.
         previous = self._complete(is_overtaken=True)
-        if self._scan is not None:
-            self.skipped += 1
         self._scan = scan
         current = self._complete(is_overtaken=False)
         return [item for item in (previous, current) if item is not None]
@@ -96,24 +92,19 @@ class Synchronizer:
             return None
         stamp_ns = scan.stamp_ns
         if not self._odometry.is_settled(stamp_ns, is_overtaken):
-            self.missing = "no odometry yet"
             return None
         if self._use_pose and not self._poses.is_settled(stamp_ns, is_overtaken):
-            self.missing = "no localization yet"
             return None
 
         odometry = self._odometry.latest(stamp_ns, self._odometry_age_ns)
         if odometry is None:
-            self.missing = f"no odometry of the last {self.config.odometry_age_s:g} s"
             return None
         pose = self._pose(stamp_ns, odometry) if self._use_pose else odometry.pose
         if pose is None:
-            self.missing = "no localization yet"
             return None
 
         self._scan = None
         self._last_ns = stamp_ns
-        self.missing = ""
         return Observation(stamp_ns, odometry, scan, pose)
 
     def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:

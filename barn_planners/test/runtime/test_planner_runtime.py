@@ -213,8 +213,6 @@ def test_odometry_that_is_too_old_is_not_used(age, count, last):
     observations = feed(sync, ("odom", 0), *scans)
     assert len(observations) >= count
     assert max(stamp for _, stamp, _, _ in observations) == last
-    if age == 0.1:
-        assert sync.missing == "no odometry of the last 0.1 s" and sync.skipped == 2
 
 
 def test_seldom_localisation_is_carried_on_by_odometry():
@@ -225,17 +223,6 @@ def test_seldom_localisation_is_carried_on_by_odometry():
     assert observations[0][1:] == (0, 0, 100.0)
     places = [x for _, _, _, x in observations]
     assert places == pytest.approx([100.0, 100.05, 100.1])
-
-
-def test_what_is_missing_is_said():
-    sync = Synchronizer(SyncConfig(), use_pose=True)
-    assert sync.missing == "no scan yet"
-    feed(sync, ("scan", 0))
-    assert sync.missing == "no odometry yet"
-    feed(sync, ("odom", 0))
-    assert sync.missing == "no localization yet"
-    feed(sync, ("pose", 0))
-    assert sync.missing == ""
 
 
 def test_time_that_jumps_back_begins_anew_with_nothing_of_before(sync):

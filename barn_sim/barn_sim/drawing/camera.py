@@ -6,11 +6,11 @@ scene is built anew, of shapes that can only be seen.
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from typing_extensions import Self
 
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
@@ -112,7 +112,7 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
     return Camera((x + distance, y, height), (x, y, 0.0), opening_deg=opening)
 
 
-class Studio:
+class Studio(AbstractContextManager["Studio"]):
     """A scene with a robot in it; a context manager that ends the renderer."""
 
     bounds_m: tuple[float, float, float, float]
@@ -161,10 +161,6 @@ class Studio:
         self._dots: list[int] = []
         self._add_bodies(scene.boxes, _WALL)
         self._trail = self._add_trail(trail_m)
-
-    def __enter__(self) -> Self:
-        """Return the studio."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Release the renderer."""

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 from barn_sim.config import LidarConfig
+from barn_worlds.base.text_files import read_package_yaml
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.robot import Chassis, Vector3
 
@@ -11,8 +12,6 @@ _YELLOW = "#fac40f"
 _DARK = "#33363b"
 _BLACK = "#141417"
 _METAL = "#9ea3ab"
-_LAMP = "#f2f2e6"
-_TAIL = "#cc1a1a"
 # Turns the axis of a cylinder from z to y.
 _SIDEWAYS = 0.5 * math.pi
 
@@ -59,31 +58,8 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
         chassis: The Jackal's wheels and track.
         lidar: Mounting of the lidar in base_link.
     """
-    parts = [
-        RobotPart((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK),
-        RobotPart((0.42, 0.28, 0.012), (0.0, 0.0, 0.187), _BLACK),
-        RobotPart((0.012, 0.20, 0.004), (-0.06, 0.0, 0.195), _METAL),
-        RobotPart((0.012, 0.20, 0.004), (0.04, 0.0, 0.195), _METAL),
-    ]
-
-    # Bumpers, fenders and lamps at the front (1) and the back (-1).
-    fender_y = 0.5 * chassis.track_m + 0.003
-    for end in (1.0, -1.0):
-        lamp = _LAMP if end > 0 else _TAIL
-        parts += [
-            RobotPart((0.02, 0.34, 0.085), (end * 0.236, 0.0, 0.085), _YELLOW),
-            RobotPart((0.012, 0.20, 0.03), (end * 0.249, 0.0, 0.085), _BLACK),
-        ]
-        for side in (1.0, -1.0):
-            fender = (end * 0.118, side * fender_y, 0.150)
-            slope = (end * 0.228, side * fender_y, 0.125)
-            parts += [
-                RobotPart((0.17, 0.066, 0.014), fender, _YELLOW),
-                RobotPart((0.082, 0.066, 0.014), slope, _YELLOW, pitch=end * 0.68),
-                RobotPart(
-                    (0.006, 0.045, 0.018), (end * 0.247, side * 0.13, 0.10), lamp
-                ),
-            ]
+    look = read_package_yaml("barn_sim", "jackal.yaml")
+    parts = [RobotPart(**part) for part in look["parts"]]
 
     radius = chassis.wheel_radius_m
     for x, y, z in chassis.wheels_m:
@@ -108,8 +84,6 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
         RobotPart((0.042, 0.022), (lidar_x, 0.0, lidar_z - 0.019), _METAL),
         RobotPart((0.041, 0.034), (lidar_x, 0.0, lidar_z + 0.009), _BLACK),
         RobotPart((0.042, 0.008), (lidar_x, 0.0, lidar_z + 0.030), _METAL),
-        RobotPart((0.006, 0.16), (-0.16, 0.09, 0.27), _BLACK),
-        RobotPart((0.006, 0.16), (-0.16, -0.09, 0.27), _BLACK),
     ]
 
 
