@@ -58,6 +58,7 @@ class PlannerEntry:
         return type(next(iter(self.presets.values())))
 
 
+# Also what `register` added: tests and notebooks have no entry points.
 _loaded_entries: dict[str, PlannerEntry] = {}
 
 
@@ -78,6 +79,7 @@ def register(name: str, entry: PlannerEntry) -> None:
 
 def planner_names() -> list[str]:
     """Return the names of all planners, sorted."""
+    # Read anew each time: a package may have been installed since.
     external_names = {point.name for point in entry_points(group=GROUP)}
     return sorted({*_BUILT_IN, *_loaded_entries, *external_names})
 
@@ -92,6 +94,7 @@ def planner_entry(name: str) -> PlannerEntry:
         return _loaded_entries[name]
 
     same_name = (point for point in entry_points(group=GROUP) if point.name == name)
+    # Built-in planners win, so that no package can pose as one of them.
     point = _BUILT_IN.get(name) or next(same_name, None)
     if point is None:
         hint = suggest(name, planner_names())
@@ -136,6 +139,7 @@ def planner_config(
             allowed.
     """
     available = planner_entry(name).presets
+    # Protocols name presets; a planner without any takes the same for all.
     if list(available) == [ANY_PROTOCOL]:
         preset = ANY_PROTOCOL
     if preset not in available:
@@ -157,6 +161,7 @@ def speed_cap_mps(name: str, config: Checked) -> float:
     if speed_cap is not None:
         return speed_cap(config)
 
+    # By the last part of the name, since sections such as `dwa.` hold it.
     caps = [
         value
         for key, _, value in fields_of(config)

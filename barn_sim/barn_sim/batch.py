@@ -89,6 +89,7 @@ class Batch:
         period_ns = nanoseconds(config.control_period_s)
         self._latency_ns = nanoseconds(config.drive.command_latency_s)
         beams = config.lidar.beams
+        # One command is sent per period, and each is on its way for the latency.
         self.fleet = Fleet.of(count, self._latency_ns // period_ns + 2)
         self.readings = Readings.of(count, beams)
         self.scenes = ScenePool()
@@ -120,8 +121,11 @@ class Batch:
             simulator: Simulator that has just begun.
         """
         self._simulators[index] = simulator
+        # All have one configuration, so the last one speaks for all.
         self._has_plain_lidars = simulator.lidar.is_plain
         self._scanned_ns[index] = _NEVER_NS
+        # Used up: the new simulator's own generator fills the rows before its first
+        # scan.
         self._used_noise[index] = _SCANS
         self.readings.collisions[index] = False
         self._disturbed.discard(index)
@@ -131,6 +135,8 @@ class Batch:
         simulator = self._simulators[index]
         segments = simulator.motion.obstacles.segments
         count = len(segments)
+        # Worlds differ in their number of cylinders; rows beyond a world's own are not
+        # read.
         missing = count - self._segments.shape[1]
         if missing > 0:
             self._segments = np.pad(self._segments, ((0, 0), (0, missing), (0, 0)))
@@ -215,6 +221,7 @@ class Batch:
             self._simulators[index].lidar.draw_noise(self._noise[index])
             used[index] = 0
 
+        # Circles of this batch know only upright cylinders at home.
         disturbed = sorted(self._disturbed.intersection(indices.tolist()))
         for index in disturbed:
             noise = self._noise[index, used[index]]

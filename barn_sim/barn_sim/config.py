@@ -39,6 +39,7 @@ Part = TypeVar("Part", DriveConfig, LidarConfig, OdometryConfig)
 class PhysicsConfig(Checked):
     """The integration and the ground."""
 
+    # Longer ticks can be unstable: the springs of the tires are stiff, see `Tires`.
     tick_s: float = quantity(0.005, "physics step", "s", 0.0005, 0.01)
     gravity_m_s2: float = quantity(9.81, "acceleration of free fall", "m/s2", 1.0, 30.0)
     wheel_friction: float = quantity(
@@ -190,6 +191,8 @@ class SimulatorConfig(Checked):
         super().__post_init__()
         periods_s = {
             "control_period_s": self.control_period_s,
+            # Compiled code counts ticks: sensors that fell between two of them would be
+            # read late by a varying time.
             "odometry.rate_hz": 1.0 / self.odometry.rate_hz,
             "lidar.rate_hz": 1.0 / self.lidar.rate_hz,
         }
@@ -211,6 +214,7 @@ class SimulatorConfig(Checked):
 
         Rounded up, since a scan comes with the readings of a control step.
         """
+        # Less than a millionth of a step over a whole number is rounding.
         steps = 1.0 / (self.lidar.rate_hz * self.control_period_s)
         return max(1, math.ceil(steps - 1e-6))
 
@@ -238,6 +242,7 @@ def with_robot(config: Config, robot: Robot) -> Config:
     )
     lidar = _keep_changes(robot.lidar, config.lidar, standard.lidar, ["noise_m"])
     if not lidar.noise_m:
+        # A preset without noise means both kinds: the absolute one and the share.
         lidar = replace(lidar, noise_share=0.0)
     noises = ["yaw_noise_rad", "yaw_rate_noise_rad_s"]
     odometry = _keep_changes(robot.odometry, config.odometry, standard.odometry, noises)
@@ -273,6 +278,7 @@ def chassis_in(simulator: object) -> Chassis:
     """
     chassis = None
     if isinstance(simulator, Mapping):
+        # Configurations of the first runs name no chassis: all of them drove a Jackal.
         chassis = simulator.get("chassis")
     if chassis is None:
         return STANDARD_ROBOT.chassis
@@ -298,6 +304,8 @@ PRESETS = read_presets("barn_sim", "presets.yaml", SimulatorConfig())
 class SimulatorNodeConfig(Checked):
     """Parameters that are fixed when the node starts."""
 
+    # Results must not depend on how busy the machine is, so time may wait for the
+    # planner.
     lockstep: bool = quantity(
         False, "wait for one command after each scan instead of running freely"
     )
@@ -319,6 +327,8 @@ class SimulatorNodeConfig(Checked):
         True,
         "publish the true pose and contacts, which a planner under test must not know",
     )
+    # A descriptor that only a parent process can hand over, so that no other node can
+    # pose as the evaluator.
     evaluator_fd: int = quantity(
         -1, "private line to the evaluator; -1: none", "", -1, 1_000_000
     )

@@ -34,6 +34,8 @@ class SimulatorMessages:
         self._config = config
         self._frames = frames
         if scan_period_s is None:
+            # A scan comes with the readings of a control step, however fast the lidar
+            # turns.
             scan_period_s = config.scan_steps * config.control_period_s
         self._scan_period_s = scan_period_s
 
@@ -49,6 +51,7 @@ class SimulatorMessages:
         self._transforms = encode.TransformEncoder(
             [(frames.map, frames.odom), (frames.odom, frames.base)]
         )
+        # Made for the first scan, since its template holds the geometry of the beams.
         self._scan: encode.ScanEncoder | None = None
         self._odom_in_map = start
         self._base_in_odom = ORIGIN
@@ -60,6 +63,8 @@ class SimulatorMessages:
         description = encode.encode_text(robot_description(lidar, chassis))
         yield OutgoingMessage(topics.ROBOT_DESCRIPTION, description)
 
+        # A URDF names the lidar's frame itself; the configuration may call it
+        # otherwise.
         names = {FRAMES.lidar: self._frames.lidar}
         positions = {}
         for name, position in fixed_frames(lidar, chassis).items():
@@ -75,6 +80,8 @@ class SimulatorMessages:
             sensors: Readings; an older scan is left out.
             stamp_ns: Time of the instant on the clock.
         """
+        # The time first, so that nobody receives readings from their future. The scan
+        # last: planners answer it and need everything else before.
         yield self.clock(stamp_ns)
         yield self.odometry(sensors.odometry, stamp_ns)
         yield self.truth(sensors.truth, stamp_ns)
@@ -117,6 +124,8 @@ class SimulatorMessages:
             odometry: Pose in the odom frame at the same time.
             stamp_ns: Time on the clock.
         """
+        # As amcl does (REP-105): the localization corrects map to odom, which leaves
+        # odom to base smooth.
         self._odom_in_map = pose @ odometry.inverse()
         return OutgoingMessage(
             topics.AMCL_POSE, self._localization.encode(pose, stamp_ns)
@@ -168,6 +177,8 @@ class SimulatorMessages:
 
 def _variances(config: LocalizationConfig) -> tuple[float, float, float]:
     """Return the variances of x, y (m2) and yaw (rad2) that messages state."""
+    # Only the filter of mode amcl has exactly these deviations; of the particles they
+    # are what its real counterpart typically states.
     if config.mode == "exact":
         return 0.0, 0.0, 0.0
     position = config.position_std_m**2

@@ -7,6 +7,7 @@ import numpy as np
 
 from barn_worlds.worlds.world import World
 
+# New children come last: numbers of the others decide their draws.
 LIDAR, ODOMETRY, LOCALIZATION, PHASE, BIAS = range(5)
 
 

@@ -74,6 +74,8 @@ class Simulator:
         self.motion = RobotMotion(config, self._scenes, self._fleet, index)
         self.lidar = Lidar(config.lidar, generator(seed, seeds.LIDAR))
         self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
+        # The scan plane counts from the ground, on which obstacles stand; mounts from
+        # base_link.
         ground_z_m = float(self.motion.model.footing[2])
         self._scan_height_m = config.lidar.mount_z_m - ground_z_m
         self._ticks_per_step = config.ticks(config.control_period_s)
@@ -91,9 +93,12 @@ class Simulator:
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self.motion.begin(world, start, self.phase_s, generator(seed, seeds.ODOMETRY))
         if config.odometry.gyro_bias_rad_s or config.odometry.wheel_radius_error:
+            # A child of its own: a robot without these errors draws the same noise as
+            # before.
             rng = generator(seed, seeds.BIAS)
             self.motion.odometry.draw_errors(config.odometry, rng)
 
+        # The lidar stays from trial to trial, but its draws start over.
         self.lidar.rng = generator(seed, seeds.LIDAR)
         self._localization: FilterLocalization | ParticleLocalization | None = None
         if config.localisation.mode != "exact":
@@ -169,6 +174,7 @@ class Simulator:
         # Commands wait for a tick: without rounding, a delay would only grow.
         tick_ns = self.config.tick_ns
         arrival_ns = self.stamp_ns + round(delay_ns / tick_ns) * tick_ns
+        # Python's floats: NumPy scalars of planners would slow down compiled calls.
         exact = Velocity2D(float(velocity.linear), float(velocity.angular))
         self.motion.drive.command(exact, arrival_ns)
 
@@ -215,6 +221,7 @@ class Simulator:
         """Return the state of the wheels."""
         robot = self._fleet.robots[self._index]
         model = self.motion.model
+        # Wheels of one side turn alike: a chain or a common command drives them.
         axles = len(model.wheels) // 2
         angles = (float(robot["left_rad"]), float(robot["right_rad"]))
         left = float(robot["left_m_s"]) / model.wheel_radius_m
@@ -251,6 +258,7 @@ class Simulator:
 def warm_up() -> None:
     """Compile every kernel, so that the first trial is not seconds slower."""
     grid = np.zeros((9, 3), np.bool_)
+    # A wall across the robot's way, so that contacts are compiled, too.
     grid[4] = True
     world = World("warm-up", grid, np.array([[0, 0], [0, 1], [0, 2]]))
     x, y = world.obstacles_m[0].tolist()
@@ -260,6 +268,8 @@ def warm_up() -> None:
         for _ in range(20):
             simulator.step(Velocity2D(1.0, 0.0))
         simulator.close()
+    # Nothing above makes a cylinder tilt for certain, and a lidar compiles that path
+    # only when it sees one.
     tilted = np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]])
     lidar = Lidar(config.lidar, np.random.default_rng(0))
     lidar.scan(0, Pose2D(0.0, 0.0, 0.0), np.ones((1, 2)), 0.1, tilted)

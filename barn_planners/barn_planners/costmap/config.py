@@ -172,6 +172,7 @@ def rectangle(half_length_m: float, half_width_m: float) -> Points:
 
 def format_footprint(corners: Sequence[Corner]) -> str:
     """Return corners as Nav2's parameter `footprint`, to a tenth of a millimeter."""
+    # A tenth of a millimeter is far below a cell and keeps files readable.
     return json.dumps([[round(x, 4), round(y, 4)] for x, y in corners])
 
 
@@ -182,6 +183,7 @@ def parse_footprint(text: str) -> tuple[Corner, ...] | None:
         None if the text is not a convex outline around the origin, counter-clockwise.
     """
     try:
+        # JSON, since Nav2 writes the parameter as a text of nested lists.
         corners = tuple((float(x), float(y)) for x, y in json.loads(text))
     except (TypeError, ValueError):
         return None
@@ -193,6 +195,7 @@ def parse_footprint(text: str) -> tuple[Corner, ...] | None:
         and 3 <= len(corners) <= _MAX_CORNERS
         and area(corners) > 0.0
         and contains(corners, (0.0, 0.0))
+        # A corner that the hull leaves out makes the outline concave.
         and set(convex_hull(corners)) == set(corners)
     ):
         return corners

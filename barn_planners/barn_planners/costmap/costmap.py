@@ -160,6 +160,7 @@ class Costmap:
             return
 
         half_m = side_m / 2.0
+        # Marks inside the square stay: the robot has seen them from near.
         row, col = self.cell(pose.x - half_m, pose.y - half_m)
         last_row, last_col = self.cell(pose.x + half_m, pose.y + half_m)
         self._clear_outside(Window(row, last_row + 1, col, last_col + 1))
@@ -287,6 +288,7 @@ class RollingCostmap(Costmap):
         Its size in meters leaves out half a cell, and the origin adds up its steps.
         """
         rows, cols = self.costs.shape
+        # `getSizeInMetersX` of the original is (cells - 1 + 0.5) * resolution.
         corner_y = pose.y - 0.5 * ((rows - 0.5) * self.resolution)
         corner_x = pose.x - 0.5 * ((cols - 0.5) * self.resolution)
         d_row = int((corner_y - self.origin_y) / self.resolution)
@@ -359,5 +361,6 @@ def global_costmap(
     )
     side_m = 2.0 * reach_m
     if side_m <= LARGEST_SIDE_M and (side_m / config.resolution_m) ** 2 <= MAX_CELLS:
+        # Only larger, never smaller than configured, and not beyond what memory allows.
         config = replace(config, size_m=max(config.size_m, side_m))
     return RollingCostmap(config)

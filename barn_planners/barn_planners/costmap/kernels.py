@@ -69,6 +69,8 @@ def cell_at(grid: Grid, x: float, y: float) -> Cell:
         x: Coordinate in m in the frame of the grid, as `y`.
         y: Coordinate in m.
     """
+    # Floor, not the cast to int of C: points off the lower edges must not fall onto the
+    # grid.
     row = math.floor((y - grid.y) / grid.resolution)
     col = math.floor((x - grid.x) / grid.resolution)
     return Cell(row, col)
@@ -130,6 +132,7 @@ def next_cell(cell: Cell, rest: Cell, line: Line) -> tuple[Cell, Cell]:
         line: Line to follow, from `line_between`.
     """
     row, col = cell
+    # Remainders in whole cells: Bresenham's line needs no division.
     row_rest = rest.row + line.rows
     col_rest = rest.col + line.cols
     if row_rest >= line.steps:
@@ -174,6 +177,7 @@ def place_corners(
     c = math.cos(yaw)
     s = math.sin(yaw)
     for k in range(len(outline)):
+        # Without brackets: the position is added first, unlike in `obstacle_layer`.
         corners[k, 0] = x + c * outline[k, 0] - s * outline[k, 1]
         corners[k, 1] = y + s * outline[k, 0] + c * outline[k, 1]
 
@@ -207,6 +211,7 @@ def footprint_cells(corners: Points, grid: Grid, shape: tuple[int, int]) -> Cell
     rows, cols = shape
     cells = np.empty(((high - low + 1).sum(), 2), np.int64)
     count = 0
+    # Columns and rows off the grid are cut off, since the robot may stand at its edge.
     for k in range(max(0, -first), min(width, cols - first)):
         for row in range(max(0, low[k]), min(rows, high[k] + 1)):
             cells[count] = row, first + k
@@ -289,6 +294,7 @@ def edge_cost(
         if not (is_on_grid(start, costs.shape) and is_on_grid(end, costs.shape)):
             return -1
 
+        # Both corners on the grid are enough: the line between them cannot leave it.
         highest = line_cost(costs, start, end, highest)
         if highest < 0:
             return -1

@@ -49,6 +49,7 @@ def observe(
         readings: The scan, its directions in the lidar's frame.
         outline: Corners (n, 2) in base_link of the footprint to clear, or none.
     """
+    # Points once for both passes, as the original projects the scan once into a cloud.
     points = project_scan(sensor, readings)
     _clear_rays(marks, grid, sensor, points, readings.raytrace_range)
     _mark_points(marks, grid, sensor, points, readings.obstacle_range)
@@ -135,6 +136,7 @@ def _clear_rays(
 
     cells = marks.cells.reshape(marks.cells.size)
     bounds = marks.bounds
+    # `cellDistance` of the original rounds up.
     limit = math.ceil(raytrace_range / grid.resolution)
     last = Cell(-1, -1)
     for k in range(len(points)):

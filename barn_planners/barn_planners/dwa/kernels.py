@@ -43,6 +43,7 @@ COLUMNS = 9
 # Columns of the poses of a rollout.
 X, Y, YAW, COS, SIN = range(5)
 
+# More than a plan across the largest local costmap has.
 _MAX_PLAN_CELLS = 4096
 
 
@@ -254,6 +255,7 @@ def step_count(speed: float, turn: float, motion: Motion) -> int:
         turn: Yaw rate of the sample in rad/s.
         motion: How rollouts move.
     """
+    # The footprint is checked only at poses, so fast rollouts get more of them.
     steps = abs(speed) * motion.time_s / motion.step_m
     turn_steps = abs(turn) / motion.turn_step_rad
     return max(1, int(max(steps, turn_steps) + 0.5))
@@ -284,6 +286,7 @@ def roll_out(
     x = start.x
     y = start.y
     yaw = start.yaw
+    # The rollout begins with the robot's own velocity and approaches the sample's.
     velocity = start.speed
     rate = start.turn
     dt = motion.time_s / len(poses)
@@ -352,6 +355,8 @@ def score(
         for pose in poses:
             x, y, yaw, c, s = pose
             cost = edges_cost(costs, raster, outline, x, y, c, s)
+            # The highest cost of the whole rollout counts, the distances only of its
+            # end.
             obstacle = max(obstacle, cost) if cost >= 0 else -1
             if obstacle < 0:
                 break

@@ -48,6 +48,8 @@ class GoalTurn:
             goal: Goal in the frame of the input.
             allows: Tells whether there is room for a command.
         """
+        # Before everything else: a robot that rolls through the heading has reached the
+        # goal.
         if self.is_aligned(inputs.pose, goal):
             self._is_turning = False
             return Control(STOP, goal_reached=True)

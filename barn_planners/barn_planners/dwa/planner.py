@@ -64,6 +64,7 @@ class DwaController(Controller):
         del seed
         self._memory.reset()
         self._goal_turn.reset()
+        # Kept for `view`, which is asked for after the cycle, if at all.
         self._table = _NO_SAMPLES
         self._cycle: _Cycle | None = None
         self._command: Velocity2D | None = None
@@ -91,6 +92,7 @@ class DwaController(Controller):
 
         scene, rules = self._cycle
         start = rules.start
+        # The search fills in the rows that it looks at; a display shows all of them.
         kernels.score(*scene, rules, self._table)
         lines = kernels.traces(start, self._table, self._motion, _DISPLAY_POSES)
         costs = self._table[:, kernels.COST]
@@ -134,6 +136,7 @@ class DwaController(Controller):
         if best < 0:
             return self._escape(start)
 
+        # This row is likely to win again, so the next search looks at it first.
         self._best = best
         row = self._table[best].tolist()
         self._command = Velocity2D(row[SPEED], row[TURN])
@@ -206,6 +209,7 @@ class DwaController(Controller):
         cost = self._cost(command, start)
         pose = Pose2D(start.x, start.y, start.yaw)
         self._memory.record_escape(pose, may_begin=cost > kernels.NO_WAY)
+        # The original checks an escape for a way, but not for obstacles.
         if cost >= 0.0 or (cost == kernels.TOUCHES and config.escape_through):
             self._command = command
             return Control(command, reason="escaping backwards")
@@ -240,6 +244,7 @@ def sample_velocities(
         others turn in place.
     """
     change = config.acceleration_mps2 * config.window_period_s
+    # So that the robot does not shoot past the goal within one rollout.
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     low = max(config.min_speed_mps, velocity.linear - change)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
@@ -253,6 +258,7 @@ def sample_velocities(
     # Straight ahead comes first; in the original it replaces the highest yaw rate.
     end = None if config.sample_highest_turn else -1
     turns_ahead = np.concatenate([[0.0], turns[:end]])
+    # The original tries no turn in place that is closer to zero than one step.
     if config.skip_slow_turns:
         turns = turns[np.abs(turns) > (high - low) / (config.turn_samples - 1)]
     slowest = config.min_turn_in_place_radps

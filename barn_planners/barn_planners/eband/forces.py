@@ -29,6 +29,7 @@ from barn_planners.eband.kernels import (
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.kernel import kernel
 
+# Below this the direction of a neighbor is rounding.
 _CLOSE_M = 0.01
 
 
@@ -96,6 +97,7 @@ def force_on(band: Floats, i: int, bubble: Bubble, context: Context) -> Vector:
     tx = band[i - 1, X] - band[i + 1, X]
     ty = band[i - 1, Y] - band[i + 1, Y]
     turn = gains.metres_per_rad * wrap(band[i - 1, YAW] - band[i + 1, YAW])
+    # Both neighbors in one place have no line through them; nothing is removed then.
     square = max(tx * tx + ty * ty + turn * turn, 1e-12)
     along = (fx * tx + fy * ty + torque * turn) / square
     return Vector(fx - along * tx, fy - along * ty, torque - along * turn)
@@ -152,6 +154,7 @@ def _near_balance(
         is_reversed = _is_reversed(force, new_force)
         if is_reversed and not _is_strong(force, new_force, gains):
             break
+        # Bisection: back if the force has reversed on the way, on if not.
         share *= -0.5 if is_reversed else 0.5
         force = new_force
 
@@ -165,6 +168,7 @@ def _is_connected(band: Floats, i: int, context: Context) -> bool:
         return True
 
     nodes = context.work.nodes
+    # Only whether a bridge is possible counts; `refine` builds it later.
     nodes[:2] = band[i : i + 2]
     return bridge(context, 0, 1, 2) >= 0
 
@@ -181,6 +185,7 @@ def _move(band: Floats, i: int, context: Context) -> None:
         turn = wrap(old.radius / gains.metres_per_rad * force.turn)
     step = Vector(old.radius * force.x, old.radius * force.y, turn)
     bubble = _step(old, step, 1.0, context)
+    # A step into an obstacle leaves the bubble where it was.
     if bubble.radius <= gains.tiny_bubble_m:
         return
 
@@ -214,6 +219,8 @@ def relax(band: Floats, n: int, context: Context, sweeps: int) -> int:
     for _ in range(sweeps):
         for i in range(1, n - 1):
             _move(band, i, context)
+        # Back as well as forth, as each bubble sees only neighbors that have moved
+        # already.
         for i in range(n - 2, 0, -1):
             _move(band, i, context)
         n = refine(band, n, context)
@@ -234,6 +241,7 @@ def renew(band: Floats, n: int, context: Context) -> int:
     Returns:
         The new length, or a code of REASONS.
     """
+    # The costmap has changed since the radii were computed.
     n = measure(band, n, context.clearance)
     if n < 0:
         return n

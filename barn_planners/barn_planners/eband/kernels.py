@@ -14,6 +14,7 @@ from barn_planners.costmap.kernels import Grid, Pose, cell_at, is_on_grid
 from barn_worlds.base.arrays import Bytes, Floats, Integers
 from barn_worlds.base.kernel import kernel
 
+# Kernels cannot raise texts cheaply, so failures are negative lengths.
 IN_COLLISION = -1
 GAP = -2
 FULL = -3
@@ -218,6 +219,8 @@ def bridge(context: Context, first: int, last: int, count: int) -> int:
     ends[0] = last
     while depth > 0:
         end = ends[depth - 1]
+        # The nearest end is reached: it becomes the node from which the next one is
+        # sought.
         if overlap(nodes, node, nodes, end, gains.min_overlap):
             links[node, 1] = end
             links[end, 0] = node
@@ -227,6 +230,7 @@ def bridge(context: Context, first: int, last: int, count: int) -> int:
 
         if count >= len(nodes) or depth >= len(ends):
             return FULL
+        # The original's recursion also goes halfway, left half first.
         x = 0.5 * (nodes[node, X] + nodes[end, X])
         y = 0.5 * (nodes[node, Y] + nodes[end, Y])
         radius = radius_at(context.clearance, x, y)
@@ -307,6 +311,7 @@ def refine(band: Floats, n: int, context: Context) -> int:
 
     node = 0
     length = 0
+    # From the first node along the links; dropped nodes are in no chain.
     while node != n - 1:
         copy(band, length, nodes, node)
         node = links[node, 1]
@@ -401,6 +406,7 @@ def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
             break
 
     if end < 0:
+        # No bubble overlaps the new poses, so the band's last one has to be connected.
         nodes[0] = band[n - 1]
         count = bridge(context, 0, 1, 2)
         if count < 0:

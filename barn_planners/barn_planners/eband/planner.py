@@ -27,6 +27,7 @@ from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
+# Highest cost of a cell that is neither inscribed nor lethal.
 _FULL_COST = 252.0
 _FINAL_TURN_SHARE = 0.6
 
@@ -36,6 +37,7 @@ def bubble_radii(cost_weight_per_m: float) -> Floats:
 
     It is 0 for lethal and inscribed cells. Free and unknown cells count as cost 1.
     """
+    # The logarithm has no value at cost 0; the original takes 1 instead.
     costs = np.maximum(np.arange(256, dtype=np.float64), 1.0)
     radii = -np.log(costs / _FULL_COST) / cost_weight_per_m
     radii[INSCRIBED : LETHAL + 1] = 0.0
@@ -120,6 +122,7 @@ class ElasticBand:
         return is_appended, self._adopt(trial_count)
 
     def _context(self, costmap: Costmap) -> kernels.Context:
+        # The footprint changes only with the costmap's configuration.
         if costmap.config is not self._costmap_config:
             self._costmap_config = costmap.config
             self._gains = self._config.gains(costmap.config.circumscribed_m)
@@ -172,6 +175,8 @@ class EBandController(Controller):
 
         steps = np.diff(bubbles, axis=0)
         local_plan = bubbles.copy()
+        # Bubbles have no headings unless a quirk asks for them, so those of the line
+        # count.
         local_plan[:-1, 2] = np.arctan2(steps[:, 1], steps[:, 0])
         local_plan[-1, 2] = local_plan[-2, 2]
         local_plan[0, 2] = self._yaw
@@ -211,6 +216,8 @@ class EBandController(Controller):
 
         problem = self._band.follow_plan(poses, inputs.costmap)
         if problem and self.config.reset_costmap_once:
+            # Marks may be stale: the original clears them once before it gives up a
+            # plan.
             inputs.costmap.reset()
             problem = self._band.follow_plan(poses, inputs.costmap)
         if not problem and self.config.relax_new_plan:
@@ -245,6 +252,7 @@ class EBandController(Controller):
                 return Control(STOP, goal_reached=True, diagnostics=diagnostics)
             return Control(self._turn(angle), diagnostics=diagnostics)
 
+        # Within this angle the robot drives into the part where both bubbles overlap.
         half_angle = math.atan2(config.min_overlap * radius_m, distance_m)
         if abs(bearing) > config.rotation_threshold_multiplier * half_angle:
             return Control(self._turn(bearing), diagnostics=diagnostics)
@@ -285,6 +293,7 @@ class EBandController(Controller):
         return Velocity2D(0.0, self._turn_rate(angle, slowest))
 
     def _turn_rate(self, angle: float, slowest: float) -> float:
+        # A proportional law: bearings are small while the robot follows the band.
         rate = self.config.k_prop_per_s * angle
         if abs(rate) < slowest:
             rate = math.copysign(slowest, angle)

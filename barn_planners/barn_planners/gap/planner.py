@@ -116,9 +116,9 @@ class GapPlanner(ScanPlanner):
             goal: Goal in the planning frame.
         """
         config = self.config
-        points = scan_points(
-            observation.scan, config.lidar, config.look_ahead_m + config.robot_radius_m
-        )
+        # Points beyond this change no free distance.
+        reach_m = config.look_ahead_m + config.robot_radius_m
+        points = scan_points(observation.scan, config.lidar, reach_m)
         self._pose = observation.odometry.pose
         self._free_m = self.free_distances(observation, points)
 
@@ -139,6 +139,7 @@ class GapPlanner(ScanPlanner):
         directions = self._directions
         units = np.stack([np.cos(directions), np.sin(directions)], axis=1)
         ends = self._free_m[:, None] * units
+        # Shown in odom, where the robot stood when it took the scan.
         starts = np.broadcast_to([self._pose.x, self._pose.y], ends.shape)
         lines = np.stack([starts, self._pose.transform(ends)], axis=1)
         costs = self.config.look_ahead_m - self._free_m
@@ -167,6 +168,7 @@ class GapPlanner(ScanPlanner):
     ) -> float | None:
         """Return the bearing to steer for in rad; None if no gap is open."""
         free_m = self._free_m
+        # Nobody needs more room than up to the goal.
         is_open = free_m >= needed_m - _ROUNDING_M
         if not is_open.any():
             longest_m = float(free_m.max()) - _ROUNDING_M
@@ -179,6 +181,8 @@ class GapPlanner(ScanPlanner):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]])))
         first = self._directions[edges[::2]]
         last = self._directions[edges[1::2] - 1]
+        # The bearing within each gap that is nearest to the goal's; ties go to the
+        # right.
         nearest = np.clip(goal_bearing, first, last)
         gap = int(np.argmin(np.abs(nearest - goal_bearing)))
 
@@ -200,6 +204,7 @@ class GapPlanner(ScanPlanner):
 
         turns_in_place = abs(bearing) > config.turn_in_place_rad
         if turns_in_place or ahead_m < config.stop_distance_m:
+            # A robot that turns in place sweeps the circle of its farthest corner.
             corner_m = config.turning_radius_m or math.hypot(
                 config.half_length_m, config.half_width_m
             )
@@ -212,6 +217,8 @@ class GapPlanner(ScanPlanner):
             return Decision(Velocity2D(0.0, rate), diagnostics=figures)
 
         share = min(1.0, ahead_m / config.look_ahead_m, free_m / config.look_ahead_m)
+        # Slower while it turns: at full speed it would leave the direction that is
+        # free.
         share *= math.cos(bearing)
         lowest = min(config.min_speed_mps, config.max_speed_mps)
         speed = max(config.max_speed_mps * share, lowest)
@@ -249,6 +256,7 @@ def free_distances(
     along = along + np.outer(np.sin(directions), points[:, 1])
     aside_squared = np.maximum((points**2).sum(axis=1) - along**2, 0.0)
     contact = along - np.sqrt(np.maximum(radius_m**2 - aside_squared, 0.0))
+    # Points behind the robot do not stop it.
     touches = (aside_squared < radius_m**2) & (along > 0.0)
     free = np.where(touches, np.clip(contact, 0.0, longest_m), longest_m)
     distances: FloatArray = free.min(axis=1)

@@ -12,6 +12,7 @@ from barn_planners.global_plan.kernels import UNREACHED, Ends, Potential
 from barn_worlds.base.arrays import Floats, Singles
 from barn_worlds.base.kernel import kernel
 
+# Range of the int in which the original keeps potentials that it compares.
 _LARGEST_INTEGER = 2.0**31
 
 
@@ -24,11 +25,13 @@ def _slope(potential: Potential, cell: int, step: int, blocked_slope: float) -> 
     value = potential[np.uint64(cell)]
     before = potential[np.uint64(cell - step)]
     after = potential[np.uint64(cell + step)]
+    # An obstacle itself: navfn lets the path slide off towards any side that is free.
     if value >= UNREACHED:
         if before < UNREACHED:
             return -blocked_slope
         return blocked_slope if after < UNREACHED else 0.0
 
+    # The sum of one-sided differences, not their mean: only the direction counts.
     slope = 0.0
     if before < UNREACHED:
         slope += before - value
@@ -60,12 +63,14 @@ def _unit_gradient(
     row = cell // columns
     col = cell % columns
     last_row = potential.size // columns - 1
+    # Differences need neighbors on all four sides.
     if row < 1 or col < 1 or col >= columns - 1 or row >= last_row:
         return 0.0, 0.0
 
     along = _slope(potential, cell, 1, blocked_slope)
     across = _slope(potential, cell, columns, blocked_slope)
     norm = math.hypot(along, across)
+    # On a plateau there is no direction; the caller then takes the lowest neighbor.
     if norm == 0.0:
         return 0.0, 0.0
     return along / norm, across / norm
@@ -135,12 +140,15 @@ def descend(
     x = float(ends.goal % columns)
     y = float(ends.goal // columns)
     for n in range(len(points)):
+        # Points count in cells from the center of the first one, so the nearest cell
+        # rounds.
         row = math.floor(y + 0.5)
         col = math.floor(x + 0.5)
         if row < 0 or col < 0 or row >= rows or col >= columns:
             return 0
 
         cell = row * columns + col
+        # Below the price of one cell only the start itself is left.
         if potential[cell] < neutral:
             points[n, 0] = float(ends.start % columns)
             points[n, 1] = float(ends.start // columns)
@@ -160,11 +168,13 @@ def descend(
 
         norm = math.hypot(dx, dy)
         if norm > 0.0:
+            # Steps have equal lengths, however steep the potential is.
             x += step * dx / norm
             y += step * dy / norm
             continue
 
         lowest = _lowest_neighbor(potential, columns, cell)
+        # From a local minimum nothing leads on: a plan cannot be finished.
         is_stuck = lowest == cell and x == col and y == row
         if is_stuck or potential[lowest] >= UNREACHED:
             return 0
@@ -211,6 +221,7 @@ def descend_as_navfn(
             points[n, 1] = ends.start // columns
             return n + 1, True
 
+        # navfn tests only the first and the last row; columns wrap around.
         if cell < columns or cell > size - columns:
             return n, False
 
@@ -279,6 +290,7 @@ def _direction_as_navfn(
 def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32:
     """Return a value between four corners, rounded to single precision as in navfn."""
     unit = np.float64(1.0)
+    # In C the double 1.0 widens each term, and the assignment rounds it to a float.
     low = np.float32((unit - dx) * corners[0] + dx * corners[1])
     high = np.float32((unit - dx) * corners[2] + dx * corners[3])
     value: np.float32 = np.float32((unit - dy) * low + dy * high)
@@ -308,6 +320,7 @@ def _unit_gradient_as_navfn(
 @kernel
 def _length(x: np.float32, y: np.float32) -> np.float32:
     """Return the length of a vector, rounded to single precision at the end."""
+    # hypot of the original takes doubles.
     square = np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y)
     length: np.float32 = np.float32(math.sqrt(square))
     return length

@@ -101,6 +101,7 @@ def new_memory(rows: int, cols: int, dtype: type[np.floating]) -> Memory:
         cols: Number of its columns.
         dtype: Type of potentials.
     """
+    # Border cells never wait, so no search leaves the grid.
     pending = np.ones((rows, cols), np.uint8)
     pending[1:-1, 1:-1] = 0
     return Memory(
@@ -123,7 +124,9 @@ def _propagate(
     low = min(along, across)
     apart = max(along, across) - low
     q = apart / price
+    # navfn fitted it once; the digits are part of its plans.
     value = low + price * number(-0.2301 * q * q + 0.5307 * q + 0.7040)
+    # Neighbors so far apart mean a wave along one axis: the higher one adds nothing.
     return low + price if apart >= price else value
 
 
@@ -144,6 +147,7 @@ def _queue(
     """
     can_gain = present > value + gains[costs[neighbor]]
     waits = np.uint8(can_gain) & np.uint8(pending[neighbor] == 0)
+    # Written in any case, without a branch; it counts only if the end moves on.
     queue[end] = neighbor
     pending[neighbor] |= waits
     new_end: np.uint64 = end + np.uint64(waits)
@@ -332,6 +336,7 @@ def search(
     bound = np.inf
     if is_bounded:
         grow(terrain, ends, growth, Focus(growth.neutral, 0.0, np.inf), memory, 0)
+        # The first search need not be exact, since its way is only an upper bound.
         bound = memory.potentials[0, ends.goal] + growth.slack
     if not is_bounded or bound < UNREACHED:
         grow(terrain, ends, growth, Focus(0.0, growth.least, bound), memory, 1)

@@ -14,6 +14,7 @@ from barn_planners.interface import FloatArray
 from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles
 from barn_worlds.base.kernel import kernel
 
+# Costs of cells as plain integers, which numba treats as constants.
 _FREE = 0
 _INSCRIBED = 253
 _LETHAL = 254
@@ -85,6 +86,7 @@ def add_obstacle_costs(
         Number of trajectories that collide.
     """
     steps, _, samples = poses.shape
+    # In this order: a cost is a share of 254, and its mean is over the checked poses.
     scale = weight / _LETHAL / len(range(0, steps, stride))
     prices = np.zeros(256)
     for cost in range(_FREE + 1, 256):
@@ -97,6 +99,7 @@ def add_obstacle_costs(
     collides = np.zeros(samples, np.bool_)
     indices = np.empty(samples, np.int32)
     corners = np.empty(outline.shape)
+    # Once per cycle, so that most outlines cost four look-ups instead of four lines.
     lethal_counts = _sum_lethal_cells(cells)
     for t in range(0, steps, stride):
         x = poses[t, 0]
@@ -104,6 +107,8 @@ def add_obstacle_costs(
         yaw = poses[t, 2]
         _find_cells(x, y, cells, grid, indices)
         for k in range(samples):
+            # Off the grid nothing is known, so nothing is added; one collision is
+            # enough.
             if indices[k] < 0 or collides[k]:
                 continue
             cost = cells.flat[indices[k]]
@@ -115,6 +120,7 @@ def add_obstacle_costs(
                     cells, grid, lethal_counts, corners
                 )
     for k in range(samples):
+        # Not infinite: if all samples collide, weights must still be numbers.
         costs[k] += collision_cost if collides[k] else scale * totals[k]
     collisions: int = collides.sum()
     return collisions
@@ -148,6 +154,7 @@ def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
         in_row = np.int32(0)
         for column in range(columns):
             in_row += np.int32(cells[row, column] >= _LETHAL)
+            # A summed-area table: any box's count is a sum of four entries.
             counts[row + 1, column + 1] = counts[row, column + 1] + in_row
     return counts
 
@@ -205,6 +212,8 @@ def find_furthest_point(path: FloatArray, poses: Singles) -> int:
     squares = np.full(len(end_x), math.inf)
     nearest = np.zeros(len(end_x), np.int64)
     for i in range(len(path)):
+        # Points outside, samples inside: the inner loop has no branch and is
+        # vectorized.
         path_x, path_y = path[i]
         for k in range(len(end_x)):
             square = (path_x - end_x[k]) ** 2 + (path_y - end_y[k]) ** 2
@@ -254,6 +263,7 @@ def add_angle_costs(
     end_y = poses[-1, 1]
     end_yaw = poses[-1, 2]
     for k in range(len(costs)):
+        # From the end of the trajectory, as in Nav2's path angle critic.
         direction = math.atan2(y - end_y[k], x - end_x[k])
         costs[k] += weight * abs(_wrap_angle(direction - end_yaw[k]))
 
@@ -290,6 +300,7 @@ def add_align_costs(
     counts = np.zeros(samples)
     # Index of the point at which the path is as long as the drive so far.
     beside = np.zeros(samples, np.int64)
+    # The sentinel ends the search at the last point without a test of the index.
     ends = np.append(arc, math.inf)
     path_x = np.empty(samples)
     path_y = np.empty(samples)
@@ -399,6 +410,8 @@ def add_control_costs(
         nominal_speed = nominal[t, 0]
         nominal_rate = nominal[t, 1]
         for k in range(samples):
+            # The information-theoretic term: it keeps samples near the solution that
+            # they are from.
             along = nominal_speed * (speed[k] - nominal_speed) / speed_variance
             turn = nominal_rate * (rate[k] - nominal_rate) / rate_variance
             deviation[k] = deviation[k] + along + turn
@@ -435,6 +448,7 @@ def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
         dx = points[i + 1, 0] - points[i, 0]
         dy = points[i + 1, 1] - points[i, 1]
         side = math.hypot(dx, dy)
+        # A spacing may begin on one side of a corner and end on the next.
         along = spacing - carry
         while along <= side and count < max_points:
             result[count, 0] = points[i, 0] + dx * along / side
@@ -442,6 +456,7 @@ def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
             count += 1
             along += spacing
         carry = side - (along - spacing)
+    # Where the last corner is a point already, it must not appear twice.
     if count < max_points and carry > 1e-9:
         result[count] = points[-1]
         count += 1

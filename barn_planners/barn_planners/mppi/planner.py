@@ -57,10 +57,13 @@ class MppiController(Controller):
 
     def __init__(self, config: MppiConfig):
         self.config = config
+        # Allocated once: these arrays have megabytes, and a cycle fills all of them
+        # anew.
         self._noise = np.empty((config.steps, 2, config.samples), np.float32)
         self._controls = np.empty_like(self._noise)
         self._poses = np.empty((config.steps, 3, config.samples), np.float32)
         self._costs = np.empty(config.samples)
+        # In double precision, as sums over thousands of samples lose digits in single.
         self._mean = np.empty((config.steps, 2))
         self._spread = np.array([config.speed_std_mps, config.turn_std_radps])
         turn = config.turn_acceleration_radps2
@@ -89,6 +92,8 @@ class MppiController(Controller):
         goal_distance_m = pose.distance(inputs.goal)
         tolerance_m = config.xy_tolerance_m
         if self._is_at_goal:
+            # Otherwise a robot that drifts while it turns would drive back again and
+            # again.
             tolerance_m = _TOLERANCE_HYSTERESIS * tolerance_m
         self._is_at_goal = goal_distance_m <= tolerance_m
         goal_angle = abs(wrap_angle(inputs.goal.yaw - pose.yaw))
@@ -124,6 +129,7 @@ class MppiController(Controller):
         if not self._has_samples or config.shown == 0:
             return PlannerView()
 
+        # Evenly spread, and so the same samples whether or not somebody looks.
         stride = max(1, config.samples // config.shown)
         candidates = self._poses[:, :2, ::stride].transpose(2, 0, 1)
         costs = self._costs[::stride].copy()
@@ -148,6 +154,7 @@ class MppiController(Controller):
         """Return the first control; the solution then begins one step later."""
         first = self._solution[0]
         self._past = np.concatenate([self._past[1:], first[None]])
+        # The last control is repeated at the end: nothing is known of that step yet.
         self._solution = np.concatenate([self._solution[1:], self._solution[-1:]])
         return Velocity2D(float(first[0]), float(first[1]))
 

@@ -42,6 +42,8 @@ def _ziggurat_tables() -> tuple[Singles, npt.NDArray[np.uint32], Singles]:
     tail_area = math.sqrt(0.5 * math.pi) * math.erfc(_TAIL_START / math.sqrt(2.0))
     area = _TAIL_START * end_density + tail_area
 
+    # From the tail to the top: each layer's end follows from its area and the one
+    # before.
     ends = [_TAIL_START]
     for _ in range(_LAYERS - 2):
         density = area / ends[-1] + math.exp(-0.5 * ends[-1] ** 2)
@@ -71,6 +73,7 @@ _UNIT_24_BITS = np.float32(1.0 / 16777216.0)
 def noise_state(seed: int) -> npt.NDArray[np.uint64]:
     """Return the state (6,) of NumPy's SFC64 for a seed, as `fill_normal` takes it."""
     state = np.random.SFC64(seed).state
+    # The order in which the kernel unpacks them.
     words = [*state["state"]["state"], state["has_uint32"], state["uinteger"]]
     return np.array(words, np.uint64)
 
@@ -82,6 +85,7 @@ def _next_bits(words: _Words) -> tuple[np.uint32, _Words]:
     if has_half:
         return np.uint32(half), (a, b, c, counter, np.uint64(0), half)
 
+    # One round of SFC64, word for word as in NumPy's sfc64.h.
     draw = a + b + counter
     next_a = b ^ (b >> np.uint64(11))
     next_b = c + (c << np.uint64(3))
@@ -276,6 +280,7 @@ def weighted_mean(
         temperature: Cost difference over which a weight falls to 1/e.
         mean: Mean controls (steps, 2), filled.
     """
+    # The lowest cost as the origin keeps the exponential from vanishing for all.
     weights = np.exp(-(costs - costs.min()) / temperature)
     # Most samples have a negligible weight; leaving them out saves most of the time.
     relevant = np.flatnonzero(weights >= 1e-9)
@@ -338,6 +343,7 @@ def limit_controls(
     speed, rate = start
     for t in range(len(controls)):
         allowed_speed = min(max(controls[t, 0], limits[0]), limits[1])
+        # Each control starts from the one before, the first from the robot's velocity.
         speed = min(max(allowed_speed, speed - change[0, 0]), speed + change[0, 1])
         allowed_rate = min(max(controls[t, 1], -limits[2]), limits[2])
         rate = min(max(allowed_rate, rate - change[1, 0]), rate + change[1, 1])

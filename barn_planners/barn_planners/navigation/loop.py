@@ -281,6 +281,7 @@ class NavigationPlanner(Planner):
                     STOP, PlannerStatus.GOAL_REACHED, "the goal is reached"
                 )
                 return self._final_decision
+            # Controllers of others may answer NaN, which must not reach a robot.
             if control.command is not None and control.command.is_finite():
                 self._recovery.record_command(stamp_ns)
                 reason = ""

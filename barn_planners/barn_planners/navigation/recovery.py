@@ -71,6 +71,8 @@ class Recovery:
     def record_plan(self, stamp_ns: int) -> None:
         """Record that there is a plan."""
         self._plan_ns = stamp_ns
+        # move_base starts over only if what it waited for has come: the plan, not a
+        # command.
         if self._is_for_plan:
             self._behavior = 0
 

@@ -51,6 +51,8 @@ class ScanPlanner(Planner):
             problem = "the goal is not at a usable position"
         if problem:
             return Decision(STOP, PlannerStatus.BLOCKED, problem)
+        # Only the position counts; the goal's heading is for planners that follow a
+        # plan.
         if distance_m <= self._goal_tolerance_m:
             return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
         return self.drive(observation, goal)
@@ -81,6 +83,7 @@ def scan_points(scan: Scan, lidar: Pose2D, max_range_m: float) -> FloatArray:
     Returns:
         Points (n, 2) in m in base_link.
     """
+    # NaN fails both comparisons and drops out with the invalid ranges.
     ranges = scan.ranges.astype(np.float64)
     is_valid = (ranges >= scan.range_min) & (ranges < min(scan.range_max, max_range_m))
     ranges = ranges[is_valid]

@@ -56,6 +56,8 @@ def avoid_collision(
     """
     # The higher of both speeds: a slow command does not slow the robot at once.
     speed = max(abs(command.linear), abs(velocity.linear))
+    # While it brakes evenly the robot covers half of speed times time, so half the time
+    # counts.
     horizon_s = config.reaction_s + 0.5 * speed / config.braking_mps2
     corner_m = math.hypot(config.half_length_m, config.half_width_m)
     lidar = config.lidar
@@ -76,6 +78,7 @@ def avoid_collision(
         clearance_m = least_clearance(
             points, linear, angular, steps, horizon_s / steps, *half_sizes
         )
+        # A robot within the margin already may drive on, as long as it comes no nearer.
         if clearance_m >= config.margin_m or clearance_m >= clearance_now_m:
             return Velocity2D(linear, angular)
     return STOP

@@ -30,6 +30,7 @@ from barn_worlds.formats.npz import Arrays, NpzFormat
 
 ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
+# Limits for files of strangers: more would only fill memory.
 MAX_LAYERS = 16
 FORMAT = NpzFormat(
     "a policy file",
@@ -197,6 +198,7 @@ def read_policy(path: Path) -> Policy:
     """
     try:
         content, arrays = FORMAT.read(path)
+        # Free-form notes are the one part that the header's types do not check.
         if not isinstance(content.get("about"), dict):
             raise PolicyError(f"{path}: about must be a mapping")
         header = from_dict(_PolicyHeader, content, str(path))
@@ -218,6 +220,7 @@ def read_policy(path: Path) -> Policy:
     except (WorldError, ConfigError) as error:
         raise PolicyError(str(error)) from None
 
+    # The header is what people and tools read, so it must not contradict the numbers.
     if policy.layers != header.layers:
         raise PolicyError(
             f"{path}: its header has layers of {header.layers}, "

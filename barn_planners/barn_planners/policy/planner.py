@@ -89,6 +89,7 @@ class PolicyPlanner(ScanPlanner):
         """
         config = self.config
         action = self._network.act(self._encoder.encode(observation, goal))
+        # Files come from anybody: an answer that is not a number must stop the robot.
         policy_command = self.policy.action.command(action)
         if not policy_command.is_finite():
             reason = "the policy's answer is not a number"
@@ -103,6 +104,8 @@ class PolicyPlanner(ScanPlanner):
                 config.safety,
             )
         reason = ""
+        # Only the check can have done that; the trial's log tells it apart from a
+        # policy that stops by itself.
         if command.linear == 0.0 and policy_command.linear != 0.0:
             reason = "an obstacle is too near to drive on"
         elif self._progress.is_stuck(observation.stamp_ns, observation.odometry.pose):
@@ -126,11 +129,13 @@ def shipped_policy() -> Path:
 
 
 def _speed_cap_mps(config: PolicyConfig) -> float:
+    # The file decides the speed class, not a parameter of the planner.
     return read_policy(config.path).action.cap_mps
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
     """Return the changes for a robot; what the policy itself sees is in its file."""
+    # A network learns one body: what is narrow for another is not in its weights.
     if not config.policy_path:
         raise ConfigError(
             "the shipped policy was trained for the Jackal alone; "

@@ -70,6 +70,7 @@ class PolicyObservation(Checked):
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the lowest and the highest value of each entry, both (size,)."""
         low = np.zeros(self.size, np.float32)
+        # Ranges and the goal's distance are not negative, all others have a sign.
         low[self.beams + 1 :] = -1.0
         return low, np.ones(self.size, np.float32)
 
@@ -196,6 +197,7 @@ class ObservationEncoder:
         if problem:
             raise ConfigError(problem)
         _encode(
+            # Some lidars turn clockwise; sectors always go from right to left.
             ranges if scan.angle_increment > 0.0 else ranges[:, ::-1],
             poses,
             goals,
@@ -216,6 +218,7 @@ class ObservationEncoder:
         if not step > 0.0 or not len(angles):
             return "the scan holds no usable angles"
 
+        # The outermost beams may lie up to a sector or a beam inside the ends.
         slack = max(width, step)
         if (
             angles[0] > config.angle_min_rad + slack

@@ -123,6 +123,7 @@ class PlannerNode(Node):
             BarnError: If a parameter is not allowed.
         """
         super().__init__(name)
+        # Before all others: the planner decides which parameters there are.
         self.declare_parameter("planner", planner)
         planner = self.get_parameter("planner").get_parameter_value().string_value
         self._node_config = config = declare_parameters(self, NodeConfig())
@@ -141,6 +142,7 @@ class PlannerNode(Node):
             stamped=config.command_type == "twist_stamped",
             view_period_s=config.view_period_s,
         )
+        # The first view compiles kernels too, which must not delay the first command.
         self._messages.warm_up(self._runtime.planner)
         self._connect()
         frame = self._planning_frame
@@ -167,11 +169,15 @@ class PlannerNode(Node):
             use_map=config.use_map,
             repeat_command=config.repeat_command,
         )
+        # Before goal and map arrive, so that compiling does not count as computing
+        # time.
         runtime.warm_up()
         runtime.reset()
         return runtime
 
     def _connect(self) -> None:
+        # The message knows whether commands are stamped, and so which topic type they
+        # have.
         command_topic = self._messages.command(STOP, 0).topic
         self._topic_publishers = {
             topic.name: create_publisher(self, topic)
@@ -203,6 +209,8 @@ class PlannerNode(Node):
                 f"{topic.name}: a publisher is best-effort only, "
                 "subscribing as best-effort"
             )
+            # DDS never matches a reliable reader with a best-effort writer, whatever
+            # comes later.
             self.destroy_subscription(self._subscriptions_by_topic[topic.name])
             self._subscriptions_by_topic[topic.name] = subscribe(
                 self, topic, read, callback, BEST_EFFORT
@@ -221,6 +229,7 @@ class PlannerNode(Node):
         self._act(self._synchronizer.add_pose(header.stamp_ns, pose))
 
     def _on_scan(self, scan: Scan) -> None:
+        # A scan may complete the one before it, whose odometry then no longer can come.
         observations = self._synchronizer.add_scan(scan)
         if self._synchronizer.restarted:
             self._synchronizer.restarted = False
@@ -261,6 +270,7 @@ class PlannerNode(Node):
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         config = read_parameters(self, self._planner_config)
+        # A new planner has to warm up, so equal parameters keep the old one.
         if config != self._planner_config:
             self._planner_config = config
             self._runtime = self._make_runtime()
@@ -319,6 +329,7 @@ def run(planner: str, name: str) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while not signals:
+            # A signal does not wake the executor, so it looks five times a second.
             executor.spin_once(timeout_sec=0.2)
         node.stop_robot()
         executor.shutdown()

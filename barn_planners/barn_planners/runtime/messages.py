@@ -68,6 +68,8 @@ def select_candidates(
         finite_costs = np.where(np.isnan(costs), np.inf, costs)
         if np.isfinite(finite_costs).any():
             cheapest = int(np.argmin(finite_costs))
+            # In place of its neighbor in the selection, so that the number stays the
+            # same.
             indices[np.argmin(np.abs(indices - cheapest))] = cheapest
 
     point_indices = _spread_indices(candidates.shape[1], MAX_POINTS)
@@ -82,6 +84,7 @@ def _colors(costs: FloatArray, has_costs: bool) -> FloatArray:
         low = float(costs[is_valid].min())
         high = float(costs[is_valid].max())
         if high > low:
+            # Rejected ones count as the costliest here; their color comes below.
             shares = (np.where(is_valid, costs, high) - low) / (high - low)
 
     cheapest = np.array(CHEAPEST_COLOR)
@@ -119,6 +122,7 @@ class PlannerMessages:
         """
         self._frames = frames
         self._name = name
+        # Only a stamped command has a frame, and so a template that is worth keeping.
         self._twist_encoder = None
         if stamped:
             self._twist_encoder = encode.TwistStampedEncoder(
@@ -204,6 +208,7 @@ class PlannerMessages:
             topics.BAND,
             topics.CANDIDATES,
         )
+        # A view may take longer than a control cycle, so it is made only for listeners.
         wanted_topics = set(filter(is_wanted, view_topics))
         if not wanted_topics:
             return
@@ -251,6 +256,7 @@ def _band_template(count: int, frame: str) -> Template:
         disc = encode.make_marker(
             frame, "bubbles", encode.CYLINDER, index=index, color=_BUBBLE_COLOR
         )
+        # Flat discs: in a viewer, balls would hide the robot.
         disc.scale.z = _BUBBLE_HEIGHT_M
         markers.append((disc, _BUBBLE_FIELDS))
 
@@ -315,6 +321,7 @@ def _encode_diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
     status = decision.status
     values = {"status": status.value}
     for key, value in decision.diagnostics.items():
+        # Not a number says nothing to people, and some viewers refuse it.
         if math.isfinite(value):
             values[key] = f"{value:.6g}"
     message = decision.reason or status.value

@@ -75,6 +75,8 @@ class PlannerRuntime:
 
         An equal goal starts a task only if the last one is over and a pause has passed.
         """
+        # Goals are repeated, since a planner may start after the first one; a
+        # repetition is no new task.
         is_over = self._status in (PlannerStatus.GOAL_REACHED, PlannerStatus.FAILED)
         is_after_pause = self._now_ns - self._goal_ns > _NEW_GOAL_PAUSE_NS
         self._goal_ns = self._now_ns
@@ -87,6 +89,7 @@ class PlannerRuntime:
         """Set the map and return whether that starts a task; an equal map does not."""
         if not self._use_map:
             return False
+        # A latched map comes again with each new publisher.
         if self._map is not None and _are_equal(self._map, occupancy):
             return False
         self._map = occupancy

@@ -113,6 +113,7 @@ class Synchronizer:
         pose = self._poses.latest(stamp_ns, self._pose_age_ns)
         if pose is None or pose_ns is None or stamp_ns == pose_ns == odometry.stamp_ns:
             return pose
+        # amcl's poses are rare; the odometry carries the last one on to the scan.
         odometry_then = self._odometry.latest(pose_ns, self._odometry_age_ns)
         if odometry_then is None:
             return pose
@@ -138,6 +139,8 @@ class _History(Generic[T]):
         if stamp_ns in self._readings:
             self._sends_per_scan = True
             return True
+        # A later reading shows that the source has its own rate: it will send none for
+        # this scan.
         if is_overtaken or (self._readings and max(self._readings) > stamp_ns):
             self._sends_per_scan = False
         return not self._sends_per_scan and self.latest_stamp(stamp_ns) is not None

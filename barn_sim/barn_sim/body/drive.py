@@ -42,12 +42,14 @@ class DriveController:
         settings["half_separation_m"] = 0.5 * separation_m
         settings["timeout_ns"] = nanoseconds(config.command_timeout_s)
         settings["max_speed"] = config.max_speed_m_s
+        # No robot file means faster backwards than forwards.
         settings["max_reverse"] = min(config.max_reverse_m_s, config.max_speed_m_s)
         settings["max_turn"] = config.max_yaw_rate_rad_s
         settings["speed_step"] = config.max_acceleration_m_s2 * tick_s
         settings["turn_step"] = config.max_yaw_acceleration_rad_s2 * tick_s
         lag_share = 1.0
         if config.motor_lag_s:
+            # The exact step of a first-order lag: 1 - exp(-tick / time constant).
             lag_share = -math.expm1(-tick_s / config.motor_lag_s)
         settings["lag_share"] = lag_share
 
@@ -116,6 +118,8 @@ def turn_wheels(robot: Record, pending: Floats, settings: Record) -> None:
     robot.speed += _limit(speed - robot.speed, settings.speed_step)
     robot.turn += _limit(turn - robot.turn, settings.turn_step)
 
+    # The controller limits speed and yaw rate, not wheels: turning is not slowed by
+    # speed.
     left = robot.speed - robot.turn * settings.half_separation_m
     right = robot.speed + robot.turn * settings.half_separation_m
     if settings.lag_share < 1.0:

@@ -64,6 +64,8 @@ def begin_friction(
         arm = (wheel.arm_x, wheel.arm_y, wheel.arm_z)
         wheel.step, levers = contact_response(arm, inverse, inverse_mass)
         fill(wheel.levers, levers)
+        # The load may have fallen since the last tick, and with it the circle of
+        # friction.
         x, y = clip(wheel.impulse_x, wheel.impulse_y, wheel.limit)
         wheel.impulse_x = x
         wheel.impulse_y = y
@@ -93,6 +95,8 @@ def sweep_friction(
         for i in range(len(wheels)):
             wheel: Record = wheels[i]
             vx, vy, wx, wy, wz = motion
+            # Slip is the velocity of the contact point minus that of the rim: v + w x
+            # arm - rim.
             slip_x = vx + wy * wheel.arm_z - wz * wheel.arm_y - rims[i % 2]
             slip_y = vy + wz * wheel.arm_x - wx * wheel.arm_z - rims[2 + i % 2]
             x = wheel.impulse_x - wheel.step * slip_x
@@ -105,6 +109,8 @@ def sweep_friction(
             motion = apply_impulse(
                 motion, wheel.levers, inverse_mass, change_x, change_y
             )
+            # Each wheel sees the impulses of those before it in the same sweep
+            # (Gauss-Seidel).
             largest = max(largest, abs(change_x), abs(change_y))
         if largest < TOLERANCE:
             break
@@ -137,6 +143,7 @@ def contact_response(
         zy * z - zz * y,
         zz * x - zx * z,
     )
+    # The contact's matrix [[a, b], [b, c]] maps an impulse to the change of slip.
     a = inverse_mass + levers[2] * z - levers[4] * y
     b = levers[3] * z - levers[5] * y
     c = inverse_mass + levers[5] * x - levers[1] * z

@@ -86,6 +86,7 @@ class RobotModel:
         """x_min, y_min, x_max, y_max of the collision shapes in base_link."""
         centers = np.array([shape.center[:2] for shape in self.shapes])
         halves = np.array([shape.half_sizes[:2] for shape in self.shapes])
+        # A round body's half sizes are its radius, so the box covers it as well.
         low = (centers - halves).min(axis=0)
         high = (centers + halves).max(axis=0)
         return np.concatenate([low, high])
@@ -101,6 +102,8 @@ class RobotModel:
 def model_of(chassis: Chassis) -> RobotModel:
     """Return the model of a robot."""
     wheels = np.array(chassis.wheels_m)
+    # A caster counts as a ball of the wheels' radius, so its center is as high as
+    # theirs.
     casters = [(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]
     return RobotModel(
         name=chassis.name,
@@ -117,6 +120,7 @@ def model_of(chassis: Chassis) -> RobotModel:
 
 def wheel_names(chassis: Chassis) -> tuple[str, ...]:
     """Return the names of the wheels, in the order of `Chassis.wheels_m`."""
+    # Without a wheelbase there is one axle, and casters carry the rest.
     return WHEELS if chassis.wheelbase_m else _ONE_AXLE
 
 
@@ -142,6 +146,7 @@ def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
 
     body = Shape(center, half_sizes, chassis.footprint_radius_m, upright=True)
     radius = chassis.wheel_radius_m
+    # Along y, the axle: wheels lie on their sides in Bullet's terms.
     wheel_sizes = np.array([radius, 0.5 * chassis.wheel_width_m, radius])
     return (body, *(Shape(hub, wheel_sizes, radius) for hub in wheels))
 
@@ -163,6 +168,7 @@ def description_text(chassis: Chassis) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # Nine digits keep micrometers and read like the original file.
     environment.filters["numbers"] = lambda numbers: " ".join(
         f"{number:.9g}" for number in numbers
     )
@@ -178,6 +184,8 @@ def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
         chassis: The robot.
     """
     root = fromstring(description_text(chassis))
+    # Presets mount other lidars on the same robot, so the file's place is only a
+    # default.
     origin = root.find("joint[@name='lidar_joint']/origin")
     assert origin is not None
     origin.set("xyz", f"{lidar.mount_x_m:g} {lidar.mount_y_m:g} {lidar.mount_z_m:g}")

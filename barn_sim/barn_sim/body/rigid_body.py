@@ -54,6 +54,7 @@ def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
 
     robot.velocity[0] = vx
     robot.velocity[1] = vy
+    # Semi-implicit Euler: the new velocity moves the body, as in Bullet.
     robot.velocity[2] += (lift * fixed.inverse_mass - fixed.gravity_m_s2) * tick_s
     for k in range(3):
         robot.position[k] += robot.velocity[k] * tick_s
@@ -70,6 +71,7 @@ def rotate(attitude: Quaternion, spin: Vector, tick_s: float) -> Quaternion:
     """
     rate = math.sqrt(dot(spin, spin))
     scale = 0.5 * tick_s
+    # The limit of sin(x / 2) / x for slow spins, without a division by zero.
     if rate > _STILL_RAD_S:
         scale = math.sin(0.5 * rate * tick_s) / rate
     turn = (
@@ -79,6 +81,7 @@ def rotate(attitude: Quaternion, spin: Vector, tick_s: float) -> Quaternion:
         math.cos(0.5 * rate * tick_s),
     )
     x, y, z, w = multiply(turn, attitude)
+    # Rounding would let the quaternion grow over thousands of ticks.
     length = math.sqrt(x * x + y * y + z * z + w * w)
     return x / length, y / length, z / length, w / length
 

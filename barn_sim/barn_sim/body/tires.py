@@ -117,6 +117,7 @@ def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
     turn = rotation(quaternion(robot.attitude))
     inverse = world_inertia(turn, vector(fixed.inverse_inertia))
     torque = load_wheels(robot, fixed, turn)
+    # Loads act at once; gravity and gyroscopic torque follow when the body moves.
     wx, wy, wz = transform(inverse, torque)
     motion = (
         robot.velocity[0],
@@ -168,10 +169,12 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
         x = dot(turn[0], hub) + below[0]
         y = dot(turn[1], hub) + below[1]
         z = dot(turn[2], hub) + below[2]
+        # The ground is the plane z = 0.
         depth = -(robot.position[2] + z)
         rising = robot.velocity[2] + robot.spin[0] * y - robot.spin[1] * x
         load = 0.0
         if depth > 0.0:
+            # A damper that pulled the wheel down would glue it to the ground.
             load = max(fixed.stiffness * depth - fixed.damping * rising, 0.0)
         torque_x += y * load
         torque_y -= x * load
@@ -179,6 +182,7 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
         wheel.arm_y = y
         wheel.arm_z = z
         wheel.load = load
+        # As an impulse: force of friction times the duration of the tick.
         wheel.limit = fixed.friction * fixed.tick_s * load
     return torque_x, torque_y, 0.0
 

@@ -3,6 +3,7 @@
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.kernel import kernel
 
+# Tuples live in registers, where small arrays would be allocated anew each time.
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
@@ -62,6 +63,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 @kernel
 def rotation(q: Quaternion) -> Matrix:
     """Return the matrix of a unit quaternion."""
+    # A unit quaternion is assumed: `rotate` normalizes after every tick.
     x, y, z, w = q
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -50,8 +50,11 @@ def near_cylinders(
         Indices of the cylinders that are near, and how far any point of the robot may
         go before others are, m; 0 or less while any cylinder is pushed.
     """
+    # Nothing farther than this from base_link can be near, whatever the robot's
+    # heading.
     robot_reach = _reach(extent) + radius + robot_within
     pushing = np.flatnonzero(pushed)
+    # Pushed cylinders move by themselves, so the next look cannot wait for the robot.
     free = math.inf if len(pushing) == 0 else 0.0
     indices = np.empty(len(segments), np.int64)
     count = 0
@@ -62,6 +65,7 @@ def near_cylinders(
         # The gap is computed only where a coarse distance does not rule it out.
         ax, ay, bx, by = segments[i]
         length = abs(bx - ax) + abs(by - ay)
+        # The larger coordinate is a lower bound of the distance without a square root.
         beyond = max(abs(ax - x), abs(ay - y)) - (robot_reach + length)
         is_near = False
         if beyond < 0.0:
@@ -102,6 +106,8 @@ def nearest_gap(
         ax = segments[i, 0]
         ay = segments[i, 1]
         length = abs(segments[i, 2] - ax) + abs(segments[i, 3] - ay)
+        # A segment beyond this cannot be nearer than the nearest so far; squares spare
+        # a root.
         far = nearest + robot_reach + length
         if (ax - x) * (ax - x) + (ay - y) * (ay - y) < far * far:
             nearest = min(nearest, robot_gap(segments[i], x, y, yaw, extent))
@@ -133,6 +139,7 @@ def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -
         part = k / (_SAMPLES - 1)
         dx = segment[0] + part * (segment[2] - segment[0]) - x
         dy = segment[1] + part * (segment[3] - segment[1]) - y
+        # In the robot's frame its outline is a rectangle along the axes.
         ahead = c * dx + s * dy
         left = c * dy - s * dx
         nearest = min(nearest, rectangle_gap(ahead, left, extent))
@@ -218,6 +225,8 @@ def follow_cylinders(
                 displaced[i] = True
         speed = np.linalg.norm(bodies[k, 7:10])
         spin = np.linalg.norm(bodies[k, 10:13])
+        # Touch counts even at rest: the robot is about to push it, and with it its
+        # neighbors.
         is_touched = robot_gap(segment, x, y, yaw, extent) < radius + touch_gap
         pushed[i] = is_touched or speed > largest_speed or spin > largest_spin
 
@@ -251,6 +260,8 @@ def intersect_cylinders(
         ux, uy, uz = _axis(states[i])
         rise = height - states[i, 2]
         centers[i] = np.inf
+        # A tilted cylinder cuts the plane in an ellipse, which `_cast_tilted`
+        # intersects in space.
         if abs(uz) < upright:
             row = tilted[count]
             row[0] = states[i, 0]
@@ -261,6 +272,7 @@ def intersect_cylinders(
             row[5] = uz
             row[6] = half
             count += 1
+        # A slight tilt shifts the circle by rise times slope and leaves it a circle.
         elif abs(rise / uz) <= half:
             centers[i, 0] = states[i, 0] + rise / uz * ux
             centers[i, 1] = states[i, 1] + rise / uz * uy

@@ -88,6 +88,8 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
     if name == "chase":
         cosine = math.cos(pose.yaw)
         sine = math.sin(pose.yaw)
+        # Behind and above the robot, looking ahead of it: obstacles in front stay in
+        # the picture while it turns.
         eye = (pose.x - 1.45 * cosine, pose.y - 1.45 * sine, 1.75)
         target = (pose.x + 0.8 * cosine, pose.y + 0.8 * sine, 0.1)
         return Camera(eye, target, opening_deg=55.0)
@@ -101,12 +103,18 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
     aspect = pixels_high / pixels_wide
     if name == "top":
         height = 30.0
+        # The scene is twice as long as wide, so whichever side is tighter in the
+        # picture decides, with 3 % to spare.
         half = 1.03 * 0.5 * max(width, length * aspect)
+        # From 30 m up, the tops of obstacles (1 m) lean outwards by little; they are
+        # what has to fit.
         opening = 2.0 * math.degrees(math.atan(half / (height - 1.0)))
         return Camera((x, y, height), (x, y, 0.0), (-1.0, 0.0, 0.0), opening)
 
     distance = 1.1 * length
     height = 0.8 * length
+    # The whole length fits into the width; 0.56 instead of 0.5 leaves a margin for the
+    # near end, which looks larger.
     slope = 0.56 * length / math.hypot(distance, height) * aspect
     opening = 2.0 * math.degrees(math.atan(slope))
     return Camera((x + distance, y, height), (x, y, 0.0), opening_deg=opening)
@@ -138,6 +146,8 @@ class Studio(AbstractContextManager["Studio"]):
         """
         self._client = connect(renders=True)
         outlines = scene.boxes.outlines()
+        # Everything that is ever seen counts, since bounds that grew would move the
+        # camera.
         points = np.concatenate([scene.cylinders_m, scene.ends_m(), *outlines, trail_m])
         low = points.min(axis=0) - 0.5
         high = points.max(axis=0) + 0.5
@@ -158,6 +168,8 @@ class Studio(AbstractContextManager["Studio"]):
         self._ground_m = float(model_of(chassis).footing[2])
 
         self._moving = [] if moving is None else self._add_bodies(moving, MOVER)
+        # Dots are created when a picture first needs them, and hidden when it needs
+        # fewer.
         self._dots: list[int] = []
         self._add_bodies(scene.boxes, _WALL)
         self._trail = self._add_trail(trail_m)
@@ -212,6 +224,8 @@ class Studio(AbstractContextManager["Studio"]):
             renderer=bullet.ER_TINY_RENDERER,
             physicsClientId=self._client,
         )
+        # The mean over blocks of pixels smooths edges, which the renderer itself does
+        # not.
         fine = np.reshape(image[2], (height, finer, width, finer, 4))[..., :3]
         pixels: Pixels = fine.mean(axis=(1, 3)).round().astype(np.uint8)
         return pixels
@@ -220,6 +234,8 @@ class Studio(AbstractContextManager["Studio"]):
         """Add a plane, and lines a meter apart between two corners of the scene."""
         x, y = (0.5 * (low + high)).tolist()
         width, length = (high - low).tolist()
+        # Far beyond the scene, so that the chase camera sees no edge of the ground. Its
+        # top lies just below the lines, or both would flicker.
         plane = (width + _MARGIN_M, length + _MARGIN_M, 0.02)
         self._put(self._add(self._primitive(plane, _GROUND)), (x, y, -0.011))
 
@@ -231,6 +247,7 @@ class Studio(AbstractContextManager["Studio"]):
             self._put(self._add(along_x), (x, float(line_y), 0.0))
 
     def _add_pillars(self, centers_m: Points, scene: TrialScene, color: str) -> None:
+        # A body per group: one per pillar would take seconds for a world of hundreds.
         for first in range(0, len(centers_m), _PILLARS):
             group = centers_m[first : first + _PILLARS]
             self._add_mesh(pillars(group, scene.radius_m, scene.height_m), color)
@@ -249,6 +266,7 @@ class Studio(AbstractContextManager["Studio"]):
             if length < _TRAIL_STEP_M:
                 continue
             x, y = (0.5 * (points_m[index] + points_m[last])).tolist()
+            # Pieces overlap by 2 cm, so that bends show no gaps.
             sizes = (length + 0.02, _TRAIL_WIDTH_M, 0.004)
             body = self._add(self._primitive(sizes, TRAIL))
             yaw = math.atan2(step[1], step[0])
@@ -261,6 +279,7 @@ class Studio(AbstractContextManager["Studio"]):
         placed = []
         columns = [column.tolist() for column in bodies]
         for (x, y, yaw), radius, size, height in zip(*columns, strict=True):
+            # A body without a radius is a box, as in `barn_worlds.geometry.kernels`.
             sizes = (radius, height) if radius else (*size, height)
             body = self._add(self._primitive(sizes, color))
             self._put(body, (x, y, 0.5 * height), yaw)
@@ -271,6 +290,8 @@ class Studio(AbstractContextManager["Studio"]):
         position = (pose.x, pose.y, -self._ground_m)
         attitude = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
         for body, part in self._robot:
+            # Parts are separate bodies without joints: the renderer needs only their
+            # poses.
             turn = bullet.getQuaternionFromEuler((part.roll, part.pitch, 0.0))
             place = bullet.multiplyTransforms(position, attitude, part.center, turn)
             self._set_pose(body, *place)

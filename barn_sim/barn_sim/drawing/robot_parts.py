@@ -63,6 +63,7 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
 
     radius = chassis.wheel_radius_m
     for x, y, z in chassis.wheels_m:
+        # Rims and caps sit on the outer face of a wheel, which is away from the body.
         outside = 0.022 * math.copysign(1.0, y)
         rim = (x, y + outside, z)
         cap = (x, y + 1.1 * outside, z)
@@ -108,6 +109,8 @@ def body_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     mark = 0.04 * length
     front_y = 0.0
     if not chassis.is_round:
+        # The mark has to touch the outline: where a pointed robot is longest, not at y
+        # = 0.
         tip = [y for x, y in chassis.hull_m if x > x_max - mark]
         front_y = 0.5 * (min(tip) + max(tip))
 

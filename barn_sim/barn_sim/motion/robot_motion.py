@@ -88,6 +88,8 @@ class RobotMotion:
 
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
         updates = fleet.noise.shape[1]
+        # One row less than there is room for, since an update may begin in the first
+        # tick.
         self._ticks_of_noise = (updates - 1) * self._odometry_ns // self._tick_ns
         # Poses of the time that a sweep of the lidar takes.
         sweep_ticks = config.ticks(1.0 / config.lidar.rate_hz)
@@ -121,11 +123,16 @@ class RobotMotion:
             self.movers = Movers(self.model.extent, world, phase_s, config, self._gap_m)
 
         robot = fleet.robots[self._index]
+        # Infinity spares worlds without movers the look; 0 asks for one before the
+        # first tick.
         robot["movers_clearance_m"] = math.inf if self.movers is None else 0.0
         robot["radius_m"] = self.obstacles.radius_m
+        # Kernels measure to axes of cylinders, so the radius is part of the gap.
         robot["near_m"] = self.obstacles.radius_m + self._gap_m
         self._was_touched = False
         self._past.clear()
+        # Several sensors ask for the pose of one instant, which takes a call of
+        # compiled code.
         self._placement: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
         self.odometry.update(0)
 
@@ -161,6 +168,8 @@ class RobotMotion:
         """Return poses (n, 3) of base_link at times up to now, interpolated."""
         pose, _ = self.place()
         past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
+        # A yaw that wraps between two poses must not be interpolated the long way
+        # round.
         past[:, 3] = np.unwrap(past[:, 3])
         columns = [np.interp(stamps_ns, past[:, 0], past[:, k]) for k in (1, 2, 3)]
         return np.column_stack(columns)
@@ -183,6 +192,8 @@ class RobotMotion:
         """Draw the odometry's noise for the next ticks, for which there is room."""
         now_ns = self.stamp_ns
         end_ns = now_ns + ticks * self._tick_ns
+        # The present update has its noise already, so the next one is the first to
+        # supply.
         first = now_ns // self._odometry_ns + 1
         self.odometry.supply_noise(first, end_ns // self._odometry_ns)
 
@@ -203,7 +214,8 @@ class RobotMotion:
     def _advance_freely(self, ticks: int) -> int:
         """Advance while nothing is near; return how many ticks are left."""
         segments = self.obstacles.segments
-        return advance(self.drive.fleet, self._index, segments, ticks)
+        left: int = advance(self.drive.fleet, self._index, segments, ticks)
+        return left
 
     def _advance_in_contact(self) -> None:
         """Advance by a tick in PyBullet, and end the contact if nothing is near."""
@@ -211,18 +223,23 @@ class RobotMotion:
         index = self._index
         scene = self._scene
         if scene is None:
+            # Borrowed: a scene takes milliseconds to create and is needed only now.
             scene = self._scenes.acquire(self.model, self._config.physics)
             scene.place_robot(body_state(fleet.robots, index))
             self._scene = scene
             fleet.robots[index]["in_contact"] = True
 
         place, position, force, torque = push_body(fleet, index)
+        # Cylinders before movers: Bullet solves contacts in the order in which its
+        # bodies were created.
         self.obstacles.prepare(scene, *place)
         is_mover_near = False
         if self.movers is not None:
             is_mover_near = self.movers.prepare(scene, *place, self.stamp_ns)
         state = scene.tick(position, force, torque)
         pose = follow_body(fleet, index, state)
+        # Kept until somebody reads it, so that a touch between two readings is not
+        # missed.
         self._was_touched = self._was_touched or scene.is_robot_touched()
         if self.obstacles.has_bodies:
             self.obstacles.follow(scene, Pose2D(*pose))
@@ -254,6 +271,8 @@ def _set_body(
     settings["tick_s"] = config.tick_s
     settings["tick_ns"] = nanoseconds(config.tick_s)
     settings["gravity_m_s2"] = config.gravity_m_s2
+    # Inverses once: a division takes longer than a product, in each of 200 ticks a
+    # second.
     settings["inverse_mass"] = 1.0 / model.mass_kg
     settings["inertia"] = model.inertia
     settings["inverse_inertia"] = 1.0 / model.inertia
@@ -274,6 +293,7 @@ def _robot_at_rest(
     """Return the record (1,) of a robot that stands on its tires."""
     height, roll, pitch = tires.rest
     attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+    # The start pose is that of base_link, the state that of the center of mass.
     offset = np.array(rotation(attitude)) @ model.center_of_mass
     robots = np.zeros(1, ROBOT)
     robots["position"] = [start.x + offset[0], start.y + offset[1], height]

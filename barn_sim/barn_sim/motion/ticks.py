@@ -135,6 +135,8 @@ def solve_tires(robot: Record, fixed: Record) -> Motion:
     Returns:
         Velocity along x and y and spin under the forces of the ground.
     """
+    # Impulses of the last tick are the first guess: a robot that drives steadily
+    # converges within a few sweeps.
     motion, rims = begin_tires(robot, fixed)
     wheels = robot.wheels[: fixed.grips]
     return sweep_friction(motion, rims, wheels, fixed.inverse_mass, SWEEPS)
@@ -149,12 +151,17 @@ def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
         fixed: Record of the settings.
         noise: Noise of the odometry's next updates (k, 2).
     """
+    # The order is that of cause and effect: odometry reads the new pose, and the noise
+    # of an update belongs to the time after the tick.
     place_base(robot, fixed)
     integrate_wheels(robot, fixed.tick_s)
+    # Rim speed over radius is the rate at which a wheel turns.
     turn_per_speed = fixed.tick_s / fixed.wheel_radius_m
     robot.left_rad += robot.left_m_s * turn_per_speed
     robot.right_rad += robot.right_m_s * turn_per_speed
     robot.stamp_ns += fixed.tick_ns
+    # An update draws its noise whether or not anybody reads it, so that how often
+    # somebody reads changes nothing.
     if robot.stamp_ns % fixed.odometry_ns == 0:
         update = robot.stamp_ns // fixed.odometry_ns
         renew_noise(robot, fixed, noise[update - robot.noise_from])
@@ -169,6 +176,7 @@ def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
         fixed: Record of the settings.
         segments: Axes (m, 4) of the cylinders in its world, seen from above, m.
     """
+    # The cheapest tests come first: distances to cylinders take the longest.
     if robot.in_contact or not _is_clear_of_movers(robot, fixed):
         return False
     return _is_clear(robot, fixed, segments)
@@ -177,6 +185,7 @@ def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
 @inline_kernel
 def _is_clear(robot: Record, fixed: Record, segments: Floats) -> bool:
     """Tell whether no cylinder is near; distances are computed only when necessary."""
+    # No point of the robot can have come nearer than it has moved since the last look.
     if _distance_from(robot, fixed, robot.looked_from) < robot.clearance_m:
         return True
     fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
@@ -192,6 +201,8 @@ def _is_clear_of_movers(robot: Record, fixed: Record) -> bool:
         return True
     if robot.stamp_ns >= robot.movers_until_ns:
         return False
+    # Both sides may have closed in: the robot by its own motion, a mover at its top
+    # speed.
     elapsed_s = 1e-9 * (robot.stamp_ns - robot.movers_looked_ns)
     distance = _distance_from(robot, fixed, robot.movers_looked_from)
     approach = distance + robot.movers_speed_m_s * elapsed_s
@@ -204,6 +215,8 @@ def _distance_from(robot: Record, fixed: Record, pose: Floats) -> float:
     dx = pose[0] - robot.x
     dy = pose[1] - robot.y
     turn = abs(wrap(robot.yaw - pose[2]))
+    # A turn moves the farthest corner by at most angle times its distance from
+    # base_link.
     return float(math.sqrt(dx * dx + dy * dy) + turn * fixed.reach_m)
 
 
@@ -255,6 +268,8 @@ def base_motion(fleet: Fleet, index: int) -> tuple[float, float, float, float, f
     """
     robot: Record = fleet.robots[index]
     center = vector(fleet.settings[0].center)
+    # The body's velocity is that of the center of mass; base_link adds what the spin
+    # does to the lever between both.
     offset = transform(rotation(quaternion(robot.attitude)), center)
     lever_x, lever_y, _ = cross(vector(robot.spin), offset)
     vx = robot.velocity[0] - lever_x

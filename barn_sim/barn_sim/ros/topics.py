@@ -67,6 +67,7 @@ class CommandInput:
             kind: "twist", "twist_stamped", or "auto" for that of the publishers.
             take: Receives the commands.
         """
+        # Until a publisher shows which type it has.
         self.kind = "twist" if kind == "auto" else kind
         self.complaint = ""
         self._follows_publishers = kind == "auto"
@@ -172,6 +173,8 @@ class Outputs:
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
+            # Over the line first: the referee must not lag behind what a planner can
+            # know.
             if self._line is not None and topic.name in _JUDGED_NAMES:
                 self._line.publish(topic.name, data)
             topic_publisher = self._publishers.get(topic.name)
@@ -199,6 +202,7 @@ def diagnosis(
     faults = [
         f"{counts[name]} {name.replace('_', ' ')}" for name in _FAULTS if counts[name]
     ]
+    # A planner of another type is never heard, so that is the graver fault.
     level = WARNING if faults else FINE
     problems = faults
     if commands.complaint:

@@ -57,6 +57,8 @@ class SimulatedTrial:
     def take(self, velocity: Velocity2D) -> None:
         """Store a command for the next step; an extra one replaces the one before."""
         self.commands += 1
+        # A second answer to one scan shows that somebody else publishes commands as
+        # well.
         self.extra += self.answer is not None
         self.answer = velocity
         self.last_command = velocity
@@ -76,6 +78,7 @@ class SimulatedTrial:
 
     def step(self) -> None:
         """Advance one control period with the answer, when that takes effect."""
+        # The planner's computing time in simulated time, as the protocol charges it.
         delay_ns = 0
         if self.awaits_answer:
             delay_ns = self.cycle_timer.start_cycle(self.simulator.stamp_ns)
@@ -139,6 +142,7 @@ def begin_trial(
     Raises:
         BarnError: If the world or the robot cannot be read.
     """
+    # The body alone: parameters of drive and sensors keep what was set for the node.
     config = replace(config, chassis=load_robot(config.robot).chassis)
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)

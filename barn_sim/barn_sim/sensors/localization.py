@@ -34,6 +34,8 @@ class FilterLocalization:
         self._stds = np.array(
             [config.position_std_m, config.position_std_m, config.yaw_std_rad]
         )
+        # The stationary distribution from the start: a first error of 0 would grow for
+        # a while.
         self._error = self._stds * rng.standard_normal(3)
         self._correction = Pose2D(0.0, 0.0, 0.0)
         self._updated_at: Pose2D | None = None
@@ -57,6 +59,8 @@ class FilterLocalization:
                 ) * self._rng.standard_normal(3)
                 self._error = self._correlation * self._error + self._stds * innovation
             x, y, yaw = self._error.tolist()
+            # The error stays in the map frame, as that of a map that does not quite
+            # fit.
             pose = Pose2D(truth.x + x, truth.y + y, wrap_angle(truth.yaw + yaw))
             self._correction = pose @ odometry.inverse()
             self._updated_at = odometry

@@ -58,6 +58,8 @@ class FusedOdometry:
             config: Standard deviations of both errors over trials.
             rng: Source of both; not the one of the noise.
         """
+        # Both are drawn even if one is off, so that switching one does not change the
+        # other.
         gyro, radius = rng.standard_normal(2)
         robot = self._fleet.robots[self._index]
         robot["gyro_bias"] = config.gyro_bias_rad_s * gyro
@@ -81,6 +83,8 @@ class FusedOdometry:
         if last < self._next_number:
             return
         noise = self._fleet.noise[self._index]
+        # Rows that were drawn but not used move to the front: each update keeps its
+        # noise.
         unused = max(self._next_number - first, 0)
         if unused:
             noise[:unused] = noise[len(noise) - unused :].copy()
@@ -104,6 +108,7 @@ def integrate_wheels(robot: Record, tick_s: float) -> None:
         tick_s: Duration of the tick.
     """
     robot.odometry_speed = 0.5 * (robot.left_m_s + robot.right_m_s) * robot.speed_factor
+    # The filter takes the heading of the IMU as it is, noise included.
     heading = robot.yaw - robot.start_yaw + robot.yaw_error
     robot.odometry_x += tick_s * robot.odometry_speed * math.cos(heading)
     robot.odometry_y += tick_s * robot.odometry_speed * math.sin(heading)
@@ -118,6 +123,7 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
         settings: Record of `barn_sim.body.state.SETTINGS`.
         row: Standard normal numbers (2,), for the yaw and the yaw rate.
     """
+    # A constant bias adds up to an angle in proportion to time.
     drift = robot.gyro_bias * 1e-9 * robot.stamp_ns
     robot.yaw_error = settings.yaw_noise_rad * row[0] + drift
     robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1] + robot.gyro_bias

@@ -107,6 +107,7 @@ class ParticleLocalization:
                 effective_ns += nanoseconds(config.correction_delay_s)
             self._resample(self._weights(scan))
             correction = self._mean_pose() @ odometry.inverse()
+            # The first correction holds at once, since there is no estimate before it.
             self._pending.append((effective_ns, correction))
             self._updated_at = odometry
         while self._pending and self._pending[0][0] <= stamp_ns:
@@ -141,6 +142,7 @@ class ParticleLocalization:
         """Return how well the scan fits the map at each particle (n,)."""
         ranges = np.asarray(scan.ranges, np.float64)
         beams = np.arange(len(ranges))
+        # amcl takes every so many beams, not evenly spaced angles.
         stride = max((len(ranges) - 1) // (self._config.beams - 1), 1)
         is_hit = np.isfinite(ranges) & (ranges < scan.range_max) & (beams % stride == 0)
 
@@ -159,6 +161,7 @@ class ParticleLocalization:
         if self._table is None or self._table[0] != range_max:
             config = self._config
             distances = np.pad(self._distances_m, 1, constant_values=_FARTHEST_M)
+            # The likelihood field model (Thrun, Burgard and Fox 2005, table 6.3).
             deviations = distances / config.hit_std_m
             likelihoods = config.hit_share * np.exp(-0.5 * deviations**2)
             likelihoods += config.random_share / range_max
@@ -169,6 +172,7 @@ class ParticleLocalization:
         """Draw particles by weight until there are enough for their bins."""
         count = self._config.max_particles
         sums = np.cumsum(weights)
+        # Independent draws as in amcl, not a low-variance comb.
         indices = np.searchsorted(
             sums, sums[-1] * self._rng.random(count), side="right"
         )
@@ -299,6 +303,7 @@ def needed_particles(least: int, most: int) -> Integers:
 
 def cluster_labels(bins: Integers) -> Integers:
     """Return a label for each bin (n, 3); bins that touch, corners too, share one."""
+    # A matrix of all pairs is affordable: particles fill a few hundred bins.
     touches = np.abs(bins[:, None] - bins[None]).max(axis=2) <= 1
     labels = np.full(len(bins), -1, np.int64)
     for seed in range(len(bins)):
