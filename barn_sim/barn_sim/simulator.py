@@ -76,8 +76,7 @@ class Simulator:
         self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
         # The scan plane counts from the ground, on which obstacles stand; mounts from
         # base_link.
-        ground_z_m = float(self.motion.model.footing[2])
-        self._scan_height_m = config.lidar.mount_z_m - ground_z_m
+        self._scan_height_m = config.lidar.mount_z_m + config.chassis.base_height_m
         self._ticks_per_step = config.ticks(config.control_period_s)
         self.begin(world, start, seed)
 

@@ -65,12 +65,13 @@ MODEL = model_of(STANDARD_ROBOT.chassis)
 
 def test_the_body_is_that_of_the_jackal():
     assert MODEL.mass_kg == pytest.approx(16.523 + 4 * 0.477)
-    assert MODEL.track_m == pytest.approx(0.37559)
+    assert STANDARD_ROBOT.chassis.track_m == pytest.approx(0.37559)
     assert np.ptp(MODEL.wheels[:, 0]) == pytest.approx(0.262)
     assert MODEL.wheel_radius_m == 0.098
     # the wheels stand on the ground when base_footprint does
     lowest = MODEL.wheels[:, 2] - MODEL.wheel_radius_m
-    assert lowest == pytest.approx(np.full(4, MODEL.footing[2]))
+    ground = -STANDARD_ROBOT.chassis.base_height_m
+    assert lowest == pytest.approx(np.full(4, ground))
 
 
 def test_center_of_mass_and_inertia_include_the_wheels():

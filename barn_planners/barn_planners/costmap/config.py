@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from barn_worlds.base.arrays import Points
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.geometry.polygon import (
     Corner,
     area,
@@ -64,22 +64,20 @@ class CostmapConfig(Checked):
     recentre_cells: int = quantity(
         1, "cells that the robot moves before the grid follows", "", 1, 1000
     )
-    as_costmap_2d: bool = quantity(
+    as_costmap_2d: bool = optional(
         False,
         "true: rays, footprint and window are costmap_2d's (a quirk)",
-        optional=True,
     )
-    inflates_by_front: bool = quantity(
-        False, "true: cost by the front that comes first (a slow quirk)", optional=True
+    inflates_by_front: bool = optional(
+        False, "true: cost by the front that comes first (a slow quirk)"
     )
-    footprint: str = quantity(
+    footprint: str = optional(
         "",
         "convex outline [[x, y], ...] in place of the half sizes",
         "m",
-        optional=True,
     )
-    clockwise_outline: bool = quantity(
-        False, "true: the footprint is drawn clockwise (a quirk)", optional=True
+    clockwise_outline: bool = optional(
+        False, "true: the footprint is drawn clockwise (a quirk)"
     )
 
     @property

@@ -218,7 +218,7 @@ class Costmap:
             yaw: Heading in rad.
         """
         corners = corners_at(self.outline, Pose(x, y, yaw))
-        return edge_cost(self.costs, corners, *self.grid) >= 0
+        return edge_cost(self.costs, corners, self.grid) >= 0
 
     def as_map(self) -> OccupancyMap:
         """Return the costs as nav2_costmap_2d publishes them.

@@ -269,9 +269,7 @@ def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
 
 
 @kernel
-def edge_cost(
-    costs: Bytes, corners: Points, origin_x: float, origin_y: float, resolution: float
-) -> int:
+def edge_cost(costs: Bytes, corners: Points, grid: Grid) -> int:
     """Return the highest cost along the edges of a footprint, not inside it.
 
     Follows base_local_planner's `CostmapModel::footprintCost` (costmap_model.cpp).
@@ -279,14 +277,11 @@ def edge_cost(
     Args:
         costs: Costs of the cells (rows, columns).
         corners: Corners (n, 2) of the footprint in the frame of the grid, in m.
-        origin_x: Outer corner of cell (0, 0) in m, as `origin_y`.
-        origin_y: Outer corner of cell (0, 0) in m.
-        resolution: Side of a cell in m.
+        grid: Place of the costmap.
 
     Returns:
         The cost, -1 if the edges touch a lethal cell or leave the grid.
     """
-    grid = Grid(origin_x, origin_y, resolution)
     highest = 0
     for k in range(len(corners)):
         start = cell_at(grid, corners[k - 1, 0], corners[k - 1, 1])

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from barn_planners.navigation.loop import NavigationConfig
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 
 
 @dataclass(frozen=True)
@@ -62,17 +62,17 @@ class DwaConfig(Checked):
     oscillation_reset_m: float = quantity(
         0.05, "after this way a turn in place may change direction", "m", 0.0, 5.0
     )
-    turn_past_blocked: bool = quantity(
-        False, "true: a turn may win though no way leads on (a quirk)", optional=True
+    turn_past_blocked: bool = optional(
+        False, "true: a turn may win though no way leads on (a quirk)"
     )
-    skip_slow_turns: bool = quantity(
-        False, "true: no turns in place within a step of zero (a quirk)", optional=True
+    skip_slow_turns: bool = optional(
+        False, "true: no turns in place within a step of zero (a quirk)"
     )
-    robot_blocks_goal: bool = quantity(
-        False, "true: the robot's own cells block the goal (a quirk)", optional=True
+    robot_blocks_goal: bool = optional(
+        False, "true: the robot's own cells block the goal (a quirk)"
     )
-    single_precision: bool = quantity(
-        False, "true: single precision, samples added up (a quirk)", optional=True
+    single_precision: bool = optional(
+        False, "true: single precision, samples added up (a quirk)"
     )
     escape_speed_mps: float = quantity(
         -0.5,
@@ -94,8 +94,8 @@ class DwaConfig(Checked):
     yaw_tolerance_rad: float = quantity(
         0.157, "the goal's heading counts as reached within", "rad", minimum=0.001
     )
-    roll_out_goal_turn: bool = quantity(
-        False, "true: braking and turning at the goal are rolled out", optional=True
+    roll_out_goal_turn: bool = optional(
+        False, "true: braking and turning at the goal are rolled out"
     )
     stopped_mps: float = quantity(
         0.05, "slower than this counts as stopped", "m/s", 0.0001, 1.0

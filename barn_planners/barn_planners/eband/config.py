@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from barn_planners.eband.kernels import BandGains
 from barn_planners.navigation.loop import NavigationConfig
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,12 @@ class EBandConfig(Checked):
     reset_costmap_once: bool = quantity(
         False, "clear the marks once if a new plan is in collision (a quirk)"
     )
-    headings: bool = quantity(
+    headings: bool = optional(
         False,
         "true: bubbles have headings, which count in forces (a quirk)",
-        optional=True,
     )
-    weighs_x_twice: bool = quantity(
-        False, "take x twice and no y for a force's strength (a quirk)", optional=True
+    weighs_x_twice: bool = optional(
+        False, "take x twice and no y for a force's strength (a quirk)"
     )
     capacity: int = quantity(4096, "largest number of bubbles", "", 16, 100_000)
 

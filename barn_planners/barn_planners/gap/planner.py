@@ -26,7 +26,7 @@ from barn_planners.navigation.scan_planner import ScanPlanner, scan_points
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.config import quantity
+from barn_worlds.base.config import optional, quantity
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
 
 # Free distances this much shorter than needed still count: they come from roundings.
@@ -76,8 +76,8 @@ class GapConfig(LidarMountConfig):
     goal_tolerance_m: float = quantity(
         0.25, "the goal is reached within this", "m", 0.01, 10.0
     )
-    turning_radius_m: float = quantity(
-        0.0, "furthest corner; 0: half sizes'", "m", 0.0, 10.0, optional=True
+    turning_radius_m: float = optional(
+        0.0, "furthest corner; 0: half sizes'", "m", 0.0, 10.0
     )
     guard: ObservationCheckConfig = field(default_factory=ObservationCheckConfig)
 

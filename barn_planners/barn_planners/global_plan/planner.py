@@ -13,7 +13,7 @@ from barn_planners.costmap.costmap import Costmap
 from barn_planners.costmap.kernels import INSCRIBED, Grid
 from barn_planners.global_plan import descent, kernels
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.types import Pose2D
 
 _HIGHEST_PRICE = 253.0
@@ -38,13 +38,12 @@ class GlobalPlanConfig(Checked):
         0.5, "length of a step down the gradient, in cells", "", 0.05, 1.0
     )
     bounded: bool = quantity(True, "skip cells too far from the way to matter; faster")
-    as_navfn: bool = quantity(
+    as_navfn: bool = optional(
         False,
         "true: search and descent are navfn's, which may orbit (a quirk)",
-        optional=True,
     )
-    unfinished_plans: bool = quantity(
-        False, "with as_navfn: a path that orbits is a plan (a quirk)", optional=True
+    unfinished_plans: bool = optional(
+        False, "with as_navfn: a path that orbits is a plan (a quirk)"
     )
     half_cell_offset: bool = quantity(
         True, "true: plans lead through cell centers; false: corners (a quirk)"

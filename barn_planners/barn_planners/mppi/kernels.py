@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.kernels import edge_cost, place_corners
+from barn_planners.costmap.kernels import Grid, cell_at, edge_cost, place_corners
 from barn_planners.interface import FloatArray
 from barn_worlds.base.arrays import Bools, Bytes, MediumIntegers, Singles
 from barn_worlds.base.kernel import kernel
@@ -55,7 +55,7 @@ def add_obstacle_costs(
     costs: FloatArray,
     poses: Singles,
     cells: Bytes,
-    grid: tuple[float, float, float],
+    grid: Grid,
     outline: FloatArray,
     lowest_edge_cost: int,
     stride: int,
@@ -73,7 +73,7 @@ def add_obstacle_costs(
         costs: Costs (samples,).
         poses: Poses (steps, 3, samples) in the frame of the costmap.
         cells: Costs (rows, columns) of the costmap's cells.
-        grid: x and y of its corner, and the side of a cell, in m.
+        grid: Place of the costmap.
         outline: Corners (n, 2) of the footprint in base_link, in m.
         lowest_edge_cost: Cost of the cell at a pose from which the edges are checked.
         stride: Every how many poses are checked.
@@ -131,7 +131,7 @@ def _find_cells(
     x: Singles,
     y: Singles,
     cells: Bytes,
-    grid: tuple[float, float, float],
+    grid: Grid,
     indices: MediumIntegers,
 ) -> None:
     """Write the index of the cell at each point, row by row; -1 off the grid."""
@@ -162,7 +162,7 @@ def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
 @kernel
 def _edges_collide(
     cells: Bytes,
-    grid: tuple[float, float, float],
+    grid: Grid,
     lethal_counts: MediumIntegers,
     corners: FloatArray,
 ) -> bool:
@@ -170,15 +170,13 @@ def _edges_collide(
 
     Edges are not followed if the box around them holds no lethal cell. Four sums tell.
     """
-    origin_x, origin_y, resolution = grid
     rows, columns = cells.shape
     first_row = rows
     end_row = 0
     first_column = columns
     end_column = 0
     for k in range(len(corners)):
-        row = math.floor((corners[k, 1] - origin_y) / resolution)
-        column = math.floor((corners[k, 0] - origin_x) / resolution)
+        row, column = cell_at(grid, corners[k, 0], corners[k, 1])
         first_row = min(first_row, row)
         end_row = max(end_row, row + 1)
         first_column = min(first_column, column)
@@ -192,7 +190,7 @@ def _edges_collide(
     lethal_below = below[end_column] - below[first_column]
     if lethal_above == lethal_below:
         return False
-    return bool(edge_cost(cells, corners, origin_x, origin_y, resolution) < 0)
+    return bool(edge_cost(cells, corners, grid) < 0)
 
 
 @kernel

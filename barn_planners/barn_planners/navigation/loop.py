@@ -33,7 +33,7 @@ from barn_planners.navigation.observation_check import (
     ObservationCheckConfig,
 )
 from barn_planners.navigation.recovery import Recovery, RecoveryConfig
-from barn_worlds.base.config import quantity
+from barn_worlds.base.config import optional, quantity
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
 
 
@@ -56,8 +56,8 @@ class NavigationConfig(LidarMountConfig):
         "s",
         minimum=0.0,
     )
-    first_plan_waits: bool = quantity(
-        False, "true: the first cycle only plans, as in move_base", optional=True
+    first_plan_waits: bool = optional(
+        False, "true: the first cycle only plans, as in move_base"
     )
     local_costmap_in_map: bool = quantity(
         False, "true: control is in the frame of the map, if one is given (a quirk)"

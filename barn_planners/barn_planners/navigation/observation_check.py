@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_planners.interface import Observation
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, nanoseconds
 
@@ -21,11 +21,9 @@ class LidarMountConfig(Checked):
     """Pose of the lidar on the robot."""
 
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", -10.0, 10.0)
-    lidar_y_m: float = quantity(
-        0.0, "lidar left of base_link", "m", -10.0, 10.0, optional=True
-    )
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan", "rad", -3.15, 3.15, optional=True
+    lidar_y_m: float = optional(0.0, "lidar left of base_link", "m", -10.0, 10.0)
+    lidar_yaw_rad: float = optional(
+        0.0, "direction of angle 0 of a scan", "rad", -3.15, 3.15
     )
 
     @property

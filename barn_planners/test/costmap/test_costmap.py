@@ -215,17 +215,17 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     costmap = Costmap(CostmapConfig(), 60, 60, 0.05, (0.0, 0.0))
     costs = costmap.costs
     corners = kernels.corners_at(rectangle(0.31, 0.265), Pose(1.5, 1.5, 0.4))
-    grid = (0.0, 0.0, 0.05)
+    grid = kernels.Grid(0.0, 0.0, 0.05)
     outline = set(plain_outline([costmap.cell(*corner) for corner in corners]))
     costs[30, 30] = LETHAL
-    assert (30, 30) not in outline and kernels.edge_cost(costs, corners, *grid) == 0
+    assert (30, 30) not in outline and kernels.edge_cost(costs, corners, grid) == 0
     for value, expected in ((177, 177), (INSCRIBED, INSCRIBED), (LETHAL, -1)):
         for cell in outline:
             costs[cell] = value
-            assert kernels.edge_cost(costs, corners, *grid) == expected
+            assert kernels.edge_cost(costs, corners, grid) == expected
             costs[cell] = 0
     off = kernels.corners_at(rectangle(0.31, 0.265), Pose(0.2, 1.5, 0.0))
-    assert kernels.edge_cost(costs, off, *grid) == -1
+    assert kernels.edge_cost(costs, off, grid) == -1
 
 
 def test_costmaps_as_maps_tell_free_inscribed_and_lethal():

@@ -146,7 +146,7 @@ def test_edges_cost_what_the_costmap_says(outline):
 
 def plain_edge_cost(costs, outline, x, y, yaw):
     corners = costmap_kernels.corners_at(outline, Pose(x, y, yaw))
-    return costmap_kernels.edge_cost(costs, corners, *GRID)
+    return costmap_kernels.edge_cost(costs, corners, GRID)
 
 
 def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):

@@ -70,16 +70,8 @@ class RobotModel:
 
     wheel_radius_m: float
 
-    footing: Floats
-    """Position (3,) of base_footprint, which touches the ground, m."""
-
     casters: Floats
     """Points (k, 3) above the casters, as high as the wheels' centers, m."""
-
-    @property
-    def track_m(self) -> float:
-        """Distance between the left and the right wheels."""
-        return float(self.wheels[0, 1] - self.wheels[1, 1])
 
     @cached_property
     def extent(self) -> Floats:
@@ -113,7 +105,6 @@ def model_of(chassis: Chassis) -> RobotModel:
         shapes=_body_shapes(chassis, wheels),
         wheels=wheels,
         wheel_radius_m=chassis.wheel_radius_m,
-        footing=np.array([0.0, 0.0, -chassis.base_height_m]),
         casters=np.array(casters).reshape(-1, 3),
     )
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
 from barn_sim.contact.bullet import bullet, connect, disconnect
 from barn_sim.drawing.meshes import Mesh, pillars, prism
@@ -165,7 +164,7 @@ class Studio(AbstractContextManager["Studio"]):
         self._robot: list[tuple[int, RobotPart]] = []
         for part in robot_parts(chassis, lidar):
             self._robot.append((self._add(self._part_shape(part)), part))
-        self._ground_m = float(model_of(chassis).footing[2])
+        self._base_height_m = chassis.base_height_m
 
         self._moving = [] if moving is None else self._add_bodies(moving, MOVER)
         # Dots are created when a picture first needs them, and hidden when it needs
@@ -287,7 +286,7 @@ class Studio(AbstractContextManager["Studio"]):
         return placed
 
     def _put_robot(self, pose: Pose2D) -> None:
-        position = (pose.x, pose.y, -self._ground_m)
+        position = (pose.x, pose.y, self._base_height_m)
         attitude = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
         for body, part in self._robot:
             # Parts are separate bodies without joints: the renderer needs only their

@@ -83,7 +83,7 @@ class RobotMotion:
         self._tires = tires_of(self.model, config.physics)
         _set_body(fleet.settings, self.model, config.physics, self._tires)
         self.drive = DriveController(
-            config.drive, self.model.track_m, config.physics.tick_s, fleet, index
+            config.drive, config.chassis.track_m, config.physics.tick_s, fleet, index
         )
 
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)

@@ -252,7 +252,7 @@ def steady_turn(speed, turn):
     model = model_of(STANDARD_ROBOT.chassis)
     wheels = (model.wheels - model.center_of_mass)[:, :2]
     beside = np.column_stack([-wheels[:, 1], wheels[:, 0]])
-    height = model.center_of_mass[2] - model.footing[2]
+    height = model.center_of_mass[2] + STANDARD_ROBOT.chassis.base_height_m
     plane = np.column_stack([np.ones(4), wheels])
     half = turn * SEPARATION / 2
     rims = np.array([[speed - half, 0.0], [speed + half, 0.0]] * 2)
