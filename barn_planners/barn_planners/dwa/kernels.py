@@ -137,6 +137,64 @@ def new_fields(rows: int, cols: int) -> Fields:
 
 
 @kernel
+def even_values(low: float, high: float, count: int, accumulate: bool) -> Floats:
+    """Return values from low to high: bit by bit those of numpy.linspace, or sums.
+
+    Args:
+        low: First value.
+        high: Last value.
+        count: Number of values, at least 2.
+        accumulate: Whether to add up steps as the original does, with its rounding.
+    """
+    step = (high - low) / (count - 1)
+    values = np.empty(count)
+    value = low
+    for k in range(count):
+        values[k] = value if accumulate else k * step + low
+        value += step
+    if not accumulate:
+        values[-1] = high
+
+    return values
+
+
+@kernel
+def sample_table(
+    speeds: Floats, turns_ahead: Floats, turns: Floats, slowest: float, fast: float
+) -> tuple[Floats, int]:
+    """Return the table of samples, and how many of them drive forward.
+
+    Args:
+        speeds: Forward speeds in m/s.
+        turns_ahead: Yaw rates for each speed in rad/s, besides straight ahead.
+        turns: Yaw rates in rad/s to turn in place with.
+        slowest: Slowest yaw rate in place in rad/s; those below are raised to it.
+        fast: Only faster turns are tried in place, in rad/s; below 0 all are.
+
+    Returns:
+        Table (n, COLUMNS) with speeds and yaw rates; the rest is 0. Rows that drive
+        forward come first, for each speed straight ahead and one per yaw rate. The
+        others turn in place.
+    """
+    turns_per_speed = len(turns_ahead) + 1
+    drives = len(speeds) * turns_per_speed
+    table = np.zeros((drives + len(turns), COLUMNS))
+    for k in range(drives):
+        table[k, SPEED] = speeds[k // turns_per_speed]
+        if k % turns_per_speed > 0:
+            table[k, TURN] = turns_ahead[k % turns_per_speed - 1]
+
+    count = drives
+    for turn in turns:
+        if abs(turn) > fast:
+            in_place = max(turn, slowest) if turn > 0.0 else min(turn, -slowest)
+            table[count, TURN] = in_place
+            count += 1
+
+    return table[:count], drives
+
+
+@kernel
 def prepare(
     fields: Fields,
     costs: Bytes,

@@ -237,51 +237,30 @@ def sample_velocities(
         end_distance_m: Distance from the end of the visible plan. No sample is faster
             than to reach it within the time of a rollout.
         is_escaping: Whether driving forward is forbidden.
-
-    Returns:
-        Table (n, COLUMNS) with speeds and yaw rates; the rest is 0. Rows that drive
-        forward come first, for each speed straight ahead and one per yaw rate. The
-        others turn in place.
     """
     change = config.acceleration_mps2 * config.window_period_s
     # So that the robot does not shoot past the goal within one rollout.
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     low = max(config.min_speed_mps, velocity.linear - change)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
-    speeds = _even_values(config, low, high, config.speed_samples)
+    accumulate = config.single_precision
+    speeds = kernels.even_values(low, high, config.speed_samples, accumulate)
+    if is_escaping:
+        speeds = speeds[:0]
 
     turn_change = config.turn_acceleration_radps2 * config.window_period_s
     low = max(-config.max_turn_radps, velocity.angular - turn_change)
     high = min(config.max_turn_radps, velocity.angular + turn_change)
-    turns = _even_values(config, low, high, config.turn_samples)
+    turns = kernels.even_values(low, high, config.turn_samples, accumulate)
 
-    # Straight ahead comes first; in the original it replaces the highest yaw rate.
-    end = None if config.sample_highest_turn else -1
-    turns_ahead = np.concatenate([[0.0], turns[:end]])
+    # In the original, straight ahead takes the place of the highest yaw rate.
+    turns_ahead = turns if config.sample_highest_turn else turns[:-1]
     # The original tries no turn in place that is closer to zero than one step.
+    fast = -1.0
     if config.skip_slow_turns:
-        turns = turns[np.abs(turns) > (high - low) / (config.turn_samples - 1)]
+        fast = (high - low) / (config.turn_samples - 1)
     slowest = config.min_turn_in_place_radps
-    turns_in_place = np.where(
-        turns > 0.0, np.maximum(turns, slowest), np.minimum(turns, -slowest)
-    )
-
-    drives = 0 if is_escaping else len(speeds) * len(turns_ahead)
-    table = np.zeros((drives + len(turns_in_place), kernels.COLUMNS))
-    if drives:
-        table[:drives, SPEED] = speeds.repeat(len(turns_ahead))
-        table[:drives, TURN] = np.tile(turns_ahead, len(speeds))
-    table[drives:, TURN] = turns_in_place
-    return table, drives
-
-
-def _even_values(config: DwaConfig, low: float, high: float, count: int) -> Floats:
-    if not config.single_precision:
-        return np.linspace(low, high, count)
-    # The original adds up steps, with their rounding.
-    steps = np.full(count, (high - low) / (count - 1))
-    steps[0] = low
-    return steps.cumsum()
+    return kernels.sample_table(speeds, turns_ahead, turns, slowest, fast)
 
 
 ENTRY = PlannerEntry(

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from barn_planners.costmap.kernels import Grid
 from barn_worlds.base.arrays import Bytes, Floats, Integers, MediumIntegers
 from barn_worlds.base.kernel import kernel
 
@@ -415,6 +416,34 @@ def forget(potential: Potential, columns: int, window: Integers) -> None:
         first = row * columns + window[COL]
         end = row * columns + window[END_COL]
         potential[first:end] = UNREACHED
+
+
+@kernel
+def poses_along(
+    points: Floats, grid: Grid, goal_x: float, goal_y: float, half_cell: float
+) -> tuple[Floats, Floats]:
+    """Return the poses along a path.
+
+    Args:
+        points: Points (n, 2) from goal to start, column and row.
+        grid: Place of the costmap.
+        goal_x: Goal in m, as `goal_y`, which becomes the last pose.
+        goal_y: Goal in m.
+        half_cell: Offset of a point from the corner of its cell, in cells.
+
+    Returns:
+        Poses (n + 1, 3) from start to goal, x and y in m, yaw 0, but that of the last
+        pose is not set; steps (n, 2) from each pose to the next in m.
+    """
+    n = len(points)
+    poses = np.zeros((n + 1, 3))
+    # The path leads from the goal to the robot, the plan the other way.
+    for k in range(n):
+        poses[k, 0] = grid.x + (points[n - 1 - k, 0] + half_cell) * grid.resolution
+        poses[k, 1] = grid.y + (points[n - 1 - k, 1] + half_cell) * grid.resolution
+    poses[n, 0] = goal_x
+    poses[n, 1] = goal_y
+    return poses, poses[1:, :2] - poses[:-1, :2]
 
 
 @kernel

@@ -147,15 +147,14 @@ class GlobalPlanner:
         if count == 0 or not (is_complete or config.unfinished_plans):
             return GlobalPlan(None, "no way to the goal")
 
-        poses = np.zeros((count + 1, 3))
-        # The path leads from the goal to the robot, the plan the other way.
-        cells = self._points[:count][::-1].astype(np.float64)
-        if config.half_cell_offset:
-            cells += 0.5
-        poses[:-1, :2] = [grid.x, grid.y] + cells * grid.resolution
-        poses[-1, :2] = (goal.x, goal.y)
+        poses, steps = kernels.poses_along(
+            self._points[:count].astype(np.float64, copy=False),
+            grid,
+            goal.x,
+            goal.y,
+            0.5 if config.half_cell_offset else 0.0,
+        )
         if not config.zero_intermediate_yaw:
-            steps = np.diff(poses[:, :2], axis=0)
             poses[:-1, 2] = np.arctan2(steps[:, 1], steps[:, 0])
         poses[-1, 2] = goal.yaw
         return GlobalPlan(poses)
