@@ -44,23 +44,6 @@ class Readings:
     ranges: Singles
     """Last scans (n, beams), m."""
 
-    @classmethod
-    def of(cls, count: int, beams: int) -> "Readings":
-        """Return readings of zeros.
-
-        Args:
-            count: Number of simulators.
-            beams: Number of beams of their lidars.
-        """
-        return cls(
-            stamps_ns=np.zeros(count, np.int64),
-            truths=np.zeros((count, 3)),
-            odometry=np.zeros((count, 3)),
-            velocities=np.zeros((count, 2)),
-            collisions=np.zeros(count, bool),
-            ranges=np.zeros((count, beams), np.float32),
-        )
-
 
 class Batch:
     """The common state of simulators with equal configurations.
@@ -91,7 +74,14 @@ class Batch:
         beams = config.lidar.beams
         # One command is sent per period, and each is on its way for the latency.
         self.fleet = Fleet.of(count, self._latency_ns // period_ns + 2)
-        self.readings = Readings.of(count, beams)
+        self.readings = Readings(
+            stamps_ns=np.zeros(count, np.int64),
+            truths=np.zeros((count, 3)),
+            odometry=np.zeros((count, 3)),
+            velocities=np.zeros((count, 2)),
+            collisions=np.zeros(count, bool),
+            ranges=np.zeros((count, beams), np.float32),
+        )
         self.scenes = ScenePool()
         self._simulators: dict[int, Simulator] = {}
         self._ticks = config.ticks(config.control_period_s)

@@ -7,7 +7,7 @@ Hokuyo UST-10LX, from the configuration of its drivers and models.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import (
@@ -32,7 +32,6 @@ __all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")
 PHYSICS_VERSION = 1
 
 Config = TypeVar("Config", bound="SimulatorConfig")
-Part = TypeVar("Part", DriveConfig, LidarConfig, OdometryConfig)
 
 
 @dataclass(frozen=True)
@@ -223,6 +222,14 @@ class SimulatorConfig(Checked):
         return round(nanoseconds(period_s) / self.tick_ns)
 
 
+# What a preset may change of any robot, by part: noise and latency.
+_PRESET_FIELDS = {
+    "drive": ["command_latency_s"],
+    "lidar": ["noise_m"],
+    "odometry": ["yaw_noise_rad", "yaw_rate_noise_rad_s"],
+}
+
+
 def with_robot(config: Config, robot: Robot) -> Config:
     """Return a configuration for another robot.
 
@@ -237,34 +244,21 @@ def with_robot(config: Config, robot: Robot) -> Config:
         return config
 
     standard = SimulatorConfig()
-    drive = _keep_changes(
-        robot.drive, config.drive, standard.drive, ["command_latency_s"]
-    )
-    lidar = _keep_changes(robot.lidar, config.lidar, standard.lidar, ["noise_m"])
-    if not lidar.noise_m:
-        # A preset without noise means both kinds: the absolute one and the share.
-        lidar = replace(lidar, noise_share=0.0)
-    noises = ["yaw_noise_rad", "yaw_rate_noise_rad_s"]
-    odometry = _keep_changes(robot.odometry, config.odometry, standard.odometry, noises)
-    physics = replace(config.physics, wheel_friction=robot.wheel_friction)
-    return replace(
-        config,
-        chassis=robot.chassis,
-        physics=physics,
-        drive=drive,
-        lidar=lidar,
-        odometry=odometry,
-    )
-
-
-def _keep_changes(part: Part, preset: Part, standard: Part, names: list[str]) -> Part:
-    """Return a robot's part with those fields in which the preset is not standard."""
-    changes = {}
-    for name in names:
-        value = getattr(preset, name)
-        if value != getattr(standard, name):
-            changes[name] = value
-    return replace(part, **changes)
+    parts: dict[str, Any] = {
+        "chassis": robot.chassis,
+        "physics": replace(config.physics, wheel_friction=robot.wheel_friction),
+    }
+    for name, fields in _PRESET_FIELDS.items():
+        changes = {}
+        for key in fields:
+            value = getattr(getattr(config, name), key)
+            if value != getattr(getattr(standard, name), key):
+                changes[key] = value
+        parts[name] = replace(getattr(robot, name), **changes)
+    # Without noise means both kinds: the absolute one and the share.
+    if not parts["lidar"].noise_m:
+        parts["lidar"] = replace(parts["lidar"], noise_share=0.0)
+    return replace(config, **parts)
 
 
 def chassis_in(simulator: object) -> Chassis:

@@ -231,14 +231,13 @@ class MppiController(Controller):
         counts_yaw = goal_distance_m < critics.goal_angle_within_m
         position_weight = critics.goal_weight if counts_position else 0.0
         yaw_weight = critics.goal_angle_weight if counts_yaw else 0.0
-        if position_weight > 0.0 or yaw_weight > 0.0:
-            kernels.add_goal_costs(
-                self._costs,
-                self._poses,
-                (goal.x, goal.y, goal.yaw),
-                position_weight,
-                yaw_weight,
-            )
+        kernels.add_goal_costs(
+            self._costs,
+            self._poses,
+            (goal.x, goal.y, goal.yaw),
+            position_weight,
+            yaw_weight,
+        )
         kernels.add_control_costs(
             self._costs,
             self._controls,

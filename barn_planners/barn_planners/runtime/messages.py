@@ -63,24 +63,24 @@ def select_candidates(
         costs: Costs (k,), +inf or NaN if rejected. None gives all the costliest color.
     """
     indices = _spread_indices(len(candidates), MAX_CANDIDATES)
-    finite_costs = np.zeros(len(candidates))
+    colors = np.tile(COSTLIEST_COLOR, (len(indices), 1))
     if costs is not None:
         finite_costs = np.where(np.isnan(costs), np.inf, costs)
         if np.isfinite(finite_costs).any():
             cheapest = int(np.argmin(finite_costs))
-            # In place of its neighbor in the selection, so that the number stays the
-            # same.
+            # In place of its neighbor in the selection, so that the number stays.
             indices[np.argmin(np.abs(indices - cheapest))] = cheapest
+        colors = _colors(finite_costs[indices])
 
     point_indices = _spread_indices(candidates.shape[1], MAX_POINTS)
     points = np.asarray(candidates[indices][:, point_indices], np.float64)
-    return CandidateLines(points, _colors(finite_costs[indices], costs is not None))
+    return CandidateLines(points, colors)
 
 
-def _colors(costs: FloatArray, has_costs: bool) -> FloatArray:
+def _colors(costs: FloatArray) -> FloatArray:
     is_valid = np.isfinite(costs)
-    shares = np.zeros(len(costs)) if has_costs else np.ones(len(costs))
-    if has_costs and is_valid.any():
+    shares = np.zeros(len(costs))
+    if is_valid.any():
         low = float(costs[is_valid].min())
         high = float(costs[is_valid].max())
         if high > low:

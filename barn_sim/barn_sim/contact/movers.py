@@ -14,7 +14,7 @@ from barn_sim.body.state import Record
 from barn_sim.body.vectors import Quaternion, Vector
 from barn_sim.config import SimulatorConfig
 from barn_sim.contact.bullet import bullet
-from barn_sim.contact.scene import ContactScene
+from barn_sim.contact.scene import STILL, ContactScene
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
@@ -141,11 +141,9 @@ class Movers:
             # Walls come first in the arrays and stay where they are.
             if index >= self._walls:
                 position, attitude = self._pose(index)
-                velocity = (*self._velocities[index].tolist(), self._lift_m_s)
-                bullet.resetBasePositionAndOrientation(
-                    body, position, attitude, scene.client
-                )
-                bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), scene.client)
+                vx, vy = self._velocities[index].tolist()
+                velocity = (vx, vy, self._lift_m_s)
+                scene.set_state(body, (position, attitude, velocity, STILL))
         return bool((gaps <= self._wake_m + _LEAVE_GAP_M).any() and self._bodies)
 
     def end_contact(self) -> None:

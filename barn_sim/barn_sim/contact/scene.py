@@ -22,7 +22,7 @@ from barn_sim.contact.bullet import bullet, connect, disconnect
 # Position, attitude, velocity and spin of a body in the world frame.
 BodyState: TypeAlias = tuple[Vector, Quaternion, Vector, Vector]
 
-_STILL = (0.0, 0.0, 0.0)
+STILL = (0.0, 0.0, 0.0)
 _SOLVER_ITERATIONS = 20
 
 
@@ -70,10 +70,10 @@ class ContactScene:
 
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
         upright = (0.0, 0.0, 0.0, 1.0)
-        ground = self._create(plane, _STILL, upright, 0.0, lateralFriction=1.0)
+        ground = self._create(plane, STILL, upright, 0.0, lateralFriction=1.0)
         self.robot = self._create(
             _robot_shape(model, client),
-            _STILL,
+            STILL,
             upright,
             model.mass_kg,
             lateralFriction=config.chassis_friction,
@@ -92,19 +92,23 @@ class ContactScene:
 
     def place_robot(self, state: BodyState) -> None:
         """Hand the robot over to Bullet; there must be no obstacles yet."""
-        position, attitude, velocity, spin = state
+        position, attitude, _, _ = state
         # PyBullet sets the pose, but not the inertia in the world frame, which Bullet
         # computes at the end of a tick. So a tick passes at that pose before.
-        self._set_robot((position, attitude, _STILL, _STILL))
+        self.set_state(self.robot, (position, attitude, STILL, STILL))
         bullet.stepSimulation(self.client)
-        self._set_robot((position, attitude, velocity, spin))
+        self.set_state(self.robot, state)
 
-    def _set_robot(self, state: BodyState) -> None:
+    def set_state(self, body: int, state: BodyState) -> None:
+        """Set the state of a body.
+
+        Args:
+            body: PyBullet's number of the body.
+            state: Its pose and velocities from now on.
+        """
         position, attitude, velocity, spin = state
-        bullet.resetBasePositionAndOrientation(
-            self.robot, position, attitude, self.client
-        )
-        bullet.resetBaseVelocity(self.robot, velocity, spin, self.client)
+        bullet.resetBasePositionAndOrientation(body, position, attitude, self.client)
+        bullet.resetBaseVelocity(body, velocity, spin, self.client)
 
     def tick(self, position: Vector, force: Vector, torque: Vector) -> BodyState:
         """Advance by a tick.

@@ -244,9 +244,10 @@ class RobotMotion:
         if self.obstacles.has_bodies:
             self.obstacles.follow(scene, Pose2D(*pose))
         if self.obstacles.is_contact_over and not is_mover_near:
-            self._end_contact()
+            self.close()
 
-    def _end_contact(self) -> None:
+    def close(self) -> None:
+        """End the contact, if there is one, and give back its scene."""
         if self._scene is None:
             return
         self._scenes.release(self._scene)
@@ -258,10 +259,6 @@ class RobotMotion:
         robot["in_contact"] = False
         # Cylinders may have moved since the last look.
         robot["clearance_m"] = 0.0
-
-    def close(self) -> None:
-        """Give back the scene of a contact."""
-        self._end_contact()
 
 
 def _set_body(

@@ -153,10 +153,10 @@ class ParticleLocalization:
         )
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         hits = ranges[is_hit, None] * directions + [self._mount.x, self._mount.y]
-        table = self._cubed_likelihoods(scan.range_max)
+        table = self._likelihood_cubes(scan.range_max)
         return particle_weights(self._particles, hits, table, *self._grid)
 
-    def _cubed_likelihoods(self, range_max: float) -> Floats:
+    def _likelihood_cubes(self, range_max: float) -> Floats:
         """Return the cubed likelihood of a hit in each cell of map and border."""
         if self._table is None or self._table[0] != range_max:
             config = self._config

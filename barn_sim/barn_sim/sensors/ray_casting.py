@@ -478,12 +478,12 @@ def _cast_tilted(
             by = sine * directions[beam, 0] + cosine * directions[beam, 1]
             offset = (ox, oy, oz)
             axis = (ux, uy, uz)
-            distance = _tilted_hit(bx, by, offset, axis, along, beyond, half, radius)
+            distance = _hit_cylinder(bx, by, offset, axis, along, beyond, half, radius)
             ranges[beam] = min(ranges[beam], distance)
 
 
 @kernel
-def _tilted_hit(
+def _hit_cylinder(
     bx: float,
     by: float,
     offset: Vector,
