@@ -63,6 +63,8 @@ _LANES = record_type(
         ("wheels", _WHEEL, 4),
     ]
 )
+# Everything about the lanes is rows of numbers of eight bytes.
+_ROWS = _LANES.itemsize // (8 * LANES)
 
 
 @kernel
@@ -94,8 +96,9 @@ def advance_all(
         angular = commands[index, 1]
         add_command(fleet, index, arrival_ns, linear, angular)
         left[index] = ticks
-    lanes = np.zeros(1, _LANES)
-    _advance_lanes(fleet, segments, cylinders, indices, left, lanes[0])
+    numbers = np.zeros((_ROWS, LANES))
+    lanes = numbers.reshape(numbers.size).view(_LANES)
+    _advance_lanes(fleet, segments, cylinders, indices, left, lanes[0], numbers)
 
 
 @njit(**NO_REFERENCES)
@@ -106,6 +109,7 @@ def _advance_lanes(
     indices: Integers,
     left: Integers,
     lanes: Record,
+    numbers: Floats,
 ) -> None:
     robots, _, settings, noise = fleet
     fixed: Record = settings[0]
@@ -135,7 +139,9 @@ def _advance_lanes(
                 is_full, waiting = _fill_lane(*state, indices, waiting, lanes, lane)
             if not is_full:
                 used -= 1
-                _move_lane(lanes, fixed.grips, used, lane)
+                # Bit by bit, so that the rows with whole numbers move as well.
+                for row in range(_ROWS):
+                    numbers[row, lane] = numbers[row, used]
 
     for lane in range(used):
         index = lanes.index[lane]
@@ -229,27 +235,6 @@ def _finish_sweeps(
     motion = sweep_friction(motion, rims, grips, fixed.inverse_mass, sweeps)
     move_body(robot, fixed, motion)
     finish_tick(robot, fixed, noise)
-
-
-@njit(**NO_REFERENCES)
-def _move_lane(lanes: Record, grips: int, source: int, target: int) -> None:
-    lanes.index[target] = lanes.index[source]
-    lanes.sweeps[target] = lanes.sweeps[source]
-    for k in range(5):
-        lanes.motion[k, target] = lanes.motion[k, source]
-    for i in range(grips):
-        row: Record = lanes.wheels[i]
-        row.impulse_x[target] = row.impulse_x[source]
-        row.impulse_y[target] = row.impulse_y[source]
-        row.arm_x[target] = row.arm_x[source]
-        row.arm_y[target] = row.arm_y[source]
-        row.arm_z[target] = row.arm_z[source]
-        row.limit[target] = row.limit[source]
-        row.step[target] = row.step[source]
-        row.rim_x[target] = row.rim_x[source]
-        row.rim_y[target] = row.rim_y[source]
-        for k in range(6):
-            row.levers[k, target] = row.levers[k, source]
 
 
 @njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
