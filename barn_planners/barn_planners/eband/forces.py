@@ -202,7 +202,7 @@ def _move(band: Floats, i: int, context: Context) -> None:
 
 
 @kernel
-def relax(band: Floats, n: int, context: Context, sweeps: int) -> int:
+def relax(band: Floats, n: int, context: Context) -> int:
     """Apply the forces to the inner bubbles, and refine.
 
     Follows `EBandPlanner::modifyBandArtificialForce`.
@@ -211,12 +211,11 @@ def relax(band: Floats, n: int, context: Context, sweeps: int) -> int:
         band: Band to change.
         n: Its length.
         context: What bubbles depend on.
-        sweeps: How often to go from the first bubble to the last and back.
 
     Returns:
         The new length, or a code of REASONS.
     """
-    for _ in range(sweeps):
+    for _ in range(context.gains.sweeps):
         for i in range(1, n - 1):
             _move(band, i, context)
         # Back as well as forth, as each bubble sees only neighbors that have moved
@@ -265,9 +264,7 @@ def from_plan(band: Floats, poses: Floats, context: Context) -> int:
 
 
 @kernel
-def optimize(
-    band: Floats, trial: Floats, n: int, context: Context, sweeps: int
-) -> tuple[int, int]:
+def optimize(band: Floats, trial: Floats, n: int, context: Context) -> tuple[int, int]:
     """Renew a band and relax a copy of it (`EBandPlanner::optimizeBand`).
 
     Args:
@@ -275,7 +272,6 @@ def optimize(
         trial: Band that receives the relaxed copy.
         n: Length of the band.
         context: What bubbles depend on.
-        sweeps: How often to go from the first bubble to the last and back.
 
     Returns:
         The new lengths of both, or codes of REASONS.
@@ -287,7 +283,7 @@ def optimize(
         return n, n
 
     band[:n] = trial[:n]
-    return n, relax(trial, n, context, sweeps)
+    return n, relax(trial, n, context)
 
 
 @kernel
@@ -298,7 +294,6 @@ def advance(
     pose: Pose,
     ahead: Floats,
     context: Context,
-    sweeps: int,
 ) -> tuple[int, int, bool]:
     """Connect a band to the robot, append poses, and optimize it.
 
@@ -311,7 +306,6 @@ def advance(
         pose: Pose of the robot.
         ahead: Poses (k, 3) to append, x and y in m, yaw in rad.
         context: What bubbles depend on.
-        sweeps: How often to go from the first bubble to the last and back.
 
     Returns:
         Length of the band; length of the trial band or a code of REASONS; whether the
@@ -327,5 +321,5 @@ def advance(
         return n, length, False
 
     band[:length] = trial[:length]
-    renewed, relaxed = optimize(band, trial, length, context, sweeps)
+    renewed, relaxed = optimize(band, trial, length, context)
     return (length if renewed < 0 else renewed), relaxed, True

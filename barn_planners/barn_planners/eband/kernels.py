@@ -51,6 +51,7 @@ class BandGains(NamedTuple):
     overshoot: float
     significant_force: float
     halvings: int
+    sweeps: int
     weighs_x_twice: bool
 
 

@@ -90,7 +90,6 @@ class ElasticBand:
             self._trial,
             self._count,
             self._context(costmap),
-            self._config.sweeps,
         )
         if count >= 0:
             self._count = count
@@ -117,7 +116,6 @@ class ElasticBand:
             Pose(pose.x, pose.y, yaw),
             ahead,
             self._context(costmap),
-            self._config.sweeps,
         )
         return is_appended, self._adopt(trial_count)
 

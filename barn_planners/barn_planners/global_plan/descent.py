@@ -8,7 +8,12 @@ import math
 
 import numpy as np
 
-from barn_planners.global_plan.kernels import UNREACHED, Ends, Potential
+from barn_planners.global_plan.kernels import (
+    BLOCKED_PRICE,
+    UNREACHED,
+    Ends,
+    Potential,
+)
 from barn_worlds.base.arrays import Floats, Singles
 from barn_worlds.base.kernel import kernel
 
@@ -17,10 +22,10 @@ _LARGEST_INTEGER = 2.0**31
 
 
 @kernel
-def _slope(potential: Potential, cell: int, step: int, blocked_slope: float) -> float:
+def _slope(potential: Potential, cell: int, step: int) -> float:
     """Return the descent along one axis, whose neighbors are a step away.
 
-    At an unreached cell it is `blocked_slope` towards a neighbor that is reached.
+    At an unreached cell it is the price of a blocked one, towards a reached neighbor.
     """
     value = potential[np.uint64(cell)]
     before = potential[np.uint64(cell - step)]
@@ -28,8 +33,8 @@ def _slope(potential: Potential, cell: int, step: int, blocked_slope: float) -> 
     # An obstacle itself: navfn lets the path slide off towards any side that is free.
     if value >= UNREACHED:
         if before < UNREACHED:
-            return -blocked_slope
-        return blocked_slope if after < UNREACHED else 0.0
+            return -BLOCKED_PRICE
+        return BLOCKED_PRICE if after < UNREACHED else 0.0
 
     # The sum of one-sided differences, not their mean: only the direction counts.
     slope = 0.0
@@ -57,7 +62,7 @@ def _is_beside_wall(potential: Potential, columns: int, cell: int) -> bool:
 
 @kernel
 def _unit_gradient(
-    potential: Potential, columns: int, cell: int, blocked_slope: float
+    potential: Potential, columns: int, cell: int
 ) -> tuple[float, float]:
     """Return the unit descent (column, row) at a cell, zero on a plateau or border."""
     row = cell // columns
@@ -67,8 +72,8 @@ def _unit_gradient(
     if row < 1 or col < 1 or col >= columns - 1 or row >= last_row:
         return 0.0, 0.0
 
-    along = _slope(potential, cell, 1, blocked_slope)
-    across = _slope(potential, cell, columns, blocked_slope)
+    along = _slope(potential, cell, 1)
+    across = _slope(potential, cell, columns)
     norm = math.hypot(along, across)
     # On a plateau there is no direction; the caller then takes the lowest neighbor.
     if norm == 0.0:
@@ -78,7 +83,7 @@ def _unit_gradient(
 
 @kernel
 def _direction(
-    potential: Potential, columns: int, x: float, y: float, blocked_slope: float
+    potential: Potential, columns: int, x: float, y: float
 ) -> tuple[float, float]:
     """Return the descent (column, row) at a point, bilinear between four cells."""
     row = math.floor(y)
@@ -90,7 +95,7 @@ def _direction(
     for i in range(2):
         for j in range(2):
             corner = (row + i) * columns + col + j
-            gx, gy = _unit_gradient(potential, columns, corner, blocked_slope)
+            gx, gy = _unit_gradient(potential, columns, corner)
             weight = (fy if i else 1.0 - fy) * (fx if j else 1.0 - fx)
             dx += weight * gx
             dy += weight * gy
@@ -116,7 +121,6 @@ def descend(
     ends: Ends,
     step: float,
     neutral: float,
-    blocked_slope: float,
     points: Floats,
 ) -> int:
     """Follow a potential down along its interpolated gradient.
@@ -130,7 +134,6 @@ def descend(
         ends: The path leads from the goal to the start.
         step: Length of a step in cells.
         neutral: Price of a free cell; below it, the start is reached.
-        blocked_slope: Slope at unreached cells.
         points: Array (n, 2) that receives the path, column and row.
 
     Returns:
@@ -164,7 +167,7 @@ def descend(
         dx = 0.0
         dy = 0.0
         if not to_and_fro and not _is_beside_wall(potential, columns, cell):
-            dx, dy = _direction(potential, columns, x, y, blocked_slope)
+            dx, dy = _direction(potential, columns, x, y)
 
         norm = math.hypot(dx, dy)
         if norm > 0.0:
@@ -190,7 +193,6 @@ def descend_as_navfn(
     columns: int,
     ends: Ends,
     neutral: float,
-    blocked_slope: float,
     points: Singles,
 ) -> tuple[int, bool]:
     """Follow a potential down as navfn does, in single precision.
@@ -204,7 +206,6 @@ def descend_as_navfn(
         columns: Number of columns of the grid.
         ends: The path leads from the goal to the start.
         neutral: Price of a free cell; below it, the start is reached.
-        blocked_slope: Slope at unreached cells.
         points: Array (n, 2) that receives the path, column and row.
 
     Returns:
@@ -240,7 +241,7 @@ def descend_as_navfn(
                 return n + 1, False
             continue
 
-        x, y = _direction_as_navfn(potential, columns, cell, dx, dy, blocked_slope)
+        x, y = _direction_as_navfn(potential, columns, cell, dx, dy)
         if x == 0.0 and y == 0.0:
             return n + 1, False
 
@@ -273,7 +274,6 @@ def _direction_as_navfn(
     cell: int,
     dx: np.float32,
     dy: np.float32,
-    blocked_slope: float,
 ) -> tuple[np.float32, np.float32]:
     """Return the gradient at an offset from a cell.
 
@@ -282,7 +282,7 @@ def _direction_as_navfn(
     x = np.empty(4, np.float32)
     y = np.empty(4, np.float32)
     for k, corner in enumerate((cell, cell + 1, cell + columns, cell + columns + 1)):
-        x[k], y[k] = _unit_gradient_as_navfn(potential, columns, corner, blocked_slope)
+        x[k], y[k] = _unit_gradient_as_navfn(potential, columns, corner)
     return _interpolate(x, dx, dy), _interpolate(y, dx, dy)
 
 
@@ -299,7 +299,7 @@ def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32
 
 @kernel
 def _unit_gradient_as_navfn(
-    potential: Singles, columns: int, cell: int, blocked_slope: float
+    potential: Singles, columns: int, cell: int
 ) -> tuple[np.float32, np.float32]:
     """Return the unit descent (column, row) at a cell, zero off the grid."""
     zero = np.float32(0.0)
@@ -307,8 +307,8 @@ def _unit_gradient_as_navfn(
         return zero, zero
 
     # As in the original, the norm is rounded before it divides.
-    along = np.float32(_slope(potential, cell, 1, blocked_slope))
-    across = np.float32(_slope(potential, cell, columns, blocked_slope))
+    along = np.float32(_slope(potential, cell, 1))
+    across = np.float32(_slope(potential, cell, columns))
     norm = _length(along, across)
     if norm <= 0.0:
         return zero, zero

@@ -17,6 +17,7 @@ from barn_worlds.base.arrays import Bytes, Floats, Integers, MediumIntegers
 from barn_worlds.base.kernel import kernel
 
 UNREACHED = 1.0e10
+BLOCKED_PRICE = 254.0  # navfn's COST_OBS, one above the highest price
 NOWHERE = (1, -1, 1, 1)  # a window without cells, also with a margin of one cell
 
 # Columns of a window, the rows and columns that a potential has touched, half open.

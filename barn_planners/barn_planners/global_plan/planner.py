@@ -17,7 +17,6 @@ from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.types import Pose2D
 
 _HIGHEST_PRICE = 253.0
-_BLOCKED_PRICE = _HIGHEST_PRICE + 1.0
 _UNKNOWN = 255
 # A potential grows per cell by at least this share of the neutral price; the update
 # formula may fall short of the distance by the slack.
@@ -130,7 +129,7 @@ class GlobalPlanner:
                 # navfn gives up after four points per column.
                 points = self._points[: 4 * cols]
                 count, is_complete = descent.descend_as_navfn(
-                    potential, cols, ends, config.neutral_cost, _BLOCKED_PRICE, points
+                    potential, cols, ends, config.neutral_cost, points
                 )
             else:
                 count = descent.descend(
@@ -139,7 +138,6 @@ class GlobalPlanner:
                     ends,
                     config.step_cells,
                     config.neutral_cost,
-                    _BLOCKED_PRICE,
                     self._points,
                 )
                 is_complete = True
@@ -172,7 +170,7 @@ class GlobalPlanner:
             rounds = max(rows * cols // 20, rows + cols)
         neutral = self.config.neutral_cost
         self._growth = kernels.Growth(
-            _BLOCKED_PRICE,
+            kernels.BLOCKED_PRICE,
             2.0 * neutral,
             rounds,
             neutral,

@@ -14,7 +14,7 @@ from barn_planners.eband import kernels
 from barn_planners.eband.forces import relax, renew
 from barn_planners.eband.planner import bubble_radii
 
-GAINS = kernels.BandGains(0.0, 0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4, False)
+GAINS = kernels.BandGains(0.0, 0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4, 3, False)
 ORIGINAL = GAINS._replace(metres_per_rad=0.408, weighs_x_twice=True)
 CAPACITY = 1024
 RESOLUTION = 0.05
@@ -167,9 +167,9 @@ class ReferenceBand:
 
 
 def optimize(band, n, grid, gains, work, sweeps):
-    context = kernels.Context(grid, gains, work)
+    context = kernels.Context(grid, gains._replace(sweeps=sweeps), work)
     n = renew(band, n, context)
-    return n if n < 0 else relax(band, n, context, sweeps)
+    return n if n < 0 else relax(band, n, context)
 
 
 def random_case(seed):

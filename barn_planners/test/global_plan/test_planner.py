@@ -374,9 +374,7 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit(seed):
     ends = ends_of(start, goal, 50)
     for most in (200, 30):
         points = np.empty((most, 2), np.float32)
-        n, arrived = descent.descend_as_navfn(
-            potential.ravel(), 50, ends, 50.0, 254.0, points
-        )
+        n, arrived = descent.descend_as_navfn(potential.ravel(), 50, ends, 50.0, points)
         expected, expected_arrived = plain_navfn_path(potential, start, goal, most)
         assert arrived == expected_arrived and (most == 200 or not arrived)
         assert_array_equal(points[:n], np.array(expected, np.float32))

@@ -15,6 +15,15 @@ from barn_worlds.geometry.kernels import rectangle_gap
 
 # Points of a segment of 1 m: closer together than a cylinder is thick.
 _SAMPLES = 9
+# A pushed cylinder this close pushes the next one.
+TOUCH_GAP_M = 0.005
+# A cylinder counts as displaced once an end of its axis has been this far from home.
+MOVED_M = 1e-3
+# Speed and spin up to which a cylinder counts as at rest.
+_REST_M_S = 1e-2
+_REST_RAD_S = 1e-1
+# Vertical component of an axis from which on a cylinder is upright.
+_UPRIGHT = math.cos(math.radians(0.5))
 # More than the rounding error of a distance.
 _ROUNDING_M = 1e-9
 
@@ -182,7 +191,6 @@ def follow_cylinders(
     homes: Floats,
     radius: float,
     half: float,
-    limits: tuple[float, float, float, float],
     states: Floats,
     segments: Floats,
     pushed: Bools,
@@ -200,15 +208,11 @@ def follow_cylinders(
         homes: Centers (n, 2) of all cylinders at the start, m.
         radius: Radius of the cylinders, m.
         half: Half their height, m.
-        limits: A cylinder counts as pushed above a speed (m/s) and a spin (rad/s) and
-            below a gap to the robot (m); as displaced once an end of its axis has been
-            farther from home than the last limit (m).
         states: State (n, 7) of each cylinder, replaced.
         segments: Axes (n, 4) seen from above, replaced.
-        pushed: Whether each moves (n,), replaced.
-        displaced: Whether each has moved (n,), set.
+        pushed: Whether each moves or touches the robot (n,), replaced.
+        displaced: Whether an end of its axis has been away from home (n,), set.
     """
-    largest_speed, largest_spin, touch_gap, largest_move = limits
     for k in range(len(indices)):
         i = indices[k]
         states[i] = bodies[k, :7]
@@ -221,14 +225,14 @@ def follow_cylinders(
         for end in range(0, 4, 2):
             dx = segment[end] - homes[i, 0]
             dy = segment[end + 1] - homes[i, 1]
-            if math.hypot(dx, dy) > largest_move:
+            if math.hypot(dx, dy) > MOVED_M:
                 displaced[i] = True
         speed = np.linalg.norm(bodies[k, 7:10])
         spin = np.linalg.norm(bodies[k, 10:13])
         # Touch counts even at rest: the robot is about to push it, and with it its
         # neighbors.
-        is_touched = robot_gap(segment, x, y, yaw, extent) < radius + touch_gap
-        pushed[i] = is_touched or speed > largest_speed or spin > largest_spin
+        is_touched = robot_gap(segment, x, y, yaw, extent) < radius + TOUCH_GAP_M
+        pushed[i] = is_touched or speed > _REST_M_S or spin > _REST_RAD_S
 
 
 @kernel
@@ -237,7 +241,6 @@ def intersect_cylinders(
     states: Floats,
     half: float,
     height: float,
-    upright: float,
     centers: Floats,
     tilted: Floats,
 ) -> int:
@@ -248,7 +251,6 @@ def intersect_cylinders(
         states: State (n, 7) of all cylinders.
         half: Half their height, m.
         height: Height of the plane above the ground, m.
-        upright: Vertical component of an axis from which on a cylinder is upright.
         centers: Filled in (n, 2): center of the circle in the plane, or infinity.
         tilted: Filled in (m, 7) for the others, see `Lidar.scan`.
 
@@ -262,7 +264,7 @@ def intersect_cylinders(
         centers[i] = np.inf
         # A tilted cylinder cuts the plane in an ellipse, which `_cast_tilted`
         # intersects in space.
-        if abs(uz) < upright:
+        if abs(uz) < _UPRIGHT:
             row = tilted[count]
             row[0] = states[i, 0]
             row[1] = states[i, 1]

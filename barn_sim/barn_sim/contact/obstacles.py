@@ -15,6 +15,7 @@ from barn_sim.body.model import RobotModel
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.contact.bullet import bullet
 from barn_sim.contact.cylinders import (
+    TOUCH_GAP_M,
     follow_cylinders,
     intersect_cylinders,
     near_cylinders,
@@ -28,16 +29,10 @@ from barn_worlds.worlds.world import World
 _LEAST_GAP_M = 0.03
 # A robot that slides or is pushed may be faster than it may drive.
 _SPEED_MARGIN = 1.1
-# A pushed cylinder this close pushes the next one.
-TOUCH_GAP_M = 0.005
 REST_GAP_M = 0.10
 # A contact lasts for this long after anything that moves was near a body.
 REST_TICKS = 50
 _CHECK_TICKS = 10
-MOVED_M = 1e-3
-# Speed (m/s), spin (rad/s), gap (m) and displacement (m) of `follow_cylinders`.
-_LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)
-_UPRIGHT = math.cos(math.radians(0.5))
 # Share of the spin lost per second, so that struck cylinders stop rocking and rolling.
 _ANGULAR_DAMPING = 0.6
 # Bullet's filter group of cylinders that can be pushed; moving obstacles pass through.
@@ -241,7 +236,6 @@ class Obstacles:
                 self._homes,
                 self.radius_m,
                 0.5 * self._height_m,
-                _LIMITS,
                 self._states,
                 self.segments,
                 self._pushed,
@@ -293,6 +287,6 @@ class Obstacles:
         tilted = np.empty((len(displaced), 7))
         half_m = 0.5 * self._height_m
         count = intersect_cylinders(
-            displaced, self._states, half_m, height_m, _UPRIGHT, centers, tilted
+            displaced, self._states, half_m, height_m, centers, tilted
         )
         return centers, tilted[:count]
