@@ -267,8 +267,7 @@ def warm_up() -> None:
         for _ in range(20):
             simulator.step(Velocity2D(1.0, 0.0))
         simulator.close()
-    # Nothing above makes a cylinder tilt for certain, and a lidar compiles that path
-    # only when it sees one.
+    # No cylinder above may have tilted.
     tilted = np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]])
     lidar = Lidar(config.lidar, np.random.default_rng(0))
     lidar.scan(0, Pose2D(0.0, 0.0, 0.0), np.ones((1, 2)), 0.1, tilted)

@@ -218,8 +218,8 @@ def relax(band: Floats, n: int, context: Context) -> int:
     for _ in range(context.gains.sweeps):
         for i in range(1, n - 1):
             _move(band, i, context)
-        # Back as well as forth, as each bubble sees only neighbors that have moved
-        # already.
+        # Back as well as forth: on one pass each bubble sees one neighbor that has
+        # moved already and one that has not.
         for i in range(n - 2, 0, -1):
             _move(band, i, context)
         n = refine(band, n, context)

@@ -102,8 +102,8 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
     aspect = pixels_high / pixels_wide
     if name == "top":
         height = 30.0
-        # The scene is twice as long as wide, so whichever side is tighter in the
-        # picture decides, with 3 % to spare.
+        # Whichever side of the scene is tighter in the picture decides, with 3 % to
+        # spare.
         half = 1.03 * 0.5 * max(width, length * aspect)
         # From 30 m up, the tops of obstacles (1 m) lean outwards by little; they are
         # what has to fit.
@@ -246,7 +246,7 @@ class Studio(AbstractContextManager["Studio"]):
             self._put(self._add(along_x), (x, float(line_y), 0.0))
 
     def _add_pillars(self, centers_m: Points, scene: TrialScene, color: str) -> None:
-        # A body per group: one per pillar would take seconds for a world of hundreds.
+        # A body per group instead of one per pillar: worlds have hundreds.
         for first in range(0, len(centers_m), _PILLARS):
             group = centers_m[first : first + _PILLARS]
             self._add_mesh(pillars(group, scene.radius_m, scene.height_m), color)
