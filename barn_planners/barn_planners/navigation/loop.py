@@ -309,14 +309,11 @@ class NavigationPlanner(Planner):
         self, observation: Observation, new_plan: FloatArray | None
     ) -> Decision:
         self._recovery_cause = self._problem or self._recovery_cause
-        pose = self.control_pose(observation)
         costmap_poses = (
-            (self._local_costmap, pose),
+            (self._local_costmap, self.control_pose(observation)),
             (self._global_costmap, observation.pose),
         )
-        command = self._recovery.step(
-            observation.stamp_ns, pose, self._local_costmap, costmap_poses
-        )
+        command = self._recovery.step(observation.stamp_ns, costmap_poses)
         cause = self._recovery_cause
         if self._recovery.aborted:
             self._final_decision = Decision(

@@ -95,19 +95,14 @@ class Recovery:
             self._is_for_plan = False
 
     def step(
-        self,
-        stamp_ns: int,
-        pose: Pose2D,
-        costmap: Costmap,
-        costmap_poses: Sequence[tuple[Costmap, Pose2D]],
+        self, stamp_ns: int, costmap_poses: Sequence[tuple[Costmap, Pose2D]]
     ) -> Velocity2D:
         """Continue the current behavior for one cycle.
 
         Args:
             stamp_ns: Simulated time in ns.
-            pose: Pose of the robot in the frame of the local costmap.
-            costmap: Local costmap, which turns are checked against.
             costmap_poses: Costmaps to clear, each with the robot's pose in its frame.
+                The first is the local one, which turns are checked against.
 
         Returns:
             The command of this cycle; a stop at the end of a behavior.
@@ -115,7 +110,7 @@ class Recovery:
         command = None
         # A plan that arrives during a turn resets the sequence, but the turn goes on.
         if self._last_yaw is not None or self._behavior in _TURNS:
-            command = self._turn(pose, costmap)
+            command = self._turn(*costmap_poses[0])
         elif self.config.clearing_clears:
             self._clear(costmap_poses)
 
@@ -138,7 +133,7 @@ class Recovery:
         for costmap, pose in costmap_poses:
             costmap.clear_outside(pose, side_m)
 
-    def _turn(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:
+    def _turn(self, costmap: Costmap, pose: Pose2D) -> Velocity2D | None:
         """Return the next command of a full left turn; None if done or blocked."""
         config = self.config
         if self._last_yaw is None:

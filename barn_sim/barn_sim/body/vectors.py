@@ -7,6 +7,8 @@ from barn_worlds.base.kernel import kernel
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
+# Position, attitude, velocity and spin of a body in the world frame.
+BodyState = tuple[Vector, Quaternion, Vector, Vector]
 
 
 @kernel

@@ -12,15 +12,11 @@ created.
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 from barn_sim.body.model import RobotModel, Shape
-from barn_sim.body.vectors import Quaternion, Vector
+from barn_sim.body.vectors import BodyState, Vector
 from barn_sim.config import PhysicsConfig
 from barn_sim.contact.bullet import bullet, connect, disconnect
-
-# Position, attitude, velocity and spin of a body in the world frame.
-BodyState: TypeAlias = tuple[Vector, Quaternion, Vector, Vector]
 
 STILL = (0.0, 0.0, 0.0)
 _SOLVER_ITERATIONS = 20

@@ -16,7 +16,7 @@ from barn_sim.body.rigid_body import move_body, place_base
 from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.body.tires import begin_tires, tire_forces
 from barn_sim.body.vectors import (
-    Quaternion,
+    BodyState,
     Vector,
     cross,
     fill,
@@ -83,7 +83,7 @@ def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]
 
 @kernel
 def follow_body(
-    fleet: Fleet, index: int, state: tuple[Vector, Quaternion, Vector, Vector]
+    fleet: Fleet, index: int, state: BodyState
 ) -> tuple[float, float, float]:
     """Complete a tick with the body's state in PyBullet.
 
@@ -106,9 +106,7 @@ def follow_body(
 
 
 @kernel
-def body_state(
-    robots: Records, index: int
-) -> tuple[Vector, Quaternion, Vector, Vector]:
+def body_state(robots: Records, index: int) -> BodyState:
     """Return position, attitude, velocity and spin of a robot's center of mass.
 
     Args:
