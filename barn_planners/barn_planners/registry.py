@@ -115,11 +115,6 @@ def planner_entry(name: str) -> PlannerEntry:
     return entry
 
 
-def presets(name: str) -> dict[str, Checked]:
-    """Return the presets of a planner by name, the recommended one first."""
-    return dict(planner_entry(name).presets)
-
-
 def planner_config(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Any:

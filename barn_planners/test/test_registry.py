@@ -11,8 +11,8 @@ from barn_planners.registry import (
     PlannerEntry,
     make_planner,
     planner_config,
+    planner_entry,
     planner_names,
-    presets,
     register,
 )
 from barn_worlds.base.config import Checked, quantity
@@ -57,11 +57,13 @@ def announced(monkeypatch):
 def test_every_planner_can_be_built_with_every_preset():
     assert {"dwa", "eband"} <= set(planner_names())
     for name in planner_names():
-        for preset, config in presets(name).items():
+        for preset, config in planner_entry(name).presets.items():
             planner = make_planner(name, preset)
             assert isinstance(planner, Planner) and planner.config == config
         for protocol in ("challenge", "paper2020"):
-            assert planner_config(name, protocol) in presets(name).values()
+            assert (
+                planner_config(name, protocol) in planner_entry(name).presets.values()
+            )
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from barn_planners.costmap.config import (
     parse_footprint,
 )
 from barn_planners.costmap.costmap import RollingCostmap
-from barn_planners.registry import planner_config, planner_names, presets
+from barn_planners.registry import planner_config, planner_entry, planner_names
 from barn_planners.robots import fit_parameters, lidar_mount_changes, robot_scale
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError
@@ -30,7 +30,7 @@ PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
 
 
 def configured(name, robot, preset="", **overrides):
-    preset = preset or next(iter(presets(name)))
+    preset = preset or next(iter(planner_entry(name).presets))
     return planner_config(name, preset, fit_parameters(name, preset, overrides, robot))
 
 
@@ -56,7 +56,7 @@ def is_inside(corners, point):
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_nothing_changes_for_the_jackal(name):
     assert name in planner_names()
-    for preset, config in presets(name).items():
+    for preset, config in planner_entry(name).presets.items():
         assert fit_parameters(name, preset, {}, JACKAL) == {}
         assert as_dict(configured(name, JACKAL, preset)) == as_dict(config)
 
@@ -65,7 +65,7 @@ def test_nothing_changes_for_the_jackal(name):
 def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
     """The rules themselves lead to the presets, but for figures of planners without a costmap and a quirk of DWA's."""
     other = replace(JACKAL, chassis=replace(JACKAL.chassis, name="other"))
-    for preset in presets(name):
+    for preset in planner_entry(name).presets:
         for key, before, value in changes(name, other, preset):
             if key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
                 continue
@@ -85,7 +85,7 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
         "obstacle_range_m",
         "path_ahead_m",
     )
-    for preset, config in presets(name).items():
+    for preset, config in planner_entry(name).presets.items():
         for key, before, value in changes(name, robot, preset):
             if key.endswith(("max_speed_mps", "escape_speed_mps")):
                 scaled = scale * abs(before)
@@ -136,9 +136,12 @@ def test_gap_inflates_between_inscribed_and_circumscribed():
 
 
 def test_lidar_is_where_the_robot_has_it():
-    changes = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
+    changes = lidar_mount_changes(planner_entry("gap").presets["default"], ROUND.lidar)
     assert changes == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
-    assert lidar_mount_changes(presets("dwa")["challenge"], JACKAL.lidar) == {}
+    assert (
+        lidar_mount_changes(planner_entry("dwa").presets["challenge"], JACKAL.lidar)
+        == {}
+    )
 
 
 def test_outlines_as_text():
@@ -191,7 +194,7 @@ def test_a_costmap_clears_and_checks_the_outline():
 
 
 def test_dwa_counts_edges_of_other_robots_by_distance():
-    for preset, config in presets("dwa").items():
+    for preset, config in planner_entry("dwa").presets.items():
         counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
         assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
         assert configured("dwa", ROUND, preset).dwa.obstacle_weight == counted

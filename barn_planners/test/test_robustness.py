@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import PlannerStatus, Task
-from barn_planners.registry import make_planner, planner_config, planner_names, presets
+from barn_planners.registry import (
+    make_planner,
+    planner_config,
+    planner_entry,
+    planner_names,
+)
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
 
@@ -25,7 +30,11 @@ NOWHERE = Pose2D(math.nan, math.nan, math.nan)
 
 def planners():
     """Return name and preset of every planner in every preset."""
-    return [(name, preset) for name in planner_names() for preset in presets(name)]
+    return [
+        (name, preset)
+        for name in planner_names()
+        for preset in planner_entry(name).presets
+    ]
 
 
 def with_scan(**changes):
@@ -108,7 +117,7 @@ def observed(world, planner, cycles, fault=None):
 
 def started(name, preset=None, goal=GOAL, static_map=None):
     """Return a planner with a task, a global costmap no larger than this world needs and fewer samples of MPPI."""
-    preset = preset or next(iter(presets(name)))
+    preset = preset or next(iter(planner_entry(name).presets))
     fields = {field for field, _, _ in fields_of(planner_config(name, preset))}
     changes = {"global_costmap.size_m": 24.0, "mppi.samples": 400}
     known = {field: value for field, value in changes.items() if field in fields}

@@ -201,7 +201,7 @@ class RobotMotion:
         """Advance by a number of ticks for which noise has been drawn."""
         while ticks:
             left = self._advance_freely(ticks)
-            if left == ticks and self.movers is not None and self._scene is None:
+            if left == ticks and self.movers is not None and not self.is_in_contact:
                 # Compiled code knows only how near they may have come since the last
                 # look.
                 self.movers.look(self.drive.fleet.robots[self._index])
