@@ -36,7 +36,7 @@ def configured(name, robot, preset="", **overrides):
 
 def changes(name, robot, preset):
     """Yield each key of a preset, its value there and for a robot."""
-    fields = fields_of(presets(name)[preset])
+    fields = fields_of(planner_entry(name).presets[preset])
     fields_of_robot = fields_of(configured(name, robot, preset))
     for (key, _, before), (_, _, value) in zip(fields, fields_of_robot, strict=True):
         yield key, before, value

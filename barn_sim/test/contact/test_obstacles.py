@@ -203,11 +203,8 @@ def test_a_tilted_cylinder_is_handed_over_as_such(tilt):
     states = np.array([[1.0, 2.0, 0.5, *q]])
     centers = np.array([[1.0, 2.0]])
     tilted = np.empty((1, 7))
-    upright = math.radians(0.5)
-    count = intersect_cylinders(
-        np.array([0]), states, 0.5, 0.3, math.cos(upright), centers, tilted
-    )
-    if tilt < upright:
+    count = intersect_cylinders(np.array([0]), states, 0.5, 0.3, centers, tilted)
+    if tilt < math.radians(0.5):
         assert count == 0
         assert centers[0] == pytest.approx([1.0, 2.0 + 0.2 * math.tan(tilt)])
     else:
