@@ -87,7 +87,8 @@ class RobotModel:
     def reach_m(self) -> float:
         """Distance from base_link to the farthest corner of `extent`."""
         # The rows are two opposite corners. On each axis the farther side counts.
-        return math.hypot(*np.abs(self.extent).reshape(2, 2).max(axis=0).tolist())
+        farthest = np.abs(self.extent).reshape(2, 2).max(axis=0)
+        return math.hypot(*farthest.tolist())
 
 
 @cache

@@ -224,7 +224,9 @@ class ParticleLocalization:
         cluster = self._particles[labels == np.argmax(np.bincount(labels))]
         yaws = cluster[:, 2]
         yaw = math.atan2(np.sin(yaws).mean(), np.cos(yaws).mean())
-        return Pose2D(float(cluster[:, 0].mean()), float(cluster[:, 1].mean()), yaw)
+        x = float(cluster[:, 0].mean())
+        y = float(cluster[:, 1].mean())
+        return Pose2D(x, y, yaw)
 
 
 def has_moved(config: LocalizationConfig, last: Pose2D, odometry: Pose2D) -> bool:
