@@ -107,7 +107,8 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
         half = 1.03 * 0.5 * max(width, length * aspect)
         # From 30 m up, the tops of obstacles (1 m) lean outwards by little; they are
         # what has to fit.
-        opening = 2.0 * math.degrees(math.atan(half / (height - 1.0)))
+        distance = height - 1.0
+        opening = 2.0 * math.degrees(math.atan(half / distance))
         return Camera((x, y, height), (x, y, 0.0), (-1.0, 0.0, 0.0), opening)
 
     distance = 1.1 * length

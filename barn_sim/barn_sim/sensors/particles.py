@@ -132,7 +132,8 @@ class ParticleLocalization:
         length_spread = noise * (length**2 + bend**2 + final_bend**2)
 
         errors = self._rng.standard_normal((3, len(self._particles)))
-        heading = self._particles[:, 2] + turn - turn_spread * errors[0]
+        heading = self._particles[:, 2] + turn
+        heading -= turn_spread * errors[0]
         step = length - length_spread * errors[1]
         direction = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         self._particles[:, :2] += step[:, None] * direction
@@ -178,7 +179,9 @@ class ParticleLocalization:
         )
         particles = self._particles[np.minimum(indices, len(weights) - 1)]
 
-        share = self._random_share(float(sums[-1]) / len(weights) ** 2)
+        # The average depends on the number of particles, as in amcl.
+        average = float(sums[-1]) / len(weights) ** 2
+        share = self._random_share(average)
         if share > 0.0:
             is_random = self._rng.random(count) < share
             particles[is_random] = self._random_poses(int(is_random.sum()))
