@@ -44,7 +44,7 @@ def started():
 def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(started):
     rates = {"real_time_factor": 4.0, "lidar.rate_hz": 40.0, "lidar.beams": 100}
     process, peer = started(TwistStamped, command_type="twist", **rates)
-    # best effort: a reliable subscription would not be served
+    # Best effort here, reliably in the peer: both are served.
     scans = []
     peer.node.create_subscription(
         LaserScan, "scan", scans.append, qos_profile_sensor_data
@@ -57,7 +57,7 @@ def test_runs_freely_at_sensor_rates_and_rejects_wrong_types(started):
     assert not (spacing % 25_000_000).any()  # some may be lost, many on a busy machine
     odometry = np.diff([stamp_of(message) for message in peer.heard["/odom"]])
     assert np.median(odometry) == 20_000_000
-    assert not peer.heard["/scan"]
+    assert len(peer.heard["/scan"]) > 50
     code, output = process.stop(signal.SIGTERM)
     assert code == 0
     assert "Traceback" not in output
