@@ -1,36 +1,85 @@
-"""What launch files have, read from their source.
-
-Launch itself is only in a full ROS 2 installation.
-"""
+"""What launch files have: from their source, or from loading them as `ros2` does."""
 
 import ast
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
-from barn_worlds.base.config import fields_of
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-SHARED = ROOT / "barn_worlds/barn_worlds/ros/launching.py"
+NODES = {
+    "barn_worlds": "map_server",
+    "barn_sim": "simulator",
+    "barn_planners": "planner",
+    "barn_eval": "evaluator",
+}
+FILES = {
+    path.name.partition(".")[0]: path
+    for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))
+}
+
+
+@cache
+def system_prefix() -> Path:
+    """Return a prefix with the workspace as colcon installs it, without libraries."""
+    prefix = Path(tempfile.mkdtemp(prefix="barn_launch_"))
+    (prefix / "python").mkdir()
+    (prefix / "share").mkdir()
+    (prefix / "python/yaml").symlink_to(Path(yaml.__file__).parent)
+    for package, node in NODES.items():
+        (prefix / "share" / package).symlink_to(ROOT / package)
+        (prefix / "python" / package).symlink_to(ROOT / package / package)
+        (prefix / "lib" / package).mkdir(parents=True)
+        script = f"#!{sys.executable}\n"
+        (prefix / "lib" / package / node).write_text(script)
+    return prefix
+
+
+def run_launch_file(path: Path, *arguments: str, prefix: Path | None = None):
+    """Load a launch file in a Python without site-packages.
+
+    Returns:
+        The process that has ended; it prints JSON.
+    """
+    loader = Path(__file__).with_name("load_launch_file.py")
+    command = [sys.executable, "-I", "-S", loader, prefix or system_prefix(), path]
+    return subprocess.run(
+        [*command, *arguments],
+        check=False,
+        capture_output=True,
+        text=True,
+        env={"PATH": os.environ["PATH"], "NUMBA_CACHE_DIR": "/nowhere"},
+    )
+
+
+@cache
+def load_launch_file(path: Path, *arguments: str) -> dict:
+    """Return what a launch file declares and makes with these arguments."""
+    done = run_launch_file(path, *arguments)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 @cache
 def launch_arguments(path: Path) -> set[str]:
-    """Return a set that the names of a launch file's arguments are among.
+    """Return the names of a launch file's arguments.
 
-    These are the texts in it and in what all launch files share, and the fields of the
-    configurations that it imports.
+    Of a file of the suite, those that it declares; of another one, all texts in it.
     """
+    if path in FILES.values():
+        return set(load_launch_file(path)["arguments"])
     tree = ast.parse(path.read_text("utf-8"))
-    names = _texts(tree) | _texts(ast.parse(SHARED.read_text("utf-8")))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module.startswith("barn_"):
-            for config in (
-                alias.name for alias in node.names if alias.name.endswith("Config")
-            ):
-                config_class = getattr(import_module(node.module), config)
-                names |= {name for name, _, _ in fields_of(config_class())}
-    return names
+    return {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
 
 
 def constant(path: Path, name: str) -> object:
@@ -41,9 +90,6 @@ def constant(path: Path, name: str) -> object:
     raise AssertionError(f"{path}: no {name}")
 
 
-def _texts(tree: ast.Module) -> set[str]:
-    return {
-        node.value
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
+def words_of_arguments(text: str) -> set[str]:
+    """Return the names of the arguments on a command line."""
+    return set(re.findall(r"([\w.]+):=", text))

@@ -1,34 +1,40 @@
-"""Launch files are whole without launch, and have their arguments with it."""
+"""Launch files load in the system's Python, and have their arguments.
 
-import ast
-import importlib.util
-from pathlib import Path
+`ros2` runs in the system's Python, which lacks the libraries of the suite.
+"""
+
+import shutil
+import sys
 
 import pytest
-from launch_files import constant
+from launch_files import (
+    FILES,
+    NODES,
+    ROOT,
+    constant,
+    load_launch_file,
+    run_launch_file,
+    system_prefix,
+)
 from topics_used import CATALOGUE, topics_of
 
+from barn_eval.trials.protocol import PROTOCOLS, Protocol, load_protocol
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_worlds.base.config import fields_of
 
-ROOT = Path(__file__).resolve().parents[1]
-FILES = {
-    path.name.partition(".")[0]: path
-    for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))
-}
-NODES = ("map_server", "simulator", "planner", "evaluator")
 USUAL = {"params_file", "namespace", "log_level"}
 ARGUMENTS = {
     "map_server": "dataset world use_sim_time",
     "simulator": "dataset world seed lockstep real_time_factor cmd_vel_topic base_frame",
     "planner": "planner preset use_map use_sim_time cmd_vel_topic odom_frame",
-    "evaluator": "dataset worlds planner protocol out command_type goal_by lifecycle_nodes",
-    "trial": "dataset worlds planner protocol preset use_map out lockstep start_planner rviz use_sim_time",
+    "evaluator": "dataset worlds planner protocol out command_type goal_by lifecycle_nodes"
+    " patience.gate_s patience.command_s",
+    "trial": "dataset worlds planner protocol preset use_map out lockstep start_planner rviz use_sim_time"
+    " patience.gate_s patience.command_s",
 }
 ARGUMENTS = {name: {*names.split(), *USUAL} for name, names in ARGUMENTS.items()}
 ARGUMENTS["rviz"] = {"layout", "use_sim_time", "namespace", "log_level"}
-REASON = "launch and launch_ros come with a full ROS 2 installation"
 
 
 def node_configs(name):
@@ -45,37 +51,24 @@ def node_configs(name):
     return configs[name]
 
 
-def module_of(name):
-    """Return a launch file as a module."""
-    for package in ("launch", "launch_ros"):
-        pytest.importorskip(package, reason=REASON)
-    spec = importlib.util.spec_from_file_location(name, FILES[name])
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def declared_arguments(name):
-    """Return the arguments that a launch file declares."""
-    declare = pytest.importorskip("launch.actions", reason=REASON).DeclareLaunchArgument
-    entities = module_of(name).generate_launch_description().entities
-    return {entity.name for entity in entities if isinstance(entity, declare)}
-
-
-def test_every_launch_file_is_there_and_makes_a_description():
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_it_loads_with_the_standard_library_and_launch_only(name):
     assert set(FILES) == set(ARGUMENTS)
-    for path in FILES.values():
-        functions = [
-            node.name
-            for node in ast.parse(path.read_text()).body
-            if isinstance(node, ast.FunctionDef)
-        ]
-        assert "generate_launch_description" in functions
+    loaded = load_launch_file(FILES[name])
+    assert set(loaded["arguments"]) >= ARGUMENTS[name]
+    assert all(loaded["arguments"].values()), "an argument without a meaning"
+    others = {
+        module
+        for module in loaded["modules"]
+        if module not in sys.stdlib_module_names and not module.startswith("_")
+    }
+    allowed = {"launch", "launch_ros", "launch_file", "ament_index_python"}
+    assert others <= allowed | {"barn_worlds", "yaml", "cython_runtime"}
 
 
-@pytest.mark.parametrize("name", NODES)
+@pytest.mark.parametrize("name", NODES.values())
 def test_parameters_without_a_dot_are_arguments_and_no_others(name):
-    names = declared_arguments(name)
+    names = set(load_launch_file(FILES[name])["arguments"])
     parameters = {
         field for config in node_configs(name) for field, _, _ in fields_of(config)
     }
@@ -83,11 +76,51 @@ def test_parameters_without_a_dot_are_arguments_and_no_others(name):
         topic.replace("/", "_") + "_topic" for topic in constant(FILES[name], "TOPICS")
     }
     assert names - USUAL - topics - {"use_sim_time", "planner"} <= parameters
-    handles = {"supervisor_fd", "simulator_fd", "evaluator_fd"}
-    assert {field for field in parameters if "." not in field} - handles <= names
+    only_supervised = {"supervisor_fd", "simulator_fd", "evaluator_fd", "assignment"}
+    undotted = {field for field in parameters if "." not in field}
+    assert undotted - only_supervised <= names
+    patience = {field for field in parameters if field.startswith("patience.")}
+    assert {name for name in names if "." in name} == patience
 
 
-@pytest.mark.parametrize("name", [*NODES, "rviz"])
+@pytest.mark.parametrize("name", NODES.values())
+def test_arguments_have_the_type_of_the_parameter(name):
+    values = {
+        field: value
+        for config in node_configs(name)
+        for field, _, value in fields_of(config)
+        if not field.endswith("_fd") and field != "assignment"
+    }
+    shown = {
+        field: value
+        for field, value in values.items()
+        if "." not in field or field.startswith("patience.")
+    }
+    loaded = load_launch_file(FILES[name], *(f"{field}:=x" for field in shown))
+    (node,) = loaded["nodes"]
+    for field, value in shown.items():
+        kind = list[str] if isinstance(value, tuple) else type(value)
+        assert node["parameters"][field] == str(kind)
+
+
+def test_a_parameter_that_is_not_set_is_left_to_the_node():
+    (node,) = load_launch_file(FILES["simulator"], "world:=7")["nodes"]
+    assert set(node["parameters"]) == {"world"}
+
+
+@pytest.mark.parametrize(
+    "shebang", ["#!/nowhere/venv/bin/python", f"#!{sys.executable} -I -S"]
+)
+def test_a_node_without_the_libraries_is_refused_in_one_line(shebang, tmp_path):
+    prefix = shutil.copytree(system_prefix(), tmp_path / "prefix", symlinks=True)
+    (prefix / "lib/barn_sim/simulator").write_text(f"{shebang}\n")
+    done = run_launch_file(FILES["simulator"], prefix=prefix)
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert "the Python of simulator" in last and "build the workspace again" in last
+
+
+@pytest.mark.parametrize("name", [*NODES.values(), "rviz"])
 def test_it_renames_only_topics_that_there_are(name):
     used = (
         CATALOGUE.values()
@@ -98,29 +131,40 @@ def test_it_renames_only_topics_that_there_are(name):
     assert topics and topics <= {topic.name for topic in used}
 
 
-@pytest.mark.parametrize("name", ARGUMENTS)
-def test_it_declares_the_usual_arguments(name):
-    assert declared_arguments(name) >= ARGUMENTS[name]
+def planner_arguments(*arguments):
+    """Return preset and use_map that a trial's launch file gives the planner."""
+    values = load_launch_file(FILES["trial"], *arguments)["values"]
+    return values["preset"], values["use_map"].lower() == "true"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "preset", "use_map"),
-    [
-        ({"protocol": "challenge"}, "challenge", "false"),
-        ({"protocol": "known_map"}, "challenge", "true"),
-        ({"protocol": "paper2020"}, "paper2020", "true"),
-        (
-            {"protocol": "paper2020", "preset": "challenge", "use_map": "false"},
-            "challenge",
-            "false",
-        ),
-    ],
-)
-def test_a_planner_is_started_as_the_protocol_says(arguments, preset, use_map):
-    trial = module_of("trial")
-    context = trial.LaunchContext()
-    context.launch_configurations.update({"preset": "", "use_map": ""} | arguments)
-    for action in trial._by_protocol(context):
-        action.execute(context)
-    configurations = context.launch_configurations
-    assert (configurations["preset"], configurations["use_map"]) == (preset, use_map)
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_a_planner_is_started_as_the_protocol_says(name):
+    protocol = PROTOCOLS[name]
+    expected = (protocol.planner_preset, protocol.map_given)
+    assert planner_arguments(f"protocol:={name}") == expected
+
+
+def test_what_is_set_overrides_the_protocol():
+    arguments = ("protocol:=paper2020", "preset:=challenge", "use_map:=false")
+    assert planner_arguments(*arguments) == ("challenge", False)
+
+
+@pytest.mark.parametrize("text", ["base: known_map", "goal: {x_m: 1.0}\nstart: {}"])
+def test_a_protocol_of_ones_own_is_read(text, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"schema_version: 1\nname: mine\n{text}\n")
+    protocol = load_protocol(str(path))
+    expected = (protocol.planner_preset, protocol.map_given)
+    assert planner_arguments(f"protocol:={path}") == expected
+
+
+def test_defaults_are_those_of_a_protocol():
+    defaults = vars(Protocol())
+    for key, value in constant(FILES["trial"], "PROTOCOL_KEYS").values():
+        assert defaults[key] == value
+
+
+def test_every_launch_file_is_installed():
+    for path in FILES.values():
+        text = (ROOT / path.relative_to(ROOT).parts[0] / "setup.cfg").read_text()
+        assert "= launch/*.py" in text

@@ -3,13 +3,12 @@
     ros2 launch barn_eval evaluator.launch.py worlds:=0-9 planner:=mine out:=results
 
 It leads a simulator and judges a planner that run already or start soon. When all
-trials have ended, everything that was launched with it ends. It reads /clock itself;
-use_sim_time only changes the times in its log.
+trials have ended, everything that was launched with it ends, with its exit code. It
+reads /clock itself; use_sim_time only changes the times in its log.
 """
 
 from launch import LaunchDescription
 
-from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_worlds.ros.launching import NodeLaunch
 
 TOPICS = (
@@ -28,9 +27,7 @@ def generate_launch_description() -> LaunchDescription:
     return NodeLaunch(
         "barn_eval",
         "evaluator",
-        [EvaluatorConfig()],
         TOPICS,
-        leave_out=["supervisor_fd", "simulator_fd"],
         use_sim_time=False,
         ends_launch=True,
     ).description()

@@ -10,7 +10,7 @@ from barn_worlds.ros.launching import (
     COMMON_ARGUMENTS,
     LOG_LEVEL,
     SIM_TIME,
-    launch_argument,
+    declare_arguments,
 )
 
 # The layout names topics from the root; relative names follow the namespace.
@@ -18,7 +18,6 @@ TOPICS = (
     "amcl_pose",
     "band",
     "goal_pose",
-    "ground_truth/odom",
     "local_costmap/costmap",
     "local_plan",
     "map",
@@ -33,12 +32,12 @@ def generate_launch_description() -> LaunchDescription:
     """Return RViz with the suite's layout."""
     share = FindPackageShare("barn_eval")
     layout = PathJoinSubstitution([share, "config", "barn.rviz"])
-    arguments = [
-        launch_argument("layout", layout, "layout of RViz"),
-        launch_argument(SIM_TIME[0], "true", SIM_TIME[1]),
-        launch_argument("namespace", *COMMON_ARGUMENTS["namespace"]),
-        launch_argument("log_level", *COMMON_ARGUMENTS["log_level"]),
-    ]
+    arguments = {
+        "layout": (layout, "layout of RViz"),
+        "use_sim_time": ("true", SIM_TIME[1]),
+        "namespace": COMMON_ARGUMENTS["namespace"],
+        "log_level": COMMON_ARGUMENTS["log_level"],
+    }
 
     sim_time = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     node = Node(
@@ -51,4 +50,4 @@ def generate_launch_description() -> LaunchDescription:
         arguments=["-d", LaunchConfiguration("layout"), *LOG_LEVEL],
         output="screen",
     )
-    return LaunchDescription([*arguments, node])
+    return LaunchDescription([*declare_arguments(arguments), node])

@@ -2,22 +2,24 @@
 
     ros2 launch barn_eval trial.launch.py worlds:=0 planner:=dwa rviz:=true
 
-`start_planner:=false` leaves the planner out, for one of your own. Other arguments go
-to the other launch files; `params_file` goes to all nodes and can have a section for each.
+`start_planner:=false` leaves the planner out, for one of your own. All arguments go to
+the other launch files, also those that only they declare; `params_file` can have a
+section for each node.
 """
 
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import yaml
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import OpaqueFunction, SetLaunchConfiguration
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
-from barn_eval.trials.protocol import load_protocol
-from barn_worlds.ros.launching import (
-    COMMON_ARGUMENTS,
-    include_launch_file,
-    launch_argument,
-)
+from barn_worlds.ros.launching import declare_arguments, include_launch_file
 
+# The launch files below declare more, such as namespace and params_file.
 ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
     "worlds": ("0", "which of its worlds, such as 0, 0-49 or 0:300:6"),
@@ -28,67 +30,62 @@ ARGUMENTS = {
     ),
     "preset": ("", "preset of the planner's parameters; empty: the protocol's"),
     "use_map": ("", "the planner plans on a map; empty: as the protocol says"),
-    "seed": ("0", "seed of the run"),
-    "repetitions": ("1", "trials per world"),
     "out": ("barn_out", "folder of the results"),
     "lockstep": ("true", "the simulator waits for a command after each scan"),
-    "real_time_factor": ("1.0", "simulated by real time without lockstep"),
-    "command_type": ("twist", "type of the commands: twist or twist_stamped"),
     "start_planner": ("true", "start one of the suite's planners"),
     "rviz": ("false", "show the trials in RViz"),
-    "use_sim_time": ("true", "planner and RViz take the time from /clock"),
-    **COMMON_ARGUMENTS,
 }
-ALL = tuple(COMMON_ARGUMENTS)
-SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
-PLANNER = ("planner", "preset", "use_map", "command_type", "use_sim_time", *ALL)
-RVIZ = ("use_sim_time", "namespace", "log_level")
-EVALUATOR = (
-    "dataset",
-    "worlds",
-    "planner",
-    "protocol",
-    "seed",
-    "repetitions",
-    "out",
-    "command_type",
-    *ALL,
-)
+# Keys of a protocol for arguments that are left empty, and their values in a protocol
+# without them: see `Protocol`.
+PROTOCOL_KEYS = {
+    "preset": ("planner_preset", "paper2020"),
+    "use_map": ("map_given", True),
+}
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes with their arguments."""
-    arguments = [
-        launch_argument(name, default, meaning)
-        for name, (default, meaning) in ARGUMENTS.items()
-    ]
     start_planner = IfCondition(LaunchConfiguration("start_planner"))
     start_rviz = IfCondition(LaunchConfiguration("rviz"))
     return LaunchDescription(
         [
-            *arguments,
+            *declare_arguments(ARGUMENTS),
             OpaqueFunction(function=_apply_protocol),
-            include_launch_file(
-                "barn_sim", "simulator", SIMULATOR, start_paused="true"
-            ),
-            include_launch_file("barn_planners", "planner", PLANNER, start_planner),
-            include_launch_file(
-                "barn_eval", "evaluator", EVALUATOR, use_sim_time="false"
-            ),
-            include_launch_file("barn_eval", "rviz", RVIZ, start_rviz),
+            include_launch_file("barn_sim", "simulator", start_paused="true"),
+            include_launch_file("barn_planners", "planner", start_planner),
+            include_launch_file("barn_eval", "evaluator", use_sim_time="false"),
+            include_launch_file("barn_eval", "rviz", start_rviz),
         ]
     )
 
 
 def _apply_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Set the arguments that are left empty to what the protocol says."""
-    protocol = load_protocol(LaunchConfiguration("protocol").perform(context))
-    defaults = {
-        "preset": protocol.planner_preset,
-        "use_map": str(protocol.map_given).lower(),
-    }
+    protocol = _read_protocol(LaunchConfiguration("protocol").perform(context))
     return [
-        SetLaunchConfiguration(name, value)
-        for name, value in defaults.items()
+        SetLaunchConfiguration(name, str(protocol.get(key, default)))
+        for name, (key, default) in PROTOCOL_KEYS.items()
         if not LaunchConfiguration(name).perform(context)
     ]
+
+
+def _read_protocol(source: str) -> dict[str, Any]:
+    """Return what a protocol and its bases say.
+
+    A protocol that does not exist is empty: the evaluator says what is wrong with it.
+    """
+    # Importing the package would import libraries that this Python lacks.
+    package = find_spec("barn_eval")
+    if package is None or package.origin is None:
+        return {}
+    file = Path(package.origin).parent / "data" / "protocols.yaml"
+    protocols = yaml.safe_load(file.read_text("utf-8"))
+    own_file = Path(source)
+    if source not in protocols and own_file.is_file():
+        protocols[source] = yaml.safe_load(own_file.read_text("utf-8"))
+
+    content: dict[str, Any] = {}
+    while source in protocols:
+        content = protocols.pop(source) | content
+        source = content.pop("base", "")
+    return content

@@ -5,7 +5,6 @@ ros2 launch barn_planners planner.launch.py planner:=eband use_map:=true
 
 from launch import LaunchDescription
 
-from barn_planners.ros.planner import NodeConfig
 from barn_worlds.ros.launching import NodeLaunch
 
 TOPICS = ("cmd_vel", "scan", "odom", "goal_pose", "map", "amcl_pose")
@@ -13,12 +12,5 @@ TOPICS = ("cmd_vel", "scan", "odom", "goal_pose", "map", "amcl_pose")
 
 def generate_launch_description() -> LaunchDescription:
     """Return the planner's node and its launch arguments."""
-    launch = NodeLaunch(
-        "barn_planners",
-        "planner",
-        [NodeConfig()],
-        TOPICS,
-        {"planner": "name of the planner"},
-        use_sim_time=True,
-    )
+    launch = NodeLaunch("barn_planners", "planner", TOPICS, use_sim_time=True)
     return launch.description()

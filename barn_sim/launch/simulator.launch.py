@@ -5,7 +5,6 @@ It makes the time on /clock, so there is no use_sim_time here.
 
 from launch import LaunchDescription
 
-from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_worlds.ros.launching import NodeLaunch
 
 TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collision")
@@ -13,7 +12,4 @@ TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collisio
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
-    configs = [RunConfig(), SimulatorNodeConfig()]
-    return NodeLaunch(
-        "barn_sim", "simulator", configs, TOPICS, leave_out=["evaluator_fd"]
-    ).description()
+    return NodeLaunch("barn_sim", "simulator", TOPICS).description()

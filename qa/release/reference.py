@@ -21,6 +21,11 @@ from barn_worlds.base.text_files import markdown_table
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 SIMULATOR = "/**/simulator"
+# Meanings of parameters that no configuration declares.
+_FIRST_MEANINGS = {
+    "planner": "name of the planner",
+    "use_sim_time": "take the time from /clock",
+}
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,8 @@ def parameter_file(
         for name, parameter, value in fields_of(config)
     }
     lines = [f"# {title}", f"{node}:", "  ros__parameters:"]
-    lines += [f"    {_entry(name, value)}" for name, value in first.items()]
+    for name, value in first.items():
+        lines += [f"    # {_FIRST_MEANINGS[name]}", f"    {_entry(name, value)}"]
     for name, (parameter, value) in parameters.items():
         if name not in leave_out:
             lines += [f"    # {parameter.summary()}", f"    {_entry(name, value)}"]
@@ -211,7 +217,9 @@ def planners() -> Reference:
         if entry.config_class.__module__.startswith("barn_planners.")
     }
     texts = []
-    files = {}
+    title = "The node of any planner with its defaults."
+    text = parameter_file("/**/planner", title, [NodeConfig()], {"planner": "dwa"})
+    files = {"planner.yaml": text}
     for name, entry in ours.items():
         summary = entry.summary[:1].upper() + entry.summary[1:]
         texts.append(f"### `{name}`\n\n{summary}.\n\n{parameter_table(entry.presets)}")

@@ -1,14 +1,24 @@
-"""Launch files made from the configuration of a node.
+"""What the launch files of the nodes share.
 
-Each has the arguments params_file, namespace and log_level, an argument NAME_topic for
-each topic, and every parameter of the node without a dot in its name. A parameter that
-is not set keeps the value of the file, else of the node.
+`ros2 launch` runs in the system's Python, which lacks the libraries of the suite. So
+this module and the launch files import the standard library, launch and what launch
+needs itself, and read a node's parameters from its file in the folder config.
+
+Each launch file has the arguments params_file, namespace and log_level, an argument
+NAME_topic for each topic, and every parameter of the node without a dot in its name or
+with one behind `patience`. A parameter that is not set keeps the value of the file,
+else of the node.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+import re
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import yaml
+from ament_index_python import get_package_prefix, get_package_share_directory
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
@@ -18,13 +28,12 @@ from launch.actions import (
     Shutdown,
 )
 from launch.condition import Condition
+from launch.events.process import ProcessExited
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
-
-from barn_worlds.base.config import fields_of
 
 # Default and meaning of the arguments that every launch file has.
 COMMON_ARGUMENTS = {
@@ -36,6 +45,8 @@ COMMON_ARGUMENTS = {
 SIM_TIME = ("use_sim_time", "take the time from /clock")
 # Command-line arguments of a node.
 LOG_LEVEL = ("--ros-args", "--log-level", LaunchConfiguration("log_level"))
+# A parameter of a generated file, behind the comment that says what it means.
+_ENTRY = re.compile(r"^ +# (.+)\n +([\w.]+): (.+)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -43,70 +54,57 @@ class NodeLaunch:
     """A node and its launch arguments."""
 
     package: str
-    executable: str
 
-    configs: Sequence[Any]
-    """Configurations whose fields are the parameters of the node."""
+    executable: str
+    """Name of the executable, of the node, and of its parameter file in config."""
 
     topics: Sequence[str]
     """Topics that can be remapped."""
-
-    extra: Mapping[str, str] = field(default_factory=dict)
-    """Meanings of further parameters, by name, which are texts."""
-
-    leave_out: Sequence[str] = ()
-    """Parameters without an argument."""
 
     use_sim_time: bool | None = None
     """Default of use_sim_time, None if the node does not follow /clock."""
 
     ends_launch: bool = False
-    """Whether the whole launch ends when the node does."""
+    """Whether the whole launch ends when the node does, with its exit code."""
 
     def description(self) -> LaunchDescription:
         """Return the node with its arguments."""
-        arguments = []
-        defaults = {SIM_TIME[0]: str(self.use_sim_time).lower()}
-        for name, (_, meaning) in self._parameters().items():
-            arguments.append(launch_argument(name, defaults.get(name, ""), meaning))
+        arguments = {}
+        for name, (_, default, meaning) in self._parameters().items():
+            arguments[name] = (default, meaning)
         for name in self.topics:
-            meaning = f"topic to use for {name}"
-            arguments.append(launch_argument(topic_argument(name), name, meaning))
-        for name, (default, meaning) in COMMON_ARGUMENTS.items():
-            arguments.append(launch_argument(name, default, meaning))
-        return LaunchDescription([*arguments, OpaqueFunction(function=self._make_node)])
+            arguments[topic_argument(name)] = (name, f"topic to use for {name}")
+        actions = declare_arguments(arguments | COMMON_ARGUMENTS)
+        return LaunchDescription([*actions, OpaqueFunction(function=self._make_node)])
 
-    def _parameters(self) -> dict[str, tuple[Any, str]]:
-        """Return type and meaning of the parameters that are arguments, by name."""
-        parameters: dict[str, tuple[Any, str]] = {}
-        for name, meaning in self.extra.items():
-            parameters[name] = (str, meaning)
-        for config in self.configs:
-            for name, declaration, value in fields_of(config):
-                if "." not in name and name not in self.leave_out:
-                    kind = list[str] if isinstance(value, tuple) else type(value)
-                    parameters[name] = (kind, declaration.summary())
+    def _parameters(self) -> dict[str, tuple[Any, str, str]]:
+        """Return type, default and meaning of the parameters that are arguments."""
+        parameters: dict[str, tuple[Any, str, str]] = {}
+        share = Path(get_package_share_directory(self.package))
+        text = (share / "config" / f"{self.executable}.yaml").read_text("utf-8")
+        for meaning, name, value in _ENTRY.findall(text):
+            if "." not in name or name.startswith("patience."):
+                kind: Any = type(yaml.safe_load(value))
+                if kind is list:
+                    kind = list[str]
+                parameters[name] = (kind, "", meaning)
         if self.use_sim_time is not None:
             name, meaning = SIM_TIME
-            parameters[name] = (bool, meaning)
+            parameters[name] = (bool, str(self.use_sim_time).lower(), meaning)
         return parameters
 
     def _make_node(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+        check_environment(self.package, self.executable)
         values = {}
-        for name, (kind, _) in self._parameters().items():
+        for name, (kind, _, _) in self._parameters().items():
             argument = LaunchConfiguration(name)
             # An empty argument leaves the parameter to the file or the node.
             if argument.perform(context):
                 values[name] = ParameterValue(argument, value_type=kind)
 
         # Later parameters override earlier ones.
-        parameters: list[Any] = [values]
         file = LaunchConfiguration("params_file").perform(context)
-        if file:
-            parameters.insert(0, ParameterFile(file))
-        on_exit = None
-        if self.ends_launch:
-            on_exit = [Shutdown(reason=f"the {self.executable} has ended")]
+        parameters = [ParameterFile(file), values] if file else [values]
         node = Node(
             package=self.package,
             executable=self.executable,
@@ -119,22 +117,56 @@ class NodeLaunch:
             ],
             arguments=list(LOG_LEVEL),
             output="screen",
-            on_exit=on_exit,
+            on_exit=self._end if self.ends_launch else None,
         )
         return [node]
 
+    def _end(self, event: ProcessExited, context: LaunchContext) -> Shutdown | None:
+        """Return what ends the launch.
 
-def launch_argument(
-    name: str, default: object, description: str
-) -> DeclareLaunchArgument:
-    """Return an argument of a launch file.
+        Raises:
+            RuntimeError: The node has failed. launch ends all the same, and only an
+                exception makes it exit with 1.
+        """
+        if event.returncode and not context.is_shutdown:
+            raise RuntimeError(f"the {self.executable} ended with {event.returncode}")
+        return Shutdown(reason=f"the {self.executable} has ended")
+
+
+def check_environment(package: str, executable: str) -> None:
+    """Check that the Python of a node has the libraries of the suite.
+
+    Raises:
+        RuntimeError: If it lacks them, or if there is no such Python anymore.
+    """
+    script = Path(get_package_prefix(package), "lib", package, executable)
+    with script.open("rb") as file:
+        python = file.readline().decode().removeprefix("#!").split()
+    try:
+        # cattrs comes with no distribution of ROS.
+        subprocess.run(
+            [*python, "-c", "import cattrs"], capture_output=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        raise RuntimeError(
+            f"{package}: the Python of {executable}, {' '.join(python)}, lacks the"
+            " suite's libraries: activate their environment and build the workspace"
+            " again"
+        ) from None
+
+
+def declare_arguments(
+    arguments: Mapping[str, tuple[Any, str]],
+) -> list[DeclareLaunchArgument]:
+    """Return arguments of a launch file.
 
     Args:
-        name: What stands before := on the command line.
-        default: Text or substitution that counts where the argument is not set.
-        description: Meaning, for `ros2 launch --show-args`.
+        arguments: Default, a text or a substitution, and meaning of each by its name.
     """
-    return DeclareLaunchArgument(name, default_value=default, description=description)
+    return [
+        DeclareLaunchArgument(name, default_value=default, description=meaning)
+        for name, (default, meaning) in arguments.items()
+    ]
 
 
 def topic_argument(name: str) -> str:
@@ -143,26 +175,20 @@ def topic_argument(name: str) -> str:
 
 
 def include_launch_file(
-    package: str,
-    name: str,
-    arguments: Iterable[str],
-    when: Condition | None = None,
-    **fixed: str,
+    package: str, name: str, when: Condition | None = None, **fixed: str
 ) -> GroupAction:
-    """Include a launch file; what it sets stays inside.
+    """Include a launch file, which sees the arguments of the one that includes it.
 
     Args:
         package: Package with the file.
         name: Name of the file without .launch.py.
-        arguments: Names of the arguments that are passed on.
         when: Condition of the include.
-        fixed: Values of further arguments.
+        fixed: Values of arguments that differ; they do not reach other launch files.
     """
     path = PathJoinSubstitution(
         [FindPackageShare(package), "launch", f"{name}.launch.py"]
     )
-    values = {argument: LaunchConfiguration(argument) for argument in arguments} | fixed
     launch_file = IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(path), launch_arguments=values.items()
+        PythonLaunchDescriptionSource(path), launch_arguments=fixed.items()
     )
     return GroupAction([launch_file], condition=when, scoped=True)
