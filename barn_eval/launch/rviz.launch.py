@@ -15,8 +15,8 @@ from barn_worlds.ros.launching import (
 
 # The layout names topics from the root; relative names follow the namespace.
 TOPICS = (
-    "amcl_pose",
     "band",
+    "candidates",
     "goal_pose",
     "local_costmap/costmap",
     "local_plan",

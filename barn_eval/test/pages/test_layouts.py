@@ -14,8 +14,10 @@ from planners import recorded, spec_of
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_worlds.messages.cdr import jazzy_types
+from barn_worlds.messages.topics import CMD_VEL_STAMPED, GROUND_TRUTH, WORLD_PATH
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
+LAUNCH = CONFIG.parent / "launch"
 # What a display of RViz takes, by the end of its class.
 DISPLAYS = {
     "Map": "nav_msgs/msg/OccupancyGrid",
@@ -26,9 +28,11 @@ DISPLAYS = {
     "Odometry": "nav_msgs/msg/Odometry",
     "Pose": "geometry_msgs/msg/PoseStamped",
 }
+# The plans of a map server and of a planner have one topic, but other profiles.
+OFF = {"Plan of a map server, published once"}
 IN_THE_SCENE = {
     "/map", "/local_costmap/costmap", "/robot_description", "/scan", "/plan", "/local_plan", "/band", "/candidates",
-    "/ground_truth/odom", "/goal_pose", "/score_text", "/world", "/moving_obstacles"
+    "/odom", "/goal_pose", "/score_text", "/world", "/moving_obstacles",
 }  # fmt: skip
 
 
@@ -64,7 +68,7 @@ def test_rviz_shows_what_there_is_and_can_receive_it(topics):
     displays = {}
     for display in content["Visualization Manager"]["Displays"]:
         for key in ("Topic", "Description Topic"):
-            if key in display:
+            if key in display and display["Name"] not in OFF:
                 assert display["Enabled"] is display["Value"] is True
                 displays[display[key]["Value"]] = (
                     display["Class"].split("/")[1],
@@ -83,6 +87,33 @@ def test_rviz_shows_what_there_is_and_can_receive_it(topics):
             profile["Durability Policy"] == "Volatile"
             or offered["durability"] == "transient_local"
         ), name
+
+
+def test_rviz_receives_the_plan_of_a_map_server():
+    content = yaml.safe_load((CONFIG / "barn.rviz").read_text())
+    (display,) = (
+        display
+        for display in content["Visualization Manager"]["Displays"]
+        if display["Name"] in OFF
+    )
+    assert display["Enabled"] is False
+    assert display["Topic"]["Value"] == f"/{WORLD_PATH.name}"
+    assert display["Topic"]["Durability Policy"] == "Transient Local"
+    assert WORLD_PATH.qos.durability == "transient_local"
+
+
+@pytest.mark.parametrize("name", ["barn.rviz", "barn_foxglove.json"])
+def test_watching_asks_for_nothing_that_a_planner_must_not_hear(name):
+    assert GROUND_TRUTH.name not in (CONFIG / name).read_text()
+
+
+def test_rviz_follows_the_namespace():
+    (topics,) = re.findall(
+        r"(?s)TOPICS = \((.*?)\)", (LAUNCH / "rviz.launch.py").read_text()
+    )
+    absolute = {"/score_text", "/world", "/moving_obstacles"}
+    renamed = {f"/{name}" for name in re.findall(r'"(.+?)"', topics)}
+    assert renamed == IN_THE_SCENE - absolute
 
 
 def test_foxglove_shows_what_there_is(topics):
@@ -138,14 +169,17 @@ def test_paths_of_foxglove_lead_to_fields(topics):
     text = (CONFIG / "barn_foxglove.json").read_text()
     paths = re.findall(r'"(?:value|path)": "(/[a-z_/]+)\.([a-z_.]+)"', text)
     assert {topic for topic, _ in paths} == {
-        "/ground_truth/odom",
+        "/odom",
         "/cmd_vel",
         "/score",
         "/outcome",
         "/collision",
     }
+    stamped = {path for topic, path in paths if path.startswith("twist.")}
     for topic, path in paths:
         kind = topics[topic][0]
+        if topic == "/cmd_vel" and path in stamped:
+            kind = CMD_VEL_STAMPED.type_name
         for field in path.split("."):
             fields = dict(jazzy_types().fielddefs[kind][1])
             assert field in fields, (topic, path)
