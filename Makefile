@@ -4,6 +4,7 @@
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
+LOWEST := build/lowest
 BIN := $(CURDIR)/$(VENV)/bin
 WHEELS := wheels/$(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
 OUT ?= out/demo
@@ -13,7 +14,7 @@ COMPILE := uv pip compile --universal --no-strip-extras --python-version 3.10 --
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench-check generated docs figures animation mutation coverage audit install extras wheels lock clean
+.PHONY: demo test lint lowest bench-check generated docs figures animation mutation coverage audit install extras wheels lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -29,6 +30,14 @@ lint: install
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(PACKAGES) qa
 	$(BIN)/bandit -q -ll -r $(PACKAGES) qa -x '*/test/*'
+
+# the packages' tests with the oldest releases that pyproject.toml allows; needs uv. Only tests of optional parts are
+# left out, since those parts are not installed.
+lowest:
+	$(PYTHON) -m venv --clear $(LOWEST)
+	uv pip compile --quiet --resolution lowest-direct --python $(LOWEST)/bin/python pyproject.toml -o $(LOWEST)/lowest.txt
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check -r $(LOWEST)/lowest.txt -r requirements/tests.in
+	$(LOWEST)/bin/python -m pytest $(PACKAGES)
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
 generated: extras
@@ -67,11 +76,7 @@ install: $(VENV)/compiled
 
 # numba keeps the suite's kernels once they have been compiled for trials of each planner and for a robot among obstacles
 $(VENV)/compiled: $(VENV)/installed
-	$(BIN)/barn campaign --worlds 0 --planners dwa,eband,mppi,gap,policy --repetitions 1 \
-		--overwrite --out out/compiled > /dev/null
-	$(BIN)/barn campaign --worlds 0 --planners dwa,eband --protocol paper2020 --repetitions 1 \
-		--overwrite --out out/compiled > /dev/null
-	$(BIN)/python -c "from barn_sim.simulator import warm_up; warm_up()"
+	PATH=$(BIN):$$PATH ./docker/compile_kernels.sh out/compiled
 	touch $@
 
 # PyBullet has no wheel for Python 3.12: this compiles it, from the source that the lock names, for all environments to
@@ -112,6 +117,7 @@ audit: install
 # torch names the CUDA libraries that it needs itself, and only in its builds that use them
 lock:
 	$(COMPILE) --generate-hashes requirements/base.in -o requirements/base.lock
+	$(COMPILE) --generate-hashes -c requirements/base.lock requirements/python.in -o requirements/python.lock
 	$(COMPILE) --no-annotate requirements/extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements/extra.lock
 	$(COMPILE) --no-annotate --generate-hashes requirements/docs.in > requirements/docs.lock
 

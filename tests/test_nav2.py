@@ -253,7 +253,7 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
         "install_head/setup.bash",
     )
     assert all(
-        re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"])
+        re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", step["uses"])
         for step in steps
         if "uses" in step
     )
@@ -326,6 +326,18 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
         "no plugin nav2_controller::Chequer" in output
         and "5 parameters checked, 3 unknown" in output
     )
+    expected = tmp_path / "expected.txt"
+    failures = [line for line in output.splitlines() if line.startswith("mine.yaml")]
+    arguments = [str(source), str(other), str(mine), str(expected)]
+    for lines, code in ((failures, 0), (failures[1:], 1), ([*failures, "x"], 1)):
+        expected.write_text("\n".join(lines))
+        assert check.main(arguments) == code
+
+
+def test_what_is_expected_of_the_parameters_is_of_a_file_that_exists():
+    text = (FOLDER / "expected_failures.txt").read_text()
+    for line in text.splitlines():
+        assert (FOLDER / "params" / line.partition(":")[0]).is_file()
 
 
 def test_each_trial_gets_a_fresh_nav2(with_extra_messages):

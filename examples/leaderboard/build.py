@@ -62,9 +62,11 @@ def main() -> int:
             else:
                 folders.append(folder)
 
+        site.mkdir(parents=True, exist_ok=True)
+        page = site / "index.html"
+        # A new board has no submission, and its page is published all the same.
+        page.write_text("<!doctype html><title>Board</title>No submission holds yet.\n")
         if folders:
-            site.mkdir(parents=True, exist_ok=True)
-            page = site / "index.html"
             subprocess.run(  # noqa: S603
                 [*BARN, "leaderboard", *folders, "--out", page], check=True
             )

@@ -1,12 +1,14 @@
 """Check parameter files against source code.
 
-    python3 check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]
+    python3 check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...] [EXPECTED.txt]
 
 Nav2 ignores parameters that it does not know, so a misspelled one goes unnoticed. The
 name of every parameter must occur in quotes in the source of the package that reads it.
 For every plugin, one of the trees must export its class. Without files, those in
 `params` are checked. The script prints each failure and how many parameters were
-checked, and exits with 1 if there is a failure.
+checked, and exits with 1 if there is a failure. EXPECTED.txt has a line for each
+failure that is expected; with it, the script also exits with 1 if one of them is
+missing.
 """
 
 import re
@@ -39,10 +41,13 @@ CRITICS = {
 
 def main(arguments):
     """Print all failures and return the exit code."""
-    paths = [Path(argument) for argument in arguments]
+    lists = [argument for argument in arguments if argument.endswith(".txt")]
+    paths = [Path(argument) for argument in arguments if argument not in lists]
     files = [path for path in paths if path.suffix in YAML_SUFFIXES]
     trees = tuple(path for path in paths if path.suffix not in YAML_SUFFIXES)
-    missing = [str(path) for path in (*files, *trees) if not path.exists()]
+    missing = [
+        str(path) for path in (*files, *trees, *lists) if not Path(path).exists()
+    ]
     if missing or not any((tree / "nav2_controller").is_dir() for tree in trees):
         usage = "check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]"
         print(f"usage: {usage}", *missing, file=sys.stderr)
@@ -66,7 +71,13 @@ def main(arguments):
 
     print(*failures, sep="\n", end="\n" if failures else "")
     print(f"{count} parameters checked, {len(failures)} unknown")
-    return 1 if failures else 0
+    expected = set()
+    for path in lists:
+        expected |= set(Path(path).read_text("utf-8").splitlines())
+    surprises = expected.symmetric_difference(failures)
+    if expected:
+        print(*(f"not as expected: {line}" for line in sorted(surprises)), sep="\n")
+    return 1 if surprises else 0
 
 
 def find_nodes(content):

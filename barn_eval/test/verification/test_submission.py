@@ -194,6 +194,12 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
     assert "container 'me'" in rejected(f"submit {run} --container me")
 
 
+def test_the_template_board_has_a_page_before_its_first_submission(tmp_path):
+    board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
+    subprocess.run([sys.executable, board / "build.py"], check=True)
+    assert "No submission" in (board / "site" / "index.html").read_text()
+
+
 def test_the_template_board_names_what_does_not_hold(submitted, tmp_path):
     board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
     rules = json.loads((board / "board.json").read_text())
