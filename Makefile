@@ -37,6 +37,7 @@ lowest:
 	$(PYTHON) -m venv --clear $(LOWEST)
 	uv pip compile --quiet --resolution lowest-direct --python $(LOWEST)/bin/python pyproject.toml -o $(LOWEST)/lowest.txt
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check -r $(LOWEST)/lowest.txt -r requirements/tests.in
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
 	$(LOWEST)/bin/python -m pytest $(PACKAGES)
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code

@@ -30,8 +30,9 @@ TOPICS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return RViz with the suite's layout."""
-    share = FindPackageShare("barn_eval")
-    layout = PathJoinSubstitution([share, "config", "barn.rviz"])
+    layout = PathJoinSubstitution(
+        [FindPackageShare("barn_eval"), "config", "barn.rviz"]
+    )
     arguments = {
         "layout": (layout, "layout of RViz"),
         "use_sim_time": ("true", SIM_TIME[1]),
