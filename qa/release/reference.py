@@ -122,7 +122,9 @@ def parameter_file(
     }
     lines = [f"# {title}", f"{node}:", "  ros__parameters:"]
     for name, value in first.items():
-        lines += [f"    # {_FIRST_MEANINGS[name]}", f"    {_entry(name, value)}"]
+        if name in _FIRST_MEANINGS:
+            lines.append(f"    # {_FIRST_MEANINGS[name]}")
+        lines.append(f"    {_entry(name, value)}")
     for name, (parameter, value) in parameters.items():
         if name not in leave_out:
             lines += [f"    # {parameter.summary()}", f"    {_entry(name, value)}"]
