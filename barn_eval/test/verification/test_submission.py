@@ -6,6 +6,8 @@ What was forged or is hostile does not.
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
