@@ -10,7 +10,7 @@ from repository import ROOT
 TOOL = ROOT / "qa/checks/house.py"
 UPPER_BOUNDS = {
     "packages": {
-        "tokens": 328_000,
+        "tokens": 318_500,
         "tuples": 10.0,
         "comprehensions": 30.0,
         "conditional expressions": 15.0,
@@ -20,13 +20,13 @@ UPPER_BOUNDS = {
         "participles [%]": 2.0,
         "empty entries [%]": 5.0,
     },
-    "tests": {"tuples": 10.0, "deep expressions": 48.0, "vague names [%]": 0.5},
+    "tests": {"tuples": 10.0, "deep expressions": 35.0, "vague names [%]": 0.5},
     "tools": {"tuples": 10.0, "deep expressions": 35.0, "vague names [%]": 0.5},
 }
 LOWER_BOUNDS = {
-    "packages": {"functions with Args [%]": 90.0, "comments [% of code lines]": 4.0}
+    "packages": {"functions with Args [%]": 90.0, "comments [% of all lines]": 4.0}
 }
-ALL_TOKENS = 698_000
+ALL_TOKENS = 680_000
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ class Counts:
             * self.documented
             / max(self.documentable, 1),
             "empty entries [%]": 100.0 * self.empty_entries / max(self.entries, 1),
-            "comments [% of code lines]": 100.0 * self.comments / max(self.lines, 1),
+            "comments [% of all lines]": 100.0 * self.comments / max(self.lines, 1),
         }
 
 
@@ -117,11 +117,9 @@ def count_file(path: Path) -> Counts:
     string_lines = lines_of_bare_strings(tree)
     counts = Counts(tokens=count_tokens(text, string_lines))
 
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith("#"):
-            counts.comments += 1
-        elif line.strip() and number not in string_lines:
-            counts.lines += 1
+    lines = text.splitlines()
+    counts.lines = len(lines)
+    counts.comments = sum(line.lstrip().startswith("#") for line in lines)
 
     for node in ast.walk(tree):
         count_node(node, counts, path)

@@ -150,7 +150,7 @@ worlds convert dynabarn60 x --format original
 metrics dynabarn60 --worlds 3
     dynabarn_3: is an arena; these metrics are of worlds whose
 difficulty predict dynabarn60 --worlds 3
-    dynabarn_3: is an arena; models are of worlds
+    dynabarn_3: is an arena; these metrics are of worlds
 """
 
 
