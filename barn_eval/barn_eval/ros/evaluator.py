@@ -15,8 +15,10 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import mean
 
 import rclpy
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
 from barn_eval.results.folder import ResultsFolder
@@ -27,6 +29,7 @@ from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
 from barn_eval.ros.supervision.process import EventChannel
 from barn_eval.ros.trial import RosTrial, RunContext
+from barn_eval.running.reporting import Reporter, RunProgress
 from barn_eval.trials.outcome import (
     ENVIRONMENT,
     PLANNER,
@@ -35,7 +38,7 @@ from barn_eval.trials.outcome import (
     Verdict,
 )
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.result import WallClock, to_json_line
+from barn_eval.trials.result import Rows, WallClock, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
@@ -150,9 +153,49 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
         out, run, ExecutionConfig(workers=1), specs, isolation=isolation
     ) as folder:
         context = RunContext(node, config, None)
-        runner = TrialRunner(context, BagStore(out, config.bags), folder.append)
-        runner.run(folder.remaining)
-        folder.complete()
+        log = LogReporter(node.get_logger())
+        log.notify(
+            f"{len(folder.remaining)} of {folder.total} trials to do, protocol"
+            f" {protocol.name}; waiting for {config.simulator_node} and for a planner on"
+            f" {context.topics.command}"
+        )
+        progress = RunProgress(folder.total, folder.results(), log)
+
+        def keep(record: TrialRecord) -> None:
+            folder.append(record)
+            progress.take(record.result)
+
+        TrialRunner(context, BagStore(out, config.bags), keep).run(folder.remaining)
+        log.notify(
+            f"{_summarize(folder.complete(), protocol.metric)}; results in {out}"
+        )
+        log.notify(f"for a page with intervals and figures: barn report {out}")
+
+
+def _summarize(results: Rows, metric: str) -> str:
+    """Return share of successes and mean metric of trials, in words."""
+    success_percent = 100.0 * mean(row.scores.success for row in results)
+    values = [getattr(row.scores, metric) for row in results]
+    text = f"success {success_percent:.0f} %"
+    # The efficiency has no value where its bound is not computed.
+    if None not in values:
+        text += f", mean {metric} {mean(values):.3f}"
+    return text
+
+
+@dataclass
+class LogReporter(Reporter):
+    """Writes what a run tells its user to the log of a node."""
+
+    logger: RcutilsLogger
+
+    def notify(self, text: str) -> None:
+        """Log a line of text."""
+        self.logger.info(text)
+
+    def warn(self, text: str) -> None:
+        """Log a line of text that needs attention."""
+        self.logger.warning(text)
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import shlex
 import signal
 import socket
@@ -350,7 +351,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
         programs = {
             "barn_sim.ros.simulator:main": "-p lockstep:=true -r __node:=jackal",
             "barn_planners.ros.planner:main_dwa": "-p command_type:=twist_stamped",
-            "barn_eval.ros.evaluator:main": f"{out} -p worlds:='3' -p planner:=mine",
+            "barn_eval.ros.evaluator:main": f"{out} -p worlds:=3 -p planner:=mine",
         }
         nodes = []
         for program, options in programs.items():
@@ -364,6 +365,10 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
         finally:
             for node in nodes:
                 node.stop()
+    log = nodes[2].log.read_text()
+    assert "1 of 1 trials to do, protocol challenge; waiting for /jackal" in log
+    assert "[1/1] mine_w0003_r00: success in " in log
+    assert re.search(r"success 100 %, mean challenge 0\.\d+; results in .*/run", log)
     (result,) = read_results(tmp_path / "run")
     assert (result.trial_id, result.outcome) == ("mine_w0003_r00", Outcome.SUCCESS)
     # nobody told the evaluator
