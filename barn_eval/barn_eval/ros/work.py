@@ -99,15 +99,13 @@ class RosWork(Work):
         planner = next(choice for choice in planners if choice.name == spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
-        # Several workers on one domain would hear each other's simulators.
-        environment = dict(os.environ)
-        if self.workers > 1:
-            environment.pop("ROS_DOMAIN_ID", None)
         logs = self.store.folder / LOGS
         if self.workers > 1 or len(planners) > 1:
             logs /= job.key
         with closing(
-            run_ros_trials(self.config, job.trials, self.store, logs, emit, environment)
+            run_ros_trials(
+                self.config, job.trials, self.store, logs, emit, dict(os.environ)
+            )
         ) as records:
             for record in records:
                 emit(record)

@@ -1,5 +1,6 @@
 """A run as a user requests it, from a YAML file, from options or from Python."""
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
@@ -131,11 +132,30 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
         worlds,
         planner_objects,
     )
-    if request.config.mode == "ros" and request.execution.engine != "local":
-        raise ConfigError(
-            f"{where}mode ros needs engine local, got {request.execution.engine!r}"
-        )
+    if request.config.mode == "ros":
+        return replace(request, execution=_check_for_ros(request.execution, where))
     return request
+
+
+def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
+    """Return the execution of trials over ROS, with one worker on a domain of the user.
+
+    Raises:
+        ConfigError: If it has other workers than those of mode ros, or several on one
+            domain, which would hear each other's simulators.
+    """
+    if execution.engine != "local":
+        raise ConfigError(
+            f"{where}mode ros needs engine local, got {execution.engine!r}"
+        )
+    if not os.environ.get("ROS_DOMAIN_ID"):
+        return execution
+    if execution.workers > 1:
+        raise ConfigError(
+            f"{where}workers: must be 1 on one ROS domain, got {execution.workers}: use"
+            " --workers 1, or leave ROS_DOMAIN_ID unset"
+        )
+    return replace(execution, workers=1)
 
 
 def _take_objects(

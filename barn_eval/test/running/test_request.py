@@ -330,3 +330,11 @@ def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):
     }
     with refused(r"planner 'mine': parameter /a speed was '0.5' there, is '0.6' now"):
         write_node_parameters(logs, logs, "mine", '{"/a speed": "0.6"}')
+
+
+def test_a_ros_domain_of_the_user_has_one_worker(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    assert read_request(None, {"mode": "ros"}).execution.workers == 1
+    assert read_request(None, {"mode": "direct"}).execution.workers == 0
+    with refused(r"workers: must be 1 on one ROS domain, got 2: use --workers 1, or"):
+        read_request(None, {"mode": "ros", "workers": 2})
