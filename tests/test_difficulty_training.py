@@ -102,7 +102,7 @@ def test_nothing_is_trained_on_worlds_held_out_under_any_name(worlds):
     with refused(words, ModelError):
         judge_networks(renamed, trials, EvaluationConfig(folds=2, repeats=1))
     shipped = load_model()
-    (judged,) = evaluate(renamed, trials, shipped).scores
+    (judged,) = evaluate(renamed, trials, shipped, EvaluationConfig()).scores
     assert (judged.name, judged.gain) == (WEIGHTS, None)
     assert judged.training_mse == shipped.about["training_mse"]
 
