@@ -45,6 +45,8 @@ class Figure:
     """A mean of a planner, or of the difference of two, as results have it."""
 
     of: str
+    """Planner, or the difference of two as "A - B"."""
+
     mean: float
     worlds: int
     trials: int
@@ -64,7 +66,10 @@ class Need:
     """How many worlds a precision needs."""
 
     of: str
+    """As in `Figure`."""
+
     kind: str
+    """Either "half_width" or "difference"."""
 
     wanted: float
     """Half the width of the 95 % interval of a mean, or a difference to be found.
@@ -73,7 +78,9 @@ class Need:
     """
 
     repetitions: int
-    worlds: int | None  # None above a million
+
+    worlds: int | None
+    """None above a million."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ def estimate_precision(
         repetitions: Trials per world. By default several numbers are tried.
 
     Raises:
-        ConfigError: The estimate cannot be made; messages name the command's options.
+        BarnError: The estimate cannot be made.
     """
     _require_pair_for(size, results)
     measure = ranking_measure(next(iter(results.values())))
@@ -142,11 +149,11 @@ def estimate_precision(
 
     if len(results) == 2:
         pair = _make_pair_figure(results, measure)
-        pair_size = size or DEFAULT_SHARE * abs(figures[0].mean)
+        wanted_difference = size or DEFAULT_SHARE * abs(figures[0].mean)
         figures.append(pair)
         for count in counts:
-            worlds = worlds_for_difference(pair.parts, pair_size, count)
-            needs.append(Need(pair.of, "difference", pair_size, count, worlds))
+            worlds = worlds_for_difference(pair.parts, wanted_difference, count)
+            needs.append(Need(pair.of, "difference", wanted_difference, count, worlds))
 
     available = count_available_worlds(next(iter(results.values())))
     notes = list(list_cautions(max(figure.worlds for figure in figures)))
@@ -199,10 +206,10 @@ def needs_table(precision: Precision) -> TextTable:
     measure = MEASURES[precision.measure]
     cells: dict[str, dict[int, str]] = {}
     for need in precision.needs:
-        size = measure.number(need.wanted)
-        question = f"{need.of} to +- {size}"
+        wanted_text = measure.number(need.wanted)
+        question = f"{need.of} to +- {wanted_text}"
         if need.kind == "difference":
-            question = f"{need.of} of {size} to be found"
+            question = f"{need.of} of {wanted_text} to be found"
         text = str(need.worlds or "over a million")
         if _is_beyond(need, precision.available):
             text = f"over {precision.available}"
@@ -218,9 +225,9 @@ def needs_table(precision: Precision) -> TextTable:
     return TextTable("needs", title, ("per world", *cells), tuple(rows))
 
 
-def _require_pair_for(size: float | None, results: RowsByPlanner) -> None:
+def _require_pair_for(wanted_difference: float | None, results: RowsByPlanner) -> None:
     """Raise ConfigError if a difference is asked for of other than two planners."""
-    if size is not None and len(results) != 2:
+    if wanted_difference is not None and len(results) != 2:
         raise ConfigError(
             f"a difference needs two planners; there are {len(results)}: "
             f"{', '.join(results)}; choose two as {_SELECTION}"
@@ -248,7 +255,7 @@ def _make_pair_figure(results: RowsByPlanner, measure: Measure) -> Figure:
 
 
 def _make_figure(
-    name: str, trials: TrialValues, parts: Components, measure: Measure
+    name: str, trials: TrialValues, components: Components, measure: Measure
 ) -> Figure:
     """Return the mean of trials; ConfigError if they are of one world only."""
     worlds = len(np.unique(trials.worlds))
@@ -265,6 +272,6 @@ def _make_figure(
         worlds=worlds,
         trials=len(trials.values),
         repetitions=repetitions,
-        parts=parts,
-        half_width=half_width(parts, worlds, repetitions),
+        parts=components,
+        half_width=half_width(components, worlds, repetitions),
     )

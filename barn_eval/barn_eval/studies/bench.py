@@ -137,7 +137,7 @@ class BenchSetup(Checked):
     world: int = quantity(
         -1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000
     )
-    repeats: int = quantity(3, "the best of so many counts", "", 1, 100)
+    repeats: int = quantity(3, "rounds, of which the best counts", "", 1, 100)
     ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
 
 
@@ -148,6 +148,8 @@ def bench(
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Measurement]:
     """Yield figures of the suite's speed on this machine, each the best of some rounds.
+
+    None is yielded before the last round ends.
 
     Args:
         planners: Planners to measure.
@@ -196,7 +198,7 @@ def _measure_all(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measure
 
 
 def _measure_direct(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure trials without and with a bag, and the planner's cycles in them."""
+    """Measure trials without and with a bag, and cycles of the planner without one."""
     planner = spec.planner
     # The first trial compiles and loads what the second has.
     clocks = [run_direct_trial(spec).result.wall_clock for _ in range(2)]

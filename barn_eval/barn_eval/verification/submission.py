@@ -39,12 +39,12 @@ SCHEMA_VERSION = 1
 _REQUIRED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
 _ALLOWED = (*_REQUIRED, WORLDS, WORLDS_MANIFEST)
 
-# Files that planners' commands name.
+# Copies of files that planners' commands name, and parameters of planners' nodes.
 _PARAMETERS = re.compile(r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}")
 _CONTAINER = re.compile(r"(|([A-Za-z0-9_./:-]{1,200}@)?sha256:[0-9a-f]{64})")
 
-# Limits of a submission: members, bytes of all members, and the ratio to which a member
-# may unpack that is not small.
+# Limits of a submission: members, bytes of all members, and the highest ratio to which
+# a large member may unpack.
 _MAX_MEMBERS = 100
 _MAX_BYTES = 1 << 29
 _MAX_RATIO = 100
@@ -81,7 +81,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     if problems:
         raise ConfigError(f"{folder}: is not to be submitted: {problems[0]}")
     run_file = RunFile.read(folder)
-    _require_shipped_worlds(run_file)
+    _require_available_worlds(run_file)
 
     files = {}
     for name in _ALLOWED:
@@ -105,7 +105,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     return check
 
 
-def _require_shipped_worlds(run_file: RunFile) -> None:
+def _require_available_worlds(run_file: RunFile) -> None:
     dataset = run_file.config.get("dataset")
     is_in_folder = dataset == str((run_file.path.parent / WORLDS).absolute())
     # Nobody else could drive in the worlds of a file on this machine.
@@ -117,7 +117,7 @@ def _require_shipped_worlds(run_file: RunFile) -> None:
 
 
 def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
-    """Yield the copies of files that planners' commands name."""
+    """Yield planners' node parameter files and copies of files that commands name."""
     for planner in config.planners:
         yield from find_parameter_files(folder / LOGS, planner.name)
         for name, sha256 in planner.files.items():
@@ -131,25 +131,26 @@ def _sha256(content: bytes) -> str:
 def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str, Any]]:
     """Unpack a submission into an empty folder and check it there.
 
-    Nothing in it is believed.
+    Nothing in it is believed. If it has one row per trial, result tables are written.
 
     Args:
         path: File that `submit` has written.
-        folder: Folder to unpack it into.
+        folder: Folder to unpack it into. It must be empty, which is not checked.
 
     Returns:
         What was found, where anything that could not be checked is wrong as well; and
         what the results are of: release, machine, task and so on.
 
     Raises:
-        ConfigError: The file is no submission, is damaged, or of another release.
+        ConfigError: The file is no submission, is damaged, of another release or of
+            worlds that are not available, or has too few rows.
     """
     path = Path(path)
     folder = Path(folder)
     container = _unpack(path, folder)
     run_file = RunFile.read(folder)
     config = run_file.run_config()
-    _require_shipped_worlds(run_file)
+    _require_available_worlds(run_file)
     _require_release(path, run_file)
 
     rows = RowFile(folder).read()
@@ -160,7 +161,8 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     names = [planner.name for planner in config.planners]
     if check.rows != check.trials:
         problems.append(f"{path}: has {check.rows} of {check.trials} trials")
-    elif len(rows) == check.trials:  # others are of no trial, and a problem already
+    # Extra rows belong to no trial; the check reports them.
+    elif len(rows) == check.trials:
         rows.sort(key=lambda row: (row.world, row.repetition, names.index(row.planner)))
         write_tables(folder, rows)
     # The folder may be temporary, but users know their file.

@@ -32,11 +32,11 @@ _RESAMPLES = 4000
 
 @dataclass(frozen=True)
 class EvaluationConfig(Checked):
-    """How models are judged: each fold by a model that all others trained."""
+    """How models are cross-validated: each fold by a model that all others trained."""
 
     folds: int = quantity(10, "parts that the worlds are divided into", "", 2, 1000)
     repeats: int = quantity(5, "divisions", "", 1, 1000)
-    seed: int = quantity(0, "of divisions and training", "", 0, 2**62)
+    seed: int = quantity(0, "of divisions, ceiling and random training", "", 0, 2**62)
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class ModelScore:
     mae: Interval
     r2: Interval
     spearman: Interval
-    # By how much the mean squared error is below that of ridge regression, (s/m)^2.
+    # Squared error of ridge regression minus this model's, (s/m)^2, both of predictions
+    # averaged over repeats.
     gain: Interval | None
     # Of each world, s/m.
     predictions: tuple[float, ...]
@@ -101,7 +102,7 @@ def evaluate(
         worlds: By number, at least those that the trials name.
         trials: Trials in these worlds.
         model: The model to judge; it must not have been trained in these worlds.
-        config: Folds of ridge regression.
+        config: Folds of ridge regression; its seed is the ceiling's, too.
 
     Raises:
         ModelError: If a world is missing or there are too few.
@@ -145,6 +146,8 @@ def evaluate(
 
 def fit_ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
     """Fit ridge regression on z-scored inputs.
+
+    Of the penalties, it takes the one with the least leave-one-out error.
 
     Args:
         inputs: (n, d).

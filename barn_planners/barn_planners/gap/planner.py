@@ -64,10 +64,13 @@ class GapConfig(LidarMountConfig):
         minimum=0.0,
     )
     stop_distance_m: float = quantity(
-        0.15, "stop if anything ahead is nearer", "m", 0.0, 5.0
+        0.15, "drive forward only if the way ahead is free this far", "m", 0.0, 5.0
     )
     gap_weight_m: float = quantity(
-        0.5, "weight of the gap's center, by the nearest distance", "m", minimum=0.0
+        0.5,
+        "weight of the gap's center, divided by the distance of the nearest obstacle",
+        "m",
+        minimum=0.0,
     )
     max_bearing_rad: float = quantity(
         2.2, "gaps are searched up to this bearing", "rad", 0.1, 3.14
@@ -77,13 +80,13 @@ class GapConfig(LidarMountConfig):
         0.25, "the goal is reached within this", "m", 0.01, 10.0
     )
     turning_radius_m: float = optional(
-        0.0, "furthest corner; 0: half sizes'", "m", 0.0, 10.0
+        0.0, "distance of the farthest corner; 0: from the half sizes", "m", 0.0, 10.0
     )
     guard: ObservationCheckConfig = field(default_factory=ObservationCheckConfig)
 
 
 class GapPlanner(ScanPlanner):
-    """Steers for the open direction nearest to the goal, from each scan alone."""
+    """Steers for the gap nearest to the goal's direction, from each scan alone."""
 
     def __init__(self, config: GapConfig):
         super().__init__(config.guard, config.goal_tolerance_m)

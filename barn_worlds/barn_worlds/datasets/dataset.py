@@ -134,8 +134,9 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
     Args:
         source: The name of a shipped data set (barn300), a data set file (.npz), a
             folder in the original layout, a folder of Gazebo worlds (.world, .sdf,
-            gzipped or not), of the suite's YAML (.world.yaml), of .npy grids or of
-            map_server maps (.yaml), or one such file.
+            gzipped or not), of the suite's YAML (.world.yaml), of .npy grids, of
+            map_server maps (.yaml) or of MovingAI maps (.map), or one such file. A
+            folder may also hold one data set file.
         robot: Its footprint is used to plan paths if the source has neither paths nor a
             footprint.
 
@@ -225,7 +226,8 @@ def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
     Args:
         spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
             a Python range, end excluded) select the numbers that exist, at least one;
-            of numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
+            if the data set's numbers have no gaps, all must exist. "1,4,7-9" joins,
+            "all" is all.
         world_numbers: Numbers to select from.
 
     Raises:
@@ -273,7 +275,7 @@ def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
     if not existing or (is_gapless and len(existing) < len(selection)):
         missing = part
         if existing:
-            # The range may be huge, so it is only searched up to the first number.
+            # The range may be huge: it is searched only up to the first missing number.
             outside = (
                 number
                 for number in selection

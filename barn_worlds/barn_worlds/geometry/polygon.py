@@ -92,7 +92,7 @@ def offset(corners: Sequence[Corner], distance_m: float) -> tuple[Corner, ...]:
     """Return a convex polygon with each side moved outward.
 
     Args:
-        corners: Counterclockwise corners of the polygon.
+        corners: Counterclockwise corners of the polygon, none on a straight side.
         distance_m: How far; half the sides of a rectangle grow by as much.
     """
     # A side that is moved outward keeps its normal; the new corner is where neighboring
@@ -105,9 +105,9 @@ def offset(corners: Sequence[Corner], distance_m: float) -> tuple[Corner, ...]:
 
 
 def nearest_side_m(corners: Sequence[Corner]) -> float:
-    """Return the distance of the origin from the nearest side of a convex polygon.
+    """Return how far the origin lies inside all side lines of a convex polygon.
 
-    It is below 0 outside of the polygon.
+    Outside it is negative, by the line that the origin is farthest beyond.
     """
     return min(HalfPlane.of_side(*side).distance for side in _sides(corners))
 

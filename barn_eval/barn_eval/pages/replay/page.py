@@ -65,11 +65,11 @@ def label_trials(recorded_trials: Sequence[RecordedTrial]) -> list[str]:
             labels.append(f"{name} ({origin})" if counts[name] > 1 else name)
         if len(set(labels)) == len(labels):
             return labels
-    return [f"{name} ({number})" for number, name in enumerate(names, 1)]
+    return [f"{name} ({place})" for place, name in enumerate(names, 1)]
 
 
 def world_key(recorded: RecordedTrial) -> bytes:
-    """Return a value that is equal for equal scenes, empty without a scene."""
+    """Return a key, equal for trials in the same world; empty without a scene."""
     if recorded.scene is None:
         return b""
     cylinders = recorded.scene.cylinders_m.tobytes()

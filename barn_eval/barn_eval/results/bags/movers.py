@@ -11,11 +11,11 @@ from barn_worlds.geometry.footprint import Footprint
 
 TRAIL_S = 2.0
 
-# The last poses are as much older than the last reading.
+# How far motion is carried on beyond the last recorded pose.
 MAX_EXTRAPOLATION_S = 0.1
 
-# A step is a jump and no motion if it is this much faster than the same obstacle just
-# before and just after.
+# A step is a jump and no motion if it is faster than `_JUMP_MPS` plus `_JUMP_RATIO`
+# times the faster neighboring step.
 _JUMP_MPS = 3.0
 _JUMP_RATIO = 3.0
 

@@ -1,8 +1,8 @@
 """Recording of a trial as a rosbag2 directory with one MCAP file, from bytes.
 
 While it is written, the directory has a name that ends in `.partial`; it gets its own
-name when it is finished. Whatever kills the writer, the partial file is readable up to
-the last whole second of the trial.
+name when it is finished. If the process is killed, all but about the last second of the
+trial is readable in the partial file.
 """
 
 import json
@@ -47,7 +47,7 @@ class Recorder:
     """
 
     def __init__(self, path: Path) -> None:
-        """Begin a bag in a directory that must not exist."""
+        """Begin a bag in a directory that must not exist; delete an old partial one."""
         if path.exists():
             raise BagError(f"{path}: exists already")
         self.path = path
@@ -60,7 +60,7 @@ class Recorder:
         self._last_ns = 0
         self._flushed_ns = 0
         self._file_name = f"{path.name}_0.mcap"
-        with self._failures():
+        with self._convert_errors():
             if self.partial_path.exists():
                 shutil.rmtree(self.partial_path)
             self.partial_path.mkdir(parents=True)
@@ -132,7 +132,7 @@ class Recorder:
         Args:
             topic: Name of a topic that was announced.
             data: The message as CDR with its header.
-            stamp_ns: Time of the log.
+            stamp_ns: Log and publish time.
         """
         recorded_topic = self._topics[topic]
         recorded_topic.count += 1
@@ -150,7 +150,7 @@ class Recorder:
                 self._writer.flush()
         except OSError:
             # A context around all messages would cost some percent of their time.
-            with self._failures():
+            with self._convert_errors():
                 raise
 
     def add_metadata(self, name: str, content: Mapping[str, Any]) -> None:
@@ -167,7 +167,7 @@ class Recorder:
             else:
                 texts[key] = json.dumps(value)
             self._custom_data[f"{name}.{key}"] = texts[key]
-        with self._failures():
+        with self._convert_errors():
             self._writer.flush()
             self._writer.add_metadata(name, texts)
             self._stream.flush()
@@ -175,7 +175,7 @@ class Recorder:
     def finish(self) -> Path:
         """Complete the bag, give it its name and return that."""
         description = self._description()
-        with self._failures():
+        with self._convert_errors():
             self._writer.flush()
             self._writer.add_metadata(
                 "rosbag2", {"serialized_metadata": _to_yaml(description)}
@@ -191,11 +191,11 @@ class Recorder:
     def abandon(self) -> None:
         """Leave what was written under the partial name, unless the bag is finished."""
         if not self._stream.closed:
-            with self._failures():
+            with self._convert_errors():
                 self._writer.flush()
                 self._stream.close()
 
-    def _failures(self) -> AbstractContextManager[None]:
+    def _convert_errors(self) -> AbstractContextManager[None]:
         return convert_os_errors(BagError, f"{self.partial_path}: cannot record")
 
     def _description(self) -> dict[str, Any]:
