@@ -105,15 +105,15 @@ class Comparison:
 
     @property
     def worlds(self) -> int:
-        """Number of worlds with a pair of trials that the ranking measure knows."""
+        """Number of worlds in which both have a value of the ranking measure."""
         return self.row(self.metric).paired.worlds
 
     def row(self, key: str) -> PairedMeasure:
-        """Return the comparison by one measure."""
+        """Return the row of one measure's key; StopIteration if it was not compared."""
         return next(row for row in self.rows if row.key == key)
 
     def columns(self) -> list[dict[str, Any]]:
-        """Return a row of a table for each measure."""
+        """Return a list of table rows, one dict of column values per measure."""
         rows: list[dict[str, Any]] = []
         for row in self.rows:
             paired = row.paired
@@ -143,7 +143,7 @@ def compare(
     label_b: str = "",
     keys: Sequence[str] = COMPARED,
 ) -> Comparison:
-    """Compare the results of two planners, or of one planner under two settings.
+    """Compare two planners, or two settings of one, on trials of equal world and seed.
 
     Args:
         a: Results of A.
@@ -205,7 +205,7 @@ def compare(
 
 
 def count_available_worlds(results: Rows) -> int:
-    """Return the number of worlds in the data set of results, 0 if it is missing."""
+    """Return the size of the first result's data set, 0 if it cannot be opened."""
     try:
         return len(open_dataset(results[0].dataset).world_numbers)
     # The data set may be a file of another machine; that must not stop an analysis.
@@ -214,7 +214,7 @@ def count_available_worlds(results: Rows) -> int:
 
 
 def adjust_by_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Correct the p-values of comparisons for the number of pairs.
+    """Return comparisons with `p_holm` and `pairs` set for testing all of them.
 
     Holm's correction is made for each measure over all pairs. All comparisons must have
     the same measures.
@@ -242,7 +242,7 @@ def compare_folders(
     keys: Sequence[str] = COMPARED,
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[Comparison]:
-    """Compare the results of two folders, or the planners of one folder.
+    """Read one or two results folders and compare their planners pair by pair.
 
     Where both folders hold several planners and none is selected, planners of the same
     name are compared and their labels name the folder.
@@ -294,7 +294,11 @@ def compare_folders(
 def _pair_planners(
     a: Path, b: Path | None, names_a: list[str], names_b: list[str]
 ) -> list[tuple[str, str]]:
-    """Return the pairs of planners to compare; ConfigError if there is none."""
+    """Return pairs (planner of A, planner of B) to compare; ConfigError if none.
+
+    Without B, they are all pairs within A. Else they are the only planner of each, or
+    planners of the same name.
+    """
     if b is None:
         if len(names_a) < 2:
             raise ConfigError(
@@ -314,14 +318,14 @@ def _pair_planners(
 
 
 def _name_folders(a: Path, b: Path) -> tuple[str, str]:
-    """Return the names of two folders, or their paths where the names are equal."""
+    """Return two folders' names without parents, or their paths if names are equal."""
     if a.resolve().name == b.resolve().name:
         return str(a), str(b)
     return a.resolve().name, b.resolve().name
 
 
 def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
-    """Read a folder and the results of planners selected from it.
+    """Read FOLDER or FOLDER:PLANNER,PLANNER; return it and its scored rows by planner.
 
     Args:
         path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
@@ -345,7 +349,7 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
 
 
 def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:
-    """Return the results of one folder or two by the spelling of their planners.
+    """Read one or two results folders; return their rows by planner's display name.
 
     A planner that is in both folders has the folder in its name.
 
@@ -370,7 +374,10 @@ def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:
 
 
 def trial_values(results: Rows, measure: Measure) -> TrialValues:
-    """Return a measure of results for the statistics.
+    """Return values, worlds and repetitions of one planner's results as arrays.
+
+    The arrays are in the order of the results. A value is NaN where the trial has none,
+    or failed and the measure is of successes only.
 
     Args:
         results: Results of one planner.
@@ -394,14 +401,15 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
 
 
 def require_pairs(a: Rows, b: Rows) -> None:
-    """Check that the results of two planners can be paired.
+    """Raise BarnError unless two planners' results share trials of equal task and seed.
 
     Args:
         a: Results of one planner.
         b: Results of the other.
 
     Raises:
-        BarnError: Their tasks differ, or they have no trial in common.
+        BarnError: Protocol, task, world or seed of a common trial differs, there is no
+            common trial, or one side has several planners.
     """
     # A repetition has the same simulator seed in each run of equal seed, hence the same
     # noise.
@@ -433,7 +441,7 @@ def require_pairs(a: Rows, b: Rows) -> None:
 def describe_parameter_changes(
     a: Source, planner_a: str, b: Source, planner_b: str
 ) -> str:
-    """Say in a sentence which parameters or files of two planners differ.
+    """Return a sentence on the parameters and files in which two planners differ.
 
     Planners of the registry are compared by presets and overrides, others by what their
     nodes reported and by the SHA-256 of their files. Nothing is said about planners or
@@ -477,9 +485,9 @@ def describe_parameter_changes(
 
 
 def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
-    """Return a planner's parameters and files; empty where they cannot be known.
+    """Return values by "PLANNER KEY", "NODE KEY" or "file NAME"; empty if unknown.
 
-    That is so for folders of other versions, and planners that are not installed.
+    It is empty for folders of other versions, and planners that are not installed.
     """
     try:
         # Fails for none and for two of the name, where no parameters can be told.

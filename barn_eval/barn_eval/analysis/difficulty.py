@@ -48,14 +48,17 @@ class Band:
 
 
 def results_by_world(results: Rows) -> dict[int, list[TrialResult]]:
-    """Return results by world, worlds ascending."""
+    """Return lists of results by world number, worlds and repetitions ascending."""
     ordered = sorted(results, key=lambda result: (result.world, result.repetition))
     groups = groupby(ordered, lambda result: result.world)
     return {world: list(group) for world, group in groups}
 
 
 def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
-    """Order the worlds in which all entries have trials, or else all worlds."""
+    """Sort world numbers by mean counted time per meter, the quickest world first.
+
+    Only worlds in which every entry has a trial count; where there is none, all do.
+    """
     groups = [results_by_world(entry.results) for entry in entries]
     all_worlds = set().union(*groups)
     # A world that only a slow planner has driven would seem difficult.
@@ -79,7 +82,7 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
 
 
 def make_bands(entries: Sequence[Entry], order: WorldOrder) -> list[Band]:
-    """Return up to four bands of equally many worlds.
+    """Split ordered worlds into up to four bands and summarize each entry in each.
 
     Args:
         entries: Planners whose results are summarized.

@@ -97,11 +97,11 @@ class TrialGroup:
     common_trials: set[TrialKey]
 
     def accepts(self, trials: set[TrialKey]) -> bool:
-        """Tell whether an entry with these trials can join."""
+        """Tell whether any of these trials is a common one; adds nothing."""
         return bool(self.common_trials & trials)
 
     def common_entries(self) -> list[Entry]:
-        """Return the entries with the common trials alone."""
+        """Return copies of the entries with only the results that all of them have."""
         return [
             entry.where(lambda result: _trial_key(result) in self.common_trials)
             for entry in self.entries
@@ -111,7 +111,7 @@ class TrialGroup:
 def make_boards(
     paths: Sequence[Path], ranking: str = "", worlds: str = "all"
 ) -> list[Board]:
-    """Rank the planners of results folders.
+    """Read results folders and rank their planners, one board per comparable group.
 
     There is a board for each protocol, class of speed caps, way of computing and set of
     worlds. Planners are in the order of their means. Those without a significant
@@ -168,7 +168,7 @@ def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) ->
 
 
 def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
-    """Return a row per place: board, rank, planner, and the planner's summary."""
+    """Return a dict per place of all boards: board, rank, planner, summary columns."""
     rows: list[dict[str, Any]] = []
     for board in boards:
         for place in board.places:
@@ -186,7 +186,7 @@ def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
 
 
 def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
-    """Rank entries of one task.
+    """Rank entries of one task by a measure, with a test of every pair.
 
     Args:
         entries: At least one, with distinct labels.
@@ -237,7 +237,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
 
 
 def configuration_hash(source: Source, planner: str) -> str:
-    """Return a short checksum of the configuration that a planner ran with.
+    """Return 12 hex digits of the hash of a run's configuration with one planner.
 
     Args:
         source: The results folder.
@@ -249,14 +249,14 @@ def configuration_hash(source: Source, planner: str) -> str:
 
 
 def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
-    """Group entries so that each group can be compared on the same trials.
+    """Group entries so that all entries of a group have some trial in common.
 
     Args:
         entries: Results of one planner each, under one protocol.
 
     Returns:
-        Groups in order of size. An entry joins the first group that shares a trial with
-        it, so an entry with few trials shrinks the group that it joins.
+        Groups in order of their largest entries. An entry joins the first group whose
+        common trials it shares in part; those then shrink to what it has of them.
     """
     groups: list[TrialGroup] = []
     # Largest first, so that a group's common trials start as wide as possible.
@@ -273,7 +273,7 @@ def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
 
 
 def _board_class(entry: Entry) -> BoardClass:
-    """Return the class of an entry.
+    """Return protocol, speed class and compute class, which decide an entry's board.
 
     Raises:
         ConfigError: Its trials have several protocols.
@@ -291,7 +291,7 @@ def _board_class(entry: Entry) -> BoardClass:
 
 
 def speed_class_mps(entry: Entry) -> float:
-    """Return the upper end of the class of an entry's speed cap.
+    """Return the upper end [m/s] of the speed class of an entry's highest speed cap.
 
     The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
     it. Rows of versions without caps are in class 0.
@@ -306,7 +306,7 @@ def speed_class_mps(entry: Entry) -> float:
 
 
 def _title(entry: Entry) -> str:
-    """Say what a board is about, from any of its entries."""
+    """Return a board's title: protocol, worlds, seed, speed class, robot and task."""
     results = entry.results
     worlds = count_noun(len({result.world for result in results}), "world")
     datasets = ", ".join(sorted({result.dataset for result in results}))
@@ -332,7 +332,7 @@ def _title(entry: Entry) -> str:
 
 
 def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
-    """Return the parameters by which entries are settings of one sweep.
+    """Return the names of the parameters that a sweep varies, if entries are one.
 
     The sweep is of one planner, or of the delay of several. The list is empty if the
     entries are no such settings.
@@ -348,7 +348,9 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
 
 
 def make_sweep_board(folder: Path) -> Board:
-    """Return the settings of a sweep as one board, whatever their speed caps.
+    """Read the folder of a sweep and rank its settings on one board.
+
+    Settings of different speed caps share the board.
 
     Raises:
         BarnError: As for `read_entries`.
@@ -358,7 +360,10 @@ def make_sweep_board(folder: Path) -> Board:
 
 
 def sweep_rows(board: Board) -> list[dict[str, Any]]:
-    """Return a row per setting, best first: level, parameters and figures."""
+    """Return a dict per setting, best first; by planner and delay for a latency study.
+
+    Keys: level_with_best, planner, each parameter, the summary's columns, folder.
+    """
     return [
         {
             "level_with_best": position in board.ranking.leaders,
@@ -372,7 +377,7 @@ def sweep_rows(board: Board) -> list[dict[str, Any]]:
 
 
 def sweep_table(board: Board) -> TextTable:
-    """Return the settings of a sweep as a table, best first."""
+    """Return a sweep as a text table, a setting per row, ordered as `sweep_rows`."""
     # All settings of a sweep have the same parameters.
     parameters = list(board.places[0].entry.setting)
     keys = dict.fromkeys((board.measure.key, *_SWEEP_MEASURES))
@@ -404,7 +409,7 @@ def sweep_table(board: Board) -> TextTable:
 
 
 def _order_settings(board: Board) -> list[tuple[int, Place]]:
-    """Return places with their positions, best first.
+    """Return pairs (position in the ranking, place) of settings, best first.
 
     A sweep over the delay is in the order of planners and delays.
     """

@@ -27,7 +27,7 @@ class Margin:
 
     @classmethod
     def parse(cls, text: str) -> "Margin":
-        """Read a margin such as "challenge:0.01" or "challenge:5%".
+        """Parse "MEASURE:NUMBER" or "MEASURE:PERCENT%", as --fail-if-worse takes it.
 
         Raises:
             ConfigError: The text names no measure with a better direction, or its
@@ -80,7 +80,7 @@ class MarginTest:
 
     @property
     def text(self) -> str:
-        """The decision in a sentence."""
+        """The decision in a clause with margin, measure and upper limit of the loss."""
         measure = MEASURES[self.measure]
         unit = " percentage points" if measure.percent else measure.after
         margin = f"{measure.number(self.margin)}{unit}"
@@ -97,7 +97,7 @@ class MarginTest:
 
 
 def decide_margin(comparison: Comparison, margin: Margin) -> MarginTest:
-    """Decide whether B is worse than A by more than a margin.
+    """Test B's loss against A on one measure: "not worse", "worse" or "not shown".
 
     Args:
         comparison: A and B, compared by at least the measure of the margin.

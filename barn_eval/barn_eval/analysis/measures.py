@@ -56,11 +56,11 @@ class Measure:
 
     @property
     def key(self) -> str:
-        """Its column in the tables of results, or a name of its own."""
+        """Last part of `path`: key of `MEASURES` and column of tables."""
         return self.path.rpartition(".")[2]
 
     def value(self, result: TrialResult) -> float | None:
-        """Return the figure of a trial, None if the trial has none."""
+        """Return a trial's raw figure, also of a failed trial; None if it has none."""
         field: Any = result
         # Only trials among moving obstacles have `motion`, and old rows lack fields.
         for name in self.path.split("."):
@@ -70,31 +70,34 @@ class Measure:
 
     @property
     def as_failure(self) -> Callable[[TrialResult], float] | None:
-        """Returns what a trial is worth as a failure; None if failures have no value."""
+        """Function from a result to its value as a failure; None without one."""
         return _FAILURE_VALUES.get(self.key)
 
     @property
     def title(self) -> str:
-        """The label, and which trials count."""
+        """Label, followed by " of successes" if failed trials do not count."""
         return f"{self.label} of successes" if self.successes_only else self.label
 
     @property
     def heading(self) -> str:
-        """The title with its unit, for tables and axes."""
+        """Title with the unit in brackets, for table columns and axes."""
         return self._with_unit(self.title)
 
     @property
     def trial_heading(self) -> str:
-        """The label with its unit, for values of single trials."""
+        """Label with the unit in brackets, for columns of single trials."""
         return self._with_unit(self.label)
 
     @property
     def after(self) -> str:
-        """The unit as it follows a value in a sentence."""
+        """Unit as text after a value, with a leading space; empty without a unit."""
         return " %" if self.percent else f" {self.unit}".rstrip()
 
     def values(self, results: Rows) -> Floats:
-        """Return the value of each trial (n,), NaN where none counts."""
+        """Return a value per result (n,); NaN if it has none or does not count.
+
+        Failed trials do not count for measures of successes only.
+        """
         values: Floats = np.full(len(results), np.nan)
         for position, result in enumerate(results):
             # A collision after two seconds would else count as a quick run.
@@ -107,26 +110,27 @@ class Measure:
 
     @property
     def best(self) -> float:
-        """The best possible value of a measure that counts failures."""
+        """Best possible value: 0 if smaller is better, else `maximum` or 1."""
         if self.better == "smaller":
             return 0.0
         return 1.0 if self.maximum is None else self.maximum
 
     def in_heading_unit(self, interval: Interval) -> Interval:
-        """Return an estimate of the measure in the unit of its heading."""
+        """Return the interval times 100 if shown in percent, else unchanged."""
         return interval.scale(100.0) if self.percent else interval
 
     def text(self, interval: Interval) -> str:
-        """Return an estimate of the measure with its limits, without the unit."""
+        """Return "estimate [low, high]" in the heading's unit, without naming it."""
         return self.in_heading_unit(interval).text(self.digits)
 
     def number(self, value: float | None) -> str:
-        """Return a value of the measure as text, without the unit."""
+        """Return a value in the heading's unit, not appended, as text; "-" for None."""
         if self.percent and value is not None:
             value = 100.0 * value
         return number(value, self.digits)
 
     def _with_unit(self, name: str) -> str:
+        """Return a name followed by maximum and unit, such as "time [s]"."""
         if self.maximum is not None:
             name = f"{name} (of {self.maximum:g})"
         unit = "%" if self.percent else self.unit
@@ -156,7 +160,7 @@ COMPARED = (*SCORED, *SHOWN["compared"])
 
 
 def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
-    """Add the measures for moving obstacles where every planner has met some.
+    """Return keys, plus those for moving obstacles if every planner met some.
 
     Args:
         keys: Keys of measures.
@@ -172,7 +176,7 @@ def with_moving_measures(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
 
 
 def require_measures(names: Sequence[str]) -> tuple[str, ...]:
-    """Return keys of measures without repetitions.
+    """Check that measure keys are in the catalog; return them without repetitions.
 
     Raises:
         ConfigError: The catalog does not have one of them.
@@ -184,7 +188,7 @@ def require_measures(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def ranking_measure(results: Rows) -> Measure:
-    """Return the measure by which the protocol of results ranks planners."""
+    """Return the measure by which the first result's protocol ranks planners."""
     first = results[0]
     if first.metric:
         return MEASURES[first.metric]
@@ -195,7 +199,7 @@ def ranking_measure(results: Rows) -> Measure:
 
 
 def clearance_measure(results: Rows) -> Measure:
-    """Return the clearance that says how safe trials were.
+    """Return the measure of smallest clearance: to what moves, or to all obstacles.
 
     Where all trials are among moving obstacles, it is the clearance to these.
     """

@@ -96,7 +96,7 @@ def analyze(
     run: Callable[[Jobs], list[Any]],
     keys: Sequence[str] = (),
 ) -> Overview:
-    """Compute the figures of a report.
+    """Compute a report's summaries, comparisons, difficulty bands and conclusion.
 
     Args:
         entries: Planners of one task, at least one.
@@ -146,7 +146,7 @@ def analyze(
 
 
 def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
-    """Say for each band what its worlds show about all planners.
+    """Return by band name a sentence on which planner leads in the band's worlds.
 
     The tests of all bands share one correction (Holm).
 
@@ -155,7 +155,8 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
         bands: Bands of their worlds.
 
     Returns:
-        A sentence by band; none for a single planner.
+        A sentence by name of the band, without bands in which planners share no trial;
+        empty for a single planner.
     """
     if len(entries) < 2 or not bands:
         return {}
@@ -186,7 +187,7 @@ def conclude_bands(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str,
 
 
 def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
-    """Say for each pair in which measures the planners differ.
+    """Return sentences on the measures in which each compared pair differs.
 
     Many pairs without a significant difference share one sentence.
     """
@@ -217,7 +218,7 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
 
 
 def _explain_difference(comparison: Comparison) -> tuple[str, bool]:
-    """Return in which measures two planners differ or not, and whether they do."""
+    """Return the predicate "differ clearly in ..." of a pair, and whether they do."""
     clear = []
     unclear = []
     for row in comparison.rows:
@@ -243,7 +244,7 @@ def _explain_difference(comparison: Comparison) -> tuple[str, bool]:
 def make_tables(
     entries: Sequence[Entry], overview: Overview, keys: Sequence[str] = ()
 ) -> list[TextTable]:
-    """Return all tables of a report, the headline first.
+    """Return a report's text tables: headline, measures, bands, pairs, outcomes.
 
     Args:
         entries: Planners of the report.
@@ -266,7 +267,7 @@ def make_tables(
 
 
 def _compare_entries(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
-    """Compare two entries, or say why they cannot be compared."""
+    """Return two entries' comparison before Holm, or a Refusal that says why not."""
     try:
         comparison = compare(a.results, b.results, a.label, b.label, keys)
         parameters = describe_parameter_changes(
@@ -291,7 +292,7 @@ class Reproduction:
 
 
 def reproduce(source: Source) -> Reproduction:
-    """Return how the results of a folder are made again."""
+    """Return the `barn run` command that repeats a folder's run; runs nothing."""
     try:
         run = source.run_config
     except BarnError as error:
@@ -347,7 +348,7 @@ def reproduce(source: Source) -> Reproduction:
 
 
 def _option_words(option: str, config: Checked, standard: Checked) -> list[str]:
-    """Return an option for each field of a configuration that is not the standard."""
+    """Return words OPTION NAME=VALUE for each field that differs from `standard`."""
     standard_values = {name: value for name, _, value in fields_of(standard)}
     words = []
     for name, _, value in fields_of(config):

@@ -24,7 +24,7 @@ _PANDAS_TYPES = {pa.string(): pd.StringDtype()}
 
 
 def pandas_table(rows: Iterable[Mapping[str, Any]], **types: str) -> pd.DataFrame:
-    """Return rows as a pandas table of texts, counts and numbers.
+    """Return dict rows as a DataFrame with fixed column types, float64 by default.
 
     Args:
         rows: Values by column; a number that a row lacks becomes NaN.
@@ -45,7 +45,7 @@ def pandas_table(rows: Iterable[Mapping[str, Any]], **types: str) -> pd.DataFram
 
 
 def pandas_of_arrow(table: pa.Table) -> pd.DataFrame:
-    """Return an Arrow table as a pandas table."""
+    """Return an Arrow table as a DataFrame, texts as string, recoveries as Int64."""
     converted = table.to_pandas(types_mapper=_PANDAS_TYPES.get)
     nullable = set(_NULLABLE_COUNTS).intersection(converted.columns)
     return converted.astype(dict.fromkeys(nullable, "Int64"))

@@ -17,12 +17,12 @@ _FREE_COLORS = (*PLANNERS[len(_SPELLINGS) :], *PLANNERS[: len(_SPELLINGS)])
 
 
 def spelling(planner: str) -> str:
-    """Return the usual spelling of the suite's planners, other names unchanged."""
+    """Return a suite planner's display name, "DWA" for "dwa"; others unchanged."""
     return _SPELLINGS.get(planner, planner)
 
 
 def assign_colors(planners: Sequence[str]) -> list[str]:
-    """Return a color for each planner of a figure.
+    """Return a palette color for each planner name, in the order of the names.
 
     The suite's planners always have the same color. Other planners, and a planner that
     appears again, take the remaining colors in order, a light one after a dark one and
@@ -57,5 +57,5 @@ def assign_colors(planners: Sequence[str]) -> list[str]:
 
 
 def _is_dark(color: str) -> bool:
-    """Tell whether a color is one of the dark ones, which alternate with light ones."""
+    """Tell whether a palette color is a dark one; they alternate with light ones."""
     return PLANNERS.index(color) % 2 == 0

@@ -44,7 +44,7 @@ class LookResult:
 
 
 def plan_looks(worlds: int) -> list[int]:
-    """Return the numbers of worlds at which a comparison of so many is looked at."""
+    """Return the ascending numbers of worlds at which to test, five at most."""
     looks = [worlds * number // LOOKS for number in range(1, LOOKS + 1)]
     return [look for look in looks if look]
 
@@ -58,7 +58,7 @@ def decide(
     larger_is_better: bool,
     flips: int = FLIPS,
 ) -> LookResult:
-    """Return the first look that decides, or the last one that there are worlds for.
+    """Test B against A at each look; return the first that decides, or the last one.
 
     A look decides if its sum of differences is beyond a bound that equal planners reach
     in at most 5 % of all comparisons, at this look or an earlier one, and if failures
@@ -122,12 +122,12 @@ def decide(
 
 
 def _error_to_spend(share: float) -> float:
-    """Return how much of ALPHA may be spent when a share of the worlds is done."""
+    """Return the error allowed by the time that a share (0 to 1) of worlds is done."""
     return 2.0 * float(special.ndtr(special.ndtri(ALPHA / 2.0) / math.sqrt(share)))
 
 
 def _conditional_power(sums: Floats, share: float) -> float:
-    """Return the chance that the last look is clear if the trend goes on.
+    """Return the probability that the last look is clear if the trend goes on.
 
     Args:
         sums: Sum of the differences of each world that is done (m,).

@@ -47,7 +47,7 @@ class Components:
     """
 
     def standard_error(self, worlds: int, repetitions: int) -> float:
-        """Return the standard error of a mean.
+        """Return the standard error of a mean over `worlds` * `repetitions` trials.
 
         Args:
             worlds: Number of worlds that the mean is over.
@@ -57,7 +57,7 @@ class Components:
 
 
 def variance_components(values: Floats, worlds: Integers) -> Components:
-    """Split the variance of values by the analysis of variance (Searle 1971).
+    """Return the variances between and within worlds, by ANOVA (Searle 1971).
 
     With one trial per world all variance counts as variance between worlds.
 
@@ -89,7 +89,7 @@ def variance_components(values: Floats, worlds: Integers) -> Components:
 
 
 def t_quantile(p: float, freedom: int) -> float:
-    """Return a quantile of Student's distribution.
+    """Return the value of Student's t below which the probability is `p`.
 
     Args:
         p: Probability below the quantile.
@@ -115,7 +115,7 @@ class Difference:
     parts: Components
 
     def negate(self) -> "Difference":
-        """Return B - A."""
+        """Return the difference B - A, with the same p-value."""
         return Difference(
             self.interval.negate(), self.p, self.worlds, self.trials, self.parts
         )
@@ -130,7 +130,7 @@ class Share:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The 95 % interval of Clopper and Pearson (1934)."""
+        """Lower and upper limit, 95 %, of Clopper and Pearson (1934)."""
         successes = self.share * self.effective
         failures = self.effective - successes
         low = 0.0
@@ -143,7 +143,10 @@ class Share:
         return float(low), float(high)
 
     def p_above(self, share: float) -> float:
-        """Return the two-sided p-value of a true share that is above this one."""
+        """Test whether the true share may be `share`; return a two-sided p-value.
+
+        `share` must be above the observed share.
+        """
         if share >= 1.0:
             return 0.0
         successes = self.share * self.effective
@@ -152,7 +155,7 @@ class Share:
 
 
 def share_of(values: Floats | Integers, worlds: Integers) -> Share:
-    """Return the mean of values from 0 to 1 as a share.
+    """Return the mean of values in 0 to 1 with its effective number of trials.
 
     Where fewer than three worlds have a value above 0, they say little about how alike
     the trials of a world are. Each world then counts as one trial.
@@ -171,7 +174,7 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
 
 
 def proportion(successes: Integers, worlds: Integers) -> Interval:
-    """Return the share of successes with Wilson's interval for the effective trials.
+    """Return the share of successes, 0 to 1, with Wilson's 95 % interval over worlds.
 
     The quantile is Student's with one degree of freedom less than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex
@@ -199,7 +202,7 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
 def effective_trials(
     values: Floats | Integers, worlds: Integers
 ) -> tuple[float, float, int]:
-    """Return a share, its effective number of independent trials, and of worlds.
+    """Return (share, effective number of independent trials, number of worlds).
 
     The effective number is p (1 - p) / v, at most n, where v is the variance of the
     share as the worlds' own shares show it.
@@ -226,7 +229,7 @@ def effective_trials(
 def paired_difference(
     differences: Floats, worlds: Integers, flips: int = FLIPS
 ) -> Difference:
-    """Return a mean paired difference with its interval and test by flips of signs.
+    """Return the mean of A - B with interval and p-value from flips of worlds' signs.
 
     If A and B are alike, the sum of each world is as likely to have the other sign, so
     the test is exact for any distribution. The interval holds the shifts that the test
@@ -283,7 +286,7 @@ def paired_difference(
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for testing all of them (Holm 1979).
+    """Return p-values adjusted for testing all of them (Holm 1979), in equal order.
 
     The chance of any false alarm stays below each adjusted value. NaN stands for a test
     that could not be made; it stays NaN and does not count.
@@ -300,13 +303,13 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def p_text(p: float) -> str:
-    """Return a p-value as a sentence has it, such as "p = 0.021"."""
+    """Return a p-value as text, such as "p = 0.021" or "p < 0.001"."""
     return "p < 0.001" if p < 0.001 else f"p = {number(p, 3)}"
 
 
 @lru_cache(maxsize=4)
 def sign_patterns(worlds: int, flips: int) -> Floats:
-    """Return patterns of signs (m, worlds); the first is that of the data.
+    """Return an array (m, worlds) of +1 and -1; its first row, the data, is all +1.
 
     The patterns are cached, since all measures of a comparison have the same worlds.
 
@@ -326,7 +329,7 @@ def sign_patterns(worlds: int, flips: int) -> Floats:
 def half_width(
     parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return half the width of the interval of a mean.
+    """Return half the width of a mean's interval; infinite for fewer than two worlds.
 
     The width follows from the variance, or from failures that may still come where
     these would widen it further.
@@ -349,7 +352,7 @@ def half_width(
 def detectable_difference(
     parts: Components, worlds: int, repetitions: int, level: float = LEVEL
 ) -> float:
-    """Return the difference that a test finds 8 times in 10.
+    """Return the difference found with power 0.8; infinite below two worlds.
 
     Args:
         parts: Variance of one paired difference.
@@ -368,7 +371,7 @@ def detectable_difference(
 def worlds_for_half_width(
     parts: Components, width: float, repetitions: int
 ) -> int | None:
-    """Return the fewest worlds whose interval is narrow enough; None above a million.
+    """Return the fewest worlds whose half width is at most `width`; None above 1e6.
 
     Args:
         parts: Variance of one value.
@@ -383,7 +386,7 @@ def worlds_for_half_width(
 def worlds_for_difference(
     parts: Components, size: float, repetitions: int, level: float = LEVEL
 ) -> int | None:
-    """Return the fewest worlds that show a difference 8 times in 10.
+    """Return the fewest worlds in which a test finds `size` with power 0.8.
 
     Args:
         parts: Variance of one paired difference.
@@ -400,7 +403,10 @@ def worlds_for_difference(
 
 
 def _fewest_worlds(suffice: Callable[[int], bool]) -> int | None:
-    """Return the fewest worlds from 2 on that suffice, if more always suffice too."""
+    """Return the least number of worlds, 2 to a million, for which `suffice` is true.
+
+    None if there is none. `suffice` must stay true from that number on.
+    """
     candidates = range(2, _MAX_WORLDS + 1)
     # bisect finds the first True, as False sorts before it.
     position = bisect_left(candidates, True, key=suffice)

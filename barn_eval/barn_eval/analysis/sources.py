@@ -64,12 +64,12 @@ class Source:
 
     @cached_property
     def run_config(self) -> RunConfig:
-        """What was run; BarnError if this version does not read the configuration."""
+        """Configuration as an object; BarnError if this version cannot read it."""
         return from_dict(RunConfig, dict(self.configuration), str(self.path))
 
     @cached_property
     def chassis(self) -> Chassis:
-        """Body of the robot; ConfigError if the configuration is invalid."""
+        """Body of the robot, from the configuration; ConfigError if that is invalid."""
         return chassis_in(self.configuration.get("simulator"))
 
     @property
@@ -79,11 +79,11 @@ class Source:
 
     @cached_property
     def outline(self) -> Footprint:
-        """Footprint of the parts of the robot that can touch something."""
+        """Footprint [m] in base_link of the robot's parts that can touch something."""
         return contact_footprint(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
-        """Return where the bag of a trial is, if the run kept it."""
+        """Return the path FOLDER/bags/TRIAL_ID, whether or not there is a bag."""
         return self.path / BAGS / trial_id
 
 
@@ -99,16 +99,16 @@ class Entry:
 
     @property
     def setting(self) -> dict[str, float | str]:
-        """Parameter values that the name of the folder has, in a sweep."""
+        """Swept parameter values from the folder's name; empty for other folders."""
         return parse_folder_name(self.source.path)
 
     def where(self, holds: Callable[[TrialResult], bool]) -> "Entry":
-        """Return the entry with those of its results for which something holds."""
+        """Return a copy of the entry with the results for which `holds` is true."""
         return replace(self, results=tuple(filter(holds, self.results)))
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Read a results folder; its run may be unfinished.
+    """Read run.json, scored rows and tracks of a results folder, finished or not.
 
     Args:
         path: The folder.
@@ -152,7 +152,7 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:
-    """Return what to know about results: unfinished, late commands, slow planners.
+    """Return warnings on results: missing trials, late commands, slow planners.
 
     Args:
         source: The folder.
@@ -168,7 +168,7 @@ def notes_on(source: Source, results: Rows) -> list[str]:
 
 
 def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
-    """Say how many trials have late commands, and how many a second attempt."""
+    """Yield a sentence on trials with late commands and one on trials made again."""
     # Over ROS a busy machine delays commands, which no score can tell apart from a slow
     # planner.
     late = sum(result.wall_clock.is_late for result in results)
@@ -210,22 +210,25 @@ class Computing:
 
     @property
     def is_too_slow(self) -> bool:
-        """Whether the planner needs a computer faster than the reference computer."""
+        """Whether scores assume a computer faster than the reference computer."""
         return self.computer > 1.0
 
     @property
     def text(self) -> str:
-        """How computing is charged, in words; empty if unknown."""
+        """The faster computer that scores assume, in words, or else the compute modes.
+
+        Empty if neither is known. A computer no faster than the reference is not named.
+        """
         return describe_computer(self.computer) or " and ".join(self.modes)
 
     @property
     def class_name(self) -> str:
-        """Name of the class within which planners can be ranked."""
+        """Class of a board: "too slow", or the compute modes in words."""
         return "too slow" if self.is_too_slow else self.text
 
 
 def computing_of(results: Rows) -> Computing:
-    """Return how trials of one planner charge its computing."""
+    """Return compute modes and median assumed computer speed of one planner's rows."""
     # Rows of one planner may differ if a folder was resumed with another option.
     modes = {
         COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
@@ -242,7 +245,7 @@ def computing_of(results: Rows) -> Computing:
 
 
 def assumption_text(path: Path, results: Rows) -> str:
-    """Say which planners need a faster computer than they are charged for.
+    """Return in one text which planners' scores assume a faster computer.
 
     Args:
         path: Folder of the results.
@@ -260,12 +263,13 @@ def assumption_text(path: Path, results: Rows) -> str:
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
-    """Return the planners of folders, in the order given.
+    """Read results folders and sweeps; return a labeled entry per planner and folder.
 
     The folder of a sweep stands for the folders of its settings.
 
     Raises:
-        ConfigError: A folder is named twice.
+        ConfigError: A folder is named twice, holds no run or mixes tasks.
+        BarnError: A file cannot be read.
     """
     folders = expand_sweeps(paths)
     # Twice the same trials would look like twice the evidence.
@@ -276,7 +280,7 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
 
 
 def entries_of(sources: Sequence[Source]) -> list[Entry]:
-    """Return the planners of all folders, with distinct labels."""
+    """Return an entry per planner of each folder, with distinct labels and colors."""
     entries = []
     for source in sources:
         for planner, results in group_by_planner(source.results).items():
@@ -285,7 +289,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
 
 
 def label_entries(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries with labels and colors that distinguish them from each other.
+    """Return copies of entries with new labels and colors, distinct from each other.
 
     Entries of one planner are labeled by the settings in which they differ, or else by
     their folders.
@@ -313,7 +317,7 @@ def label_entries(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
-    """Return in brackets the settings of an entry that not all of its planner have."""
+    """Return " (KEY=VALUE, ...)" of settings that some entries of a planner lack."""
     settings = _planner_settings(entry)
     other_settings = [_planner_settings(other) for other in same_planner]
     texts = []
@@ -325,7 +329,10 @@ def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
 
 
 def _planner_settings(entry: Entry) -> dict[str, Any]:
-    """Return what was set of an entry's planner, however malformed its run.json."""
+    """Return preset, max_speed_mps and overrides of an entry's planner by key.
+
+    What is missing or malformed in run.json is left out.
+    """
     choices = planner_choices(entry.source.configuration, entry.planner)
     choice: dict[str, Any] = next(iter(choices), {})
     settings = {
@@ -338,7 +345,9 @@ def _planner_settings(entry: Entry) -> dict[str, Any]:
 
 
 def require_same_task(folders: Sequence[Path]) -> None:
-    """Check that results folders have one task: protocol, simulator and robot.
+    """Raise ConfigError unless all folders' run.json have one task.
+
+    The task is protocol, simulator and robot.
 
     Raises:
         ConfigError: Two tasks differ; the message names the first key that does.
@@ -365,7 +374,7 @@ def require_same_task(folders: Sequence[Path]) -> None:
 
 
 def group_by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:
-    """Return results by planner, planners in the order in which they appear."""
+    """Return lists of results by planner name, in order of first appearance."""
     groups: dict[str, list[TrialResult]] = {}
     for result in results:
         groups.setdefault(result.planner, []).append(result)
@@ -375,7 +384,7 @@ def group_by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:
 def select_planners(
     path: Path, groups: RowsByPlanner, names: Sequence[str]
 ) -> RowsByPlanner:
-    """Return the results of some planners of a folder.
+    """Return the results of the named planners, or of all if no name is listed.
 
     Args:
         path: The folder, for messages.
@@ -394,7 +403,7 @@ def select_planners(
 def read_worlds(
     results: Iterable[tuple[TrialResult, Source]],
 ) -> dict[str, World | str]:
-    """Read the worlds of results.
+    """Load the world of each result from its data set; return worlds by checksum.
 
     Args:
         results: Results, each with its folder.
@@ -432,7 +441,7 @@ def read_worlds(
 def planner_choices(
     configuration: Mapping[str, Any], planner: str = ""
 ) -> list[dict[str, Any]]:
-    """Return what a configuration says of its planners, however malformed it is.
+    """Return the planner mappings in a run's plain configuration, skipping malformed.
 
     Args:
         configuration: Configuration of a run as plain data.
@@ -448,7 +457,7 @@ def planner_choices(
 
 
 def _count_planned_trials(configuration: Mapping[str, Any]) -> int | None:
-    """Return the number of trials of a whole run, None if it cannot be known."""
+    """Return worlds * repetitions * planners of a configuration, None if unknown."""
     try:
         dataset = open_dataset(str(configuration["dataset"]))
         worlds = select_worlds(str(configuration["worlds"]), dataset.world_numbers)

@@ -43,7 +43,7 @@ class TrialValues:
     """Best possible value."""
 
     def at(self, positions: Integers) -> "TrialValues":
-        """Return the trials at these positions."""
+        """Return a copy with the trials at these indices, in that order."""
         names = ["values", "worlds", "repetitions"]
         if self.counts_failures:
             names += ["failures", "as_failure"]
@@ -51,18 +51,18 @@ class TrialValues:
 
     @property
     def average(self) -> float:
-        """The mean of all values, which are finite; NaN if there is none."""
+        """Mean of all values, which must be finite; NaN if there is none."""
         if not len(self.values):
             return math.nan
         return float(self.values.mean())
 
     @property
     def counts_failures(self) -> bool:
-        """Whether failures have a value; then all values are finite."""
+        """Whether failures have a value in this measure; then all are finite."""
         return len(self.failures) > 0
 
     def mean(self) -> Interval:
-        """Return the mean of the finite values with its interval.
+        """Return the mean of the finite values with its 95 % interval.
 
         The interval holds no impossible value.
         """
@@ -96,31 +96,31 @@ class TrialValues:
         return replace(interval, low=low, high=high)
 
     def parts(self) -> Components:
-        """Return the components of variance of the values, all of them finite."""
+        """Return the variance between and within worlds; values must be finite."""
         components = significance.variance_components(self.values, self.worlds)
         return replace(components, unseen=self.unseen)
 
     def failure_share(self) -> Interval | None:
-        """Return the share of failures, None if failures have no value."""
+        """Return the share of failures with limits; None if they have no value."""
         if not self.counts_failures:
             return None
         return Interval(self.failures_observed.share, *self.failures_observed.limits)
 
     @property
     def unseen(self) -> tuple[float, ...]:
-        """The cost of a failure, if failures count and none occurred."""
+        """One item, the cost of a failure, if failures count and none occurred."""
         if not self.counts_failures or self.failures.any():
             return ()
         return (abs(self.cost),)
 
     @cached_property
     def failures_observed(self) -> Share:
-        """The share of failures."""
+        """Share of trials that failed, with its effective number of trials."""
         return significance.share_of(self.failures, self.worlds)
 
     @cached_property
     def cost(self) -> float:
-        """The value of a success above a failure; negative where less is better.
+        """Mean of successes minus mean as failures; negative where less is better.
 
         Successes in fewer than two worlds say too little. They count as the best
         possible value.
@@ -132,7 +132,7 @@ class TrialValues:
         return success - float(np.mean(self.as_failure))
 
     def excess(self, other: "TrialValues") -> Share:
-        """Return the share of failures that exceed another planner's, world by world.
+        """Return the share of failures in excess of another planner's, world by world.
 
         Both must have the same trials.
         """
@@ -145,7 +145,7 @@ class TrialValues:
 
 
 def mean_interval(values: Floats, worlds: Integers) -> Interval:
-    """Return the mean over worlds with limits that allow for skewness.
+    """Return the mean of all trials with 95 % limits that allow for skewness.
 
     The limits are Student's, of the mean's linearization as a ratio, with Hall's
     transformation (1992, "On the removal of skewness by transformation").
@@ -175,7 +175,7 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
 
 
 def _limit_distances(residuals: Floats) -> tuple[float, float]:
-    """Return how far the limits are below and above an estimate.
+    """Return the distances (below, above) of the 95 % limits from an estimate.
 
     Args:
         residuals: What each world adds to the error of the estimate (m,), m > 1.
@@ -195,7 +195,7 @@ def _limit_distances(residuals: Floats) -> tuple[float, float]:
         return quantile * error, quantile * error
 
     def undo_transformation(y: float) -> float:
-        """Return the studentized error of which y is the transform."""
+        """Return the studentized error whose Hall transform is `y`."""
         # The transformation is cubic and monotonic, so it can be undone exactly.
         inner = 1.0 + skewness * (y / math.sqrt(worlds) - skewness / (6.0 * worlds))
         return math.sqrt(worlds) * 3.0 / skewness * (float(np.cbrt(inner)) - 1.0)
@@ -240,15 +240,15 @@ class Paired:
     """Share of failures of A and of B, None if failures have no value."""
 
     def test(self) -> Difference:
-        """Return the difference with its test."""
+        """Return the difference A - B with its p-value; nothing is tested again."""
         return Difference(self.difference, self.p, self.worlds, self.trials, self.parts)
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
-    """Return the standard deviation over a world's trials, averaged over worlds.
+    """Return the mean over worlds of the standard deviation of a world's trials.
 
     This is the paper's +- (Sec. IV): the divisor is n, and worlds with one trial do not
-    count.
+    count. It is NaN if no world has two trials.
 
     Args:
         values: One value per trial (n,); NaN does not count.
@@ -260,7 +260,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
 
 
 def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
-    """Return the trials that all planners have a value for, in the same order.
+    """Return for each planner the trials that all have a value for, in one order.
 
     Trials of one world and repetition belong together: they met the same noise.
     """
@@ -275,7 +275,7 @@ def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
 
 
 def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
-    """Return the mean difference of matched trials.
+    """Return the mean of A - B over matched trials with its interval and p-value.
 
     Where failures count, a difference is significant only if it keeps its sign when the
     better planner fails as often as its failures so far allow. By the test alone, a
@@ -310,7 +310,7 @@ def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference
 
 
 def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> Paired:
-    """Compare two planners on the trials for which both have a value.
+    """Compare A and B on trials of equal world and repetition: difference and p-value.
 
     The probability of improvement looks at every pair of a trial of A and one of B in a
     world (Agarwal et al. 2021, "Deep reinforcement learning at the edge of the
@@ -353,7 +353,7 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
 def rank_correlation(
     a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0
 ) -> Interval:
-    """Return Spearman's correlation of two planners' means per world.
+    """Return Spearman's correlation of two planners' world means, with its interval.
 
     Args:
         a: Values of A and the numbers of their worlds, each (n,).
@@ -382,13 +382,13 @@ def rank_correlation(
 
 
 def _positions(trials: TrialValues) -> dict[tuple[int, int], int]:
-    """Return the position of each trial with a value, by world and repetition."""
+    """Return the index of each trial with a finite value, by (world, repetition)."""
     finite = np.flatnonzero(np.isfinite(trials.values)).tolist()
     return {(int(trials.worlds[k]), int(trials.repetitions[k])): k for k in finite}
 
 
 def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:
-    """Return the finite values of each world, sorted.
+    """Return the finite values by world number, each array ascending.
 
     Sorted values have the same sum in whatever order the trials came.
     """

@@ -65,14 +65,14 @@ class Summary:
         return self.means[key]
 
     def columns(self) -> dict[str, Any]:
-        """Return the scores as a row of a table."""
+        """Return a flat dict: trials, worlds, and mean and limits of each score."""
         row: dict[str, Any] = {"trials": self.trials, "worlds": self.worlds}
         for key in SCORED:
             row |= self[key].columns(key)
         return row
 
     def as_json(self) -> dict[str, Any]:
-        """Return the summary as plain data."""
+        """Return nested dicts and lists for JSON: planner, scores and other figures."""
         scores: dict[str, Any] = {
             "trials": self.trials,
             "worlds": self.worlds,
@@ -108,7 +108,7 @@ class RunSummary:
     """The conclusion about all planners in a sentence or two."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return the summary as plain data."""
+        """Return nested dicts and lists for JSON: planners, comparisons, verdict."""
         return {
             "planners": [summary.as_json() for summary in self.planners],
             "comparisons": [as_dict(comparison) for comparison in self.comparisons],
@@ -117,7 +117,7 @@ class RunSummary:
 
 
 def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> Summary:
-    """Return the rates and means of one planner's results.
+    """Return counts, success rate, means and spread of one planner's results.
 
     Args:
         results: Results of the planner; there may be none.
@@ -146,13 +146,16 @@ def summarize(results: Rows, keys: Sequence[str] = SCORED, label: str = "") -> S
 
 
 def count_outcomes(results: Rows) -> dict[str, int]:
-    """Return the number of trials by outcome, in the order of `Outcome`."""
+    """Return the number of trials by outcome, in `Outcome` order, without zeros."""
     counts = Counter(result.outcome for result in results)
     return {o.value: counts[o] for o in Outcome if counts[o]}
 
 
 def summarize_run(results: Rows) -> RunSummary:
-    """Return the summary of at least one result, planners in their order."""
+    """Summarize each planner, compare each pair and conclude, from a run's results.
+
+    There must be at least one result. Planners are in order of first appearance.
+    """
     groups = group_by_planner(results)
     keys = with_moving_measures(SCORED + DRIVEN, *groups.values())
     summaries = tuple(summarize(rows, keys) for rows in groups.values())
@@ -182,7 +185,7 @@ class Bars(NamedTuple):
 
 
 def make_bars(entries: Sequence[Entry]) -> Bars:
-    """Return bars of the ranking measure.
+    """Return the data of a bar chart by the ranking measure, the best planner first.
 
     The axis ends at the limit of the measure, or else at the longest bar.
     """
@@ -218,7 +221,7 @@ def make_bars(entries: Sequence[Entry]) -> Bars:
 
 
 def common_trials(groups: Sequence[Rows]) -> list[list[TrialResult]]:
-    """Return of each planner's results those whose trials all planners have.
+    """Return each planner's results in the worlds and repetitions that all have.
 
     Where there is no such trial, all results are returned.
     """
@@ -232,7 +235,7 @@ def common_trials(groups: Sequence[Rows]) -> list[list[TrialResult]]:
 
 
 def finite_keys(summaries: Sequence[Summary], keys: Iterable[str]) -> list[str]:
-    """Return the keys of measures of which some summary has a mean.
+    """Return the keys of measures of which at least one summary has a finite mean.
 
     Args:
         summaries: Summaries that have all these measures.
@@ -246,7 +249,7 @@ def finite_keys(summaries: Sequence[Summary], keys: Iterable[str]) -> list[str]:
 
 
 def sort_positions(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
-    """Return the positions of summaries from best to worst.
+    """Return the indices of summaries from best to worst, those without a value last.
 
     Args:
         measure: What is ranked by.

@@ -31,7 +31,7 @@ SPREAD = "spread over a world's trials [s/m]"
 
 
 def trials_table(results: Rows, title: str) -> TextTable:
-    """Return the figures of single trials, a trial per row.
+    """Return a text table of outcome and main figures, a trial per row.
 
     Args:
         results: Results of any planners.
@@ -52,7 +52,7 @@ def headline_table(
     measure: Measure,
     keys: Sequence[str] = (),
 ) -> TextTable:
-    """Return the main measures, a planner per row from best to worst.
+    """Return a text table of the main measures, a planner per row, best first.
 
     Args:
         summaries: Summary of each planner.
@@ -77,7 +77,7 @@ def headline_table(
 
 
 def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTable:
-    """Return the means of measures, a planner per column.
+    """Return a text table of means, a measure per row and a planner per column.
 
     Args:
         summaries: Summary of each planner.
@@ -94,7 +94,7 @@ def measures_table(summaries: Sequence[Summary], keys: Sequence[str]) -> TextTab
 
 
 def summary_table(summaries: Sequence[Summary]) -> TextTable:
-    """Return everything in summaries of the same measures, a planner per column."""
+    """Return a text table of means, spread and outcomes, a planner per column."""
     measures = measures_table(summaries, list(summaries[0].means))
     rows = list(measures.rows)
     rows.append((SPREAD, *map(_spread_text, summaries)))
@@ -117,7 +117,7 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
 
 
 def outcomes_table(summaries: Sequence[Summary]) -> TextTable:
-    """Return how often each outcome occurred, a planner per row.
+    """Return a text table of trials by outcome, a planner per row.
 
     Args:
         summaries: Summary of each planner.
@@ -135,7 +135,7 @@ def outcomes_table(summaries: Sequence[Summary]) -> TextTable:
 
 
 def bands_table(bands: Sequence[Band]) -> TextTable:
-    """Return success and time of each planner in each difficulty band.
+    """Return a text table of success and time, a row per band and planner.
 
     Args:
         bands: Bands from easy to difficult.
@@ -157,7 +157,7 @@ def bands_table(bands: Sequence[Band]) -> TextTable:
 
 
 def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTable:
-    """Return the comparison of two planners; a star marks a significant difference.
+    """Return a text table of A against B, a measure per row; * is significant.
 
     Args:
         comparison: The comparison. With several pairs p-values are after Holm.
@@ -213,7 +213,7 @@ def comparison_table(comparison: Comparison, name: str = "comparison") -> TextTa
 
 
 def _mean_with_count(measure: Measure, summary: Summary) -> str:
-    """Return a mean with its limits, and its trials where failures are left out."""
+    """Return "mean [low, high]", plus the number of successes if only these count."""
     text = measure.text(summary[measure.key])
     if measure.successes_only:
         # Few successes make a fine time: the reader has to see how many there were.
@@ -222,6 +222,6 @@ def _mean_with_count(measure: Measure, summary: Summary) -> str:
 
 
 def _spread_text(summary: Summary) -> str:
-    """Return the spread over a world's trials."""
+    """Return the mean spread over a world's trials [s/m] as text without unit."""
     digits = MEASURES["normalised_time_s_per_m"].digits
     return number(summary.spread_s_per_m, digits)

@@ -38,21 +38,21 @@ class TextTable:
     caption: str = ""
 
     def csv(self) -> str:
-        """Return the table as CSV with a header."""
+        """Return columns and rows as CSV text; title and caption are left out."""
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
         return buffer.getvalue()
 
 
 def latex_text(text: str) -> str:
-    """Return text without LaTeX commands, and with the minus of numbers as a sign."""
+    """Return text on one line, escaped for LaTeX, with a math minus before digits."""
     escaped = one_line(text).translate(_LATEX)
     # A hyphen in a name or a range stays a hyphen.
     return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
 
 
 def count_noun(number: int, noun: str) -> str:
-    """Return a number of things, such as "1 trial" or "2 trials".
+    """Return a number with its noun, such as "1 trial" or "2 trials".
 
     Args:
         number: How many there are.
@@ -62,7 +62,7 @@ def count_noun(number: int, noun: str) -> str:
 
 
 def join_names(names: Sequence[str], word: str = "and") -> str:
-    """Return names as a sentence lists them, such as "a, b and c".
+    """Return names joined by commas and a last word, such as "a, b and c".
 
     Args:
         names: What is listed.
@@ -74,5 +74,5 @@ def join_names(names: Sequence[str], word: str = "and") -> str:
 
 
 def one_line(text: str) -> str:
-    """Return text with its line breaks and control characters as spaces."""
+    """Return text with each run of line breaks and control characters as one space."""
     return re.sub(r"[\x00-\x1f\x7f\u2028\u2029]+", " ", text)

@@ -69,7 +69,7 @@ class Ranking:
     """Number of worlds in the data set, 0 if unknown."""
 
     def is_clear(self, better: int, worse: int) -> bool:
-        """Tell whether one place is significantly better than a later one.
+        """Tell whether one place is significantly better than a later, after Holm.
 
         Args:
             better: The earlier place, counted from 0.
@@ -79,7 +79,7 @@ class Ranking:
 
     @property
     def leaders(self) -> tuple[int, ...]:
-        """The places that are not significantly worse than the first."""
+        """Places, from 0, not significantly worse than the first, which is included."""
         places = range(1, len(self.names))
         return (0, *(place for place in places if not self.is_clear(0, place)))
 
@@ -111,7 +111,7 @@ class Ranking:
 def rank_results(
     results: RowsByPlanner, measure: Measure, comparisons: Sequence[Comparison] = ()
 ) -> Ranking:
-    """Rank planners by their results.
+    """Rank planners by a measure over trials for which all have a value.
 
     Args:
         results: Results by planner, of at least one.
@@ -147,7 +147,7 @@ def rank(
     flips: int = FLIPS,
     tests: PairTests | None = None,
 ) -> Ranking:
-    """Rank planners on the trials for which all of them have a value.
+    """Sort planners by mean over the trials that all have; test each pair, after Holm.
 
     Args:
         planners: Trials by planner, of at least one.
@@ -195,7 +195,7 @@ def rank(
 
 
 def _find_test(tests: PairTests, a: str, b: str) -> Difference | None:
-    """Return the test of A minus B, whichever way round it was made."""
+    """Return the test of A minus B, negated if stored as B minus A; None if missing."""
     if (a, b) in tests:
         return tests[a, b]
     if (b, a) in tests:
@@ -218,7 +218,7 @@ class Conclusion(NamedTuple):
 
 
 def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
-    """Say what a ranking shows: who leads, and how sure that is.
+    """Return sentences on who leads a ranking and how sure that is.
 
     The number of worlds that a clear answer would take is for a power of 0.8, with as
     many repetitions, and for the test after Holm.
@@ -286,7 +286,7 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
 def conclude_results(
     results: RowsByPlanner, comparisons: Sequence[Comparison] = ()
 ) -> Conclusion:
-    """Say what results show by the ranking measure of their protocol.
+    """Rank planners by the measure of their protocol; return who leads, in sentences.
 
     Args:
         results: Results by planner, of at least one, all of one protocol.
@@ -300,7 +300,7 @@ def conclude_results(
 
 
 def conclude_comparison(comparison: Comparison) -> Conclusion:
-    """Say what a comparison shows by the ranking measure of its protocol."""
+    """Return sentences on which of two planners is better by the ranking measure."""
     row = comparison.row(comparison.metric)
     paired = row.paired
     test = paired.test()
@@ -329,7 +329,7 @@ def conclude_comparison(comparison: Comparison) -> Conclusion:
 
 
 def list_cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
-    """Return what to be careful about: few worlds, unfinished runs, late commands.
+    """Return warning sentences: few worlds, unfinished runs, late commands.
 
     Args:
         worlds: Number of worlds that conclusions rest on.
@@ -352,7 +352,7 @@ def warn_of_few_worlds(worlds: int) -> str:
 
 
 def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
-    """Say in a sentence what shares of failures cannot be ruled out."""
+    """Return a sentence on the upper limits of failure shares, empty if unknown."""
     limits = []
     for place in places:
         share = ranking.failures[place]
@@ -365,7 +365,7 @@ def _possible_failures(ranking: Ranking, places: Iterable[int]) -> str:
 
 
 def _needed_worlds(test: Difference, ranking: Ranking) -> str:
-    """Say in a sentence what it would take to show a difference that is not clear."""
+    """Return a sentence on how many worlds would make a difference significant."""
     size = abs(test.interval.estimate)
     repetitions = max(1, round(test.trials / test.worlds))
     if size == 0.0:
@@ -398,7 +398,7 @@ def _needed_worlds(test: Difference, ranking: Ranking) -> str:
 def _difference_text(
     measure: Measure, interval: Interval, other: str, mean: float
 ) -> str:
-    """Return a difference with its interval, and as a share of the other's mean."""
+    """Return a difference without sign, with interval and share of a mean, as text."""
     size = interval if interval.estimate >= 0.0 else interval.negate()
     # A difference of shares in percent would read as a share of a share.
     unit = " percentage points" if measure.percent else measure.after
@@ -411,5 +411,5 @@ def _difference_text(
 
 
 def _value_text(measure: Measure, value: float) -> str:
-    """Return a value of a measure with its unit."""
+    """Return a value as text with its unit, such as "8.31 s"."""
     return measure.number(value) + measure.after
