@@ -18,12 +18,12 @@ def predict(
     *,
     weights: str | Path | None = None,
 ) -> pd.DataFrame:
-    """Return how difficult the model predicts worlds to be.
+    """Predict the time per meter of worlds with the learned model; drives nothing.
 
     Args:
         source: A data set's name, or a file or folder of worlds.
         select: World numbers, such as "0-49".
-        weights: File of a model. Default: the shipped model.
+        weights: File of a model, .npz. Default: the shipped model.
 
     Returns:
         A row per world: world, name, difficulty_s_per_m (time per meter of path that
@@ -41,12 +41,12 @@ def predict(
 def predict_rows(
     source: str | Path, select: str, weights: str | Path | None
 ) -> tuple[DifficultyModel, str, list[dict[str, Any]]]:
-    """Return predictions as plain data.
+    """Return (model, name of the data set, rows), a row of predictions per world.
 
     Args:
         source: A data set's name, or a file or folder of worlds.
         select: World numbers, such as "0-49".
-        weights: File of a model. None stands for the shipped model.
+        weights: File of a model, .npz. None stands for the shipped model.
 
     Returns:
         The model, the name of the data set, and the row of each world.

@@ -39,7 +39,7 @@ Folders: TypeAlias = Folder | Sequence[Folder]
 
 
 def check(folder: str | Path, sample: int | None = None) -> FolderCheck:
-    """Compute the results in a folder again and drive recorded commands again.
+    """Compute a folder's rows again, drive recorded commands again; list what differs.
 
     `Results.rerun` runs a trial again with its planner, and compares.
 
@@ -57,7 +57,7 @@ def check(folder: str | Path, sample: int | None = None) -> FolderCheck:
 
 
 def compare(a: Folder, b: Folder) -> pd.DataFrame:
-    """Compare results on the same worlds and seeds.
+    """Compare planners of two results folders on worlds and seeds that both have.
 
     Args:
         a: `Results`, a folder, or "FOLDER:PLANNER".
@@ -77,7 +77,7 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
 
 
 def comparisons_frame(comparisons: Iterable[Comparison]) -> pd.DataFrame:
-    """Return the table of `compare`."""
+    """Return the DataFrame of `compare`: a row per comparison and measure."""
     return pandas_table(
         row for comparison in comparisons for row in comparison.columns()
     )
@@ -92,7 +92,9 @@ def leaderboard(
     *,
     worlds: str = "all",
 ) -> pd.DataFrame:
-    """Rank the planners of folders; each protocol and set of worlds has a board.
+    """Rank the planners of folders in a DataFrame; with `out`, write the boards, too.
+
+    Each protocol, speed class, compute mode and set of worlds has a board.
 
     Planners whose difference is not significant share a rank. `Results.verdict` says it
     in words.
@@ -100,7 +102,7 @@ def leaderboard(
     Args:
         folders: `Results` or folders.
         by: Measure that ranks. Default: the protocol's.
-        out: File for the boards, .md or .html.
+        out: File for the boards, .md or .html. Default: none is written.
         worlds: World numbers, such as "0-49".
 
     Returns:
@@ -130,7 +132,7 @@ def report(
     width_mm: float | None = None,
     progress: Progress = lambda _: None,
 ) -> Page:
-    """Write a report of folders of results as one page that needs no other file.
+    """Write a report of results folders as one HTML file that needs no other file.
 
     Args:
         folders: `Results` or folders, finished or not.
@@ -177,7 +179,7 @@ def replay(
     speed: float = 2.0,
     camera: Literal["chase", "top", "side"] = "top",
 ) -> Page:
-    """Write the replay of a bag, or of several on one clock.
+    """Write the replay of a bag, or of several on one clock: .html, .png, .gif, .mp4.
 
     Args:
         bag: Folder of a bag or its .mcap file, or several.
@@ -206,7 +208,7 @@ def replay(
 
 
 def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> PageServer:
-    """Serve a page on the state of a run, as it goes on or afterwards.
+    """Start a thread that serves a page on a run's state; return its server.
 
     A thread serves it until `close` is called or a `with` block ends.
 
@@ -232,7 +234,7 @@ def overlay(
     planners: Sequence[str] = (),
     outcome: str = "",
 ) -> Plot:
-    """Return the trajectories of folders of results in a world, drawn over it.
+    """Return a plot of the trajectories of results folders in a world, over its map.
 
     Args:
         folders: `Results` or folders.
@@ -256,7 +258,7 @@ def overlay(
 
 
 def folder_paths(folders: Folders) -> list[Path]:
-    """Return the paths of results or folders.
+    """Return the paths of results or folders as a list, whether they exist or not.
 
     Raises:
         ConfigError: If an item is neither.

@@ -85,7 +85,7 @@ logger = logging.getLogger(__name__)
 
 
 def load(folder: str | Path, planners: Planners | None = None) -> "Results":
-    """Return the results of a run.
+    """Read the results folder of a run and return it as `Results`.
 
     Args:
         folder: Folder of `run` or `barn run`, finished or not.
@@ -121,17 +121,17 @@ class Results:
 
     @property
     def trials(self) -> tuple[TrialResult, ...]:
-        """The results of single trials, in the order of the schedule."""
+        """Scored rows of single trials, in the order of the schedule."""
         return self._source.results
 
     @property
     def planners(self) -> list[str]:
-        """Names of the planners that have results."""
+        """Names of the planners that have results, without presets."""
         return list(group_by_planner(self.trials))
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """A row per trial, without wall-clock figures.
+        """DataFrame with a row per trial, without wall-clock figures.
 
         docs/campaigns.md describes the columns.
         """
@@ -139,7 +139,7 @@ class Results:
 
     @cached_property
     def timing(self) -> pd.DataFrame:
-        """A row per trial with its wall-clock figures.
+        """DataFrame with a row per trial: its name and wall-clock figures.
 
         Among them are the planner's times per cycle, compute_*_ms.
         """
@@ -147,7 +147,7 @@ class Results:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """A row per planner with means and the limits of their 95 % intervals.
+        """DataFrame with a row per planner: means and limits of 95 % intervals.
 
         Columns: planner, trials, worlds, and for each of success (share),
         traversal_time_s (of successes), scored_time_s, normalised_time_s_per_m,
@@ -159,10 +159,10 @@ class Results:
         )
 
     def trial(self, trial: str | int) -> Trial:
-        """Return a trial, with its `result` and its `trajectory`.
+        """Return a trial by its name or its index in `trials`; drives nothing.
 
         Args:
-            trial: Its name, such as "dwa_w0120_r00", or its place among the rows.
+            trial: Its name, such as "dwa_w0120_r00", or its index in `trials`, from 0.
 
         Raises:
             BarnError: If there is no such trial.
@@ -171,7 +171,7 @@ class Results:
         return Trial(result, self._source.tracks.get(result.trial_id))
 
     def compare(self, other: Folder | None = None) -> pd.DataFrame:
-        """Compare each pair of planners, or these results with others.
+        """Compare each pair of these planners, or these results with others.
 
         Args:
             other: `Results`, a folder, or "FOLDER:PLANNER". By default, the planners of
@@ -194,7 +194,7 @@ class Results:
         return comparisons_frame(comparisons)
 
     def verdict(self) -> str:
-        """Return in words which planner is better by the ranking measure.
+        """Return sentences on which planner is better by the ranking measure.
 
         The text says by how much and how sure that is or, if the difference is not
         significant, about how many worlds would decide.
@@ -212,7 +212,7 @@ class Results:
         measure: str = "",
         repetitions: int | None = None,
     ) -> pd.DataFrame:
-        """Return how many worlds a wanted precision needs, by these results.
+        """Estimate from these trials how many worlds an interval or difference needs.
 
         Args:
             half_width: Half the 95 % interval of a mean, in the unit of the measure.
@@ -251,7 +251,7 @@ class Results:
         caption: str = "",
         label: str = "tab:planners",
     ) -> str:
-        """Return a table of the planners for a paper, in LaTeX with package booktabs.
+        """Return the LaTeX source of a table of the planners (booktabs).
 
         The best by each measure, and planners that are not clearly worse as `verdict`
         judges it, are bold.
@@ -282,7 +282,7 @@ class Results:
         *,
         width_mm: float | None = None,
     ) -> Plot | list[Axes]:
-        """Draw a figure of a report.
+        """Draw a figure of a report and return it, or draw onto the axes `ax`.
 
         Args:
             what: worlds (time per meter in each), outcomes (of each trial),
@@ -308,7 +308,7 @@ class Results:
         return Plot(figure_of(panels), CHARTS[what].about)
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
-        """Write the replay of a trial.
+        """Write the replay of a trial, driving it again if it has no bag.
 
         A trial without a bag is driven again to record one. A warning is logged about
         that, and if the new drive differs from the first one, which does not happen
@@ -356,7 +356,7 @@ class Results:
         planners: Sequence[str] = (),
         outcome: str = "",
     ) -> Plot:
-        """Return the trials in a world, drawn over it; as `barn.results.overlay`.
+        """Return a plot of the trajectories in a world; as `barn.results.overlay`.
 
         Args:
             world: Number in the data set.
@@ -367,7 +367,7 @@ class Results:
         return overlay(self, world, by, planners=planners, outcome=outcome)
 
     def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
-        """Write the report of the results as one page; as `barn.report`.
+        """Write the report of these results as one HTML file; as `barn.report`.
 
         Args:
             out: The page.
@@ -376,10 +376,10 @@ class Results:
         return report(self, out, title=title)
 
     def rerun(self, trial: str | int) -> str:
-        """Run a trial again and compare.
+        """Drive a trial again and return the first difference from its row.
 
         Args:
-            trial: Its name or its place among the rows.
+            trial: Its name or its index in `trials`, from 0.
 
         Returns:
             The first difference from its row; empty if the trial is reproduced.
@@ -396,7 +396,7 @@ class Results:
         return next(find_difference(result, new_result.repeatable(), "now"), "")
 
     def _drive(self, result: TrialResult, out: Path, bags: str) -> TrialResult:
-        """Drive a trial again, alone, and return its new result.
+        """Drive a trial again with its planner, alone; return the new row.
 
         Args:
             result: Its row.
@@ -443,7 +443,7 @@ class Results:
         return record.result
 
     def _result(self, trial: str | int) -> TrialResult:
-        """Return the row of a trial, by its name or its place."""
+        """Return the row of a trial by name or index; ConfigError if there is none."""
         # A negative number is no place: below, it fails as an unknown name.
         if isinstance(trial, int) and 0 <= trial < len(self.trials):
             return self.trials[trial]
@@ -456,7 +456,7 @@ class Results:
         return results[name]
 
     def _rows_by_spelling(self) -> RowsByPlanner:
-        """Return rows by the names of planners as figures and texts spell them."""
+        """Return the rows by the display names of planners, such as "DWA"."""
         return {
             spelling(name): rows for name, rows in group_by_planner(self.trials).items()
         }
@@ -477,7 +477,7 @@ class Results:
         )
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: a table of planners and a figure."""
+        """Return the HTML that a notebook shows: verdict, table and figure."""
         groups = group_by_planner(self.trials).values()
         summaries = [summarize(rows) for rows in groups]
         table = headline_table(summaries, ranking_measure(self.trials))

@@ -22,7 +22,7 @@ def names() -> list[str]:
 
 
 def draw(robot: Robot | str | Path) -> Plot:
-    """Return a picture of a robot from above.
+    """Return a plot of a robot from above in base_link, x to the right.
 
     Args:
         robot: Name, YAML file or object of the robot.

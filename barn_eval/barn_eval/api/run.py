@@ -58,7 +58,7 @@ def run(
     progress: bool | Reporter = True,
     **options: Unpack[RunKeywords],
 ) -> Results | DryRun:
-    """Execute a run, or what is still missing of it, and return its results.
+    """Drive the trials that a run's folder still lacks, and return all its results.
 
     For instance, with a function as one of two planners:
 
@@ -113,7 +113,7 @@ def sweep(
     progress: bool | Reporter = True,
     **options: Unpack[RunOptions],
 ) -> pd.DataFrame:
-    """Drive every combination of parameter values of a planner; return the best first.
+    """Drive all combinations of parameter values; return a DataFrame, best first.
 
     Each combination has a folder of its own below `out`.
 
@@ -144,6 +144,7 @@ def sweep(
 
 
 def _read_request(file: str | Path | None, options: RunOptions) -> RunRequest:
+    """Return the request of a run; TypeError for a keyword that is no option."""
     # As a function does with a wrong keyword, before any value is looked at.
     unknown = options.keys() - RunOptions.__annotations__.keys()
     if unknown:

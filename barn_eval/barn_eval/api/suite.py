@@ -47,7 +47,7 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool | Reporter = True,
 ) -> list[Path]:
-    """Run the paper's trials, write them up and return the pages, results.md.
+    """Drive the paper's trials, write results.md with figures; return the .md paths.
 
     The same call resumes what was interrupted.
 
@@ -78,7 +78,7 @@ def reproduce(
 
 
 def info() -> dict[str, Any]:
-    """Return versions, ROS, optional parts, planners, data sets and machine."""
+    """Return versions, machine, ROS, optional parts, planners and data sets by name."""
     states: dict[str, str] = {}
     for name, (_, remedy) in OPTIONAL.items():
         # The only one that is a program and no module.
@@ -105,7 +105,7 @@ def info() -> dict[str, Any]:
 
 
 def _describe_ros() -> dict[str, str]:
-    """Return ROS's variables, its middleware, and how planners are kept apart."""
+    """Return ROS's variables, its middleware and the isolation of planners by name."""
     description = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
     # Without ROS there is no middleware to ask for.
     if not ros_problem():
@@ -116,7 +116,7 @@ def _describe_ros() -> dict[str, str]:
 
 
 def _find_middleware() -> str:
-    """Return the name of ROS's middleware, or why it does not load."""
+    """Import rclpy in a child process; return its middleware, or why that fails."""
     # Loading it may crash the process.
     code = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
     process = subprocess.run(  # noqa: S603

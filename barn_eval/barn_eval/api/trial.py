@@ -28,7 +28,7 @@ class Trial:
 
     @cached_property
     def trajectory(self) -> pd.DataFrame:
-        """What the robot did, five times a second and at the end, in the map frame.
+        """DataFrame of the driven track: five rows a second and the end, map frame.
 
         Columns: time_s since the first reading, x_m, y_m, yaw_rad, speed_mps,
         turn_radps, command_speed_mps and command_turn_radps (NaN without a command),
@@ -49,7 +49,7 @@ class Trial:
         return pd.DataFrame(columns | {"contact": contact})
 
     def to_tum(self, path: str | Path) -> Path:
-        """Write the trajectory in the format of the TUM RGB-D benchmark, for evo.
+        """Write the trajectory as a text file in the format of TUM RGB-D, for evo.
 
         Args:
             path: File to write: a line per pose of timestamp [s], x y z [m] and the

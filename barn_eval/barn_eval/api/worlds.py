@@ -76,7 +76,7 @@ def datasets() -> list[str]:
 def load(
     source: str | Path = "barn300", select: str = "all", *, robot: str | Path = "jackal"
 ) -> dict[int, World]:
-    """Return worlds by number.
+    """Read worlds of a data set or file; return `World` objects by number.
 
     For instance, of a data set of the suite:
 
@@ -108,7 +108,7 @@ def generate(
     keep: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, World]:
-    """Generate worlds and return them by number, the easiest (widest) first.
+    """Generate static worlds and return them by number, the easiest (widest) first.
 
     For instance, worlds of your own, and a planner in them:
 
@@ -158,7 +158,10 @@ def generate(
 def _parameter_sets(
     changes: Mapping[str, object], robot: Robot
 ) -> tuple[WorldParameters, ...]:
-    """Return parameter sets, with cells in the size of a robot by default."""
+    """Return Table I, or one changed set, with cells in the size of the robot.
+
+    Sizes of cells and footprint in `changes` are kept.
+    """
     sets = TABLE_I
     if changes:
         # Changes make one set of their own; Table I stays as it is printed.
@@ -246,7 +249,7 @@ def save(
     *,
     movable: bool = False,
 ) -> Path:
-    """Write worlds for other programs, or as a data set.
+    """Write worlds to a new file or folder in one of seven formats; never overwrites.
 
     Args:
         worlds: Worlds by their numbers in a data set.
@@ -286,6 +289,10 @@ def save(
 
 
 def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
+    """Write worlds and their published metrics to a folder of the original layout.
+
+    Raises WorldError for walls, moving obstacles and arenas.
+    """
     for world in worlds.values():
         if _has_metric_content(world):
             raise WorldError(
@@ -303,6 +310,7 @@ def _write_original_layout(path: Path, worlds: Mapping[int, World]) -> None:
 def _write_world(
     world: World, folder: Path, number: int, form: Form, *, movable: bool
 ) -> None:
+    """Write one world into `folder`, to a file named after number and format."""
     if form == "png":
         write_png(world_figure(world), folder / f"world_{number}.png")
     elif form == "yaml":
@@ -318,12 +326,13 @@ def _write_world(
 
 
 def _require_new(path: Path) -> None:
+    """Raise WorldError if `path` is a file, or a folder with something in it."""
     if path.is_file() or (path.is_dir() and any(path.iterdir())):
         raise WorldError(f"{path}: exists already")
 
 
 def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
-    """Return worlds with the same grids and cells in the size of another robot.
+    """Return copies of worlds with equal grids and cells in the size of another robot.
 
     Paths stay if the robot takes as many cells as before. Otherwise they are planned
     again.
@@ -351,7 +360,12 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
 
 
 def _with_footprint(world: World, robot: Robot) -> World:
-    """Return a world with a robot's footprint, and with a path for it."""
+    """Return a world for a robot, with a new path only if its size in cells differs.
+
+    If that is equal, the world comes back as it is. Otherwise the path runs from the
+    first to the last column of the grid; start, goal and size of cells stay. Raises
+    WorldError if there is no such path.
+    """
     cells = robot.footprint_cells(world.resolution_m)
     # The path of a data set is kept where it can be: a new one may differ.
     if cells == world.footprint_cells:
@@ -361,7 +375,7 @@ def _with_footprint(world: World, robot: Robot) -> World:
 
 
 def _has_metric_content(world: World) -> bool:
-    """Return whether a world has more than its grid, in meters."""
+    """Tell whether a world has walls, moving obstacles or a corner in meters."""
     return bool(world.moving or world.walls or world.corner_m is not None)
 
 
@@ -372,7 +386,7 @@ def metrics(
     *,
     robot: str | Path = "",
 ) -> pd.DataFrame:
-    """Return the five difficulty metrics of worlds.
+    """Return a DataFrame of the five difficulty metrics, a row per world.
 
     docs/metrics.md explains what they measure, and their units.
 
@@ -400,7 +414,7 @@ def metrics_table(
     *,
     robot: str | Path = "",
 ) -> MetricsTable:
-    """Return the difficulty metrics with their summary, as in the paper's Table II.
+    """Return the difficulty metrics as a `MetricsTable`, summed up as in Table II.
 
     Args:
         source: As for `metrics`.
@@ -413,6 +427,7 @@ def metrics_table(
     other_robot = load_robot(robot) if robot else None
 
     def read(number: int) -> World:
+        """Load a world by number; fit footprint and path to the other robot, if any."""
         world = dataset.load(number)
         if other_robot is not None:
             world = _with_footprint(world, other_robot)
@@ -431,7 +446,7 @@ def draw(
     robot: str | Path = "jackal",
     course: Sequence[float] = (),
 ) -> Plot:
-    """Return a figure of one world, or of several on a sheet.
+    """Return a plot of one world with its course, or of several worlds on a sheet.
 
     Start, goal and path of one world are those that a robot drives: its own, else those
     of protocol challenge or, in an arena, dynabarn.
@@ -460,7 +475,7 @@ def draw(
 def write_figure(
     worlds: Mapping[int, World], path: str | Path, *, course: Sequence[float] = ()
 ) -> None:
-    """Write a picture of a world or a sheet of several, or an animation of one.
+    """Write a PNG of one world or a sheet of several, or, for .gif, an animation.
 
     Args:
         worlds: Worlds by their numbers in a data set.

@@ -56,7 +56,7 @@ class AbResult:
     comparison: Comparison
 
     def markdown(self) -> str:
-        """Return the result as a comment on a pull request."""
+        """Return the result as Markdown for a pull request; posts nothing."""
         return render("ab.md", result=self, measures=MEASURES, decisions=_DECISIONS)
 
 
@@ -67,7 +67,7 @@ def ab(
     options: Mapping[str, object],
     reporter: Reporter,
 ) -> AbResult:
-    """Drive both sides in as many worlds as a decision takes.
+    """Drive BASE and HEAD in more and more worlds until a sequential test decides.
 
     Args:
         base: A workspace (its folder or setup.bash) in which `command` starts the
@@ -142,7 +142,7 @@ def ab(
 def read_side(
     text: str, base: str, command: str, options: Mapping[str, object]
 ) -> RunRequest:
-    """Return the run of a side.
+    """Return the request of a side's run, in a folder of its own; drives nothing.
 
     Args:
         text: The side, as `ab` takes it.
@@ -205,7 +205,7 @@ def read_side(
 
 
 def _find_setup(path: Path, command: str) -> Path:
-    """Return the setup file of a workspace; ConfigError without one or a command."""
+    """Return a workspace's absolute setup file; ConfigError without file or command."""
     for file in (path, *(path / name for name in _SETUP_FILES)):
         if file.is_file():
             if not command:
@@ -215,7 +215,7 @@ def _find_setup(path: Path, command: str) -> Path:
 
 
 def _in_workspace(setup: Path, command: str) -> str:
-    """Return a command that sources a workspace first."""
+    """Return a `bash -c` command that sources `setup` and then executes `command`."""
     words = shlex.join(split_command(command))
     # exec, so that signals reach the planner and not a shell around it.
     script = f". {shlex.quote(str(setup))} && exec {words}"
@@ -223,7 +223,7 @@ def _in_workspace(setup: Path, command: str) -> str:
 
 
 def _with_parameter_file(command: str, file: Path) -> str:
-    """Return a command with one more file of ROS parameters, which count most."""
+    """Return a command with `--params-file FILE` appended, which overrides others."""
     words = split_command(command)
     if "--ros-args" not in words:
         words.append("--ros-args")
@@ -231,7 +231,10 @@ def _with_parameter_file(command: str, file: Path) -> str:
 
 
 def _name_side(request: RunRequest) -> str:
-    """Return a folder name that changes with everything that decides the results."""
+    """Return PLANNER_HASH, a folder name that changes with all that decides results.
+
+    The hash is of the configuration and, for planners of the registry, of their code.
+    """
     planner = request.config.planners[0]
     content = {
         "experiment": as_dict(request.config),
@@ -241,7 +244,7 @@ def _name_side(request: RunRequest) -> str:
 
 
 def _hash_code(planner: PlannerChoice) -> dict[str, str]:
-    """Return hashes of the suite's packages and of the planner's, by their names."""
+    """Return SHA-256 of the code by package, for the suite and the planner's own."""
     config_module = planner_entry(planner.name).config_class.__module__
     hashes = {}
     for name in sorted({*SUITE, config_module.partition(".")[0]}):

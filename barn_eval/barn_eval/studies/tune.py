@@ -64,7 +64,7 @@ class Ranges:
 
     @classmethod
     def read(cls, name: str) -> "Ranges":
-        """Read ranges from a YAML file, or the suite's by name.
+        """Read ranges from a YAML file's path, or the suite's by name without ending.
 
         A range has choices; or low and high, both whole numbers or not, and log: true
         if it is drawn evenly over the logarithm.
@@ -97,6 +97,7 @@ class Ranges:
 
 
 def _parse_range(content: dict[str, Any], subject: str) -> Range:
+    """Return the Optuna distribution of a YAML range; ConfigError for a wrong one."""
     try:
         if "choices" in content:
             return CategoricalDistribution(**content)
@@ -150,7 +151,7 @@ def tune(
     settings: int,
     reporter: Reporter,
 ) -> Tuning:
-    """Try settings, and judge the best ones in worlds that they were not chosen in.
+    """Drive settings that Optuna draws, then judge the best ones in other worlds.
 
     Everything stays in the folder `options["out"]`, and is not driven again.
 
@@ -237,7 +238,10 @@ class Tuner:
         self.default = self._read_default()
 
     def _read_default(self) -> dict[str, Any]:
-        """Return the default values of the parameters, which the ranges must hold."""
+        """Return the planner's current values of the parameters in `ranges`.
+
+        Raises ConfigError for an unknown parameter, or a value outside its range.
+        """
         planner = self.base.config.planners[0]
         values: dict[str, Any] = {}
         if planner.registered:
@@ -263,7 +267,7 @@ class Tuner:
 
     @cached_property
     def study(self) -> optuna.Study:
-        """The study of the folder, new or to go on with.
+        """Optuna's study in OUT/study.db, created or loaded at the first use.
 
         Raises:
             ConfigError: If the folder holds another tuning.
@@ -304,7 +308,11 @@ class Tuner:
         return study
 
     def try_settings(self, settings: int) -> None:
-        """Try settings until so many are finished; an interrupted one goes first."""
+        """Drive settings until the study has so many finished ones, old ones included.
+
+        An interrupted setting goes first. One that fails for its values counts as
+        finished.
+        """
         study = self.study
         while True:
             number = sum(trial.state.is_finished() for trial in study.trials)
@@ -333,6 +341,7 @@ class Tuner:
             self.reporter.notify(f"setting {number} of {settings}: {text}")
 
     def _describe(self, trial: Trial, means: Sequence[float]) -> str:
+        """Return a line on a driven setting: its means, or where it was given up."""
         measures = [MEASURES[key] for key in self.by]
         worlds = trial.user_attrs.get(_GIVEN_UP)
         if worlds:
@@ -347,7 +356,11 @@ class Tuner:
         )
 
     def _try(self, trial: Trial) -> list[float]:
-        """Drive a setting until it is clearly worse than the best; return its means."""
+        """Drive a setting until done or clearly worse; return a mean per measure.
+
+        The means of a setting that was given up are estimates for all worlds. Means by
+        world go into the study if there is one measure.
+        """
         world_means = dict(self.study.trials[trial.number].intermediate_values)
         with self._open_run(self.make_setting(trial, "settings")) as run:
             for count in range(_STEP, len(self.worlds) + _STEP, _STEP):
@@ -370,7 +383,10 @@ class Tuner:
         return [float(mean) for mean in values.mean(axis=0)]
 
     def judge(self) -> list[Tuned]:
-        """Drive the best settings and the default in worlds they were not chosen in.
+        """Drive the best settings and the default in unseen worlds, and compare them.
+
+        Writes parameter files of the best settings and, with several measures,
+        front.png.
 
         Returns:
             The best settings, in order of the first measure.
@@ -409,11 +425,11 @@ class Tuner:
         return tuned
 
     def means(self, trial: FrozenTrial) -> dict[str, float]:
-        """Return the means of a setting by measure."""
+        """Return a setting's means by measure, in the worlds it was chosen in."""
         return dict(zip(self.by, trial.values, strict=True))
 
     def write_files(self, number: int, setting: Setting, verdict: str) -> list[Path]:
-        """Write the parameters of a setting for use.
+        """Write OUT/tuned_NUMBER.yaml, and further files if needed; return the paths.
 
         Args:
             number: Number of the setting.
@@ -443,7 +459,7 @@ class Tuner:
         return paths
 
     def _draw_front(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
-        """Draw settings, their front and the default by the first two measures."""
+        """Write OUT/front.png: settings, Pareto front, default by two measures."""
         dominated = []
         for trial in trials:
             if trial.values and trial.number not in (0, *front):
@@ -468,7 +484,7 @@ class Tuner:
     def make_setting(
         self, trial: Trial | FrozenTrial, folder: str, worlds: str = ""
     ) -> Setting:
-        """Return the setting of a trial of the study.
+        """Return the setting of a trial of the study; drives and writes nothing.
 
         Args:
             trial: Its parameters are rounded to four digits; the first trial is the
@@ -489,6 +505,7 @@ class Tuner:
         return make_setting(base, values, f"{folder}/{trial.number:04}")
 
     def _open_run(self, setting: Setting) -> AbstractContextManager[Run]:
+        """Write a setting's parameter files; return the context manager of its run."""
         setting.write_parameter_files()
         return open_run(setting.request, Reporter(), work_of, pool=self.pool)
 
@@ -496,7 +513,7 @@ class Tuner:
 def _extrapolate(
     study: optuna.Study, world_means: Mapping[int, float], worlds: Sequence[int]
 ) -> float:
-    """Return what the mean of a setting that was given up would be over all worlds.
+    """Estimate the mean over all worlds of a setting that was given up in some.
 
     It is the best setting's mean plus the difference in the worlds that both drove in.
     """
@@ -506,7 +523,7 @@ def _extrapolate(
 
 
 def _front(study: optuna.Study) -> list[int]:
-    """Return the numbers of settings that no other is as good as by every measure."""
+    """Return numbers of the Pareto-optimal settings; with one measure, of the best."""
     if len(study.directions) == 1:
         return [study.best_trial.number]
     best_trials = sorted(study.best_trials, key=lambda trial: trial.values)
@@ -514,5 +531,5 @@ def _front(study: optuna.Study) -> list[int]:
 
 
 def _thin(numbers: Sequence[int], step: float) -> list[int]:
-    """Return every `step`-th number, rounded up."""
+    """Return every n-th number from the first; n is `step` rounded up, at least 1."""
     return list(numbers[:: ceil(step) or 1])

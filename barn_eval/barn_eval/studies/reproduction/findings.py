@@ -88,7 +88,7 @@ class Origin:
 
     @classmethod
     def of(cls, run_sessions: Iterable[Mapping[str, Any]]) -> "Origin":
-        """Return the origin of the sessions of a run and of this process."""
+        """Return distinct commits, versions, machines of sessions and this process."""
         sessions = [*run_sessions, provenance()]
         commits = [str(session["commit"] or "not known") for session in sessions]
         return cls(
@@ -99,12 +99,13 @@ class Origin:
 
 
 def to_json(content: Findings | Origin) -> str:
-    """Return findings or origin as JSON, with null for numbers that are not finite."""
+    """Return findings or origin as JSON text, with null for NaN and infinity."""
     safe_content = make_json_safe(as_dict(content))
     return json.dumps(safe_content, indent=1, allow_nan=False) + "\n"
 
 
 def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
+    """Return entries without repetitions, in order of first appearance."""
     by_content = {json.dumps(entry, sort_keys=True): entry for entry in entries}
     return tuple(by_content.values())
 
@@ -112,7 +113,7 @@ def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
 def reproduce(
     config: ReproduceConfig, out: Path, execution: ExecutionConfig, reporter: Reporter
 ) -> tuple[Findings, Origin]:
-    """Run the trials that are missing and analyze all of them.
+    """Drive the paper's missing trials in OUT/campaign and analyze all; writes no page.
 
     Args:
         config: What decides the outcome.
@@ -157,7 +158,7 @@ def reproduce(
 
 
 def paper_run(config: ReproduceConfig) -> RunConfig:
-    """Return the run of the paper's trials."""
+    """Return the configuration of the run of the paper's trials; drives nothing."""
     world_numbers = open_dataset(config.dataset).world_numbers
     sample = draw_worlds(world_numbers, config.strata, config.seed)
     worlds = "all"
@@ -177,7 +178,7 @@ def paper_run(config: ReproduceConfig) -> RunConfig:
 def draw_worlds(
     world_numbers: Sequence[int], strata: int, seed: int
 ) -> tuple[int, ...]:
-    """Draw one world from each part of the order of a data set.
+    """Draw one world number at random from each of `strata` parts of the list.
 
     Args:
         world_numbers: Numbers of worlds, in order of difficulty.
@@ -196,7 +197,7 @@ def draw_worlds(
 
 
 def _model_trials(planner_trials: Mapping[str, paper.PlannerTrials]) -> Trials:
-    """Return the trials of all planners as the difficulty model takes them."""
+    """Return all planners' trials as flat arrays for the difficulty model."""
     planners: list[str] = []
     for planner, trials in planner_trials.items():
         planners += [planner] * trials.time_s.size

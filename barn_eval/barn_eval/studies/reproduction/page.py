@@ -36,7 +36,7 @@ _MODEL_TITLE = "the suite's model"
 
 
 def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
-    """Write results*.json, results.md and figures/results_*.png.
+    """Write results.md, results*.json and figures/results_*.png; return the .md path.
 
     Args:
         findings: Outcome of the reproduction.
@@ -58,7 +58,7 @@ def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
 
 
 def page(findings: Findings, origin: Origin) -> str:
-    """Render the page.
+    """Return the text of results.md, rendered from its template; writes nothing.
 
     Args:
         findings: Outcome of the reproduction.
@@ -83,7 +83,7 @@ def page(findings: Findings, origin: Origin) -> str:
 
 
 def write_figures(findings: Findings, folder: Path) -> None:
-    """Write results_*.png.
+    """Write results_worlds.png and results_model.png; create the folder if missing.
 
     Args:
         findings: Outcome of the reproduction.
@@ -101,7 +101,7 @@ def write_figures(findings: Findings, folder: Path) -> None:
 
 
 def worlds_figure(findings: Findings) -> Figure:
-    """Draw Fig. 6: worlds from easy to difficult, by planner, spread and prediction."""
+    """Return Fig. 6: time per meter of worlds from easy to difficult, by planner."""
     rows = findings.trials.worlds
     places = np.arange(1, len(rows) + 1)
     figure = new_figure(10.5)
@@ -144,7 +144,10 @@ def worlds_figure(findings: Findings) -> Figure:
 
 
 def model_figure(findings: Findings) -> Figure:
-    """Draw measured against predicted difficulty, by ridge regression and the model."""
+    """Return a plot of measured against held-out predicted difficulty [s/m].
+
+    One panel is of ridge regression, the other of the suite's model.
+    """
     learning = findings.learning
     figure = new_figure(5.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -170,7 +173,7 @@ def model_figure(findings: Findings) -> Figure:
 
 
 def above(interval: Interval, value: float = 0.0) -> str:
-    """Return whether a figure is above a value: HOLDS, FAILS or OPEN.
+    """Return HOLDS if the limits are above `value`, FAILS if below it, else OPEN.
 
     Args:
         interval: The figure with its 95 % interval.
@@ -184,7 +187,7 @@ def above(interval: Interval, value: float = 0.0) -> str:
 
 
 def contains(interval: Interval, value: float) -> str:
-    """Return "yes" or "no": whether a value lies within an interval.
+    """Return "yes" if `value` lies within the limits, ends included, else "no".
 
     Args:
         interval: One without limits contains nothing.

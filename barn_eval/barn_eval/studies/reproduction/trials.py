@@ -45,7 +45,7 @@ class PlannerTrials:
 
     @property
     def trial_worlds(self) -> Integers:
-        """The world of each trial (worlds * repetitions,), in flat order."""
+        """World number of each trial (worlds * repetitions,), world by world."""
         return np.repeat(self.worlds, self.time_s.shape[1])
 
 
@@ -98,12 +98,12 @@ class TrialsFinding:
     steeper_s: Interval
 
     def of(self, planner: str) -> PlannerFinding:
-        """Return one planner's figures."""
+        """Return the figures of a planner by name; StopIteration for another name."""
         return next(finding for finding in self.planners if finding.planner == planner)
 
 
 def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
-    """Group the trials of the paper's planners.
+    """Return arrays of trials by planner, for the paper's planners only.
 
     Args:
         results: Rows of the run.
@@ -126,6 +126,10 @@ def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
 def _planner_trials(
     planner: str, results: Rows, worlds: list[int], subject: str
 ) -> PlannerTrials:
+    """Return a planner's trials as arrays (worlds, repetitions).
+
+    Raises ConfigError if one of them is missing, or there is one per world only.
+    """
     scores = {(row.world, row.repetition): row.scores for row in results}
     repetitions = sorted({repetition for _, repetition in scores})
     # A full grid, since spreads over unequal numbers of trials cannot be averaged.
@@ -140,6 +144,7 @@ def _planner_trials(
         )
 
     def grid(name: str) -> npt.NDArray[Any]:
+        """Return a score by its field name as an array (worlds, repetitions)."""
         values = [getattr(scores[place], name) for place in places]
         return np.array(values).reshape(len(worlds), len(repetitions))
 
@@ -154,7 +159,7 @@ def _planner_trials(
 def summarize_trials(
     results: Rows, planner_trials: Mapping[str, PlannerTrials], seed: int
 ) -> TrialsFinding:
-    """Summarize the trials of both planners.
+    """Return figures of DWA and E-Band, of each world, and of their differences.
 
     Args:
         results: Rows of the run.
@@ -199,6 +204,7 @@ def summarize_trials(
 def _summarize_planner(
     planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
+    """Return one planner's figures; `order` holds indices of worlds, easiest first."""
     failed = ~trials.succeeded
     # Flat, a value per trial; the world of each is in the same order.
     failures = failed.ravel()
@@ -226,12 +232,12 @@ def _summarize_planner(
 
 
 def _extreme_count(worlds: int) -> int:
-    """Return how many worlds are the easiest, or the hardest."""
+    """Return the number of worlds in a tenth, rounded, at least 1."""
     return max(1, round(EXTREME_SHARE * worlds))
 
 
 def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Interval:
-    """Return how much more DWA's mean time rises with difficulty than E-Band's.
+    """Return how much more DWA's mean time [s] rises with difficulty than E-Band's.
 
     The rise is from the easiest to the hardest tenth of the worlds [s].
     """
@@ -243,6 +249,7 @@ def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Int
     tenth = _extreme_count(len(difficulty))
 
     def rise_s(sample: Integers) -> Floats:
+        """Return the rise for each sample of indices of worlds (..., worlds)."""
         # The tenths are those of each bootstrap sample of worlds.
         order = np.argsort(difficulty[sample], axis=-1, kind="stable")
         ordered_s = np.take_along_axis(difference_s[sample], order, axis=-1)
@@ -254,7 +261,7 @@ def _steeper_rise(planner_trials: Mapping[str, PlannerTrials], seed: int) -> Int
 
 
 def deviation(values: Floats, seed: int) -> Interval:
-    """Return the population's standard deviation with its interval.
+    """Return the standard deviation (divisor n) over worlds, with a bootstrap interval.
 
     Args:
         values: One value per world (worlds,).
@@ -295,7 +302,7 @@ class MetricsFinding:
 
 
 def summarize_metrics(dataset: Dataset, seed: int) -> MetricsFinding:
-    """Return the table of a whole data set.
+    """Return Table II of a data set: range, mean and deviation of each metric.
 
     Args:
         dataset: The worlds.
