@@ -237,7 +237,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
 
 
 def configuration_hash(source: Source, planner: str) -> str:
-    """Return 12 hex digits of the hash of a run's configuration with one planner.
+    """Return 12 hex digits of the hash of a run's configuration with this planner only.
 
     Args:
         source: The results folder.

@@ -292,7 +292,7 @@ class Reproduction:
 
 
 def reproduce(source: Source) -> Reproduction:
-    """Return the `barn run` command that repeats a folder's run; runs nothing."""
+    """Return the `barn run` command, protocol and notes that repeat a folder's run."""
     try:
         run = source.run_config
     except BarnError as error:
@@ -348,7 +348,7 @@ def reproduce(source: Source) -> Reproduction:
 
 
 def _option_words(option: str, config: Checked, standard: Checked) -> list[str]:
-    """Return words OPTION NAME=VALUE for each field that differs from `standard`."""
+    """Return words OPTION NAME=JSON for each field that differs from `standard`."""
     standard_values = {name: value for name, _, value in fields_of(standard)}
     words = []
     for name, _, value in fields_of(config):

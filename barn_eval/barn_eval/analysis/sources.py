@@ -317,7 +317,7 @@ def label_entries(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
-    """Return " (KEY=VALUE, ...)" of settings that some entries of a planner lack."""
+    """Return as " (KEY=VALUE, ...)" settings that differ among a planner's entries."""
     settings = _planner_settings(entry)
     other_settings = [_planner_settings(other) for other in same_planner]
     texts = []
@@ -403,7 +403,7 @@ def select_planners(
 def read_worlds(
     results: Iterable[tuple[TrialResult, Source]],
 ) -> dict[str, World | str]:
-    """Load the world of each result from its data set; return worlds by checksum.
+    """Load the worlds of results; return them, or why one is missing, by checksum.
 
     Args:
         results: Results, each with its folder.

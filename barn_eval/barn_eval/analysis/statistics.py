@@ -132,7 +132,7 @@ class TrialValues:
         return success - float(np.mean(self.as_failure))
 
     def excess(self, other: "TrialValues") -> Share:
-        """Return the share of failures in excess of another planner's, world by world.
+        """Return the share of failures beyond another's; worlds with fewer count as 0.
 
         Both must have the same trials.
         """
@@ -310,7 +310,7 @@ def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference
 
 
 def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> Paired:
-    """Compare A and B on trials of equal world and repetition: difference and p-value.
+    """Compare A and B on their common trials: difference, p-value and P(A is better).
 
     The probability of improvement looks at every pair of a trial of A and one of B in a
     world (Agarwal et al. 2021, "Deep reinforcement learning at the edge of the

@@ -85,7 +85,7 @@ class Ranking:
 
     @property
     def ranks(self) -> tuple[int, ...]:
-        """The rank of each place, from 1.
+        """Rank of each place, from 1; planners that no test separates share one.
 
         A new rank begins where all planners above are significantly better than all
         planners from there on. So planners without a significant difference always

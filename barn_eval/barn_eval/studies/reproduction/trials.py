@@ -103,7 +103,7 @@ class TrialsFinding:
 
 
 def group_trials(results: Rows, subject: str) -> dict[str, PlannerTrials]:
-    """Return arrays of trials by planner, for the paper's planners only.
+    """Return each paper planner's trials as arrays; ConfigError if one is missing.
 
     Args:
         results: Rows of the run.
