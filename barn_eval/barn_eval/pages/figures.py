@@ -53,7 +53,7 @@ _figure_numbers = itertools.count(1)
 
 
 def style(width_mm: float | None = None) -> AbstractContextManager[None]:
-    """Return the context in which figures are made and written.
+    """Return a context in which matplotlib draws figures in the suite's style.
 
     Args:
         width_mm: Width of a figure in a paper, which gets type of 7 to 9 pt. By default
@@ -67,7 +67,7 @@ def style(width_mm: float | None = None) -> AbstractContextManager[None]:
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
-    """Return an empty figure.
+    """Return an empty figure with constrained layout, not known to pyplot.
 
     Args:
         height_in: Height in inches.
@@ -79,14 +79,14 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
 
 
 def figure_of(panels: Sequence[Axes]) -> Figure:
-    """Return the figure that axes belong to."""
+    """Return the whole figure that contains the first of these axes."""
     figure = panels[0].get_figure(root=True)
     assert figure is not None
     return figure
 
 
 def marker_of(position: int) -> str:
-    """Return the marker of an entry by its position.
+    """Return matplotlib's marker for the entry at a position, from 0.
 
     After seven entries colors repeat; markers are then shifted by one, so that the pair
     of both stays unique.
@@ -95,7 +95,7 @@ def marker_of(position: int) -> str:
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
-    """Name both axes and draw a faint grid.
+    """Set the labels of both axes and the title, and draw a faint grid.
 
     Args:
         axes: What is labeled.
@@ -117,7 +117,7 @@ def draw_estimates(
     size: float = 6,
     **look: Any,
 ) -> ErrorbarContainer:
-    """Draw estimates with their limits.
+    """Draw estimates as markers with bars to their limits; return a legend entry.
 
     Args:
         axes: What is drawn onto.
@@ -158,7 +158,9 @@ class ReportFigure(NamedTuple):
     pdf: bytes  # empty if not wanted
 
     def write(self, folder: Path) -> None:
-        """Write the figure as SVG and PDF, both on white.
+        """Write the figure as NAME.svg and NAME.pdf into a folder, both on white.
+
+        The PDF's file is empty if none was wanted.
 
         Raises:
             StoreError: A file cannot be written.
@@ -171,7 +173,9 @@ class ReportFigure(NamedTuple):
 
 
 def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> ReportFigure:
-    """Draw a figure once for page and files; its layout stays what it is then.
+    """Return a figure drawn as SVG, page element and, if wanted, PDF.
+
+    Its layout stays what it is then.
 
     Args:
         figure: What is drawn; made within `style`, so that its sizes fit.
@@ -202,7 +206,7 @@ def finish_figure(figure: Figure, name: str, about: str, *, pdf: bool) -> Report
 
 
 def unique_svg(figure: Figure, name: str, description: str) -> str:
-    """Return a figure as SVG whose identifiers are unique in a page.
+    """Return a figure as SVG text, with `name` in front of every identifier.
 
     Args:
         figure: What is drawn; its layout is made anew.
@@ -220,7 +224,7 @@ def unique_svg(figure: Figure, name: str, description: str) -> str:
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """Write a figure on white.
+    """Write a figure on white as PNG, SVG or PDF, by the ending of the path.
 
     Args:
         figure: What is drawn; its background becomes white.
@@ -241,7 +245,7 @@ class Plot:
     about: str
 
     def save(self, path: str | Path) -> Path:
-        """Write the figure on white to a file ending in .svg, .pdf or .png.
+        """Write the figure on white to a .svg, .pdf or .png file; return its path.
 
         Raises:
             ConfigError: The ending is another.
@@ -253,10 +257,11 @@ class Plot:
         return Path(path)
 
     def picture(self) -> str:
-        """Return the figure as a picture in HTML."""
+        """Return an HTML img element that has the figure embedded as SVG."""
         return image("image/svg+xml", self._repr_svg_().encode(), self.about)
 
     def _repr_svg_(self) -> str:
+        """Return the figure as SVG on white, as wide as a notebook's column."""
         self.figure.patch.set_facecolor(WHITE)
         text = unique_svg(self.figure, f"barn{next(_figure_numbers)}", self.about)
         # As wide as a notebook's column: not every viewer fits a picture to it.
@@ -265,9 +270,9 @@ class Plot:
 
 
 def plain_text(text: str) -> str:
-    """Return text that matplotlib shows as it is.
+    """Return text of at most 40 characters that matplotlib shows as it is.
 
-    It has no mathematics, no line breaks and at most 40 characters.
+    It has no mathematics and no line breaks.
     """
     # A label comes from a folder's name, in which a dollar would begin mathematics.
     line = " ".join(text.split()).replace("$", r"\$")
@@ -278,7 +283,7 @@ def plain_text(text: str) -> str:
 
 
 def _figure_content(figure: Figure, kind: str) -> bytes:
-    """Return a figure's file without what differs between two writings."""
+    """Return the bytes of a figure's svg, pdf or png file, the same at each call."""
     with style():
         return figure_bytes(figure, kind, 110)
 
@@ -294,6 +299,7 @@ class Page:
         return str(self.path)
 
     def _repr_html_(self) -> str | None:
+        """Return an HTML page in a frame or a GIF as HTML; None for other files."""
         if self.path.suffix == ".html":
             content = html.escape(self.path.read_text("utf-8"))
             look = "width: 100%; height: 45em; border: 0"
@@ -303,11 +309,12 @@ class Page:
         return None
 
     def _repr_png_(self) -> bytes | None:
+        """Return the bytes of a .png file; None for other files."""
         return self.path.read_bytes() if self.path.suffix == ".png" else None
 
 
 def image(media_type: str, content: bytes, about: str) -> str:
-    """Return a picture as an element of a page.
+    """Return an HTML img element that has a picture embedded as base64.
 
     Args:
         media_type: Such as "image/png".

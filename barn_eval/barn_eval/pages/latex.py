@@ -28,7 +28,7 @@ _ARROWS = {"larger": r" $\uparrow$", "smaller": r" $\downarrow$"}
 
 
 def latex_table(table: TextTable) -> str:
-    """Return a table as a LaTeX tabular."""
+    """Return a table of results as the text of a LaTeX tabular for booktabs."""
     return render("table.tex", table=table)
 
 
@@ -39,7 +39,7 @@ def paper_table(
     caption: str = "",
     label: str = "tab:planners",
 ) -> str:
-    """Return a LaTeX table of planners on common trials.
+    """Return LaTeX of a table that compares planners by their means on common trials.
 
     The best planner by each measure is bold, and so are those that are not
     significantly worse, as rankings judge it.
@@ -84,7 +84,7 @@ def paper_table(
 def _find_best(
     groups: RowsByPlanner, summaries: Mapping[str, Summary], measure: Measure
 ) -> set[str]:
-    """Return the best planner and those that are not significantly worse.
+    """Return names of the best planner by a measure and of those not clearly worse.
 
     There is none for a measure without a better direction, and for a single planner.
     """
@@ -103,7 +103,7 @@ def _find_best(
 
 
 def _default_caption(groups: RowsByPlanner) -> str:
-    """Say what the means of a paper's table are over."""
+    """Return a caption: data set, protocol, number of worlds, trials per world."""
     results = next(iter(groups.values()))
     worlds = len({result.world for result in results})
     # Unfinished runs have unequal worlds.

@@ -27,7 +27,7 @@ _UNSAFE_IN_SCRIPTS = {
 
 
 def render(template: str, **content: object) -> str:
-    """Return a page made from one of the package's templates.
+    """Return the text of a page made from one of the package's Jinja templates.
 
     In HTML everything is escaped that is not the package's own markup.
 
@@ -39,7 +39,7 @@ def render(template: str, **content: object) -> str:
 
 
 def write_page(path: Path, page: str | bytes) -> None:
-    """Write a page or picture whole or not at all, with the folders above it.
+    """Write text or bytes to a file, whole or not at all; make the folders above it.
 
     Args:
         path: The file.
@@ -55,7 +55,7 @@ def write_page(path: Path, page: str | bytes) -> None:
 
 
 def script_json(content: object) -> Markup:
-    """Return JSON that is safe inside a script element.
+    """Return a value as JSON that is safe inside an HTML script element.
 
     Numbers that JSON does not have become null.
     """
@@ -72,14 +72,14 @@ def script_json(content: object) -> Markup:
 
 
 def asset(name: str) -> Markup:
-    """Return a style sheet or script of the package for inclusion in a page."""
+    """Return the text of a style sheet or script of the package, for a page."""
     text = (resources.files("barn_eval") / "data" / "page" / name).read_text("utf-8")
     # The file is the package's own.
     return Markup(text)  # noqa: S704  # nosec B704
 
 
 def themed(color: str) -> str:
-    """Return a color for style sheets that follows the theme.
+    """Return a hexadecimal color as CSS that follows the page's light or dark theme.
 
     Only the colors of planners and moving obstacles depend on the theme.
     """
@@ -92,12 +92,13 @@ def themed(color: str) -> str:
 
 
 def property_name(color: str) -> str:
-    """Return the name of a planner's color in style sheets."""
+    """Return the CSS property of a planner's color, such as --c-0072b2."""
     return f"--c-{color[1:].lower()}"
 
 
 @cache
 def _environment() -> jinja2.Environment:
+    """Return the Jinja environment with the package's filters, made once."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_eval", "data/page"),
         autoescape=jinja2.select_autoescape(["html"]),

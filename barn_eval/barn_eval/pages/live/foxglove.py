@@ -33,7 +33,7 @@ _LATCHED_PATHS = {
 
 
 def require_sdk() -> None:
-    """Raise ConfigError if Foxglove's SDK is not installed."""
+    """Raise ConfigError if the package foxglove-sdk is not installed."""
     if find_spec("foxglove") is None:
         raise ConfigError(MISSING)
 
@@ -42,7 +42,7 @@ class FoxgloveStream:
     """Follows the trials of a results folder and serves them until it is closed."""
 
     def __init__(self, folder: Path, *, host: str, port: int = LIVE_PORT) -> None:
-        """Start to serve.
+        """Start to serve and to follow the bags of a folder; do not wait.
 
         Args:
             folder: Folder of the bags.
@@ -84,12 +84,13 @@ class FoxgloveStream:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop to serve."""
+        """Stop to follow bags and to serve viewers; wait until both have ended."""
         self._stop.set()
         self._thread.join()
         self._server.stop()
 
     def _follow(self) -> None:
+        """Read the bag that is being written and send its messages until closed."""
         follower = TrialFollower(self._folder)
         while not self._stop.wait(_PERIOD_S):
             # Nobody watches: the disk is left to the trials.
@@ -116,7 +117,7 @@ class FoxgloveStream:
         self._server.clear_session()
 
     def _send(self, messages: list[RawMessage]) -> None:
-        """Send messages, and latched ones to viewers that have just subscribed."""
+        """Send new messages; send latched ones to viewers that just subscribed."""
         new_ids = set()
         # The server's thread adds to the set meanwhile, so it cannot be iterated.
         for _ in range(len(self._new_channel_ids)):
@@ -132,7 +133,7 @@ class FoxgloveStream:
                 self._latched[key] = message
 
     def _channel(self, topic: str, type_name: str) -> Any:
-        """Return the channel of a topic, made when it is first used."""
+        """Return the channel of a topic and message type, made at first use."""
         key = (topic, type_name)
         if key not in self._channels:
             definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
@@ -149,6 +150,7 @@ class _Listener:
     """Collects the channels that viewers subscribe to, for their latched messages."""
 
     def __init__(self, new_channel_ids: set[int]) -> None:
+        """Keep the set to which the IDs of subscribed channels are added."""
         self._new_channel_ids = new_channel_ids
 
     def __getattr__(self, name: str) -> Any:
@@ -158,8 +160,9 @@ class _Listener:
         return self._add_channel if name == "on_subscribe" else _ignore_event
 
     def _add_channel(self, _: Any, channel: Any) -> None:
+        """Keep the ID of a channel that a viewer has subscribed to."""
         self._new_channel_ids.add(channel.id)
 
 
 def _ignore_event(*_: Any) -> None:
-    """Do nothing."""
+    """Ignore an event of the server that is no subscription."""

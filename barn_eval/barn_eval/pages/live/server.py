@@ -60,7 +60,10 @@ class RunState:
         self._read_version = lru_cache(maxsize=1)(self._read)
 
     def read(self) -> dict[str, Any]:
-        """Return the state as plain data; "problem" says if files cannot be read."""
+        """Return the run's state as JSON data; read files only if rows have changed.
+
+        "problem" says why files cannot be read.
+        """
         path = self.folder / ROWS_FILE
         version = (0, 0)
         if path.exists():
@@ -72,6 +75,7 @@ class RunState:
         return self._read_version(version)
 
     def _read(self, _version: tuple[int, int]) -> dict[str, Any]:
+        """Return the state from files, or title and problem if that fails."""
         try:
             return read_state(self.folder)
         except (BarnError, OSError) as error:
@@ -79,7 +83,7 @@ class RunState:
             return {"title": self.folder.resolve().name, "problem": str(error)}
 
     def bag(self, trial_id: str) -> Path:
-        """Return the bag of a trial; ConfigError if it has none inside this folder."""
+        """Return the bag's folder of a trial; ConfigError if there is none."""
         trial_ids = {result.trial_id for result in RowFile(self.folder).read()}
         bag = self.folder / BAGS / trial_id
         # Only names of trials are looked up on disk: others are a client's, and may be
@@ -96,7 +100,10 @@ class RunState:
 
 
 def read_state(folder: Path) -> dict[str, Any]:
-    """Return how a run stands; BarnError if its files do not belong together."""
+    """Return progress, outcomes, last trials and conclusion of a run as JSON data.
+
+    BarnError if its files do not belong together.
+    """
     rows = RowFile(folder).read()
     source = read_source(folder, rows)
     results = source.results
@@ -125,7 +132,7 @@ def read_state(folder: Path) -> dict[str, Any]:
 
 
 def _conclusion_state(source: Source) -> dict[str, Any]:
-    """Return what the results show so far."""
+    """Return task, conclusion, cautions and bars of results so far as JSON data."""
     entries = entries_of([source])
     measure = ranking_measure(source.results)
     bars = make_bars(entries)
@@ -146,7 +153,7 @@ def _conclusion_state(source: Source) -> dict[str, Any]:
 
 
 def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
-    """Return when the last trial ended, trials per minute, and seconds that are left.
+    """Return end of the last trial, trials per minute and seconds left as JSON data.
 
     The rate is that of the last trials; there is none before two of them have ended.
     """
@@ -167,7 +174,10 @@ def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
 
 
 def _end_of(row: TrialResult) -> datetime | None:
-    """Return when a trial ended; None for rows of the evaluator, which do not say."""
+    """Return when a trial ended, with its zone; None if its row does not say.
+
+    Rows of the evaluator do not.
+    """
     try:
         start = datetime.fromisoformat(row.wall_clock.started_at)
     except ValueError:
@@ -179,7 +189,7 @@ def _end_of(row: TrialResult) -> datetime | None:
 
 
 def _trial_state(folder: Path, row: TrialResult) -> dict[str, Any]:
-    """Return a trial as the page lists it."""
+    """Return a trial as the page lists it, as JSON data."""
     return {
         "id": row.trial_id,
         "planner": spelling(row.planner),
@@ -211,7 +221,7 @@ class PageServer(ThreadingHTTPServer):
     def __init__(
         self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT
     ) -> None:
-        """Start to serve.
+        """Start to serve in a thread; do not wait.
 
         Args:
             folder: A results folder.
@@ -244,17 +254,20 @@ class PageServer(ThreadingHTTPServer):
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
-        """Stop to serve."""
+        """Close the server, as `close` does."""
         self.close()
 
     def close(self) -> None:
-        """Stop to serve."""
+        """Stop to serve, close the socket and wait for the thread to end."""
         self.shutdown()
         self.server_close()
         self._thread.join()
 
     def respond(self, path: str) -> _Response:
-        """Return the response to a path; BarnError for a bag that cannot be read."""
+        """Return the response to a URL's path: page, state (JSON), replay or 404.
+
+        BarnError for a bag that is not there or cannot be read.
+        """
         with self._lock:
             if path == "/":
                 page = render("campaign.html", data=self._state.read())
@@ -269,13 +282,13 @@ class PageServer(ThreadingHTTPServer):
         return _Response(HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT)
 
     def server_bind(self) -> None:
-        """Bind without asking a name server for the name of the address."""
+        """Bind the socket without asking a name server for the address's name."""
         TCPServer.server_bind(self)
         self.server_name = gethostname()
         self.server_port = self.server_address[1]
 
     def accepts(self, host: str) -> bool:
-        """Tell whether a request is for an address or for this machine by name.
+        """Return whether a Host header is an IP address or names this machine.
 
         Any other name may belong to a site that rebinds it to this address.
         """
@@ -289,13 +302,15 @@ class PageServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
+    """Answers the requests of one connection to the page's server."""
+
     server: PageServer
     timeout = _IDLE_S
     server_version = "barn"
     sys_version = ""
 
     def do_GET(self) -> None:
-        """Answer with a page, or with a line that says why not."""
+        """Answer a GET request with a page or JSON, or a line that says why not."""
         if self.server.accepts(self.headers.get("Host", "")):
             try:
                 response = self.server.respond(urlsplit(self.path).path)

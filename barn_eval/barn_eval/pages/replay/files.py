@@ -48,7 +48,7 @@ def write_replay(
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
-    """Write the trials of bags to files.
+    """Draw the trials of bags side by side into .html, .png, .gif and .mp4 files.
 
     Args:
         bags: Bags of 1 to 6 trials, which are shown beside each other.
@@ -84,6 +84,7 @@ def write_replay(
     def draw_frames(
         times_s: Sequence[float], oversampling: int = 1
     ) -> Iterator[Pixels]:
+        """Yield RGB frames of all trials side by side; report the share drawn."""
         # Generators: thousands of frames would not fit into memory.
         views = [draw_views(trial, camera, times_s, oversampling) for trial in trials]
         for number, pictures in enumerate(zip(*views, strict=True), 1):
@@ -111,14 +112,14 @@ def write_replay(
 
 
 def _to_gif_colors(frame: Pixels) -> Image.Image:
-    """Return a frame with few colors."""
+    """Return an RGB frame as an image of 64 colors, not dithered."""
     image = Image.fromarray(frame)
     # Dithered pixels change between frames, which makes the file far larger.
     return image.quantize(_GIF_COLORS, _GIF_METHOD, dither=Image.Dither.NONE)
 
 
 def sort_by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
-    """Return files by their endings; ConfigError for an unknown or a double one."""
+    """Return paths by ending; ConfigError for an unknown ending or two of one."""
     files: dict[str, Path] = {}
     for path in map(Path, outs):
         if path.suffix not in ENDINGS:
@@ -131,7 +132,7 @@ def sort_by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
 def _frame_times(
     end_s: float, frames_per_s: float, speed: float, name: str
 ) -> list[float]:
-    """Return the times of all frames; ConfigError if there are too many."""
+    """Return the trial time of each frame, 0 to `end_s` [s]; ConfigError above 3000."""
     count = int(np.ceil(end_s / speed * frames_per_s)) + 1
     if count > _MAX_FRAMES:
         raise ConfigError(
@@ -142,7 +143,7 @@ def _frame_times(
 
 
 def _write_film(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
-    """Write frames as a film; ConfigError if ffmpeg is missing or fails."""
+    """Write RGB frames as an MP4 file; ConfigError if ffmpeg is missing or fails."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigError(
@@ -161,7 +162,7 @@ def _write_film(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> No
 def _encode_film(
     ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Path
 ) -> str | None:
-    """Write frames as a film; return ffmpeg's complaint if it fails, else None."""
+    """Write RGB frames as MP4 by ffmpeg; return its complaint, None on success."""
     first = next(frames)
     height, width, _ = first.shape
     # The path is the last word, so it can be no option.
@@ -188,7 +189,7 @@ def _encode_film(
 def draw_views(
     recorded: RecordedTrial, camera: str, times_s: Sequence[float], oversampling: int
 ) -> Iterator[Pixels]:
-    """Yield a trial as a camera sees it at some times.
+    """Yield RGB frames of a trial as a camera sees it at trial times [s].
 
     With oversampling, frames are drawn that many times as large, for smooth edges.
     ConfigError if the world is unknown.
@@ -233,7 +234,7 @@ def draw_views(
 
 
 def _smooth_poses(recorded: RecordedTrial) -> Floats:
-    """Return running means of the robot's poses (n, 3), yaw without jumps."""
+    """Return running means of x, y, yaw over 1.2 s (n, 3); yaw is without jumps."""
     # A mean over the jump from pi to -pi would turn the camera around.
     poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
     period_s = _CAMERA_WINDOW_S
@@ -245,7 +246,7 @@ def _smooth_poses(recorded: RecordedTrial) -> Floats:
 
 
 def _add_caption(pixels: Pixels, recorded: RecordedTrial, time_s: float) -> Pixels:
-    """Write planner, time and outcome into the lower left corner."""
+    """Return a frame with planner, time [s] and outcome in its lower left corner."""
     name = spelling(planner_of(recorded)) or recorded.name
     outcome = outcome_at(recorded, time_s)
     text = f"{name[:40]}   {time_s:5.1f} s   {outcome}".rstrip()

@@ -33,7 +33,7 @@ _SMALL_TYPES = {"f8": "f4", "i8": "i4", "b1": "u1"}
 
 
 def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
-    """Return the data of a replay page: packed arrays and what describes them."""
+    """Return a replay page's JSON data: packed arrays and what describes them."""
     scene = recorded.scene
     progress = progress_m(recorded)
     arrays: Arrays = {
@@ -82,7 +82,7 @@ def make_payload(recorded: RecordedTrial) -> dict[str, Any]:
 
 
 def pack_small(arrays: Arrays) -> dict[str, Any]:
-    """Return arrays packed with four bytes a number, one a truth value."""
+    """Return arrays packed for JSON: four bytes a number at most, one a truth value."""
     small_arrays = {}
     for name, array in arrays.items():
         kind = _SMALL_TYPES.get(array.dtype.str[1:], array.dtype)
@@ -123,7 +123,7 @@ def bounds(recorded: RecordedTrial) -> list[float]:
 
 
 def progress_m(recorded: RecordedTrial) -> Floats | None:
-    """Return how far along the path the robot has come by each time (n,), in meters.
+    """Return how far the robot has come along the path at each time (n,) [m].
 
     The path leads from the start through the world to the goal. Progress is the arc
     length of its nearest point, the largest so far. None if the path is unknown.
@@ -158,12 +158,15 @@ def progress_m(recorded: RecordedTrial) -> Floats | None:
 
 
 def _pose_list(pose: Pose2D | None) -> list[float] | None:
-    """Return x, y and yaw of a pose."""
+    """Return x, y [m], yaw [rad] of a pose as a list; None without a pose."""
     return None if pose is None else [pose.x, pose.y, pose.yaw]
 
 
 def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
-    """Add obstacles, walls, the path and where obstacles were pushed to."""
+    """Add a world's obstacles, walls and path to `arrays`; return their radius.
+
+    Obstacles that were pushed are added, too. None, and nothing added, without a world.
+    """
     scene = recorded.scene
     if scene is None:
         return None
@@ -175,7 +178,10 @@ def _add_scene(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
 
 
 def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | None:
-    """Add shapes and places of moving obstacles and of the walls between them."""
+    """Add moving obstacles and box walls to `arrays`; return what describes them.
+
+    None, and nothing added, without such obstacles.
+    """
     moving = recorded.moving
     if moving is None:
         return None
@@ -193,16 +199,16 @@ def _add_moving(recorded: RecordedTrial, arrays: Arrays) -> dict[str, Any] | Non
 
 
 def _grid_list(grid: OccupancyMap, frame: Pose2D) -> list[float]:
-    """Return size, resolution and corner of a grid, and the pose of its frame."""
+    """Return columns, rows, resolution, origin x, y and frame x, y, yaw of a grid."""
     rows, columns = grid.data.shape
     corner = [grid.origin_x, grid.origin_y]
     return [columns, rows, grid.resolution, *corner, frame.x, frame.y, frame.yaw]
 
 
 def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | None:
-    """Add the ranges of evenly spaced beams.
+    """Add ranges of at most 240 beams in whole cm to `arrays`; return their angles.
 
-    Scans with another number of beams than the first are left out.
+    None without scans. Scans with another number of beams than the first are left out.
     """
     if not recorded.scans:
         return None
@@ -230,7 +236,10 @@ def _add_scans(recorded: RecordedTrial, arrays: Arrays) -> dict[str, float] | No
 def _add_lines(
     recorded: RecordedTrial, name: str, items: Sequence[TimedItem], arrays: Arrays
 ) -> None:
-    """Add polylines: points, where each line begins, and which lines show when."""
+    """Add polylines in the replay's frame to `arrays`, their keys begin with `name`.
+
+    These are times, points, where each line begins, and which lines show when.
+    """
     points = [np.empty((0, 2))]
     lengths = [0]
     line_counts = [0]
@@ -249,7 +258,10 @@ def _add_lines(
 
 
 def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
-    """Add the bubbles of elastic bands, at the times of the bands' lines."""
+    """Add x, y and radius [m] of elastic bands' bubbles to `arrays`.
+
+    Their times are those of the bands' lines.
+    """
     discs = [np.empty((0, 3))]
     counts = [0]
     for item in recorded.bands:
@@ -261,7 +273,10 @@ def _add_bubbles(recorded: RecordedTrial, arrays: Arrays) -> None:
 
 
 def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
-    """Add costs in a few levels; 0 is free or unknown. Return the grids."""
+    """Add at most 120 costmaps in 12 levels to `arrays`; return each one's grid.
+
+    Level 0 is free or unknown.
+    """
     # The division is rounded up, so that there are never more than the limit.
     stride = max(1, -(-len(recorded.costmaps) // _MAX_COSTMAPS))
     costmaps = recorded.costmaps[::stride]
@@ -279,7 +294,7 @@ def _add_costmaps(recorded: RecordedTrial, arrays: Arrays) -> list[list[float]]:
 
 
 def _thin_out(line: Floats) -> Floats:
-    """Return evenly spaced points of a line, few enough, both ends among them."""
+    """Return at most 120 evenly spaced points of a line, both ends among them."""
     count = min(len(line), _MAX_POINTS)
     positions = np.linspace(0, len(line) - 1, count).round().astype(int)
     points: Floats = line[positions]
@@ -287,13 +302,13 @@ def _thin_out(line: Floats) -> Floats:
 
 
 def shape_array(bodies: Bodies) -> Packable:
-    """Return x, y, yaw, radius and both sizes of bodies, as motion.js reads them."""
+    """Return x, y, yaw, radius and both sizes of each body as a row, for motion.js."""
     columns = [bodies.poses, bodies.radius_m, bodies.size_m]
     return np.column_stack(columns)
 
 
 def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
-    """Return meters as whole millimeters and the step, or unchanged if too large.
+    """Return meters as whole millimeters (int16), or unchanged from 32 m on.
 
     Returns:
         The values, and what one of them is in meters: 0.001 or 1.
@@ -304,7 +319,7 @@ def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
 
 
 def motion_arrays(world: World, arrays: Arrays) -> dict[str, float]:
-    """Add walls, and the motions of a world's obstacles as polynomials.
+    """Add walls and obstacles' polynomial motions to `arrays`; return their scale.
 
     Args:
         world: Has the motions of its obstacles as polynomials.

@@ -81,12 +81,12 @@ class ChartData:
 
     @cached_property
     def overview(self) -> Overview:
-        """Intervals and comparisons, which take time and not all charts need."""
+        """Intervals and comparisons of the entries, computed when first asked for."""
         return self.compute_overview()
 
     @property
     def looks(self) -> list[dict[str, Any]]:
-        """Color, marker and label of each entry, as matplotlib takes them."""
+        """Color, marker and label of each entry, as keyword arguments of matplotlib."""
         return [
             {"color": entry.color, "marker": marker_of(number), "label": entry.label}
             for number, entry in enumerate(self.entries)
@@ -94,14 +94,14 @@ class ChartData:
 
     @property
     def difference_measures(self) -> list[Measure]:
-        """The measures by which bands, pairs and settings are compared."""
+        """Ranking measure, success and time per meter, each once."""
         ranking_key = ranking_measure(self.entries[0].results).key
         keys = (ranking_key, "success", _TIME.key)
         return [MEASURES[key] for key in dict.fromkeys(keys)]
 
     @property
     def clearance_measure(self) -> Measure:
-        """The clearance that says how safe the trials were."""
+        """Clearance to moving obstacles if all trials have these, else to any."""
         return clearance_measure([row for e in self.entries for row in e.results])
 
 
@@ -116,7 +116,7 @@ class Panels(NamedTuple):
     width_in: float = WIDTH_IN
 
     def fit_to(self, width_in: float) -> "Panels":
-        """Return the panels for a paper, in as many columns as there is room for."""
+        """Return the panels for a paper of this width, in the columns that fit."""
         # Maps keep the ratio of their sides; other panels become flatter.
         are_maps = min(self.rows, self.columns) > 1
         panel_in = _SHARED_PANEL_IN if self.sharey or are_maps else _PANEL_IN
@@ -149,9 +149,13 @@ CHARTS: dict[str, Chart] = {}
 
 
 def chart(about: str) -> Callable[[Drawing], Drawing]:
-    """Decorate a function that draws a chart; the catalog has the chart by its name."""
+    """Return a decorator that adds a drawing function to `CHARTS`.
+
+    The chart has the function's name without its leading underscore.
+    """
 
     def register(draw: Drawing) -> Drawing:
+        """Add the function's chart to `CHARTS` and return the function unchanged."""
         name = draw.__name__.removeprefix("_")
         CHARTS[name] = Chart(name, about, draw)
         return draw
@@ -164,6 +168,10 @@ def chart(about: str) -> Callable[[Drawing], Drawing]:
     " lines are running means"
 )
 def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw mean time per meter over worlds, easy to difficult, a line per planner.
+
+    Points are means over a planner's trials in a world.
+    """
     (axes,) = make_panels(Panels(4.4))
     worlds = data.order.worlds
     rank = np.arange(1.0, len(worlds) + 1)
@@ -199,7 +207,7 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
 
 
 def _running_means(values: Floats, window: int) -> Floats:
-    """Return the means of so many neighbors (n - window + 1,)."""
+    """Return the mean of each `window` neighboring values (n - window + 1,)."""
     # A view, which costs no memory however many worlds there are.
     windows = np.lib.stride_tricks.sliding_window_view(values, window)
     means: Floats = windows.mean(axis=1)
@@ -208,6 +216,7 @@ def _running_means(values: Floats, window: int) -> Floats:
 
 @chart("Metric, success and time per meter by band of difficulty, with 95 % intervals")
 def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw planners' means by band of difficulty, a panel per measure."""
     bands = data.overview.bands
     if not bands:
         return ()
@@ -232,7 +241,7 @@ def _bands(data: ChartData, make_panels: MakePanels) -> Handles:
 
 
 def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
-    """Label axes over which a measure is drawn, from zero."""
+    """Label axes, with a measure along y, which begins at 0."""
     label_axes(axes, x, measure.heading, measure.title.capitalize())
     # A marker at 100 % must not be cut off.
     axes.set_ylim(0, 104 if measure.percent else None)
@@ -240,6 +249,7 @@ def _label_measure(axes: Axes, x: str, measure: Measure) -> None:
 
 @chart("Outcome of every trial in every world")
 def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw outcomes, a strip per planner: worlds along x, repetitions along y."""
     worlds = data.order.worlds
     column = {world: position for position, world in enumerate(worlds)}
     # 0 stands for no trial.
@@ -294,6 +304,7 @@ def _outcomes(data: ChartData, make_panels: MakePanels) -> Handles:
     " the right the one on the right"
 )
 def _paired(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw differences between planners, a row per pair, a panel per measure."""
     comparisons = data.overview.comparisons
     if not comparisons:
         return ()
@@ -331,7 +342,7 @@ def _draw_differences(
     intervals: Sequence[Interval],
     neutral: float,
 ) -> None:
-    """Draw the interval of each pair, filled where the difference is significant."""
+    """Draw an interval per pair, filled where significant, and a line at `neutral`."""
     for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
         if interval.low is not None and interval.high is not None:
             limits = [interval.low, interval.high]
@@ -346,6 +357,11 @@ def _draw_differences(
     " commands, with 95 % intervals"
 )
 def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw means over a swept parameter or delay, a panel per measure.
+
+    Lines are of the second parameter's values, else of planners. Nothing is drawn for
+    more than two parameters.
+    """
     parameters = sweep_parameters(data.entries)
     if len(parameters) not in (1, 2):
         return ()
@@ -397,6 +413,10 @@ def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
     "Cumulative distributions over trials of time per meter, clearance, speed and jerk"
 )
 def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw cumulative distributions over trials, a panel per measure.
+
+    Each planner that has values has a line.
+    """
     keys = SHOWN["distributions"]
     panels = make_panels(Panels(3.6, len(keys)))
     handles = {}
@@ -426,6 +446,7 @@ def _distributions(data: ChartData, make_panels: MakePanels) -> Handles:
     " over time in contact where there was any, with 95 % intervals of both"
 )
 def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw planners' mean time per meter over clearance and over time in contact."""
     summaries = data.overview.summaries
     measures = [data.clearance_measure]
     if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
@@ -467,6 +488,10 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
     " whiskers 5 to 95 %"
 )
 def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
+    """Draw a box per planner of its computing time per cycle [ms].
+
+    Panels are of median, 95th percentile and largest time of each trial.
+    """
     entries = data.entries
     times_ms = {}
     for title, key in _COMPUTE_MEASURES.items():
@@ -509,7 +534,7 @@ def _compute(data: ChartData, make_panels: MakePanels) -> Handles:
 
 
 def _label_worlds(axes: Axes, order: WorldOrder) -> None:
-    """Write the number of each world below its rank if there is room for all."""
+    """Name the ticks of x by world numbers instead of ranks if all have room."""
     # A paper has less room than a page, and a user's axes have their own.
     width_in = figure_of([axes]).get_figwidth()
     if len(order.worlds) > _MAX_NUMBERS_PER_IN * width_in:
@@ -522,7 +547,7 @@ def _label_worlds(axes: Axes, order: WorldOrder) -> None:
 
 
 def _finite_values(measure: Measure, entry: Entry) -> Floats:
-    """Return the values of a measure that trials of an entry have, sorted."""
+    """Return the finite values of a measure over an entry's trials, ascending."""
     values = measure.values(entry.results)
     finite: Floats = np.sort(values[np.isfinite(values)])
     return finite

@@ -22,7 +22,7 @@ _FIGURES = slice(2, -1 - len(_ORIGIN_COLUMNS))
 
 
 def write_boards(boards: Sequence[Board], path: Path) -> None:
-    """Write boards to a file.
+    """Write all boards into one file, as Markdown (.md) or as an HTML page (.html).
 
     Args:
         boards: One per protocol, class and set of worlds, from `make_boards`.
@@ -37,7 +37,10 @@ def write_boards(boards: Sequence[Board], path: Path) -> None:
 
 
 def markdown(boards: Sequence[Board]) -> str:
-    """Return boards as Markdown in which text from files is no markup."""
+    """Return boards as the text of one Markdown document; nothing is written.
+
+    Text from results files is escaped, so that it is no markup.
+    """
     parts = ["# Leaderboard"]
     for board in boards:
         table = board_table(board)
@@ -59,7 +62,7 @@ def markdown(boards: Sequence[Board]) -> str:
 
 
 def page(boards: Sequence[Board]) -> str:
-    """Return boards as an HTML page."""
+    """Return boards as the text of one HTML page; nothing is written."""
     content = [
         (board, conclude_ranking(board.ranking, board.measure), board_table(board))
         for board in boards
@@ -68,7 +71,10 @@ def page(boards: Sequence[Board]) -> str:
 
 
 def board_table(board: Board) -> TextTable:
-    """Return a board as a table; a rank that is shared begins with an equals sign."""
+    """Return a board as a table, a row per planner, the best first.
+
+    A rank that is shared begins with an equals sign.
+    """
     keys = [board.measure.key]
     if board.measure.key == _TIME:
         # Contact costs nothing in time, so the table shows it.
@@ -111,7 +117,7 @@ def board_table(board: Board) -> TextTable:
 
 
 def _escape_markdown(text: str) -> str:
-    """Return text in which nothing is Markdown or HTML."""
+    """Return text on one line in which nothing is Markdown or HTML."""
     # Names come from folders of strangers, and many viewers of Markdown render HTML.
     escaped = html.escape(one_line(text), quote=False)
     return re.sub(r"([\\*_`\[\]#])", r"\\\1", escaped)

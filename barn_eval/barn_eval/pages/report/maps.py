@@ -59,7 +59,9 @@ def select_hardest(
     worlds: Mapping[str, World],
     count: int,
 ) -> dict[int, tuple[World, list[DrivenTrial]]]:
-    """Return the hardest available worlds with the trials in each, hardest first.
+    """Return up to `count` of the hardest available worlds by number, hardest first.
+
+    Each comes with all its trials.
 
     Args:
         order: Worlds from easy to difficult.
@@ -81,6 +83,7 @@ def select_hardest(
 
 @chart("The hardest worlds with all recorded trajectories")
 def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
+    """Draw a map of each hardest world with all its tracks; return legend entries."""
     if not data.hardest:
         return ()
     # Maps are as wide as there is room.
@@ -127,12 +130,12 @@ def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
 
 
 def _legend_mark(label: str, **look: Any) -> Line2D:
-    """Return a marker for a legend."""
+    """Return a legend entry that is a marker without a line."""
     return Line2D([], [], label=label, linestyle="", **look)
 
 
 def _map_corners(world: World, trials: Sequence[DrivenTrial]) -> tuple[Floats, Floats]:
-    """Return two corners of what a map of the hardest worlds shows."""
+    """Return lower left and upper right corner of a world's map, each x, y [m]."""
     scene = make_scene_if_known(trials[0].entry.source, world)
     left, bottom, right, top = world.bounds_m
     heights = [scene.ends_m()[:, 1], *(trial.poses[:, 1] for trial in trials)]
@@ -149,7 +152,7 @@ def _map_corners(world: World, trials: Sequence[DrivenTrial]) -> tuple[Floats, F
 
 
 def _show_area(axes: Axes, low: Floats, high: Floats) -> None:
-    """Limit axes to an area, with the same scale in both directions."""
+    """Limit axes to the corners `low` and `high` [m] in equal scale; label x and y."""
     axes.set(
         xlim=(low[0], high[0]),
         ylim=(low[1], high[1]),
@@ -160,7 +163,7 @@ def _show_area(axes: Axes, low: Floats, high: Floats) -> None:
 
 
 def _draw_map(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
-    """Draw a world with all its trials."""
+    """Draw a world, its moving obstacles and the tracks of its trials onto axes."""
     scene = make_scene_if_known(trials[0].entry.source, world)
     drawing.draw_scene(axes, scene, faint=True)
     draw_motion(axes, world, trials)
@@ -195,7 +198,7 @@ def _draw_map(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
 
 
 def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
-    """Draw the paths of moving obstacles during trials, with arrows.
+    """Draw the paths of moving obstacles during trials, with an arrow at each end.
 
     Args:
         axes: What is drawn onto.
@@ -233,7 +236,7 @@ def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None
 
 
 def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Artist]:
-    """Draw the moving obstacle that ended a trial, where it was then.
+    """Draw the moving obstacle that the robot hit, where it was at the trial's end.
 
     Args:
         axes: What is drawn onto.
@@ -260,7 +263,7 @@ def draw_touched_mover(axes: Axes, world: World, trial: DrivenTrial) -> list[Art
 
 
 def motion_handles() -> list[Line2D]:
-    """Return the legend of moving obstacles."""
+    """Return legend entries for moving obstacles' paths and for the one hit."""
     return [
         Line2D(
             [], [], color=MOVER, linewidth=1.0, alpha=0.7, label="way of what moves"
@@ -283,7 +286,7 @@ def overlay(
     planners: Sequence[str] = (),
     outcome: str = "",
 ) -> Figure:
-    """Draw the trials of folders in one world.
+    """Return a figure of one world with the tracks of folders' trials in it.
 
     Args:
         folders: Results folders.
@@ -331,7 +334,7 @@ def overlay(
 def select_trials(
     entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
 ) -> tuple[list[DrivenTrial], World]:
-    """Return trials in a world that have a track, and the world.
+    """Return trials in one world that have a track, and that world.
 
     Args:
         entries: Planners of results folders.
@@ -375,7 +378,7 @@ def select_trials(
 def _require_selection(
     entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
 ) -> None:
-    """Raise ConfigError for a planner, an outcome or a world that does not exist."""
+    """Raise ConfigError for planner or world without trials, or unknown outcome."""
     available = {entry.planner for entry in entries}
     # Any one of them will do for the message.
     for name in set(planners) - available:
@@ -400,7 +403,7 @@ def _require_selection(
 def _overlay_corners(
     scene: TrialScene, trials: Sequence[DrivenTrial]
 ) -> tuple[Floats, Floats]:
-    """Return two corners of obstacles, start, goal and trajectories of an overlay."""
+    """Return lower left and upper right corner, x, y [m], of what an overlay shows."""
     # The circle around the goal must be in view up to its top.
     goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
     trails = [trial.poses[:, :2] for trial in trials]
@@ -415,7 +418,7 @@ def _overlay_corners(
 def _draw_trial(
     axes: Axes, world: World, trial: DrivenTrial, by: str
 ) -> LineCollection:
-    """Draw a trial of an overlay and return its trail."""
+    """Draw a trial's track, the robot at both ends and contacts; return the track."""
     assert trial.track is not None
     color = trial.entry.color
     poses = trial.poses
@@ -431,7 +434,7 @@ def _draw_trial(
 
 
 def _overlay_handles(trials: Sequence[DrivenTrial], by: str) -> list[Line2D]:
-    """Return a legend of planners with their outcomes, and of marks on the map."""
+    """Return legend entries: planners with counts of outcomes, then marks."""
     handles = []
     for entry in dict.fromkeys(trial.entry for trial in trials):
         counts = Counter(t.result.outcome.words for t in trials if t.entry is entry)

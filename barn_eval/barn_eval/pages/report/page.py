@@ -57,7 +57,7 @@ def draw(
     ax: TargetAxes = None,
     width_mm: float | None = None,
 ) -> list[Axes]:
-    """Draw a chart of the catalog.
+    """Draw a chart of the catalog and its legend onto axes or into a new figure.
 
     Args:
         chart: One of `CHARTS`.
@@ -75,6 +75,7 @@ def draw(
     panels: list[Axes] = []
 
     def make_panels(layout: Panels) -> list[Axes]:
+        """Return the caller's axes or those of a new figure, kept in `panels`."""
         count = layout.rows * layout.columns
         if ax is not None:
             panels.extend([ax] if isinstance(ax, Axes) else ax)
@@ -125,7 +126,7 @@ def plot(
     ax: TargetAxes = None,
     width_mm: float | None = None,
 ) -> list[Axes]:
-    """Draw a chart of planners' results.
+    """Draw the chart of a name in the catalog from planners' results.
 
     Args:
         name: Name of the chart in the catalog.
@@ -164,7 +165,7 @@ def plot(
 
 
 def require_width(width_mm: float | None) -> None:
-    """Raise ConfigError for a width that no figure of a paper has."""
+    """Raise ConfigError unless a width is None or 60 to 400 mm."""
     if width_mm is not None and not 60.0 <= width_mm <= 400.0:
         raise ConfigError(f"width_mm: must lie in 60 to 400, got {width_mm!r}")
 
@@ -172,7 +173,7 @@ def require_width(width_mm: float | None) -> None:
 def finish_chart(
     chart: Chart, data: ChartData, *, pdf: bool, width_mm: float | None = None
 ) -> ReportFigure | None:
-    """Return a chart as pages or papers have it.
+    """Return a chart drawn as SVG and, if wanted, PDF; None if it has nothing to show.
 
     Args:
         chart: One of `CHARTS`.
@@ -210,17 +211,17 @@ class Report(ChartData):
 
     @property
     def names(self) -> list[str]:
-        """Names of its planners, each once however many settings it has."""
+        """Names of the report's planners, each once however many settings it has."""
         return list(dict.fromkeys(spelling(entry.planner) for entry in self.entries))
 
     @cached_property
     def tables(self) -> list[TextTable]:
-        """All tables, the headline first."""
+        """All tables of the report, the headline table first."""
         return make_tables(self.entries, self.overview, self.columns)
 
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
-        """Its figures by name.
+        """All charts that have something to show by name, drawn in forked processes.
 
         Each is drawn in the process that finishes it, since pickling changes figures of
         matplotlib.
@@ -242,7 +243,7 @@ def build_report(
     progress: Progress = lambda _: None,
     pdf: bool = True,
 ) -> Report:
-    """Read folders and compute what their report shows.
+    """Read results folders and compute what their report shows; nothing is written.
 
     Args:
         paths: Results folders of one task.
@@ -281,9 +282,10 @@ def build_report(
 def replay_links(
     report: Report, out: Path, replays: Path | None = None
 ) -> dict[Path, str]:
-    """Return the address of each trial's replay as seen from a page, by its bag.
+    """Return each replay's address relative to the page `out`, by its bag's path.
 
-    Pages in the folder replays/ of a results folder are linked too.
+    With `replays`, the replay of each bag is drawn there first. Pages in the folder replays/
+    of a results folder are linked too.
 
     Args:
         report: Its trials are linked if a replay or a bag exists.
@@ -309,7 +311,7 @@ def replay_links(
 def report_page(
     report: Report, title: str, links: Mapping[Path, str] | None = None
 ) -> str:
-    """Return the page of a report, in which text from files is no markup.
+    """Return the HTML page of a report, in which text from files is no markup.
 
     Args:
         report: What `build_report` has computed.
@@ -345,7 +347,7 @@ def report_page(
 
 
 def write_assets(report: Report, folder: Path, width_mm: float | None = None) -> None:
-    """Write figures as SVG and PDF, and tables as CSV and LaTeX.
+    """Write each figure as NAME.svg and NAME.pdf, each table as NAME.csv and NAME.tex.
 
     Args:
         report: Its tables, and its figures if they were drawn as PDF too.

@@ -19,7 +19,7 @@ _jobs: Sequence[Callable[[], Any]] = ()
 
 
 def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[Any]:
-    """Run jobs in forks of this process, one per core.
+    """Run jobs in forks of this process, one per core, and return their results.
 
     Forks inherit the jobs and everything that these refer to, so only results are
     pickled. They end with this process, even if it is killed.
@@ -62,6 +62,7 @@ def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[An
 
 
 def _initialize_fork(jobs: Sequence[Callable[[], Any]]) -> None:
+    """Keep the jobs in a new fork, let Ctrl-C end it, and watch its parent."""
     global _jobs  # noqa: PLW0603 (each fork has its own)
     _jobs = jobs
     # Else each fork would print a traceback at Ctrl-C.
@@ -70,10 +71,12 @@ def _initialize_fork(jobs: Sequence[Callable[[], Any]]) -> None:
 
 
 def _run_job(position: int) -> Any:
+    """Run the job at this position, from 0, and return its result."""
     return _jobs[position]()
 
 
 def _exit_with_parent() -> None:
+    """Wait until the parent process ends, then end this fork at once."""
     parent = parent_process()
     assert parent is not None
     parent.join()

@@ -47,21 +47,24 @@ class DrivenTrial:
 
     @property
     def poses(self) -> Floats:
-        """Poses x, y, yaw of the track (n, 3); none without a track."""
+        """Poses x, y [m], yaw [rad] of the track (n, 3); no rows without a track."""
         if self.track is None:
             return np.empty((0, 3))
         return self.track.samples[:, _POSE]
 
     @property
     def end_s(self) -> float:
-        """Time at which the track ends."""
+        """Time of the track's last sample since the start [s]; 0.0 without a track."""
         return 0.0 if self.track is None else float(self.track.samples[-1, 0])
 
 
 def read_trials(
     entries: Sequence[Entry],
 ) -> tuple[list[DrivenTrial], dict[str, World]]:
-    """Return the trials of entries in their order, and their worlds by checksum."""
+    """Read tracks and worlds of all trials; return both, the worlds by checksum.
+
+    Trials are in the order of the entries. Worlds that cannot be read are left out.
+    """
     trials = [(entry, result) for entry in entries for result in entry.results]
     worlds = read_worlds((result, entry.source) for entry, result in trials)
     driven_trials = []
@@ -81,7 +84,7 @@ def read_trials(
 
 
 def read_track(source: Source, result: TrialResult) -> Track | str:
-    """Return the track of a trial, or why there is none.
+    """Return the track of a trial, or a text that says why there is none.
 
     Args:
         source: The results folder.
@@ -100,7 +103,10 @@ def read_track(source: Source, result: TrialResult) -> Track | str:
 def _add_moving_clearance(
     track: Track, result: TrialResult, world: World, outline: Footprint
 ) -> Track:
-    """Return a track whose clearance counts walls and moving obstacles too."""
+    """Return a track whose clearance counts walls and moving obstacles too.
+
+    The track itself is returned if nothing in its world moves.
+    """
     if result.motion is None:
         return track
     samples = track.samples.copy()
@@ -121,7 +127,7 @@ def _add_moving_clearance(
 
 
 def make_scene(source: Source, world: World) -> TrialScene:
-    """Return a world with start and goal under the protocol of a folder.
+    """Return a world with start and goal by the protocol and robot of a folder.
 
     Args:
         source: The results folder.
@@ -156,7 +162,7 @@ def trial_data(
     links: Mapping[Path, str] | None = None,
     keys: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the data of the page's script.
+    """Return data for the report page's script: table rows, tracks and worlds.
 
     Args:
         entries: Planners of the report.
@@ -214,7 +220,10 @@ def trial_data(
 def _trial_row(
     trial: DrivenTrial, number: int, links: Mapping[Path, str], keys: Sequence[str]
 ) -> dict[str, Any]:
-    """Return a trial of the page's table, with its track."""
+    """Return a trial's row of the page's table as JSON data, its track packed in it.
+
+    `number` is the position of its entry; `keys` are those of the table's measures.
+    """
     result = trial.result
     bag = trial.entry.source.bag(result.trial_id)
     cells: list[Any] = [
@@ -250,7 +259,10 @@ def _trial_row(
 
 
 def _world_data(world: World, source: Source | None) -> dict[str, Any]:
-    """Return a world for the page's script, in whole millimeters where it fits."""
+    """Return a world for the page's script, in whole millimeters where it fits.
+
+    Start and goal are by the protocol of `source`; without it, there are none.
+    """
     arrays: Arrays = {
         "cylinders": world.cylinders_m.astype("f4"),
         "path": world.path_m().astype("f4"),
