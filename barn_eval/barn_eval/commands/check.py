@@ -80,14 +80,14 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
 
 
 def _rerun(results: Results, trial: str) -> str:
-    """Run a trial again, by its name or its number from 1; return the difference."""
+    """Run a trial again, by name or number from 1; return how it differs, if so."""
     if trial.isdecimal() and 1 <= int(trial) <= len(results):
         return results.rerun(int(trial) - 1)
     return results.rerun(trial)
 
 
 def print_check(check: FolderCheck) -> None:
-    """Print what a check covered; what is wrong goes to standard error."""
+    """Print what a check covered to standard output, problems to standard error."""
     counts = (
         f"{check.rows} of {check.trials} rows, {check.tracks} tracks,"
         f" {check.bags} bags, {check.driven} driven again"

@@ -49,11 +49,11 @@ class LazyGroup(click.Group):
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Return the names of the subcommands."""
+        """Return the names of all subcommands, those of other packages last."""
         return [*COMMANDS, *_plugins()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
-        """Import a subcommand and return it.
+        """Import the module of a subcommand and return the command.
 
         Args:
             ctx: Context of the call.
@@ -83,7 +83,7 @@ class LazyGroup(click.Group):
     def shell_complete(
         self, ctx: click.Context, incomplete: str
     ) -> list[CompletionItem]:
-        """Return completions; click's own method would import every subcommand.
+        """Return completions of a word without importing any subcommand.
 
         Args:
             ctx: Context of the call.
@@ -100,7 +100,7 @@ class LazyGroup(click.Group):
         ctx: click.Context,  # noqa: ARG002
         formatter: click.HelpFormatter,
     ) -> None:
-        """Write the list of subcommands.
+        """Write names and summaries of all subcommands into a help page.
 
         Args:
             ctx: Context of the call.
@@ -111,17 +111,18 @@ class LazyGroup(click.Group):
 
 
 def _plugins() -> dict[str, EntryPoint]:
-    """Return the subcommands of other packages."""
+    """Return other packages' subcommands by name, as entry points not yet loaded."""
     return {point.name: point for point in entry_points(group="barn_eval.commands")}
 
 
 def _summaries() -> list[tuple[str, str]]:
+    """Return name and summary of each subcommand, those of other packages last."""
     plugins = [(name, f"Of {point.module}.") for name, point in _plugins().items()]
     return [*COMMANDS.items(), *plugins]
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, is_requested: bool) -> None:
-    """Print the version and, in a repository, the commit."""
+    """Print version and, in a repository, commit for --version, then exit."""
     # Completion parses half a line and must not print or leave.
     if is_requested and not ctx.resilient_parsing:
         # Only here: to ask git takes longer than to print any help.
@@ -154,7 +155,7 @@ def cli() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command and exit.
+    """Run the `barn` command with these arguments, by default sys.argv's, and exit.
 
     Exit codes: 0 is success; 1 is a mistake in the input, in one line; 3 means that
     trials have no score, because something other than the planner failed, or that no
@@ -165,7 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Run the command and return its exit code."""
+    """Run the `barn` command and return its exit code; print an error in one line."""
     try:
         # By itself, click would print errors its own way and exit with its codes.
         result = cli.main(args=arguments, prog_name="barn", standalone_mode=False)
@@ -194,6 +195,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _describe(error: Exception) -> str:
+    """Return the message of an error, with the help of a command or a file's name."""
     if isinstance(error, click.UsageError):
         command = error.ctx.command_path if error.ctx else "barn"
         return f"{error.format_message()} (see {command} --help)"

@@ -45,7 +45,7 @@ worlds_option = click.option(
 
 
 def field_option(config: object, name: str, default: str = "") -> Decorator[Any]:
-    """Return the option for a field of a configuration, which declares all about it.
+    """Return click's option --NAME for a configuration's field: type, limits, help.
 
     Args:
         config: A configuration with its default values.
@@ -77,7 +77,7 @@ def parameters_option(
     *,
     metavar: str = "KEY=VALUE",
 ) -> Decorator[Any]:
-    """Return a repeatable option that gives a command parameters as a mapping.
+    """Return a repeatable option KEY=VALUE that gives a command one mapping.
 
     Args:
         option: The option, such as "--set".
@@ -95,6 +95,7 @@ def parameters_option(
     def parse(
         _: click.Context, __: click.Parameter, texts: tuple[str, ...]
     ) -> dict[str, Any]:
+        """Return the option's KEY=VALUE texts as a mapping, values as YAML."""
         return parse_parameters(texts, option)
 
     return click.option(
@@ -105,7 +106,10 @@ def parameters_option(
 def _parse_run_options(
     _: click.Context, __: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return options of a run; "ros.KEY" and "simulator.KEY" become mappings."""
+    """Return --run texts as options of a run by name, values as YAML.
+
+    "ros.KEY" and "simulator.KEY" become mappings.
+    """
     options: dict[str, Any] = {}
     parameters = parse_parameters(texts, "--run")
     for key, value in parameters.items():
@@ -133,7 +137,7 @@ run_option = click.option(
 def _parse_course(
     _: click.Context, __: click.Parameter, text: str | None
 ) -> tuple[float, ...] | None:
-    """Return the numbers of "X,Y,YAW:X,Y"."""
+    """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad]; None without text."""
     if text is None:
         return None
     start, colon, goal = text.partition(":")
@@ -162,18 +166,18 @@ course_option = click.option(
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """Return names that commas separate."""
+    """Return names that commas separate, without blanks and empty ones."""
     names = (name.strip() for name in text.split(","))
     return tuple(name for name in names if name)
 
 
 def print_json(content: object) -> None:
-    """Print plain data as JSON; numbers that JSON does not have become null."""
+    """Print plain data as JSON to standard output; NaN and infinity become null."""
     click.echo(json.dumps(make_json_safe(content), indent=1, allow_nan=False))
 
 
 def print_output(as_json: bool, content: object, *renderables: object) -> None:
-    """Print what a command returns.
+    """Print JSON, or lines and tables, to standard output.
 
     Args:
         as_json: Whether to print `content` instead of `renderables`.
@@ -188,7 +192,7 @@ def print_output(as_json: bool, content: object, *renderables: object) -> None:
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal; yield a function that takes the completed share."""
+    """Show a bar on a terminal; yield a function that takes the share done, 0 to 1."""
     # A bar in a file or pipe would be noise.
     with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task(text, total=1.0)
@@ -196,7 +200,7 @@ def progress_bar(text: str) -> Iterator[Callable[[float], None]]:
 
 
 def print_notes(*lines: object) -> None:
-    """Print lines beside the output of a command, such as paths, to standard error."""
+    """Print each line to standard error, beside the output of a command."""
     for line in lines:
         # A path in a message may have brackets, and must stay one line to copy.
         notes.print(str(line), markup=False, soft_wrap=True)

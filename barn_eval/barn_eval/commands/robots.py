@@ -49,6 +49,7 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
 
 
 def _print_list(as_json: bool) -> None:
+    """Print the robots of the suite as a table or as JSON."""
     entries: list[dict[str, Any]] = [
         {
             "robot": robot.name,
@@ -73,7 +74,7 @@ def _print_list(as_json: bool) -> None:
 
 
 def _quantities(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, value, unit and meaning of each number that a robot has."""
+    """Yield dotted name, value, unit and meaning of each quantity of a robot."""
     content = as_dict(robot)
     for name, quantity, value in fields_of(robot):
         section, _, key = name.rpartition(".")
@@ -84,6 +85,7 @@ def _quantities(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _format(value: object) -> str:
+    """Return a value as text: floats with five digits, tuples joined by commas."""
     if isinstance(value, tuple):
         parts = []
         for part in value:

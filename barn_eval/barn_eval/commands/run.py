@@ -165,7 +165,9 @@ def command(
 def execute(
     request: RunRequest, *, overwrite: bool, as_json: bool, view: bool = False
 ) -> int:
-    """Execute a run, print its results and return the exit code.
+    """Run the missing trials of a run, print all results and return exit code 0 or 3.
+
+    It is 3 if a trial has no score, or no planner drove to the end of any.
 
     Args:
         request: The run and its folder.
@@ -192,7 +194,7 @@ def execute(
 def _run_settings(
     settings: Sequence[Setting], *, overwrite: bool, as_json: bool
 ) -> int:
-    """Drive settings one after the other and print them, the best first."""
+    """Run all settings in turn, print them, the best first, and return exit code 0."""
     for number, setting in enumerate(settings, 1):
         print_notes(f"setting {number} of {len(settings)}: {setting.name}")
         setting.write_parameter_files()
@@ -213,7 +215,7 @@ def _run_settings(
 
 
 def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
-    """Print trials unless they are many, what they show, and where the rest is."""
+    """Print trials unless they are over 100, tables and conclusion, or all as JSON."""
     # A trial that failed by no fault of its planner says nothing about it.
     scored = [row for row in results if row.is_scored]
     summary = summarize_run(scored) if scored else None
@@ -242,12 +244,14 @@ def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
 
 
 def _title(request: RunRequest) -> str:
+    """Return planners, protocol and mode of a run, as the title of its table."""
     config = request.config
     names = ", ".join(spelling(planner.name) for planner in config.planners)
     return f"{names}, {config.protocol.name} protocol, {config.mode} mode"
 
 
 def _dry_run_table(estimate: DryRun) -> FittedTable:
+    """Return an estimate of a run as a table for the terminal."""
     worlds = ", ".join(map(str, estimate.worlds[:12]))
     if len(estimate.worlds) > 12:
         worlds += ", ..."

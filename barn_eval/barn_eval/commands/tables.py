@@ -52,7 +52,7 @@ class FittedTable:
             yield Text(self.caption, style="dim italic")
 
     def _render(self, places: Sequence[int], width: int) -> Table:
-        """Return a table of some of the columns."""
+        """Return a rich table of the columns at these places, in this width."""
         rendered = Table(
             header_style="bold",
             box=SIMPLE_HEAD,
@@ -71,7 +71,7 @@ class FittedTable:
         return rendered
 
     def _divide(self, width: int) -> Iterator[list[int]]:
-        """Yield the places of the columns of each table, without the keys."""
+        """Yield the columns' places, without the keys, of each table that fits."""
         min_widths = [_min_width(column) for column in self.columns]
         places: list[int] = []
         for place in range(self.keys, len(self.columns)):
@@ -92,7 +92,7 @@ def table(
     title: str = "",
     caption: str = "",
 ) -> FittedTable:
-    """Return a table of plain texts, in which brackets are brackets.
+    """Return a table for the terminal whose first column is its key; texts are plain.
 
     Args:
         columns: Headings; a '>' in front aligns a column to the right.
@@ -113,7 +113,7 @@ def table(
 
 
 def rich_table(content: TextTable) -> FittedTable:
-    """Return a table of results for the terminal."""
+    """Return a table of results as one that fits itself to the terminal."""
     return FittedTable(
         tuple(zip(content.columns, *content.rows, strict=True)),
         tuple(place >= content.texts for place in range(len(content.columns))),
@@ -124,7 +124,10 @@ def rich_table(content: TextTable) -> FittedTable:
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:
-    """Return columns in a total width if possible, the widest narrowed first."""
+    """Return columns wrapped to a total width in characters, the widest narrowed first.
+
+    They stay wider if not even broken words fit.
+    """
     fitted = [
         _wrap(column, max(_longest_word(column[0]), _width(column[1:])))
         for column in columns
@@ -150,10 +153,12 @@ def _fit(columns: Sequence[Column], width: int) -> list[Column]:
 
 
 def _min_width(column: Column) -> int:
+    """Return the longest word of a column and its heading, in characters."""
     return max(map(_longest_word, column))
 
 
 def _width(texts: Column) -> int:
+    """Return the longest line of texts, in characters; 1 without any text."""
     lines: list[str] = []
     for text in texts:
         lines += text.split("\n")
@@ -161,11 +166,12 @@ def _width(texts: Column) -> int:
 
 
 def _total_width(widths: Sequence[int]) -> int:
+    """Return a table's width with gaps and margins, in characters."""
     return sum(widths) + _GAP * (len(widths) - 1) + _MARGINS
 
 
 def _join_words(text: str) -> str:
-    """Keep limits in brackets whole in a text, and a number with its star."""
+    """Return text with no-break spaces within brackets and before a star."""
     joined = re.sub(
         r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_NO_BREAK}"), text
     )
@@ -173,11 +179,12 @@ def _join_words(text: str) -> str:
 
 
 def _longest_word(text: str) -> int:
+    """Return the longest part of a text that is not broken, in characters."""
     return max(map(len, re.split("[ \n]", _join_words(text))))
 
 
 def _wrap(column: Column, width: int) -> Column:
-    """Return a column in lines of a width at most; only longer words are broken."""
+    """Return a column in lines of so many characters; only longer words are broken."""
     # Hyphens are part of names and of negative numbers.
     wrapper = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False)
     # Cells may have line breaks of their own, which stay.

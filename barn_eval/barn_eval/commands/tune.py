@@ -102,7 +102,7 @@ def command(
 
 
 def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
-    """Return parameters and means of the default and of the best settings."""
+    """Return a table of parameters and means, a column per setting, default first."""
     headings = ["parameter", ">default"]
     values = [tuning.default]
     means = [tuning.default_seen]
@@ -128,4 +128,5 @@ def _settings_table(tuning: "Tuning", title: str) -> FittedTable:
 
 
 def _format(value: object) -> str:
+    """Return a float with four significant digits, any other value as text."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

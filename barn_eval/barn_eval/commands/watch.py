@@ -71,7 +71,7 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
 
 @contextmanager
 def serve_view(folder: Path, bags: str) -> Iterator[None]:
-    """Serve page and live view of a run from a process of its own in the meantime.
+    """Serve page and live view of a run from a child process during the context.
 
     Args:
         folder: Folder of the run, which need not exist yet.
@@ -99,6 +99,7 @@ def serve_view(folder: Path, bags: str) -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
+    """Wait until the parent's pipe at standard input closes, then end at once."""
     # The pipe closes with the process that started this one, even if that is killed.
     sys.stdin.read()
     os._exit(0)

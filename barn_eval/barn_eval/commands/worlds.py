@@ -141,6 +141,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
 
 
 def _format(value: object) -> object:
+    """Return a float as text with two decimals, any other value unchanged."""
     return f"{value:.2f}" if isinstance(value, float) else value
 
 
