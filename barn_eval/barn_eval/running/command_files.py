@@ -18,7 +18,7 @@ _MAX_BYTES = 1 << 30
 
 
 def hash_command_files(words: Sequence[str]) -> dict[str, str]:
-    """Return SHA-256 of each file that a command names, by its name there.
+    """Return SHA-256 of parameter, launch, code and weight files in a command, by word.
 
     A file is a word, or the part of a word after := or =, that ends like a file of
     parameters, launch, code or weights. For `ros2 launch PACKAGE FILE` it is also the
@@ -42,7 +42,7 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
 
 
 def hash_folder(folder: Path) -> str:
-    """Return SHA-256 of all files below a folder and their names, without bytecode.
+    """Return one SHA-256 of all files below a folder and their names, without bytecode.
 
     Raises:
         ConfigError: If a file is too large or cannot be read.
@@ -57,7 +57,7 @@ def hash_folder(folder: Path) -> str:
 
 
 def find_parameter_files(folder: Path, planner: str) -> list[Path]:
-    """Return the files below a folder with the node parameters of a planner.
+    """Return the .parameters.json files of a planner below a folder of logs, sorted.
 
     Args:
         folder: Folder of logs.
@@ -67,7 +67,7 @@ def find_parameter_files(folder: Path, planner: str) -> list[Path]:
 
 
 def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
-    """Return the parameters that the nodes of a planner had in its trials.
+    """Return the parameters of a planner's nodes as texts, from all its trials' logs.
 
     Args:
         folder: Folder of logs.
@@ -87,7 +87,7 @@ def read_node_parameters(folder: Path, planner: str) -> dict[str, str]:
 
 
 def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> None:
-    """Keep the parameters that the nodes of a planner report at the start of trials.
+    """Write parameters of a planner's nodes as JSON; refuse those that have changed.
 
     Args:
         folder: Folder of all logs of the run.
@@ -121,6 +121,7 @@ def _find_launch_file(package: str, name: str) -> Path:
 
 
 def _hash_file(path: Path) -> str:
+    """Return SHA-256 of a file in hexadecimal; ConfigError if it is above 1 GiB."""
     digest = hashlib.sha256()
     with (
         convert_os_errors(ConfigError, f"planner command: {path}"),

@@ -50,7 +50,7 @@ _REPEATS = 7
 def run_direct_trial(
     spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
 ) -> FinishedTrial:
-    """Run one trial to its verdict; whatever a planner does, there is an outcome.
+    """Run one trial in this process to its verdict, whatever the planner does.
 
     Args:
         spec: The trial.
@@ -128,6 +128,7 @@ class _DirectTrial:
     """The loop of a trial: read the sensors, ask the planner, record, step."""
 
     def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
+        """Prepare referee, timer and planner; the simulator is made in `run`."""
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
         self.cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
@@ -139,6 +140,7 @@ class _DirectTrial:
         )
 
     def run(self) -> Verdict:
+        """Run simulator and planner until the referee has a verdict; return it."""
         spec = self._spec
         trial = self.trial
         simulator = Simulator(
@@ -181,13 +183,13 @@ class _DirectTrial:
                     return verdict
 
     def _start_planner(self) -> None:
-        """Give the planner its map and its goal, with which it begins."""
+        """Give the planner its map, if the protocol has one, and its goal."""
         if self._spec.map is not None:
             self._runtime.set_map(self._spec.map)
         self._runtime.set_goal(self._spec.goal)
 
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
-        """Return the planner's command, None without one, and its delay [ns]."""
+        """Ask the planner; return its command, None without one, and its delay [ns]."""
         # Without a map a planner has nothing to be localized in.
         pose = sensors.odometry.pose
         if self._spec.protocol.map_given:
@@ -197,6 +199,7 @@ class _DirectTrial:
         )
 
         def run_cycle() -> RuntimeOutput:
+            """Run a cycle of the planner and keep the time it took [s]."""
             stopwatch = Stopwatch()
             try:
                 answer = self._runtime.step(observation)
@@ -232,11 +235,12 @@ class _DirectTrial:
         return answer.command, delay_ns
 
     def _record_standing(self, stamp_ns: int) -> None:
+        """Record the referee's standing in the bag, if there is a bag."""
         if self._bag is not None:
             self._bag.standing(self.trial.referee.standing, stamp_ns)
 
     def _conclude(self, simulator: Simulator, stamp_ns: int) -> None:
-        """Keep the last positions of obstacles that the robot has pushed."""
+        """Keep the last positions of pushed obstacles, in the bag too."""
         moved = simulator.moved_obstacles()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
         if self._bag is not None:
@@ -244,7 +248,10 @@ class _DirectTrial:
 
 
 def reference_loop() -> float:
-    """Do a fixed amount of a planner's kind of work: plain Python and small arrays."""
+    """Do a fixed amount of a planner's kind of work, for `pace` to time.
+
+    That is plain Python and small arrays. The sum that it returns has no use.
+    """
     total = 0.0
     ranges = np.linspace(0.1, 10.0, 720)
     for k in range(1600):
@@ -255,7 +262,7 @@ def reference_loop() -> float:
 
 @cache
 def pace() -> float:
-    """Return reference seconds per second of this processor, measured once.
+    """Return reference seconds per second of this processor, measured once per process.
 
     A faster processor has a pace above 1.
     """
@@ -273,6 +280,7 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
+        """Start to measure this thread's processor time and the wall clock's."""
         self._wait_count = _count_waits()
         self._processor_s = time.thread_time()
         # Reading the other clock takes microseconds, so this one is read last here and
@@ -280,7 +288,7 @@ class Stopwatch:
         self._wall_s = time.perf_counter()
 
     def elapsed_s(self) -> float:
-        """Return the time so far [s]."""
+        """Return the time since construction [s]: processor's, or wall if it waited."""
         wall_s = time.perf_counter() - self._wall_s
         processor_s = time.thread_time() - self._processor_s
         if _count_waits() > self._wait_count:
@@ -289,5 +297,5 @@ class Stopwatch:
 
 
 def _count_waits() -> int:
-    """Return how often this thread gave its processor away to wait."""
+    """Return how often this thread has given its processor away to wait."""
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw

@@ -57,7 +57,7 @@ class DryRun:
 
 
 def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
-    """Return what a request would do; nothing is written.
+    """Return what a run would do, its time and disk space; nothing is run or written.
 
     Args:
         request: The run and its folder.
@@ -98,6 +98,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
 
 
 def _mean_trial_s(request: RunRequest, completed: Rows) -> float:
+    """Return mean wall-clock time of completed trials [s], a constant without any."""
     if completed:
         return fmean(row.wall_clock.duration_s for row in completed)
     ros = request.config.ros
@@ -108,6 +109,7 @@ def _mean_trial_s(request: RunRequest, completed: Rows) -> float:
 
 
 def _mean_bag_bytes(out: Path, completed: Rows) -> float:
+    """Return the mean size of bags of completed trials, a constant without any."""
     sizes = []
     for row in completed:
         bag = out / BAGS / row.trial_id

@@ -74,11 +74,11 @@ class LocalPool(WorkerPool):
 
     @property
     def slots(self) -> int:
-        """Number of workers."""
+        """Number of workers, busy, idle or not yet started."""
         return self._slots
 
     def submit(self, key: str, job: object) -> None:
-        """Hand a job to an idle worker.
+        """Send a job to an idle worker, started first if it must be; do not wait.
 
         Args:
             key: Key of the job, which its reports carry.
@@ -97,7 +97,7 @@ class LocalPool(WorkerPool):
         worker.submit(key, job)
 
     def wait(self, limit_s: float) -> list[Report]:
-        """Return reports of workers, and losses of those that died or took too long."""
+        """Wait up to `limit_s` [s]; return reports and losses of dead or late ones."""
         busy = {
             worker.connection: worker
             for worker in self._workers.values()
@@ -145,6 +145,7 @@ class _Worker:
     def __init__(
         self, name: str, work: bytes, environment: dict[str, str], limit_s: float
     ) -> None:
+        """Start the process and send it its pickled work; do not wait."""
         self.name = name
         self.key: str | None = None  # of its job; None while it is idle
         self.deadline_s = 0.0
@@ -179,7 +180,7 @@ class _Worker:
             self.connection.send_bytes(work)
 
     def submit(self, key: str, job: object) -> bool:
-        """Send a job; return whether the process could take it."""
+        """Send a job and start its time limit; return False if the pipe is broken."""
         self.key = key
         self.deadline_s = time.monotonic() + self._limit_s
         self._processor_wait_s = processor_wait_s(self.process.pid)
@@ -213,14 +214,14 @@ class _Worker:
         return report
 
     def is_stopped(self) -> bool:
-        """Return whether a signal or a debugger holds the process."""
+        """Return whether the process is stopped, by a signal or a debugger."""
         with suppress(OSError):
             stat = Path(f"/proc/{self.process.pid}/stat").read_text("utf-8", "replace")
             return stat.rpartition(") ")[2][:1] in ("T", "t")
         return False
 
     def excuse(self, gap_s: float) -> None:
-        """Move the deadline by a time in which the process stood still.
+        """Move the deadline later by a time in which the process stood still [s].
 
         Altogether, that is no more than about the time limit.
         """
@@ -229,7 +230,9 @@ class _Worker:
             self._excused_s += gap_s
 
     def extend(self) -> bool:
-        """Move the deadline once if the machine withheld a processor or stood still.
+        """Move the deadline once, by the time limit, if the machine was slow.
+
+        That is: it withheld a processor or stood still.
 
         Returns:
             Whether the deadline moved.
@@ -244,7 +247,7 @@ class _Worker:
         return True
 
     def give_up(self) -> Report:
-        """End the worker, whose job takes too long, and return the loss."""
+        """Terminate the worker, kill it after `GRACE_S`, and return its job's loss."""
         self.process.terminate()
         self.join(GRACE_S)
         self.kill()
@@ -260,7 +263,7 @@ class _Worker:
         )
 
     def request_end(self) -> None:
-        """Let an idle worker return, and interrupt a busy one."""
+        """Send an idle worker None and a busy one SIGTERM; do not wait."""
         # An idle worker waits for a message, a busy one would not read it.
         if self.key is None:
             with suppress(OSError):
@@ -269,12 +272,12 @@ class _Worker:
             self.process.terminate()
 
     def join(self, limit_s: float) -> None:
-        """Wait for the process to end, at most `limit_s`."""
+        """Wait for the process to end, at most `limit_s` [s]; it may go on."""
         with suppress(subprocess.TimeoutExpired):
             self.process.wait(limit_s)
 
     def kill(self) -> None:
-        """End the process if it still runs."""
+        """Close the pipe and kill the process if it has not ended 0.2 s later."""
         self.is_dead = True
         self.connection.close()
         # A worker whose pipe closed is about to end by itself, with its own exit code.

@@ -47,7 +47,9 @@ class ParameterFile:
 def change_command(
     command: str, values: Mapping[str, Any], copy: Path
 ) -> tuple[str, dict[Path, bytes]]:
-    """Return a command that starts a planner with other ROS parameters.
+    """Return a command with other ROS parameters, and the files it needs as bytes.
+
+    Nothing is written; values go into copies of its parameter files, else after `-p`.
 
     Args:
         command: Command of the planner.
@@ -90,7 +92,7 @@ def change_command(
 
 
 def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
-    """Return parameter values from the parameter files of a command.
+    """Return values of ROS parameters from the YAML files that a command names.
 
     Args:
         command: Command of the planner.
@@ -112,6 +114,7 @@ def read_parameters(command: str, keys: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
+    """Read the YAML file behind each --params-file among a command's words."""
     files = []
     for place, word in enumerate(words[1:], 1):
         if words[place - 1] != "--params-file":
@@ -126,7 +129,10 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
 def _find_parameter(
     files: Sequence[ParameterFile], key: str
 ) -> tuple[ParameterFile, Parameter]:
-    """Return the only parameter "NAME" or "NODE.NAME", and its last file."""
+    """Return the only parameter "NAME" or "NODE.NAME", and the last file that has it.
+
+    ConfigError if no file has it, or one has several.
+    """
     # For the hint at a similar name.
     names: set[str] = set()
     # ROS lets a later file override an earlier one.
@@ -150,7 +156,7 @@ def _find_parameter(
 def _iterate_parameters(
     content: Mapping[str, Any], namespace: str = ""
 ) -> Iterator[Parameter]:
-    """Yield the parameters of all nodes, also of those below namespaces."""
+    """Yield the parameters of all nodes in a file's content, also below namespaces."""
     for name, value in content.items():
         if not isinstance(value, dict):
             continue
@@ -164,7 +170,7 @@ def _iterate_parameters(
 def _iterate_group(
     node: str, group: dict[str, Any], prefix: str = ""
 ) -> Iterator[Parameter]:
-    """Yield the parameters of a node, also of nested groups."""
+    """Yield the parameters of one node; those of nested groups have dotted names."""
     for key, value in group.items():
         if isinstance(value, dict):
             yield from _iterate_group(node, value, f"{prefix}{key}.")

@@ -18,7 +18,7 @@ _SPEED_CAP = "max_speed_mps"
 
 
 def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice]:
-    """Return the planners that a user lists, with those that commands start.
+    """Return a run's planners from their list and from commands that start some.
 
     Args:
         entries: Names joined by commas, or a list of names ("dwa", "eband:challenge"),
@@ -67,7 +67,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
 
 
 def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None:
-    """Give the planner of that name a command; add the planner if it is new."""
+    """Give the planner of that name a command, in the list; append one if it is new."""
     files = hash_command_files(split_command(command))
     for place, planner in enumerate(planners):
         if planner.name == name:
@@ -77,7 +77,7 @@ def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None
 
 
 def read_planner(entry: Any, where: str) -> PlannerChoice:
-    """Return the planner of one entry of a list.
+    """Return the planner of an entry: "NAME", "NAME:PRESET", a mapping or a choice.
 
     Args:
         entry: "NAME", "NAME:PRESET", a mapping of `PlannerChoice` fields, or a
@@ -104,7 +104,10 @@ def read_planner(entry: Any, where: str) -> PlannerChoice:
 
 
 def parse_planner_command(text: str) -> tuple[str, str]:
-    """Return planner name and command of "NAME=COMMAND" or "COMMAND"."""
+    """Return planner name and command of "NAME=COMMAND" or "COMMAND".
+
+    Without NAME, the name is that of the script, module or node.
+    """
     match = _NAMED_COMMAND.fullmatch(text)
     if match:
         return match[1], match[2]
@@ -112,7 +115,7 @@ def parse_planner_command(text: str) -> tuple[str, str]:
 
 
 def name_planner(command: str) -> str:
-    """Return a name for the planner of a command: its script, module or node.
+    """Return a name for a planner from its command's script, module or node.
 
     Raises:
         ConfigError: If the command is empty, or the name is one of the registry's.
@@ -149,7 +152,7 @@ def name_planner(command: str) -> str:
 
 
 def split_command(command: str) -> list[str]:
-    """Return the words of a planner command.
+    """Return a planner command's words as a shell splits them, at least one.
 
     Raises:
         ConfigError: If it has none, or its quotes do not match.
@@ -168,7 +171,7 @@ def split_command(command: str) -> list[str]:
 def apply_parameters(
     planners: Sequence[PlannerChoice], parameters: Mapping[str, Any], where: str
 ) -> tuple[PlannerChoice, ...]:
-    """Return planners with changed parameters.
+    """Return copies of planners with parameters added to, or replacing, their own.
 
     Args:
         planners: The planners of a run.
@@ -198,7 +201,7 @@ def apply_parameters(
 def _find_planner(
     key: str, value: object, names: Sequence[str]
 ) -> tuple[str, Mapping[str, Any]]:
-    """Return the planner that a parameter key belongs to, and its parameters.
+    """Return the planner's name in a parameter key, and its parameters by name.
 
     A key may be read in two ways: `dwa.max_speed_mps` of the only planner DWA is its
     parameter of that name, if there is one, and else its `max_speed_mps`.
@@ -217,7 +220,7 @@ def _find_planner(
 
 
 def _has_parameter(planner: str, key: str) -> bool:
-    """Return whether a planner of the registry has a parameter or group `key`."""
+    """Return whether a preset of a registry's planner has the parameter or group."""
     if planner not in planner_names():
         return False
     return any(
@@ -230,7 +233,10 @@ def _has_parameter(planner: str, key: str) -> bool:
 def _set_parameters(
     planner: PlannerChoice, parameters: Mapping[str, Any], where: str
 ) -> PlannerChoice:
-    """Return a planner with other parameters, speed cap or declared computing time."""
+    """Return a planner with these overrides in place of its own.
+
+    Speed cap (of a planner that a command starts) and "compute.KEY" become its fields.
+    """
     overrides: dict[str, Any] = {}
     numbers: dict[str, Any] = {}
     for key, value in parameters.items():

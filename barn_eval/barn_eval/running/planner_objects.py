@@ -36,7 +36,7 @@ class PlannerObject:
     source: PlannerSource
 
     def make_planner(self) -> Planner:
-        """Return the planner of a trial: a new instance of a class, else the object.
+        """Return a new instance of a class, else the object or function as planner.
 
         Raises:
             BarnError: If the class cannot be instantiated.
@@ -58,12 +58,13 @@ class FunctionPlanner(Planner):
     """A planner that asks a function of the observation, or of observation and task."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        """Keep a function of the observation, or of observation and task."""
         self._function = function
         self._takes_task = _accepts(function, 2)
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (no randomness)
-        """Begin a trial.
+        """Keep goal and map of a new trial, for functions of two arguments.
 
         Args:
             task: Goal and map, for functions that take two arguments.
@@ -72,7 +73,7 @@ class FunctionPlanner(Planner):
         self._task = task
 
     def step(self, observation: Observation) -> Decision:
-        """Return the command of the function; None sends no command in this cycle.
+        """Call the function and return its command; None sends none in this cycle.
 
         Raises:
             TypeError: If the function returns anything else than a command, or two
@@ -95,7 +96,7 @@ class FunctionPlanner(Planner):
 def split_planner_objects(
     planners: Planners,
 ) -> tuple[list[Any], dict[str, PlannerObject]]:
-    """Separate planners that are Python objects from those known by name.
+    """Return planners as entries for `read_planners`, and Python objects by name.
 
     Args:
         planners: What `barn.run` takes as `planners`.
@@ -130,7 +131,7 @@ def split_planner_objects(
 
 
 def _name_entries(entries: Sequence[Any]) -> list[tuple[str, Any]]:
-    """Return each entry with its name, empty for entries that have none."""
+    """Return (name, planner) pairs of entries and mappings; the name may be empty."""
     pairs: list[tuple[str, Any]] = []
     for entry in entries:
         # A mapping of texts and mappings alone has the fields of one PlannerChoice.
@@ -145,7 +146,10 @@ def _name_entries(entries: Sequence[Any]) -> list[tuple[str, Any]]:
 
 
 def fingerprint(planner: object) -> str:
-    """Return SHA-256 of a planner's source and of the values that it holds.
+    """Return SHA-256 of a planner's source, without base classes, and of its values.
+
+    Values are an object's attributes, or what a function closes over and its defaults.
+    Source of what the planner calls is not in it.
 
     Args:
         planner: A Planner class, object or function.
@@ -172,6 +176,7 @@ def fingerprint(planner: object) -> str:
 
 
 def _require_planner(planner: Any) -> None:
+    """Raise ConfigError unless it is a Planner, or takes one or two arguments."""
     if isinstance(planner, type):
         if not issubclass(planner, Planner):
             raise ConfigError(
@@ -188,6 +193,7 @@ def _require_planner(planner: Any) -> None:
 
 
 def _default_name(planner: object) -> str:
+    """Return the name of a function or class; ConfigError for a lambda."""
     named = type(planner) if isinstance(planner, Planner) else planner
     name = str(getattr(named, "__name__", ""))
     if not name.isidentifier():
@@ -198,7 +204,7 @@ def _default_name(planner: object) -> str:
 
 
 def _accepts(function: Callable[..., Any], count: int) -> bool:
-    """Return whether a function can be called with so many positional arguments."""
+    """Return whether a function takes `count` positional arguments, without a call."""
     try:
         inspect.signature(function).bind(*[None] * count)
     except (TypeError, ValueError):

@@ -34,7 +34,7 @@ class Job:
     trials: tuple[TrialSpec, ...]
 
     def without(self, trial_id: str) -> "Job":
-        """Return the job without a trial."""
+        """Return a copy of the job without the trial of this ID."""
         trials = tuple(spec for spec in self.trials if spec.trial_id != trial_id)
         return replace(self, trials=trials)
 
@@ -54,12 +54,12 @@ class Work(ABC):
         return ""
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
-        """Divide trials into jobs; by default, each trial is a job."""
+        """Divide trials into jobs for workers; by default, each trial is a job."""
         return [Job(spec.trial_id, (spec,)) for spec in trials]
 
     @abstractmethod
     def run(self, job: Any, emit: Emit) -> Any:
-        """Run a job.
+        """Run a job to its end in this process and return its result.
 
         Args:
             job: What `jobs` returns, or another kind of work.
@@ -74,7 +74,7 @@ class Work(ABC):
         """
 
     def close(self) -> None:  # noqa: B027 (most have nothing to end)
-        """Release what stays open between jobs."""
+        """Release what stays open between jobs; by default nothing."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class DirectWork(Work):
     planners: Mapping[str, PlannerObject] = field(default_factory=dict)
 
     def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result)
-        """Run the only trial of a job."""
+        """Run the only trial of a job and record its bag; return its row and track."""
         # Only workers need the simulator and the planners.
         from barn_eval.running.direct import run_direct_trial, warm_up  # noqa: PLC0415
 
@@ -169,7 +169,7 @@ Report = PartialResult | JobResult | Notice | JobLoss | JobRefusal
 def run_job(
     work: Work, key: str, worker: str, job: object, send: Callable[[Report], None]
 ) -> Report:
-    """Run a job in a worker and return its last report.
+    """Run a job in this process; return its result, loss or refusal as a report.
 
     Args:
         work: What to do with the job.
@@ -182,6 +182,7 @@ def run_job(
     started_at = _now()
 
     def emit(result: object) -> None:
+        """Send a text as a notice, anything else as a partial result."""
         nonlocal started_at
         # What is no text is a result: works emit nothing else.
         if isinstance(result, str):
@@ -206,6 +207,7 @@ def run_job(
 
 
 def _now() -> str:
+    """Return the current UTC time in ISO 8601, to the millisecond."""
     return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
 
 
@@ -219,11 +221,11 @@ class WorkerPool(ABC):
     @property
     @abstractmethod
     def slots(self) -> int:
-        """Number of jobs that can run at a time."""
+        """Number of jobs that can run at a time, those that already run included."""
 
     @abstractmethod
     def submit(self, key: str, job: object) -> None:
-        """Start a job; allowed only while fewer than `slots` run.
+        """Start a job; the caller makes sure that fewer than `slots` run.
 
         Args:
             key: Key of the job.
@@ -232,11 +234,11 @@ class WorkerPool(ABC):
 
     @abstractmethod
     def wait(self, limit_s: float) -> Sequence[Report]:
-        """Return the reports that arrive, after waiting up to `limit_s` for one."""
+        """Wait up to `limit_s` [s] for a report; return all that arrived, or none."""
 
     @abstractmethod
     def close(self) -> None:
-        """End all workers and give up the jobs that still run."""
+        """End all workers; jobs that still run are given up without a report."""
 
 
 class InlinePool(WorkerPool):
@@ -245,11 +247,12 @@ class InlinePool(WorkerPool):
     slots = 1
 
     def __init__(self, work: Work) -> None:
+        """Keep the work, which is done in the calling process."""
         self._work = work
         self._reports: list[Report] = []
 
     def submit(self, key: str, job: object) -> None:
-        """Run a job; returns at its end.
+        """Run a job to its end in this process; `wait` returns its reports.
 
         Args:
             key: Key of the job, which its reports carry.
@@ -259,11 +262,11 @@ class InlinePool(WorkerPool):
         self._reports.append(report)
 
     def wait(self, limit_s: float) -> list[Report]:  # noqa: ARG002 (the job has ended)
-        """Return the reports since the last call."""
+        """Return the reports since the last call; never waits."""
         reports = self._reports
         self._reports = []
         return reports
 
     def close(self) -> None:
-        """Release what the work keeps open."""
+        """Close the work; there are no workers to end."""
         self._work.close()

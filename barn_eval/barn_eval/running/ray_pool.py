@@ -63,7 +63,7 @@ class RayPool(WorkerPool):
         return min(processors, self._workers or processors)
 
     def submit(self, key: str, job: object) -> None:
-        """Hand a job to the cluster.
+        """Start a job as a task of the cluster, and its time limit; do not wait.
 
         Args:
             key: Key of the job, which its reports carry.
@@ -73,7 +73,7 @@ class RayPool(WorkerPool):
         self._running[reference] = (key, time.monotonic() + self._limit_s)
 
     def wait(self, limit_s: float) -> list[Report]:
-        """Return reports of the cluster, and losses of jobs that take too long."""
+        """Wait up to `limit_s` [s]; return reports, and losses of late jobs."""
         # There is nothing to wait for, and callers would otherwise spin.
         if not self._running:
             time.sleep(min(limit_s, 0.1))
@@ -107,6 +107,7 @@ class RayPool(WorkerPool):
         self._ray.shutdown()
 
     def _connect(self, address: str) -> None:
+        """Connect to the cluster at an address, or start Ray here if it is empty."""
         # Ray would send usage statistics to its makers.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         options: dict[str, Any] = {"address": address or "local"}
@@ -132,6 +133,7 @@ class RayPool(WorkerPool):
             ) from None
 
     def _receive(self, reference: object) -> Report:
+        """Return the report of a task that ended, or the loss of its worker."""
         # Whatever comes of it, the job is over.
         key, _ = self._running.pop(reference)
         errors = self._ray.exceptions
@@ -147,7 +149,7 @@ class RayPool(WorkerPool):
         return report
 
     def _call(self, function: Callable[..., Any], *args: Any, **options: Any) -> Any:
-        """Call Ray; raise BarnError if the cluster as a whole is gone."""
+        """Call a function of Ray; raise BarnError if the whole cluster is gone."""
         try:
             return function(*args, **options)
         except (ConnectionError, self._ray.exceptions.RaySystemError) as error:
@@ -157,6 +159,7 @@ class RayPool(WorkerPool):
 
 
 def _run_task(work: Work, key: str, job: object) -> Report:
+    """Run a job in a Ray task and return its last report; earlier ones are dropped."""
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
         return run_job(work, key, f"{address}/{os.getpid()}", job, lambda _: None)
@@ -165,7 +168,7 @@ def _run_task(work: Work, key: str, job: object) -> Report:
 
 
 def _require_answer(address: str) -> None:
-    """Raise ConfigError if nobody answers at an address "HOST:PORT".
+    """Raise ConfigError if nobody answers at an address "HOST:PORT" within 5 s.
 
     Ray itself would try for minutes.
     """

@@ -28,23 +28,23 @@ class Reporter:
     """Receives the notices and the progress of runs, and logs them."""
 
     def notify(self, text: str) -> None:
-        """Tell a line of text."""
+        """Log a line of text at level INFO."""
         logger.info("%s", text)
 
     def warn(self, text: str) -> None:
-        """Tell a line of text that needs attention."""
+        """Log a line of text at level WARNING."""
         logger.warning("%s", text)
 
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
-        """Show the progress of a run for as long as the context lasts."""
+        """Log the state of a run once, when the context ends."""
         try:
             yield
         finally:
             self.notify(progress.line())
 
     def update(self, progress: "RunProgress") -> None:
-        """Show progress that has changed."""
+        """Log the state of a run if the last line is `LINE_PERIOD_S` old."""
         if progress.is_line_due():
             self.notify(progress.line())
 
@@ -53,11 +53,13 @@ class ConsoleReporter(Reporter):
     """Prints notices and, on a terminal or in a notebook, a progress bar."""
 
     def __init__(self, console: Console) -> None:
+        """Print to a console of rich; there is no bar before `show_progress`."""
         self._console = console
         self._bar: Progress
 
     @property
     def _shows_bar(self) -> bool:
+        """Whether the console is a terminal, or a notebook that can show a bar."""
         # Notebooks need widgets for a bar; without them, they get lines.
         if self._console.is_jupyter:
             return find_spec("ipywidgets") is not None
@@ -65,16 +67,16 @@ class ConsoleReporter(Reporter):
         return self._console.is_terminal
 
     def notify(self, text: str) -> None:
-        """Print a line of text."""
+        """Print a line of text to the console, brackets as they are."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def warn(self, text: str) -> None:
-        """Print a line of text."""
+        """Print a line of text to the console, as any notice."""
         self.notify(text)
 
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
-        """Show a bar; where nobody watches, print lines and the last state."""
+        """Show a bar while the context lasts; without a terminal, print lines."""
         if not self._shows_bar:
             with super().show_progress(progress):
                 yield
@@ -93,7 +95,7 @@ class ConsoleReporter(Reporter):
             yield
 
     def update(self, progress: "RunProgress") -> None:
-        """Move the bar; where nobody watches, print a line every `LINE_PERIOD_S`."""
+        """Move the bar; without a terminal, print a line every `LINE_PERIOD_S`."""
         if not self._shows_bar:
             super().update(progress)
             return
@@ -104,7 +106,7 @@ class ConsoleReporter(Reporter):
 
 
 def make_reporter(progress: "bool | Reporter") -> Reporter:
-    """Return a reporter for Python users.
+    """Return a reporter that shows a bar in a terminal or notebook, or one that logs.
 
     Args:
         progress: Whether to show progress in a terminal or notebook; elsewhere, and
@@ -142,7 +144,7 @@ class RunProgress:
         self._last_notice = ""
 
     def take(self, event: Event) -> None:
-        """Count and tell an event."""
+        """Tell the reporter of an event; count it if it is a trial's result."""
         if isinstance(event, Notice):
             # Workers repeat what they wait for every few seconds.
             if event.is_warning:
@@ -158,6 +160,7 @@ class RunProgress:
             self._take_result(event)
 
     def _take_result(self, result: TrialResult) -> None:
+        """Count a result; tell it in a line unless the run has over 100 trials."""
         self.count += 1
         self._simulated_s += result.scores.duration_s
         self._outcomes[result.outcome] += 1
@@ -169,16 +172,16 @@ class RunProgress:
         self.reporter.update(self)
 
     def is_line_due(self) -> bool:
-        """Return whether the last line is `LINE_PERIOD_S` old."""
+        """Return whether the last line is at least `LINE_PERIOD_S` old."""
         return time.monotonic() - self._last_line_s >= LINE_PERIOD_S
 
     def line(self) -> str:
-        """Return the state in a line, and count it as the last line."""
+        """Return the state of the run in a line, and note now as its time."""
         self._last_line_s = time.monotonic()
         return f"{self.count}/{self.total} trials, {self.text()}"
 
     def text(self) -> str:
-        """Return rate, real-time factor, remaining time and outcomes."""
+        """Return trials per minute, real-time factor, time left and outcomes."""
         # Rates are those of this session: earlier ones may have had other workers.
         # A first trial may end in the instant in which the session begins.
         elapsed_s = max(time.monotonic() - self._start_s, 0.001)
@@ -202,12 +205,13 @@ class RunProgress:
 
 
 def format_duration(duration_s: float) -> str:
-    """Return a duration as hours, minutes and seconds."""
+    """Return a duration in seconds as H:MM:SS."""
     minutes, seconds = divmod(round(duration_s), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
 def _describe_end(result: TrialResult) -> str:
+    """Return a trial's time or outcome in words, with remarks on its machine."""
     if result.scores.success:
         end = f"success in {result.scores.traversal_time_s:.2f} s"
     elif result.detail:

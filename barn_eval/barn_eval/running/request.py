@@ -53,6 +53,7 @@ class RunRequest:
     planner_objects: Mapping[str, PlannerObject] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError if the path of the results folder holds a NUL."""
         # The system refuses such a path with an error that names no option.
         if "\0" in str(self.out):
             raise ConfigError(
@@ -60,7 +61,7 @@ class RunRequest:
             )
 
     def trials(self) -> list[TrialSpec]:
-        """Return the trials of the run."""
+        """Return specifications of all trials of the run, done or not, in order."""
         if self.worlds is None:
             return self.config.trials()
         readers = {
@@ -69,7 +70,7 @@ class RunRequest:
         return self.config.trials(dataset=Dataset(Path(WORLDS).stem, readers))
 
     def in_folder(self, out: Path) -> "RunRequest":
-        """Return the same run with another folder for its results."""
+        """Return a copy of the run with another results folder; move nothing."""
         config = self.config
         if self.worlds is not None:
             config = replace(config, dataset=_worlds_file(out))
@@ -77,12 +78,15 @@ class RunRequest:
 
 
 def _worlds_file(out: Path) -> str:
-    """Return where a run keeps the worlds that came as Python objects."""
+    """Return the path of worlds.npz in the results folder `out`, absolute, as text.
+
+    A run keeps worlds there that came as Python objects.
+    """
     return str((out / WORLDS).absolute())
 
 
 def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest:
-    """Return the run that a YAML file and options describe.
+    """Return the run that a YAML file and options describe; options win.
 
     Args:
         file: YAML file with keys of `RunOptions`. `execution` may group those of
@@ -161,7 +165,7 @@ def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
 def _take_objects(
     options: Mapping[str, object],
 ) -> tuple[dict[str, Any], dict[int, World] | None, dict[str, PlannerObject]]:
-    """Return options as a file has them, and the worlds and planners that are objects.
+    """Return options as plain data, and the worlds and planners that are objects.
 
     Objects are worlds by number, None without any, and planners by name.
     """
@@ -187,7 +191,7 @@ def _take_objects(
 
 
 def _read_config(content: dict[str, Any], where: str) -> RunConfig:
-    """Return the configuration of a run; `content` is used up."""
+    """Return the configuration of a run; keys are removed from `content`."""
     protocol = content.pop("protocol", CHALLENGE)
     if isinstance(protocol, str):
         protocol = load_protocol(protocol)
@@ -226,7 +230,7 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
 
 
 def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> list[Any]:
-    """Let names in the options stand for planners that the file starts by a command."""
+    """Return planners, with those that the file starts by command in place of names."""
     if not isinstance(file_planners, list):
         return entries
     commands: dict[object, object] = {}
@@ -241,7 +245,7 @@ def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> li
 
 
 def _read_worlds(worlds: object) -> tuple[str, dict[int, World] | None]:
-    """Return world numbers as a text, or "all" and the worlds if these are objects."""
+    """Return world numbers as a text and None, or "all" and World objects by number."""
     items = [worlds] if isinstance(worlds, (int, World)) else worlds
     if isinstance(items, Mapping):
         by_number = dict(items)
@@ -264,7 +268,7 @@ def _read_worlds(worlds: object) -> tuple[str, dict[int, World] | None]:
 
 
 def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
-    """Return parameters by name from "key=value" texts.
+    """Return values by name from "key=value" texts; values are read as YAML.
 
     Args:
         texts: The texts; values are read as YAML.
@@ -286,6 +290,7 @@ def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
 
 
 def _pop_mapping(content: dict[str, Any], key: str, where: str) -> dict[str, Any]:
+    """Remove a key and return its mapping, or {}; ConfigError if it is no mapping."""
     value = content.pop(key, None) or {}
     if not isinstance(value, Mapping):
         raise ConfigError(

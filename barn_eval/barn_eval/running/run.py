@@ -40,7 +40,7 @@ def open_run(
     overwrite: bool = False,
     pool: WorkerPool | None = None,
 ) -> Iterator["Run"]:
-    """Open the results folder of a run and resume what is already there.
+    """Open the results folder of a run, new or to resume; no trial runs yet.
 
     Args:
         request: The run and its folder.
@@ -96,7 +96,7 @@ class Run:
     pool: WorkerPool | None
 
     def drive(self, worlds: Collection[int] | None = None) -> list[TrialResult]:
-        """Execute missing trials; write the tables once no trial is missing.
+        """Run missing trials and return all results; write tables if none is missing.
 
         Args:
             worlds: Numbers of the worlds to drive in. By default, all.
@@ -150,7 +150,7 @@ class Run:
         return results
 
     def drive_scored(self, worlds: Sequence[int]) -> list[TrialResult]:
-        """Execute missing trials in some worlds and return the results there.
+        """Run missing trials in some worlds and return all results there.
 
         Raises:
             BarnError: If a trial failed by no fault of its planner.
@@ -168,7 +168,7 @@ class Run:
 
 
 def make_pool(execution: ExecutionConfig, work: Work) -> WorkerPool:
-    """Return the workers of a run.
+    """Return a new pool of local processes, of Ray, or of this process alone.
 
     Args:
         execution: Kind and number of workers, and the time limit of a trial.
@@ -184,12 +184,15 @@ def make_pool(execution: ExecutionConfig, work: Work) -> WorkerPool:
 
 
 def make_shared_pool(execution: ExecutionConfig) -> WorkerPool:
-    """Return workers for several runs in mode direct without bags; see `open_run`."""
+    """Return a new worker pool for several runs in mode direct without bags.
+
+    Their planners are from the registry. See `open_run`.
+    """
     return make_pool(execution, DirectWork(BagStore(Path())))
 
 
 def describe_unscored(results: Rows) -> str:
-    """Return a line on trials that failed by no fault of a planner; empty without."""
+    """Return a line that counts and names trials without a score; empty if none."""
     unscored = [row for row in results if not row.is_scored]
     if not unscored:
         return ""
@@ -209,7 +212,10 @@ def describe_unscored(results: Rows) -> str:
 
 @contextmanager
 def _stop_on_signals() -> Iterator[None]:
-    """Let signals of batch systems and closing terminals stop a run as Ctrl-C does."""
+    """Let SIGTERM, SIGHUP and SIGQUIT raise KeyboardInterrupt during the context.
+
+    Batch systems and closing terminals send these. Those that are ignored stay ignored.
+    """
     with ExitStack() as handlers:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             # nohup ignores SIGHUP; that has to stay so.

@@ -53,7 +53,9 @@ def run_trials(
     work: Work,
     mode: str = "direct",
 ) -> Generator[Event, None, None]:
-    """Run trials that have no result yet.
+    """Run trials on a pool, lost ones again, and write and yield their results.
+
+    All of `trials` run, so that the caller leaves out those with a result.
 
     A trial that is lost at every attempt gets a result as well, by its last attempt:
     environment_failed if the machine stood still, planner_stalled if it exceeded its
@@ -104,7 +106,7 @@ class _Loop:
     failed_planners: set[str] = field(default_factory=set)
 
     def take(self, report: Report) -> Iterator[Event]:
-        """Handle a report and yield its events."""
+        """Write a result, retry a lost job or raise for a refusal; yield events."""
         match report:
             case Notice():
                 yield report
@@ -125,9 +127,10 @@ class _Loop:
                     del self.running[report.key]
 
     def _retry(self, job: Job, loss: JobLoss) -> Iterator[Event]:
-        """Put a lost job back, from its first trial without a result.
+        """Write a note of a loss and put the job back, in front of those that wait.
 
-        After the last attempt, that trial is given up.
+        It goes on at its first trial without a result. After the last attempt, that
+        trial is given up.
         """
         # Trials of the job that have a result are no longer in it.
         spec = job.trials[0]
@@ -153,7 +156,7 @@ class _Loop:
             self.waiting.appendleft(job)
 
     def _keep_traceback(self, record: TrialRecord) -> Iterator[Notice]:
-        """Keep the traceback of a planner; yield the first one of each planner."""
+        """Write a planner's traceback; yield a warning for each planner's first."""
         if not record.traceback:
             return
         result = record.result
@@ -165,7 +168,7 @@ class _Loop:
             yield Notice(result.trial_id, "", text, is_warning=True)
 
     def _keep_result(self, report: JobResult | PartialResult) -> TrialResult:
-        """Write a result, with what is known of its attempts, and return it."""
+        """Write a result with worker, start and attempts to the folder; return it."""
         record: TrialRecord = report.result
         trial_id = record.result.trial_id
         wall_clock = record.result.wall_clock
@@ -184,7 +187,7 @@ class _Loop:
         return result
 
     def _give_up(self, spec: TrialSpec, loss: JobLoss, attempt: int) -> TrialResult:
-        """Write and return the result of a trial whose last attempt was lost."""
+        """Write and return a failure for a trial whose last attempt was lost."""
         # In this order: a machine that stands still also makes a job exceed its time.
         if loss.is_stall:
             outcome = Outcome.ENVIRONMENT_FAILED

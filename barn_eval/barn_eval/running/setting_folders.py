@@ -13,7 +13,7 @@ _VALUE = re.compile(r"([^=,]+)=([^=,]+)")
 
 
 def format_setting_value(value: object) -> str:
-    """Return a parameter value as folders, tables and figures name it."""
+    """Return a parameter value as text, as folders, tables and figures name it."""
     if isinstance(value, float):
         return f"{value:.10g}"
     if isinstance(value, bool):
@@ -34,6 +34,7 @@ def parse_folder_name(folder: Path) -> dict[str, float | str]:
 
 
 def _parse_value(text: str) -> float | str:
+    """Return a text as a float if it is a number, else as it is."""
     try:
         return float(text)
     except ValueError:
@@ -41,7 +42,7 @@ def _parse_value(text: str) -> float | str:
 
 
 def find_setting_folders(folder: Path) -> list[Path]:
-    """Return the settings in the folder of a sweep, sorted by their values.
+    """Return the folders of settings in the folder of a sweep, sorted by values.
 
     A folder that is a run itself, or no folder, has none.
     """
@@ -62,7 +63,7 @@ def find_setting_folders(folder: Path) -> list[Path]:
 
 
 def expand_sweeps(folders: Sequence[Path]) -> list[Path]:
-    """Return run folders, with the settings of a sweep in place of its folder."""
+    """Return run folders, a sweep's folder replaced by the folders of its settings."""
     expanded: list[Path] = []
     for folder in folders:
         expanded += find_setting_folders(folder) or [folder]

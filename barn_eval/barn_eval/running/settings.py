@@ -45,14 +45,14 @@ class Setting:
     parameter_files: Mapping[Path, bytes] = field(default_factory=dict)
 
     def write_parameter_files(self) -> None:
-        """Write the ROS parameter files; call this before the run starts."""
+        """Write the planner's ROS parameter files; call before the run starts."""
         for path, content in self.parameter_files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, content)
 
 
 def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Setting:
-    """Return the setting of a run in which its first planner has other parameters.
+    """Return a setting: a run whose first planner has other parameters; write nothing.
 
     Args:
         base: The run to change.
@@ -81,7 +81,7 @@ def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Sett
 
 
 def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
-    """Return a setting for each combination of values.
+    """Return a setting for each combination of values, or each delay; write nothing.
 
     Args:
         base: The run to change.
@@ -122,7 +122,9 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
 
 
 def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
-    """Return the sweep of command-line texts, else of a run's YAML file; may be empty.
+    """Return values by parameter from command-line texts, else from a YAML file.
+
+    It is empty if neither has any.
 
     Args:
         file: YAML file that may have a key `sweep`.
@@ -143,7 +145,7 @@ def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
 
 
 def parse_sweep(texts: Sequence[str]) -> Sweep:
-    """Return the values of each parameter from "KEY=V1,V2,..." texts.
+    """Return lists of values by parameter from "KEY=V1,V2,..." texts, read as YAML.
 
     Raises:
         ConfigError: If a text has another form, or a key comes twice.
@@ -165,7 +167,10 @@ def parse_sweep(texts: Sequence[str]) -> Sweep:
 def _with_command(
     planner: PlannerChoice, command: str, files: Mapping[Path, bytes]
 ) -> PlannerChoice:
-    """Return a planner with another command and the hashes of the files it names."""
+    """Return a planner with another command and SHA-256 of the files it names.
+
+    `files` has the content of those that are not written yet.
+    """
     # The content is hashed, not the file: before the run starts it does not exist, and
     # when the run resumes it does.
     hashes = {
@@ -177,7 +182,7 @@ def _with_command(
 
 
 def _make_delayed(base: RunRequest, delay_s: float) -> Setting:
-    """Return the setting in which the commands of all planners come late.
+    """Return the setting in which all planners' commands come `delay_s` late.
 
     At a delay of 0, planners compute as they declare.
     """
@@ -199,6 +204,7 @@ def _make_delayed(base: RunRequest, delay_s: float) -> Setting:
 
 
 def _delays_s(values: Sequence[Any]) -> list[float]:
+    """Return delays as floats [s]; ConfigError for texts, booleans, repetitions."""
     is_number = not any(isinstance(value, (str, bool)) for value in values)
     if not is_number or len(set(values)) < len(values):
         raise ConfigError(
@@ -209,6 +215,7 @@ def _delays_s(values: Sequence[Any]) -> list[float]:
 
 
 def _require_values(sweep: Sweep) -> None:
+    """Raise ConfigError for values that are no list, or for too many settings."""
     for key, values in sweep.items():
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
             raise ConfigError(
@@ -230,7 +237,7 @@ def _require_values(sweep: Sweep) -> None:
 
 
 def _short_names(keys: Sequence[str]) -> list[str]:
-    """Return the last parts of dotted names, or whole names if those are not unique."""
+    """Return last parts of dotted names, or whole names if those are not unique."""
     last_parts = [key.rpartition(".")[2] for key in keys]
     # Two groups may have a parameter of the same name.
     if len(set(last_parts)) == len(keys):

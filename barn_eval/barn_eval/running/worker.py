@@ -23,7 +23,7 @@ GRACE_S = 20.0
 
 
 def serve(connection: Connection, name: str) -> None:
-    """Run the jobs of a connection until it sends None or the parent is gone.
+    """Run jobs that a socket sends and send reports back until it sends None or closes.
 
     Args:
         connection: Socket to the parent.
@@ -70,6 +70,7 @@ def serve(connection: Connection, name: str) -> None:
 
 
 def _exit(_signal: int, _frame: FrameType | None) -> None:
+    """Handle SIGTERM: exit with code 143, so that `finally` ends the ROS nodes."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     # Finalizers of objects that are only half constructed by now would complain.
     sys.unraisablehook = lambda _: None
@@ -77,7 +78,10 @@ def _exit(_signal: int, _frame: FrameType | None) -> None:
 
 
 def _end_with_parent(descriptor: int) -> None:
-    """End this worker, even within a job, when the parent closes the socket."""
+    """Wait until the parent closes the socket, then end this worker by SIGTERM.
+
+    `descriptor` is the socket's file descriptor. A running job is interrupted, too.
+    """
     poll = select.poll()
     # No events asked for: only a hang-up ends the wait, and a job stays unread.
     poll.register(descriptor, 0)
