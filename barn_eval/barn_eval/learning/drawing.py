@@ -37,6 +37,7 @@ class TopView:
     """Draws one episode from above. The world is drawn once."""
 
     def __init__(self, spec: TrialSpec) -> None:
+        """Draw what never moves: the world, its path and the goal's circle."""
         scene = trial_scene(spec)
         bounds_m = np.reshape(spec.world.bounds_m, (2, 2))
         extent_m = np.vstack([bounds_m, scene.ends_m()])
@@ -58,11 +59,11 @@ class TopView:
         draw.circle(goal, 4, fill=GOAL)
 
     def extend_trail(self, episodes: Episodes) -> None:
-        """Extend the trail to where the robot is."""
+        """Append robot 0's true position, in pixels, to the trail; never clears it."""
         self._trail += self._to_pixels(episodes.readings.truths[:1, :2])
 
     def draw(self, episodes: Episodes) -> Bytes:
-        """Return the picture (height, width, 3) of this instant."""
+        """Return robot 0 and all movers now as an RGB picture (height, width, 3)."""
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)
         spec = episodes.trial(0).spec
@@ -88,6 +89,7 @@ class TopView:
     def _draw_scan(
         self, draw: ImageDraw.ImageDraw, episodes: Episodes, pose: Pose2D
     ) -> None:
+        """Draw the returns of robot 0's last scan, as seen from its true `pose`."""
         scan = episodes.scan(0)
         is_return = np.isfinite(scan.ranges)
         ranges = scan.ranges[is_return].astype(np.float64)
@@ -100,10 +102,12 @@ class TopView:
     def _draw_bodies(
         self, draw: ImageDraw.ImageDraw, bodies: Bodies, color: str
     ) -> None:
+        """Fill the outlines of bodies, which are in the map frame in m."""
         for outline in bodies.outlines():
             draw.polygon(self._to_pixels(outline), fill=color)
 
     def _to_pixels(self, points_m: Points) -> list[tuple[float, float]]:
+        """Return pixels (right, down) of points (n, 2) in the map frame in m."""
         # Rows of a picture count from its top, but y from below.
         return [
             ((x - self._left_m) * _PIXELS_PER_M, (self._top_m - y) * _PIXELS_PER_M)

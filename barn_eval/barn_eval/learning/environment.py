@@ -103,11 +103,11 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._no_rest = np.zeros(1, np.bool_)
 
     def make_episodes(self, count: int = 1) -> Episodes:
-        """Return room for some episodes of this environment."""
+        """Return new `Episodes` for `count` robots, without taking them for its own."""
         return Episodes(count, self.config, self.simulator_config, self._safety)
 
     def join_batch(self, episodes: Episodes, index: int) -> None:
-        """Let the episodes of this environment advance among others from now on.
+        """Use one row of shared episodes, which the batch reads and steps, from now on.
 
         Args:
             episodes: Episodes of the batch, which steps them.
@@ -120,7 +120,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Vector, Info]:
-        """Begin an episode.
+        """Begin a trial; return first observation and info, placeholders in a batch.
 
         Args:
             seed: Seed of everything that is drawn from now on; None keeps the
@@ -130,7 +130,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
                 the very trial that `barn run --seed` makes of these numbers.
 
         Returns:
-            Observation and info. In a batch both are empty: the batch reads the
+            Observation and info. In a batch they are zeros and {}: the batch reads the
             sensors.
 
         Raises:
@@ -157,7 +157,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def step(
         self, action: npt.NDArray[np.floating]
     ) -> tuple[Vector, float, bool, bool, Info]:
-        """Drive for one control period.
+        """Drive for one control period by an action (2,) from -1 to 1, and judge.
 
         Args:
             action: Action (2,), as of `barn_planners.policy.space`.
@@ -194,26 +194,32 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def is_terminal(self) -> bool:
-        """Tell whether the episode that ended terminated instead of being truncated."""
+        """Return whether success, collision or an invalid command ended the trial.
+
+        False for ends that truncate, such as time limits, and while the trial runs.
+        """
         assert self._episodes is not None
         verdict = self._episodes.trial(self._index).verdict
         return verdict is not None and verdict.outcome in _TERMINAL_OUTCOMES
 
     def render(self) -> Bytes | None:
-        """Return a picture (height, width, 3); None without a render mode."""
+        """Return an RGB picture (height, width, 3) from above; None if not rendered.
+
+        It is None without a render mode and before `reset`.
+        """
         if self._episodes is None or self._top_view is None:
             return None
         return self._top_view.draw(self._episodes)
 
     def close(self) -> None:
-        """Close the physics client, unless a batch owns it."""
+        """Close the physics client, unless a batch owns it; forget the episodes."""
         if self._episodes is not None and not self._is_in_batch:
             self._episodes.close()
         self._episodes = None
         self._top_view = None
 
     def _draw_trial(self, options: Mapping[str, int]) -> TrialSpec:
-        """Return a trial; draw what the options do not give."""
+        """Return a trial; draw its world and seed at random if options lack them."""
         # Always in this order, so that equal seeds draw equal trials.
         world_number = options.get("world")
         if world_number is None:
@@ -238,7 +244,11 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
 
     def _fit_safety(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
-        """Return the collision check for the robot and the mount of its lidar."""
+        """Return the collision check fitted to the robot and its lidar's mount.
+
+        Raises:
+            ConfigError: If the check names another mount.
+        """
         mount_x_m = self.simulator_config.lidar.mount_x_m
         # The default stands for a mount that nobody has set.
         if safety.lidar_x_m not in (CollisionCheckConfig().lidar_x_m, mount_x_m):
@@ -253,13 +263,14 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         return replace_dotted(safety, changes, "safety")
 
     def _info(self, episodes: Episodes) -> Info:
+        """Return `info` of robot 0, with outcome and scores once its trial is over."""
         columns = episodes.info_columns()
         info = {name: values[0].item() for name, values in columns.items()}
         return info | final_info(episodes.trial(0))
 
 
 def _check_options(options: Mapping[str, Any] | None) -> dict[str, int]:
-    """Return the options of a reset as integers."""
+    """Return the options of a reset as integers; ConfigError if one is not allowed."""
     checked = {}
     for name, value in (options or {}).items():
         if name not in _RESET_OPTIONS:

@@ -47,7 +47,7 @@ class Episodes:
         simulator: SimulatorConfig,
         safety: CollisionCheckConfig,
     ) -> None:
-        """Make room for episodes.
+        """Make arrays and a batch of simulators for `count` robots; begin no trial.
 
         Args:
             count: Number of robots.
@@ -79,7 +79,7 @@ class Episodes:
         self._states = np.zeros(count, rules.STATE)
 
     def info_columns(self) -> dict[str, npt.NDArray[Any]]:
-        """Return what every `info` holds, by name, for all robots."""
+        """Return world number, time (s) and distance left (m), each (n,), by name."""
         return {
             "world": self.worlds,
             "time_s": self.readings.stamps_ns / NANOSECONDS_PER_SECOND,
@@ -87,17 +87,17 @@ class Episodes:
         }
 
     def trial(self, index: int) -> RunningTrial:
-        """Return the current or the last trial of a robot."""
+        """Return the current trial of robot `index`, or its last one after the end."""
         return self._trials[index]
 
     def scan(self, index: int) -> Scan:
-        """Return the last scan of a robot."""
+        """Return the last scan of robot `index` that `observe` has read."""
         return self._simulators[index].lidar.scan_of(
             int(self.readings.stamps_ns[index]), self.readings.ranges[index]
         )
 
     def begin(self, index: int, spec: TrialSpec, path: Floats) -> None:
-        """Begin a trial; `observe` reads its first sensor readings.
+        """Put robot `index` at the start of a trial; `observe` reads its first sensors.
 
         Args:
             index: Robot that drives it.
@@ -145,6 +145,7 @@ class Episodes:
         self._path_lengths[index] = len(path)
 
     def _require_equal_rules(self, index: int, spec: TrialSpec) -> None:
+        """Raise ConfigError if another robot's protocol, scaled to cells, differs."""
         # The others agreed with each other when they began, so one of them is enough.
         for other_index, other in self._trials.items():
             if other_index == index:
@@ -159,7 +160,7 @@ class Episodes:
             )
 
     def observe(self, rows: Integers) -> Floats:
-        """Read the sensors of some robots and update their observations and distances.
+        """Read some robots' sensors, update observations and distances to the goal.
 
         Args:
             rows: Robots to read.
@@ -200,7 +201,7 @@ class Episodes:
         return before_m
 
     def _localized_poses(self, rows: Integers) -> Floats:
-        """Return the poses (n, 3) in the map frame by the robots' localization."""
+        """Return poses (n, 3): localized in the map for `rows`, odometry for others."""
         poses: Floats = self.readings.odometry.copy()
         for index in rows.tolist():
             odometry_pose = Pose2D(*poses[index].tolist())
@@ -209,7 +210,7 @@ class Episodes:
         return poses
 
     def judge(self, rows: Integers) -> list[int]:
-        """Let the referee judge the last readings of some robots.
+        """Judge the last readings of some robots; return the rows whose episodes ended.
 
         Args:
             rows: Robots that have moved or begun.
@@ -233,7 +234,7 @@ class Episodes:
     def step(
         self, is_resting: Bools, actions: npt.NDArray[np.floating]
     ) -> tuple[Floats, list[int]]:
-        """Drive all robots for one control period.
+        """Drive all robots for one control period by actions (n, 2), observe and judge.
 
         Args:
             is_resting: Robots (n,) that stand still because their episode begins now.
@@ -281,7 +282,7 @@ class Episodes:
     def _check_commands(
         self, is_resting: Bools, commands: Floats
     ) -> tuple[Floats, Bools]:
-        """Return commands (n, 2) without collisions, and which changed (n,)."""
+        """Return commands (m/s, rad/s) after the collision check, and which changed."""
         if not self._safety.enabled:
             return commands, np.zeros(len(commands), np.bool_)
 
@@ -300,12 +301,12 @@ class Episodes:
         return checked, is_changed
 
     def close(self) -> None:
-        """Close the physics clients."""
+        """Close the physics clients of all robots."""
         self.batch.close()
 
 
 def final_info(trial: RunningTrial) -> Info:
-    """Return what `info` holds in addition at the end of an episode; empty before."""
+    """Return outcome, detail, success and scores of an ended trial, or else {}."""
     verdict = trial.verdict
     scores = trial.scores
     if verdict is None or scores is None:

@@ -29,7 +29,7 @@ RewardWeights: TypeAlias = tuple[float, float, float, float, float]
 # Learners meet the same worlds again and again.
 @lru_cache(maxsize=2000)
 def path_points(world: World, course: Course, along: str) -> Floats:
-    """Return points on the path to the goal.
+    """Return points (n, 3) of the path to the goal: x, y and the length left, in m.
 
     Args:
         world: World of the episode.
@@ -57,7 +57,7 @@ def measure_distances_left(
     rows: Integers,
     distances_m: Floats,
 ) -> None:
-    """Fill in how far each robot has to go: to its path, and along it.
+    """Fill in each robot's distance to its nearest path point plus the path left, in m.
 
     Args:
         points: Points (n, k, 3) of each robot's path, as of `path_points`.
@@ -89,7 +89,7 @@ def measure_distances_left(
 
 
 def reward_weights(config: RewardConfig) -> RewardWeights:
-    """Return what `reward_steps` needs of a configuration."""
+    """Return the five weights of `reward_steps`, in the order of `RewardWeights`."""
     return (
         config.progress_per_m,
         config.per_second,
@@ -110,7 +110,7 @@ def reward_steps(
     is_changed: Bools,
     rewards: Floats,
 ) -> None:
-    """Fill in the rewards of one step.
+    """Fill `rewards` for one step of all robots, without what an episode's end adds.
 
     Args:
         weights: As of `reward_weights`.
@@ -136,7 +136,7 @@ def reward_steps(
 
 
 def final_reward(config: RewardConfig, verdict: Verdict) -> float:
-    """Return what the end of an episode is worth, in addition to its last step.
+    """Return what the end of an episode adds to the reward of its last step.
 
     Args:
         config: Rewards by kind of end.

@@ -66,7 +66,7 @@ class JackalVectorEnv(SyncVectorEnv):
         seed: int | list[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[npt.NDArray[Any], Info]:
-        """Begin episodes.
+        """Begin new episodes in all environments, or in those of `reset_mask`.
 
         Args:
             seed: Seed of the first environment, whose successors get the next numbers;
@@ -88,7 +88,7 @@ class JackalVectorEnv(SyncVectorEnv):
     def step(
         self, actions: npt.NDArray[np.floating]
     ) -> tuple[npt.NDArray[Any], Floats, Bools, Bools, Info]:
-        """Drive all robots for one control period.
+        """Drive all robots one control period by actions (n, 2); begin due episodes.
 
         Args:
             actions: Actions (n, 2), as of `barn_planners.policy.space`.
@@ -149,19 +149,19 @@ class JackalVectorEnv(SyncVectorEnv):
         )
 
     def _begin_episodes(self, indices: Integers) -> None:
-        """Begin new episodes; their sensors are read later, together."""
+        """Reset environments by their indices; sensors are read later, together."""
         for index in indices.tolist():
             self._jackals[index].reset()
 
     def _judge_starts(self, started: Integers) -> _Infos:
-        """Judge the first readings of episodes; return the infos of those that end."""
+        """Judge first readings; return final infos, by index, of those that end."""
         return {
             index: final_info(self._episodes.trial(index))
             for index in self._episodes.judge(started)
         }
 
     def _step_infos(self, mask: Bools) -> Info:
-        """Return infos in Gymnasium's format: values, and for whom they hold."""
+        """Return `info` columns in Gymnasium's format, 0 outside the mask (n,)."""
         infos: Info = {}
         for name, values in self._episodes.info_columns().items():
             infos[name] = np.where(mask, values, 0)
@@ -169,7 +169,7 @@ class JackalVectorEnv(SyncVectorEnv):
         return infos
 
     def _last_infos(self, end_infos: _Infos) -> Info:
-        """Return infos with the last observations and infos of episodes that ended."""
+        """Return ended episodes' `final_obs` and `final_info` as Gymnasium has them."""
         columns = self._episodes.info_columns()
         last: _Infos = {}
         for index, info in end_infos.items():
@@ -181,7 +181,7 @@ class JackalVectorEnv(SyncVectorEnv):
         return self._merge({}, last)
 
     def _merge(self, infos: Info, additions: _Infos) -> Info:
-        """Return infos of all environments with those of some of them added."""
+        """Add infos of single environments, by index, to those of the batch."""
         for index, info in additions.items():
             infos = self._add_info(infos, info, index)
         return infos
