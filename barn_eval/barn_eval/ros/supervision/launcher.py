@@ -73,7 +73,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def main(arguments: list[str]) -> int:
-    """Run the command behind "--" and return 0 once nothing of it is left."""
+    """Run "FD KIND -- COMMAND..." or "probe"; return an exit code after the end."""
     if arguments == ["probe"]:
         return _probe()
     # Orphans of the second process become children of the first.
@@ -92,7 +92,9 @@ def main(arguments: list[str]) -> int:
 
 
 def _probe() -> int:
-    """Print what isolates a planner here; return 0 if it cannot signal other processes.
+    """Print "apart", "visible" or why a planner cannot be isolated; return 0 or 1.
+
+    0 says that it cannot signal other processes.
 
     "apart" says that it sees only its own processes, "visible" that it sees all.
     """
@@ -112,14 +114,14 @@ def _probe() -> int:
 
 
 def _require_success(result: int, problem: str) -> None:
-    """Raise OSError after a call of libc that failed."""
+    """Raise OSError from errno if `result`, returned by a libc call, is not 0."""
     if result != 0:
         number = ctypes.get_errno()
         raise OSError(number, f"{problem}: {os.strerror(number)}")
 
 
 def _enter_namespaces() -> None:
-    """Put this process into a new user namespace and its children into a PID one.
+    """Move this process into a new user namespace, and its children into a PID one.
 
     Raises:
         OSError: If the kernel does not allow it.
@@ -137,7 +139,7 @@ def _enter_namespaces() -> None:
 
 
 def _mount_views(results: str) -> bool:
-    """Show in /proc only this namespace's processes, and make a folder read-only.
+    """Mount a /proc of this PID namespace, and make the folder of results read-only.
 
     Args:
         results: The folder, empty for none.
@@ -194,10 +196,11 @@ class _IsolatedProcess:
             raise OSError(0, reason or "ended at its start")
 
     def poll(self) -> int | None:
+        """Return the exit code without waiting, None while the command runs."""
         return self.wait(os.WNOHANG)
 
     def wait(self, options: int = 0) -> int | None:
-        """Wait for the end and return the exit code, negative for a signal."""
+        """Return the exit code, -N for signal N; waits, unless `options` is WNOHANG."""
         if self.returncode is None and os.waitpid(self.pid, options)[0]:
             text = os.read(self._reader, 4096)
             # A first process that was killed has written nothing.
@@ -216,7 +219,10 @@ def _start_command(
     *,
     new_session: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """Start a command, which inherits the sockets that the supervisor hands down."""
+    """Start a command that prints to descriptor `output` and inherits all sockets.
+
+    `prepare` runs in the child before the command.
+    """
     # There are no threads here, so code may run before the command.
     options: dict[str, Any] = {"preexec_fn": prepare, "close_fds": False}
     return subprocess.Popen(  # noqa: S603
@@ -231,7 +237,10 @@ def _lead_namespace(
     writer: int,
     results: str,
 ) -> None:
-    """Start the command as a namespace's first process, reap orphans, end with it."""
+    """Run a command as PID 1 of a namespace, tell pipe `writer` its exit code, exit.
+
+    It also reaps orphans, and never returns.
+    """
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     os.setsid()
     for number in _ENDING_SIGNALS:
@@ -257,12 +266,15 @@ def _lead_namespace(
 
 
 def _become_subreaper() -> None:
-    """Make orphans of descendants children of this process."""
+    """Have orphaned descendants become children of this process."""
     _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def _stand_by(second: int) -> int:
-    """Wait for the second process; if it is killed, end what it has left."""
+    """Wait for the process with PID `second`, then kill all descendants that are left.
+
+    Returns 0, the exit code.
+    """
     # The sockets are the second's: none may stay open because of this process.
     os.closerange(3, os.sysconf("SC_OPEN_MAX"))
     for number in _ENDING_SIGNALS:
@@ -275,14 +287,14 @@ def _stand_by(second: int) -> int:
 
 
 def _end_with(parent: int, number: int) -> None:
-    """Have this process signaled when its parent dies; end now if it is dead."""
+    """Have the kernel send signal `number` when PID `parent` dies; exit if it has."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os._exit(1)
 
 
 def _wake_on_signals() -> socket.socket:
-    """Return a socket that becomes readable for a dead child or an ending signal."""
+    """Catch SIGCHLD and ending signals; return a socket that gets their numbers."""
     reader, writer = socket.socketpair(type=socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
     signal.set_wakeup_fd(writer.detach(), warn_on_full_buffer=False)
     for number in (signal.SIGCHLD, *_ENDING_SIGNALS):
@@ -294,13 +306,14 @@ class _Launcher:
     """Starts the command, passes on its output, ends it with its descendants."""
 
     def __init__(self, supervisor: socket.socket, wake: socket.socket) -> None:
+        """Take the socket to the supervisor and the one that signals wake."""
         supervisor.setblocking(False)
         self._supervisor = supervisor
         self._wake = wake
         self._output = _Output()
 
     def run(self, command: list[str], kind: str) -> None:
-        """Run the command and report how it ended, if the supervisor wants to know."""
+        """Run a command until it ends or must, end its descendants, report its end."""
         try:
             child = self._start(command, kind)
         except OSError as error:
@@ -316,11 +329,13 @@ class _Launcher:
             self._report(_describe_exit(child.wait() or 0))
 
     def _start(self, command: list[str], kind: str) -> _Child:
+        """Start the command; kind "isolated:FOLDER" gives it its own namespaces."""
         kind, _, results = kind.partition(":")
         # The parent of the command: this process, or its namespace's first process.
         parent = 1 if kind == ISOLATED else os.getpid()
 
         def prepare() -> None:
+            """Set up the child before it becomes the command: it dies with us."""
             self._supervisor.close()
             _end_with(parent, signal.SIGKILL)
             if kind != SUITE:
@@ -340,7 +355,7 @@ class _Launcher:
         return _start_command(command, writer, prepare, new_session=True)
 
     def _wait(self, child: _Child) -> bool:
-        """Wait for the command's end or the order to end it.
+        """Pass on output until the command ends or the supervisor writes or closes.
 
         Returns:
             Whether the supervisor knows why: False if a signal ends this process.
@@ -360,7 +375,7 @@ class _Launcher:
         return True
 
     def _end(self, child: _Child, *, hurried: bool) -> None:
-        """End the command and its descendants.
+        """Send SIGINT, SIGTERM, SIGKILL in turn until no descendant is left.
 
         Args:
             child: The command, which may have ended.
@@ -393,7 +408,7 @@ class _Launcher:
                 hurried = self._supervisor in ready and self._drain()
 
     def _drain(self) -> bool:
-        """Return whether the supervisor has written; nothing comes once it is gone."""
+        """Read what the supervisor wrote; return False if nothing or it is gone."""
         with suppress(OSError):
             if self._supervisor.recv(4096):
                 return True
@@ -402,6 +417,7 @@ class _Launcher:
         return False
 
     def _report(self, end: str) -> None:
+        """Send the supervisor the event "ended" with a text; ignore a dead one."""
         event = {"event": "ended", "how": end}
         with suppress(OSError):
             self._supervisor.sendall(json.dumps(event).encode() + b"\n")
@@ -411,6 +427,7 @@ class _Output:
     """What a command prints: the head is passed on at once, the tail at the end."""
 
     def __init__(self) -> None:
+        """Open the pipe that the command prints to."""
         reader, self.writer = os.pipe()
         os.set_blocking(reader, False)
         # To be waited for; empty once everything has been read.
@@ -420,7 +437,11 @@ class _Output:
         self._dropped = 0
 
     def read(self, max_tail: int = 2 * TAIL_BYTES) -> None:
-        """Take in some of the output, and shorten a tail that is longer than that."""
+        """Print the first 5 MB of the output, and keep the end of what follows.
+
+        Takes at most 64 KiB, without waiting. A tail of more than `max_tail` bytes is
+        cut to 5 MB.
+        """
         for reader in self.readers:
             with suppress(BlockingIOError):
                 data = os.read(reader, 1 << 16)
@@ -435,7 +456,7 @@ class _Output:
             del self._tail[:-TAIL_BYTES]
 
     def finish(self) -> None:
-        """Pass on the rest, now that the command and its descendants have ended."""
+        """Read the rest of the output; print how much is left out, and the tail."""
         while select.select(self.readers, [], [], 0.0)[0]:
             self.read()
         self.read(TAIL_BYTES)
@@ -445,20 +466,21 @@ class _Output:
 
 
 def _print(data: bytes) -> None:
-    """Write to the launcher's output; a full disk costs the output, not the command."""
+    """Write bytes to stdout, all of them; if that fails, drop the rest and go on."""
     with suppress(OSError):
         while data:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
 def _signal_all(pids: list[int], number: int) -> None:
+    """Send signal `number` to each PID; those that have ended are skipped."""
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, number)
 
 
 def _reap_and_list(child: _Child) -> list[int]:
-    """Reap dead children, and return the living descendants of this process."""
+    """Reap dead children, and return PIDs of this process's living descendants."""
     child.poll()
     with suppress(ChildProcessError):
         while child.returncode is not None and os.waitpid(-1, os.WNOHANG)[0]:
@@ -467,6 +489,7 @@ def _reap_and_list(child: _Child) -> list[int]:
 
 
 def _living_descendants() -> list[int]:
+    """Return the sorted PIDs of this process's descendants, without zombies."""
     parents = {}
     for entry in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
@@ -487,7 +510,7 @@ def _living_descendants() -> list[int]:
 
 
 def _describe_exit(code: int) -> str:
-    """Return how a process ended in words; a negative code is a signal."""
+    """Return "exited with code N", or "was killed by SIGNAL" for a negative code."""
     if code >= 0:
         return f"exited with code {code}"
     try:

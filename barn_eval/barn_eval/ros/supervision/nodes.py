@@ -51,7 +51,7 @@ class NodeProcess:
     foreign: bool = False
 
     def write_parameters(self, folder: Path) -> list[str]:
-        """Write the parameters to a file and return the command that reads them.
+        """Write FOLDER/NAME.yaml, if there are parameters; return the command to run.
 
         Raises:
             ConfigError: If the file cannot be written.
@@ -91,17 +91,23 @@ class Assignment:
 
     @property
     def store(self) -> BagStore:
-        """Where bags go."""
+        """The results folder, with the run's rule on which bags are kept."""
         return BagStore(Path(self.out), self.run.bags)
 
     def specs(self) -> list[TrialSpec]:
-        """Return the trials; WorldError if a world cannot be read."""
+        """Return the specifications of the assigned trials, with their worlds read.
+
+        Raises:
+            WorldError: If a world cannot be read.
+        """
         specs = self.run.trials(self.worlds)
         return [spec for spec in specs if spec.trial_id in self.trials]
 
 
 def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
-    """Describe the simulator; the evaluator sets world, start and seed.
+    """Return the simulator's command; `line` is a file descriptor of its private line.
+
+    Nothing is started. The evaluator sets world, start and seed later.
 
     Args:
         setup: How the nodes are set up.
@@ -123,7 +129,7 @@ def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
 
 
 def name_robot(config: SimulatorConfig, folder: Path) -> str:
-    """Return the name of the simulated robot, or a file for it where no name fits.
+    """Return the robot's built-in name, or write FOLDER/robot.yaml and return its path.
 
     Args:
         config: Configuration of the simulator.
@@ -141,7 +147,7 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
 
 
 def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
-    """Describe the planner under test: the user's command, or a node of the suite.
+    """Return the planner's command: the user's own, or that of a node of the suite.
 
     Args:
         choice: The planner.
@@ -178,7 +184,9 @@ def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
 def evaluator(
     assignment: Path, setup: RosConfig, supervisor: int, simulator: int
 ) -> NodeProcess:
-    """Describe the evaluator.
+    """Return the evaluator's command; `supervisor`, `simulator` are file descriptors.
+
+    Nothing is started.
 
     Args:
         assignment: File of what it is to do.
@@ -199,13 +207,13 @@ def evaluator(
 
 
 def _parameters_of(setup: RosConfig, node_config: type[Checked]) -> dict[str, Any]:
-    """Return the settings of a run that a node has as parameters of the same names."""
+    """Return the settings of a run whose names are fields of the node's config."""
     names = {field.name for field in fields(node_config)}
     return {key: value for key, value in as_dict(setup).items() if key in names}
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return the environment of all processes.
+    """Return environment variables for all three processes on a ROS domain.
 
     Args:
         inherited: Variables of the user, which win over buffers and threads.
@@ -221,7 +229,7 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 
 
 def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
-    """Return what keeps messages on this host, unless the user has asked for more.
+    """Return DDS variables that keep messages on this host, or go as far as the user's.
 
     The range LOCALHOST alone has Fast DDS listen on all interfaces and use shared
     memory, whatever transports it is configured for. Through shared memory a process
@@ -242,7 +250,7 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
 
 
 def discovery_range() -> str:
-    """Return how far this process looks for other nodes, in the words of ROS."""
+    """Return the ROS discovery range of this process, such as "LOCALHOST"."""
     # The profile may be that of another installation of the package, from which the
     # process was started.
     profile = Path(os.environ.get(_PROFILE, ""))
@@ -252,7 +260,7 @@ def discovery_range() -> str:
 
 
 def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment without what the ROS wheels of this Python add to it.
+    """Return a copy of the variables without those that this Python's ROS wheels set.
 
     They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been
     done. The wheels of another virtual environment would then load these libraries.
@@ -273,6 +281,10 @@ def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
 def _suite_node(
     name: str, entry: str, parameters: Mapping[str, Any], setup: RosConfig
 ) -> NodeProcess:
+    """Return the command of a suite node by its entry point "module:function".
+
+    It carries the run's namespace and remappings.
+    """
     # The user's remappings are for simulator, evaluator and planners of the suite
     # alike.
     rules = list(setup.remap)

@@ -52,17 +52,18 @@ class EventChannel:
     """One end of a socket for events."""
 
     def __init__(self, connection: socket.socket) -> None:
+        """Take over a connected stream socket as this end."""
         self.socket = connection
         # Whether the other end is gone.
         self.closed = False
         self._received = b""
 
     def fileno(self) -> int:
-        """Return what to wait on for events."""
+        """Return the socket's file descriptor, to wait on for events."""
         return self.socket.fileno()
 
     def send(self, event: str, **content: str) -> None:
-        """Send an event; nothing happens if the other end is gone.
+        """Send an event as a JSON line; nothing happens if the other end is gone.
 
         Args:
             event: Name of the event.
@@ -73,7 +74,10 @@ class EventChannel:
             self.socket.sendall(line)
 
     def receive(self) -> list[dict[str, str]]:
-        """Return the events that have come, without waiting."""
+        """Return events that have arrived in full; set `closed` if the sender is gone.
+
+        It does not wait for any.
+        """
         while not self.closed:
             try:
                 data = self.socket.recv(65536, socket.MSG_DONTWAIT)
@@ -89,7 +93,7 @@ class EventChannel:
         return [json.loads(line) for line in lines]
 
     def close(self) -> None:
-        """Close this end."""
+        """Close the socket of this end; what has not been received is lost."""
         self.closed = True
         self.socket.close()
 
@@ -110,7 +114,7 @@ class SupervisedProcess:
         sockets: Sequence[socket.socket] = (),
         kind: str = launcher.SUITE,
     ) -> None:
-        """Start the command.
+        """Start the command under a launcher; what it prints is added to the log.
 
         Args:
             name: "simulator", "planner" or "evaluator".
@@ -152,16 +156,16 @@ class SupervisedProcess:
                 )
 
     def fileno(self) -> int:
-        """Return what to wait on for the end of the process."""
+        """Return the file descriptor that is readable once the launcher reports."""
         return self._events.fileno()
 
     @property
     def ended(self) -> bool:
-        """Whether the process and all that it started have ended, as far as read."""
+        """Whether `read` has seen the end of the process and all its descendants."""
         return self.end is not None
 
     def read(self) -> None:
-        """Take in the events that have come."""
+        """Note an end that the launcher reports, or kill what a dead one has left."""
         if self.ended:
             return
         for event in self._events.receive():
@@ -170,17 +174,17 @@ class SupervisedProcess:
             self._kill_leftovers()
 
     def ask_to_stop(self) -> None:
-        """Begin to end the process; asking again changes nothing."""
+        """Order the launcher to end the process, once, without waiting."""
         if not self.stopping:
             self.stopping = True
             self.stop_now()
 
     def stop_now(self) -> None:
-        """Leave a process that was asked to stop no more time."""
+        """Send an order to stop; from the second on, the launcher kills at once."""
         self._events.send("stop")
 
     def stop(self) -> None:
-        """End the process and all that it started, and return when it has ended."""
+        """End the process and its descendants, by force at last, and wait for it."""
         self.ask_to_stop()
         self.wait(_STOP_LIMIT_S)
         if not self.ended:
@@ -190,7 +194,7 @@ class SupervisedProcess:
         self._launcher.wait()
 
     def wait(self, limit_s: float) -> None:
-        """Return when the process has ended, or after that time."""
+        """Wait for the end of the process, at most `limit_s`; end nothing."""
         deadline_s = time.monotonic() + limit_s
         self.read()
         while not self.ended and time.monotonic() < deadline_s:
@@ -198,7 +202,7 @@ class SupervisedProcess:
             self.read()
 
     def _kill_leftovers(self) -> None:
-        """End what a launcher has left that was killed.
+        """Reap a dead launcher and kill all processes that carry its mark.
 
         Its command dies with it; what the command has started carries the mark.
         """
@@ -215,7 +219,7 @@ class SupervisedProcess:
 
 
 def _find_marked(mark: str) -> list[int]:
-    """Return living processes of this user that were started with a mark."""
+    """Return PIDs of this user's processes with the mark in their environment."""
     pids = []
     variable = f"{_MARK}={mark}".encode()
     for entry in Path("/proc").glob("[0-9]*"):
@@ -227,7 +231,7 @@ def _find_marked(mark: str) -> list[int]:
 
 
 def last_lines(log: Path, count: int = 10) -> str:
-    """Quote the end of a log.
+    """Return the last lines of a log as one indented text that names the file.
 
     Args:
         log: File of what a process has printed.

@@ -60,7 +60,7 @@ def run_ros_trials(
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
 ) -> Generator[TrialRecord, None, None]:
-    """Run trials of one planner and yield a record of each once it has ended.
+    """Run one planner's trials over ROS in three processes, and yield a record of each.
 
     All processes have ended when the iteration has, whatever ends it, and also if this
     process is killed.
@@ -68,7 +68,7 @@ def run_ros_trials(
     Args:
         run: The run.
         trials: Its trials of one planner.
-        store: Where trials leave their bags.
+        store: Folder where trials leave their bags.
         logs: Folder for what the nodes print; by default one in the store's.
         notice: Gets a line about each process that has ended unasked.
         environment: Variables of the nodes.
@@ -113,6 +113,7 @@ class _Supervisor:
     look_first: bool
 
     def __post_init__(self) -> None:
+        """Describe the processes and copy the planner's files; start nothing yet."""
         # Trials without a result.
         self._trials = {spec.trial_id: spec for spec in self.trials}
         planner_name = self.trials[0].planner
@@ -156,7 +157,7 @@ class _Supervisor:
         _copy_planner_files(planner, self.logs)
 
     def run(self) -> Iterator[TrialRecord]:
-        """Yield records as they come, until there is one of each trial."""
+        """Start, watch and replace the processes; yield a record as each trial ends."""
         if not self.look_first:
             for name in self._nodes:
                 self._schedule_start(name)
@@ -181,7 +182,7 @@ class _Supervisor:
                     yield from self._handle_end(process)
 
     def _record(self, result: TrialResult, track: str, commands: str) -> TrialRecord:
-        """Return the record of a trial, which tells why it was repeated."""
+        """Strike a trial off the list; return its record with its repetitions."""
         self._lost_evaluators = 0
         del self._trials[result.trial_id]
         repeats = self._repeats.pop(result.trial_id, [])
@@ -192,7 +193,7 @@ class _Supervisor:
         return TrialRecord(result, track or None, commands or None)
 
     def stop(self) -> None:
-        """End all processes, at the same time."""
+        """End all processes, wait until they have ended, and close the private line."""
         if self._evaluator is not None:
             # The evaluator ends by itself when its channel closes.
             self._evaluator.close()
@@ -211,6 +212,7 @@ class _Supervisor:
         self._evaluator_line.close()
 
     def _await_events(self) -> None:
+        """Wait up to 0.5 s until there is something to read or a start is due."""
         wait_s = _LONGEST_WAIT_S
         if self._due_s:
             wait_s = min(wait_s, min(self._due_s.values()) - time.monotonic())
@@ -220,6 +222,7 @@ class _Supervisor:
         multiprocessing.connection.wait(sources, max(0.0, wait_s))
 
     def _start_due(self) -> None:
+        """Start each process whose time has come, unless it is still running."""
         now_s = time.monotonic()
         for name, due_s in list(self._due_s.items()):
             if due_s > now_s or name in self._processes:
@@ -233,6 +236,7 @@ class _Supervisor:
                 self._start(self._nodes[name], sockets)
 
     def _start_evaluator(self) -> None:
+        """Write assignment.json with the trials left, and start an evaluator."""
         specs = self._trials.values()
         assignment = Assignment(
             self.config,
@@ -260,6 +264,7 @@ class _Supervisor:
         self._evaluator = EventChannel(supervisor_end)
 
     def _start(self, node: NodeProcess, sockets: Sequence[socket.socket]) -> None:
+        """Write the node's parameters and start it, with `sockets` inherited."""
         name = node.name
         command = node.write_parameters(self.logs)
         self._started_s[name] = time.monotonic()
@@ -278,7 +283,7 @@ class _Supervisor:
         )
 
     def _handle(self, event: dict[str, str]) -> None:
-        """Do what an event of the evaluator asks for."""
+        """Do what an event of the evaluator asks for; ProcessError if it refuses."""
         match event:
             case {"event": "trial", "id": trial}:
                 self._trial = trial
@@ -306,19 +311,22 @@ class _Supervisor:
                 self._done = True
 
     def _refusal(self, reason: str) -> ProcessError:
-        """Return the evaluator's reason to end the run, with a log that explains it."""
+        """Return the error that ends a run, with the log of the process it names."""
         for name in self._nodes:
             if f"the {name} " in reason:
                 return ProcessError(f"{reason}; {last_lines(self._log(name))}")
         return ProcessError(reason)
 
     def _repeat(self, reason: str) -> None:
-        """Note why a trial is repeated that had begun."""
+        """Note that the trial in progress is repeated, and why; tell the user."""
         self._repeats.setdefault(self._trial, []).append(reason)
         self.notice(f"{self._trial} is repeated: {reason}")
 
     def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
-        """Replace a process that has ended; yield the trial that this costs, if any."""
+        """Clear up after an ended process; yield the trial that its end costs, if any.
+
+        The evaluator is told of the end, or replaced if it was the one.
+        """
         name = process.name
         end = process.end or ""
         # The evaluator may want a planner of its own for each trial: no news. Asked
@@ -344,6 +352,7 @@ class _Supervisor:
             self._schedule_start(name)
 
     def _notice_end(self, process: SupervisedProcess) -> None:
+        """Tell the user how a process ended; at its first end, quote its log."""
         text = f"{process.name} {process.end}"
         if self._trial:
             text += f" in trial {self._trial}"
@@ -356,7 +365,7 @@ class _Supervisor:
     def _handle_lost_evaluator(
         self, process: SupervisedProcess
     ) -> Iterator[TrialRecord]:
-        """Start another evaluator, which repeats the trial that has no result.
+        """Plan another evaluator; repeat the driving trial or yield its failure.
 
         A trial that drove beside a planner without isolation is not repeated: the
         planner may have ended the evaluator. It counts as interference.
@@ -384,7 +393,7 @@ class _Supervisor:
                 self._schedule_start(name)
 
     def _interference(self, reason: str) -> TrialResult:
-        """Return the result of a trial whose evaluator the planner may have ended."""
+        """Return the trial in progress as a result with outcome INTERFERENCE."""
         verdict = Verdict(
             Outcome.INTERFERENCE, f"{reason}; {PLANNER_SUSPECTED}", None, 0.0, 0.0
         )
@@ -393,15 +402,20 @@ class _Supervisor:
         ).result
 
     def _schedule_start(self, name: str) -> None:
+        """Plan a process's start, 1 s or more after its last; start nothing."""
         if name not in self._due_s:
             self._due_s[name] = self._started_s.get(name, -math.inf) + _START_PERIOD_S
 
     def _log(self, name: str) -> Path:
+        """Return the path of the log of a process: "NAME.log" among the logs."""
         return self.logs / f"{name}.log"
 
 
 def _copy_planner_files(planner: PlannerChoice, logs: Path) -> None:
-    """Keep the small files that a planner's command names, by content and name."""
+    """Copy the files of up to 1 MiB that a planner's command names to the logs.
+
+    Their names begin with a part of their hash.
+    """
     for text, digest in planner.files.items():
         path = Path(text)
         if path.is_file() and path.stat().st_size <= _MAX_COPY_BYTES:
@@ -409,5 +423,5 @@ def _copy_planner_files(planner: PlannerChoice, logs: Path) -> None:
 
 
 def _exit(number: int, _frame: FrameType | None) -> None:
-    """Let SIGTERM end the run as orderly as Ctrl-C does."""
+    """Raise SystemExit with 128 + `number`, so SIGTERM ends the run as Ctrl-C does."""
     raise SystemExit(128 + number)
