@@ -29,7 +29,7 @@ class TrialTopics(NamedTuple):
 
     @property
     def of_simulator(self) -> tuple[str, ...]:
-        """Topics that only the simulator may publish."""
+        """Resolved names of the five topics that only the simulator may publish."""
         return self.clock, self.scan, self.odometry, self.truth, self.collision
 
 
@@ -67,17 +67,19 @@ class TrialAdapter:
     _unanswered_scan_ns: int | None = None
 
     def __post_init__(self) -> None:
+        """Set the simulated time, `now_ns`, to the beginning of the trial."""
         # The simulated time now.
         self.now_ns = self.origin_ns
 
     def take(self, tick: Tick) -> list[Message]:
-        """Feed a tick to the trial.
+        """Decode and judge a tick's messages; return those that belong to the trial.
 
         Args:
             tick: A complete tick.
 
         Returns:
-            Its messages that belong to the trial: nothing sent after the verdict.
+            Its messages that belong to the trial: none of a tick after the verdict, and
+            no command that came after it in its tick.
         """
         trial_messages: list[Message] = []
         if self.trial.verdict is not None:
@@ -94,6 +96,7 @@ class TrialAdapter:
         return trial_messages
 
     def _take_message(self, message: Message) -> None:
+        """Keep a reading to be judged later, or pass on status, plan or command."""
         topics = self.topics
         match message.topic:
             case topics.odometry:
@@ -119,6 +122,7 @@ class TrialAdapter:
                 self._take_command(message)
 
     def _take_command(self, message: Message) -> None:
+        """Give the trial a command; note its time and how long its scan waited."""
         self.commands_ns.append(self.now_ns)
         if self._unanswered_scan_ns is not None:
             response_s = seconds(message.sent_ns - self._unanswered_scan_ns)
@@ -128,6 +132,7 @@ class TrialAdapter:
         self.trial.command(decode.command(message.data, self.command_type))
 
     def _take_plan(self, message: Message) -> None:
+        """Give the trial a nav_msgs/Path in `plan_frame`; ignore anything else."""
         # A planner may publish something that is no path there.
         with suppress(MessageError):
             header = decode.header(message.data)
@@ -138,7 +143,7 @@ class TrialAdapter:
                 )
 
     def _judge_reading(self) -> bool:
-        """Hand a complete reading to the trial, and return whether that is over."""
+        """Judge odometry and truth if both are there; return if a verdict stands."""
         if (
             self._truth is not None
             and self._odometry is not None
@@ -150,6 +155,7 @@ class TrialAdapter:
         return self.trial.verdict is not None
 
     def _decode_odometry(self, message: Message) -> Odometry:
+        """Decode nav_msgs/Odometry, its stamp counted from the trial's beginning."""
         odometry = decode.odometry(message.data)
         return replace(odometry, stamp_ns=odometry.stamp_ns - self.origin_ns)
 
@@ -157,7 +163,7 @@ class TrialAdapter:
 def count_missed_periods(
     commands_ns: Sequence[int], now_ns: int, period_ns: int, silence_ns: int
 ) -> int:
-    """Return how many control periods passed without a command, from the first to now.
+    """Return how many control periods had no command, from the first command to now.
 
     A command is late once it comes more than half a period after its time.
 
@@ -183,7 +189,7 @@ def count_missed_periods(
 def share_of_missed(
     missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int
 ) -> float:
-    """Return missed periods as a share of all from the first command to now.
+    """Return missed periods over all from the first command to now, from 0 to 1.
 
     Args:
         missed: Number of missed periods.

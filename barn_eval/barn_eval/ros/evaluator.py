@@ -66,7 +66,10 @@ _RESTART_LIMIT_S = 20.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the evaluator until its run is complete.
+    """Run the evaluator node until its trials have results; return an exit code.
+
+    Args:
+        arguments: Words of its command line; by default those of this process.
 
     Returns:
         0, or 1 after a mistake in the input or an interruption.
@@ -105,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _run_assignment(
     node: Node, config: EvaluatorConfig, supervisor: EventChannel
 ) -> None:
-    """Run what the supervisor has assigned, and send it the results."""
+    """Run the trials of the assignment file, and send the supervisor their results."""
     assignment = from_dict(
         Assignment, read_json(Path(config.assignment)), config.assignment
     )
@@ -114,6 +117,7 @@ def _run_assignment(
     loop = context.loop
 
     def send_record(record: TrialRecord) -> None:
+        """Send the supervisor row, track and commands of a trial as JSON lines."""
         loop.report(
             "result",
             row=to_json_line(record.result),
@@ -131,7 +135,10 @@ def _run_assignment(
 
 
 def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
-    """Run what the parameters say, with nodes that somebody else starts."""
+    """Run the trials that the parameters define, and write their results folder.
+
+    Simulator and planner are started by somebody else; the trials wait for them.
+    """
     protocol = load_protocol(config.protocol)
     # No planner has this configuration: somebody else starts it, so only its name
     # counts.
@@ -162,6 +169,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
         progress = RunProgress(folder.total, folder.results(), log)
 
         def keep(record: TrialRecord) -> None:
+            """Append a trial to the results folder, and log the progress."""
             folder.append(record)
             progress.take(record.result)
 
@@ -173,7 +181,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
 
 
 def _summarize(results: Rows, metric: str) -> str:
-    """Return share of successes and mean metric of trials, in words."""
+    """Return the share of successes, and the mean of a column of scores, as a text."""
     success_percent = 100.0 * mean(row.scores.success for row in results)
     values = [getattr(row.scores, metric) for row in results]
     text = f"success {success_percent:.0f} %"
@@ -190,11 +198,11 @@ class LogReporter(Reporter):
     logger: RcutilsLogger
 
     def notify(self, text: str) -> None:
-        """Log a line of text."""
+        """Write a text to the node's log, at level info."""
         self.logger.info(text)
 
     def warn(self, text: str) -> None:
-        """Log a line of text that needs attention."""
+        """Write a text to the node's log, at level warning."""
         self.logger.warning(text)
 
 
@@ -219,7 +227,7 @@ class TrialRunner:
     _driven_trials: int = 0
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
-        """Run all trials.
+        """Run each trial, again where it must be repeated, and keep its record.
 
         Raises:
             BarnError: If no trial can begin at all.
@@ -229,7 +237,7 @@ class TrialRunner:
                 pass
 
     def _attempt(self, spec: TrialSpec) -> bool:
-        """Run a trial once, and return False if it has to be repeated."""
+        """Run a trial once and keep its record; return False if it must run again."""
         self.context.loop.report("trial", id=spec.trial_id)
         start_s = time.monotonic()
         with self.store.recorder(spec.trial_id) as recorder:
@@ -270,7 +278,13 @@ class TrialRunner:
         return True
 
     def _must_repeat(self, verdict: Verdict, trial: RosTrial) -> bool:
-        """Return whether to repeat a trial: not begun, or ended by another's fault."""
+        """Return whether a trial must run again; count attempts, tell the supervisor.
+
+        A trial that did not begin or failed by another's fault runs up to three times.
+
+        Raises:
+            BarnError: If no attempt is left and no trial has driven yet.
+        """
         loop = self.context.loop
         # A planner may end between two trials, for instance because it has reached its
         # goal: its successor drives.
@@ -295,7 +309,7 @@ class TrialRunner:
         return False
 
     def _settle(self, verdict: Verdict) -> int:
-        """Stop the simulator, restart doubtful processes, and return missed cycles."""
+        """Pause the simulator, restart doubtful processes, return missed cycles."""
         loop = self.context.loop
         doubtful = _DOUBTFUL_PROCESS.get(verdict.outcome)
         missed_cycles = 0
@@ -320,6 +334,7 @@ class TrialRunner:
         duration_s: float,
         missed_cycles: int,
     ) -> WallClock:
+        """Return duration, pace, answer times and missed cycles for a trial's row."""
         # Only the drive counts: the waits before it say nothing about the speed.
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         adapter = trial.adapter

@@ -43,6 +43,7 @@ class PlannerNotReady(TrialEnded):
     """The planner has not done its part before the trial begins."""
 
     def __init__(self, detail: str) -> None:
+        """End the trial as PLANNER_NOT_READY; `detail` is what is missing."""
         super().__init__(Outcome.PLANNER_NOT_READY, detail)
 
 
@@ -88,7 +89,9 @@ class EvaluatorLoop:
         self._exits.clear()
 
     def spin(self) -> None:
-        """Run the callbacks that are due, waiting a moment for the first one.
+        """Run due callbacks and `poll`, note ended processes, and advance `now_s`.
+
+        It waits 5 ms at most, and asks the supervisor to start ended processes again.
 
         Raises:
             StopRequested: If ROS shuts down or the supervisor is gone.
@@ -129,7 +132,7 @@ class EvaluatorLoop:
     def wait(
         self, condition: Callable[[], T], limit_s: float, *processes: str
     ) -> T | None:
-        """Wait for a condition to hold.
+        """Spin until a condition is true; return its value, or None after the limit.
 
         Args:
             condition: Evaluated at each spin, until its value is true.
@@ -151,7 +154,7 @@ class EvaluatorLoop:
         return value
 
     def sleep(self, duration_s: float, *processes: str) -> None:
-        """Let time pass.
+        """Spin for a time by `now_s`, unless the end of a process raises TrialEnded.
 
         Args:
             duration_s: How long, by `now_s`.
@@ -166,7 +169,9 @@ class EvaluatorLoop:
         limit_s: float,
         *processes: str,
     ) -> str:
-        """Wait until nothing is missing, and tell the user about it every 5 s.
+        """Spin until nothing is missing or the limit is over; return what is missing.
+
+        The user is told every 5 s what is waited for.
 
         Args:
             subject: Beginning of the note, such as "the planner: ".
@@ -187,7 +192,9 @@ class EvaluatorLoop:
         return missing
 
     def restart(self, process: str, limit_s: float) -> None:
-        """Have the supervisor end a process and start it again.
+        """Have the supervisor end a process and start it again; wait for its end only.
+
+        Without a supervisor it does nothing. After the limit it returns all the same.
 
         Args:
             process: "planner" or "simulator".
@@ -209,6 +216,6 @@ class EvaluatorLoop:
             self.supervisor.send(event, **content)
 
     def note(self, text: str) -> None:
-        """Log a line and show it to the user through the supervisor."""
+        """Write a text to the node's log, and have the supervisor show it."""
         self.node.get_logger().info(text)
         self.report("note", text=text)

@@ -54,12 +54,15 @@ class TopicGoal:
     def begin(self, goal: bytes) -> None:
         """Publish a serialized PoseStamped once all subscriptions are connected.
 
+        PlannerNotReady is raised if they are not connected within the limit.
+
         A planner without ~/ready gets it only once.
         """
         topic = self._publisher.topic_name
         subscriptions = len(self._view.subscriptions(topic))
 
         def is_connected() -> bool:
+            """Return whether all subscriptions on the graph are connected."""
             return bool(self._publisher.get_subscription_count() >= subscriptions)
 
         if not self._loop.wait(is_connected, self._limit_s, PLANNER):
@@ -67,7 +70,7 @@ class TopicGoal:
         self.repeat(goal)
 
     def repeat(self, goal: bytes) -> None:
-        """Publish the goal."""
+        """Publish a serialized PoseStamped at once."""
         self._publisher.publish(goal)
 
     def end(self) -> None:
@@ -99,7 +102,7 @@ class ActionGoal:
 
     @property
     def action_result(self) -> str | None:
-        """The last goal's state: sent, rejected, executing or how it ended; or None."""
+        """State of the last goal: sent, rejected, executing, how it ended; or None."""
         # Before the first goal, and after `end`.
         if self._handle is None:
             return None
@@ -115,7 +118,10 @@ class ActionGoal:
         return _describe_result(self._result.result())
 
     def begin(self, goal: bytes) -> None:
-        """Send a serialized PoseStamped until the action accepts it."""
+        """Send a serialized PoseStamped, again while rejected, until it is accepted.
+
+        PlannerNotReady is raised if the action is missing, silent or keeps rejecting.
+        """
         patience = self._patience
         # A server that ~/reset has taken down may be starting again.
         if not self._loop.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
@@ -135,7 +141,7 @@ class ActionGoal:
         raise PlannerNotReady(f"the action {self._name} has refused the goal")
 
     def repeat(self, goal: bytes) -> None:
-        """Send the goal, or again if the planner has given it up."""
+        """Send a serialized PoseStamped, unless the last is pending or reached."""
         if self.action_result in ("sent", "executing", "succeeded"):
             return
         pose = deserialize_message(goal, PoseStamped)
@@ -143,7 +149,7 @@ class ActionGoal:
         self._result = None
 
     def end(self) -> None:
-        """Cancel a goal that is still executing, and wait for the planner's answer."""
+        """Cancel a goal that is executing, wait for the answer, forget the goal."""
         is_executing = self.action_result == "executing"
         handle = self._handle
         self._handle = None
@@ -157,7 +163,7 @@ class ActionGoal:
 
 
 def action_class(type_name: str) -> Any:
-    """Return the class of an action such as "nav2_msgs/action/NavigateToPose".
+    """Return the class of an action by type, such as "nav2_msgs/action/NavigateToPose".
 
     Raises:
         ConfigError: If it is not installed or its goal has no pose.
@@ -181,7 +187,7 @@ def action_class(type_name: str) -> Any:
 
 
 def _describe_result(answer: Any) -> str:
-    """Return how an action ended, with the code and message that some results have."""
+    """Return how an action ended, as a text with error code and message, if any."""
     state = _RESULT_STATES.get(answer.status, f"status {answer.status}")
     details = []
     # Not every action of ROS has the code and message that Nav2 gives.

@@ -35,13 +35,14 @@ class GraphView:
     """
 
     def __init__(self, node: Node) -> None:
+        """Look at the graph through a node; its own process is left out."""
         self._node = node
         self._participant = read_endpoint_identity(node)[:PARTICIPANT_BYTES]
         # Participants that are left out, with the monotonic time until when.
         self._dead: dict[bytes, float] = {}
 
     def crowd(self) -> str:
-        """Return what the graph has more of than can be looked at, empty if nothing.
+        """Return which of topics, services, nodes are too many, in words, or empty.
 
         The time for a look grows with the square of these numbers, and anybody can
         make them grow.
@@ -59,7 +60,7 @@ class GraphView:
         )
 
     def graph(self) -> Graph:
-        """Return all endpoints of other nodes that are alive as far as known."""
+        """Return endpoints of other processes not known to be dead, and all actions."""
         publishers: list[Endpoint] = []
         subscriptions: list[Endpoint] = []
         topics = self._node.get_topic_names_and_types()
@@ -70,11 +71,11 @@ class GraphView:
         return Graph(publishers, subscriptions, self._actions())
 
     def nodes(self) -> set[str]:
-        """Return the full names of other nodes that are alive as far as known."""
+        """Return full names of live nodes that have endpoints, "" for unknown ones."""
         return {endpoint.node for endpoint in self.graph().endpoints}
 
     def _actions(self) -> list[tuple[str, str]]:
-        """Return action servers by name and type: those with the service for goals."""
+        """Return name and type of each action server, by its service for goals."""
         actions = []
         for name, kinds in self._node.get_service_names_and_types():
             if name.endswith(_SEND_GOAL):
@@ -83,15 +84,15 @@ class GraphView:
         return actions
 
     def publishers(self, topic: str) -> list[Endpoint]:
-        """Return the publishers of other nodes on a topic."""
+        """Return the publishers on a topic, given in full, of other live processes."""
         return self._endpoints(topic, self._node.get_publishers_info_by_topic(topic))
 
     def subscriptions(self, topic: str) -> list[Endpoint]:
-        """Return the subscriptions of other nodes to a topic."""
+        """Return the subscriptions to a topic, given in full, of other processes."""
         return self._endpoints(topic, self._node.get_subscriptions_info_by_topic(topic))
 
     def clients_of(self, node_name: str) -> list[str]:
-        """Return living nodes that have a client for a service of a node.
+        """Return sorted names of live nodes that have a client for a node's service.
 
         Of nodes with one name, one of which may have died, DDS only tells apart the
         writers of requests.
@@ -110,7 +111,7 @@ class GraphView:
         return sorted(names)
 
     def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
-        """Leave out what a process that has ended still has on the graph.
+        """Hide all endpoints of processes that own such an endpoint, for 30 s.
 
         Args:
             belongs: Returns whether an endpoint is that process's.
@@ -123,6 +124,7 @@ class GraphView:
                     self._dead[endpoint.participant] = until_s
 
     def _endpoints(self, topic: str, infos: list[TopicEndpointInfo]) -> list[Endpoint]:
+        """Convert ROS infos on a topic's endpoints; leave out own and dead ones."""
         endpoints = []
         for info in infos:
             identity = bytes(info.endpoint_gid)
@@ -145,7 +147,7 @@ class GraphView:
 
 
 def _full_name(info: TopicEndpointInfo) -> str:
-    """Return the full name of an endpoint's node, empty while it is not known."""
+    """Return namespace and name of an endpoint's node, empty while they are unknown."""
     # The middleware may hear of an endpoint before it hears of the endpoint's node.
     if info.node_name in ("", "_NODE_NAME_UNKNOWN_"):
         return ""
@@ -153,7 +155,7 @@ def _full_name(info: TopicEndpointInfo) -> str:
 
 
 def resolve_node_name(node: Node, name: str) -> str:
-    """Return the full name of another node.
+    """Return a node's name from the root; a relative one is in `node`'s namespace.
 
     Args:
         node: A relative name is in the namespace of this node.
@@ -190,18 +192,20 @@ class Integrity:
 
     @property
     def remarks(self) -> str:
-        """What the row notes of the trial beside its verdict, in one line."""
+        """Remarks on this trial for its row, joined by "; "; they change no verdict."""
         return "; ".join(sorted(self._remarks))
 
     def begin(self) -> None:
-        """Forget what was before a trial."""
+        """Forget remarks and forbidden requests of the trial before."""
         # Remarks belong to a row, and so to one trial.
         self._remarks.clear()
         if self.channel is not None:
             self.channel.interference.clear()
 
     def require_alone(self, loop: EvaluatorLoop, domain: str) -> None:
-        """Check that nobody speaks for simulator or evaluator before they have started.
+        """Raise ConfigError if a node publishes what only the suite's nodes may.
+
+        This is before simulator and evaluator begin; it waits up to 6 s for discovery.
 
         Args:
             loop: Spends the time of waits.
@@ -212,6 +216,7 @@ class Integrity:
         """
 
         def describe_speaker() -> str:
+            """Return who publishes on a protected topic, empty if nobody does."""
             return _describe_publisher(self._publishers_to_protect())
 
         if loop.wait(describe_speaker, _DISCOVERY_S) and not loop.wait(
@@ -223,7 +228,7 @@ class Integrity:
             )
 
     def require(self, loop: EvaluatorLoop) -> None:
-        """Raise TrialEnded if somebody interferes."""
+        """Raise TrialEnded with outcome INTERFERENCE if `look` finds something."""
         # By hand, another simulator may have taken the place of one that DDS still
         # shows: it has time to go.
         limit_s = LEASE_S if self.channel is None else 0.0
@@ -231,7 +236,10 @@ class Integrity:
             raise TrialEnded(Outcome.INTERFERENCE, self.look())
 
     def look(self) -> str:
-        """Return in one line who interferes and how, an empty text if nobody does."""
+        """Return who interferes and how, or that the graph is too crowded, else empty.
+
+        Remarks on other nodes are added to `remarks`.
+        """
         crowd = self.view.crowd()
         if crowd:
             return crowd
@@ -239,14 +247,17 @@ class Integrity:
         return self._forbidden_request() or self._foreign_publisher()
 
     def _forbidden_request(self) -> str:
-        """Return what somebody has asked of the simulator, with who can have asked."""
+        """Return the first request that others made of the simulator, or empty.
+
+        It begins with the nodes that can have made it.
+        """
         if self.channel is None or not self.channel.interference:
             return ""
         nodes = ", ".join(self.view.clients_of(self.simulator)) or _UNNAMED
         return f"{nodes} {self.channel.interference[0]}"
 
     def _foreign_publisher(self) -> str:
-        """Return who publishes for the simulator or the evaluator."""
+        """Return who publishes in place of simulator or evaluator, or empty."""
         # By hand, the simulator is known by its name only, which anybody may take.
         participants = set()
         for endpoint in self._publishers_to_protect():
@@ -269,10 +280,12 @@ class Integrity:
         )
 
     def _publishers_to_protect(self) -> Iterator[Endpoint]:
+        """Yield all publishers on topics that only simulator and evaluator may use."""
         for topic in (*self.topics.of_simulator, *self.evaluator_topics):
             yield from self.view.publishers(topic)
 
     def _update_remarks(self) -> None:
+        """Add remarks on readers of the true pose and on several command senders."""
         truth = self.topics.truth
         readers = _node_names(self.view.subscriptions(truth))
         if readers:
@@ -287,11 +300,12 @@ class Integrity:
 
 
 def _node_names(endpoints: Iterable[Endpoint]) -> list[str]:
+    """Return the name of each endpoint's node, "an unnamed node" if it is unknown."""
     return [endpoint.node or _UNNAMED for endpoint in endpoints]
 
 
 def _describe_publisher(endpoints: Iterable[Endpoint]) -> str:
-    """Return in words what the first endpoint publishes, empty if there is none."""
+    """Return "NODE publishes TOPIC" of the first endpoint, empty if there is none."""
     for endpoint in endpoints:
         return f"{endpoint.node or _UNNAMED} publishes {endpoint.topic}"
     return ""

@@ -12,7 +12,7 @@ from barn_eval.trials.ros_config import RosConfig
 
 
 def ros_problem() -> str:
-    """Return why this Python cannot use ROS; empty if it can.
+    """Return why this Python has no usable rclpy, empty if it has; import nothing.
 
     Either rclpy is not installed, or it was built for another Python.
     """
@@ -34,7 +34,7 @@ def ros_problem() -> str:
 
 @cache
 def probe_isolation() -> str:
-    """Return what keeps planner processes from the suite's, or why nothing does.
+    """Return "apart", "visible", or why planners cannot be isolated on this host.
 
     "apart": in namespaces of their own they neither see nor signal the suite's
     processes. "visible": they only see them.
@@ -46,10 +46,10 @@ def probe_isolation() -> str:
 
 
 def can_isolate() -> bool:
-    """Return whether no planner over ROS can signal the suite's processes."""
+    """Return whether planners on this host can be kept from signaling the suite."""
     return probe_isolation() in ("apart", "visible")
 
 
 def session_isolation(config: RosConfig) -> str:
-    """Return the isolation of a run over ROS, as run.json has it of each session."""
+    """Return "apart", "visible", a reason or "not asked for", as run.json has it."""
     return probe_isolation() if config.isolate else "not asked for"

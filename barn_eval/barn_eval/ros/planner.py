@@ -107,12 +107,16 @@ class PlannerClient:
         )
 
     def await_node(self, limit_s: float) -> None:
-        """Wait for the node that the configuration names.
+        """Wait until the node of `planner_node` is there; return at once if unset.
+
+        PlannerNotReady is raised after the limit. The first time, it also waits a
+        moment for the node's services.
 
         A node that starts slowly must not be taken for one without ~/ready.
         """
 
         def describe_missing() -> str:
+            """Return that the named node is not there, else empty."""
             if not self._name or self._name in self._view.nodes():
                 return ""
             return f"the node {self._name} (planner_node) is not there"
@@ -126,7 +130,7 @@ class PlannerClient:
             )
 
     def inactive_nodes(self) -> str:
-        """Return in words which managed nodes are not active, the planner included."""
+        """Return which lifecycle nodes are not active, in words; empty if all are."""
         nodes = {node.name: node for node in self._managed_nodes}
         if self._name and self._node.offers("get_state"):
             nodes[self._name] = self._node
@@ -134,11 +138,11 @@ class PlannerClient:
         return "; ".join(filter(None, problems))
 
     def await_active(self) -> None:
-        """Wait until all managed nodes are active."""
+        """Wait until all lifecycle nodes are active, or raise PlannerNotReady."""
         self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float) -> Finding:
-        """Wait until a planner has all that it needs for a time.
+        """Wait until the planner has had all its endpoints on the graph for a time.
 
         Args:
             limit_s: Longest wait.
@@ -155,6 +159,7 @@ class PlannerClient:
         finding = Finding()
 
         def describe_missing() -> str:
+            """Return what is missing on the graph, empty once complete for a time."""
             nonlocal finding, complete_since_s, wrong_since_s
             now_s = self._loop.now_s
             finding = inspect(self._view.graph(), self._needs)
@@ -183,7 +188,7 @@ class PlannerClient:
         return finding
 
     def report_parameters(self) -> None:
-        """Send the parameters of the planner's nodes to the supervisor."""
+        """Send the supervisor the ROS parameters of all nodes but the simulator."""
         self.parameters = {}
         deadline_s = self._loop.now_s + _ALL_PARAMETERS_S
         # The empty name stands for all nodes whose names discovery has not told yet.
@@ -198,6 +203,7 @@ class PlannerClient:
         self._loop.report("parameters", text=json.dumps(self.parameters))
 
     def _read_parameters(self, name: str, deadline_s: float) -> dict[str, str]:
+        """Return a node's parameters as texts; {} if it does not tell them in time."""
         if len(self.parameters) >= _MAX_PARAMETERS:
             return {}
         # RuntimeError: a value of a type that rclpy does not know.
@@ -211,7 +217,7 @@ class PlannerClient:
         return {}
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
-        """Give the planner seed, map and goal, and wait for ~/ready where it offers it.
+        """Seed and reset the planner, send map and goal, wait for ~/ready if offered.
 
         Args:
             spec: The trial.
@@ -240,7 +246,7 @@ class PlannerClient:
             loop.sleep(_READY_PERIOD_S, PLANNER)
 
     def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
-        """Send the goal again.
+        """Send the goal again, but to an action only if the last goal has failed.
 
         Args:
             spec: The trial.
@@ -249,7 +255,7 @@ class PlannerClient:
         self.goal.repeat(self._encode_goal(spec, stamp_ns))
 
     def clock_problem(self) -> str:
-        """Return in words whether the planner ignores simulated time, else empty."""
+        """Return that use_sim_time is off in the planner, if it said so, else empty."""
         if self.parameters.get(f"{self._node.name} use_sim_time") == "False":
             return f"use_sim_time is off in {self._node.name}"
         return ""
@@ -260,6 +266,11 @@ class PlannerClient:
         limit_s: float,
         subject: str = "the planner: ",
     ) -> None:
+        """Wait until `describe_missing` returns "", or raise PlannerNotReady.
+
+        The user gets a note every 5 s. A graph that is too crowded counts as missing
+        something.
+        """
         # A crowded graph is told first: a look at all of it would take too long.
         missing = self._loop.wait_for_missing(
             subject, lambda: self._view.crowd() or describe_missing(), limit_s, PLANNER
@@ -268,17 +279,23 @@ class PlannerClient:
             raise PlannerNotReady(f"{missing} (waited {limit_s:g} s)")
 
     def _encode_goal(self, spec: TrialSpec, stamp_ns: int) -> bytes:
+        """Return the goal as a serialized PoseStamped, in the map or odom frame."""
         config = self._config
         # A planner that is given a map is localized in it, others have odometry alone.
         frame = config.map_frame if spec.protocol.map_given else config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 
     def _remote_node(self, name: str) -> RemoteNode:
+        """Return the client of a node by full name; make it at the first call."""
         if name not in self._nodes:
             self._nodes[name] = RemoteNode(self._loop, name, PLANNER)
         return self._nodes[name]
 
     def _reset(self, spec: TrialSpec) -> None:
+        """Set the planner's seed and call ~/reset, each where the node offers it.
+
+        A refused seed is logged; PlannerNotReady is raised for a refused reset.
+        """
         node = self._node
         limit_s = self._patience.service_s
         if node.offers(SET_PARAMETERS):
@@ -295,7 +312,10 @@ class PlannerClient:
                 raise PlannerNotReady(refusal)
 
     def _refusal(self, call: Callable[[], object]) -> str:
-        """Call a service of the planner and return its reason to refuse, if it does."""
+        """Call a service by `call`; return the reason of a refusal, else empty.
+
+        PlannerNotReady is raised if it does not answer.
+        """
         try:
             call()
         except ServiceRefused as error:

@@ -40,7 +40,7 @@ class Endpoint:
 
     @property
     def participant(self) -> bytes:
-        """The part of the identity that tells its process from any other."""
+        """First 12 bytes of the DDS GUID, which all endpoints of a process share."""
         return self.identity[:PARTICIPANT_BYTES]
 
 
@@ -55,7 +55,7 @@ class Graph:
 
     @property
     def endpoints(self) -> tuple[Endpoint, ...]:
-        """All publishers and subscriptions."""
+        """All publishers, then all subscriptions."""
         return (*self.publishers, *self.subscriptions)
 
 
@@ -91,7 +91,7 @@ class Finding:
     command_reliable: bool = True
 
     def text(self) -> str:
-        """Return what is missing as one line."""
+        """Return what is missing, joined by "; "; empty if nothing is."""
         return "; ".join(self.missing)
 
 
@@ -101,7 +101,7 @@ class _Problem(NamedTuple):
 
 
 def inspect(graph: Graph, needs: Needs) -> Finding:
-    """Compare a graph with what a planner needs to drive.
+    """Return what the graph has and lacks of a planner's endpoints; wait for nothing.
 
     Args:
         graph: The endpoints of other nodes.
@@ -148,6 +148,7 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
 def _command_problems(
     graph: Graph, needs: Needs, types: Sequence[str]
 ) -> Iterator[_Problem]:
+    """Yield what is wrong on the topic of commands: no publisher, or a wrong type."""
     topic = needs.command_topic
     accepted = COMMAND_TYPES[needs.command_type]
     if not types:
@@ -177,6 +178,7 @@ def _command_problems(
 
 
 def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
+    """Yield topics with no subscription of the right type, or with unfit QoS."""
     publishers = (*graph.publishers, *needs.offered)
     for topic, type_name in needs.inputs:
         readers = [
@@ -216,7 +218,7 @@ def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
 
 
 def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
-    """Return where the planner may listen instead, as an end of a message."""
+    """Return an end of a message on where the planner listens instead, or empty."""
     published = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
     idle_topics = []
     for endpoint in graph.subscriptions:
@@ -239,6 +241,7 @@ def _input_hint(graph: Graph, needs: Needs, type_name: str) -> str:
 
 
 def _action_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
+    """Yield that the action that takes the goal is missing or of another type."""
     if needs.action is None or needs.action in graph.actions:
         return
     name, type_name = needs.action
@@ -260,7 +263,7 @@ def _action_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
 
 
 def _is_compatible(writer: Endpoint, reader: Endpoint) -> bool:
-    """Return whether DDS connects two endpoints by their quality of service."""
+    """Return whether a reader asks for no better QoS than its writer offers."""
     # A reader may ask for less than its writer offers, but never for more.
     is_reliable = writer.reliable or not reader.reliable
     is_durable = writer.latched or not reader.latched
@@ -268,11 +271,12 @@ def _is_compatible(writer: Endpoint, reader: Endpoint) -> bool:
 
 
 def short_type(type_name: str) -> str:
-    """Return the last part of a type's name."""
+    """Return the last part of a ROS type: "Twist" of "geometry_msgs/msg/Twist"."""
     return type_name.rsplit("/", 1)[-1]
 
 
 def _short_types(type_names: Iterable[str]) -> str:
+    """Return the last parts of ROS types in one text, sorted, joined by commas."""
     return ", ".join(short_type(name) for name in sorted(type_names))
 
 
@@ -298,7 +302,7 @@ class Watchdog:
         self._window = _PaceWindow(now_s, 0.0, 0.0)
 
     def hear(self, now_s: float, ticks: int, commands: int) -> None:
-        """Note what has come so far.
+        """Note how many ticks and commands have come so far, and when they last did.
 
         Args:
             now_s: The evaluator's time.
@@ -313,7 +317,7 @@ class Watchdog:
             self._last_command_s = now_s
 
     def publisher_seen(self, now_s: float) -> None:
-        """Note that the planner's publisher of commands is on the graph."""
+        """Note that at this time the graph has the planner's publisher of commands."""
         self._last_publisher_s = now_s
 
     def judge(
@@ -324,7 +328,9 @@ class Watchdog:
         simulated_s: float = 0.0,
         waited_s: float = 0.0,
     ) -> tuple[Outcome, str] | None:
-        """Return the outcome and its detail if something has gone wrong, else None.
+        """Return outcome and detail if simulator or planner hangs or lags, else None.
+
+        Once a minute it also judges the pace of the planner, and begins anew.
 
         Args:
             now_s: The evaluator's time.
@@ -360,7 +366,11 @@ class Watchdog:
         return None
 
     def _describe_slowness(self, now: "_PaceWindow") -> str:
-        """Return how slow the planner was in a full window, empty if fast enough."""
+        """Judge wall-clock per simulated time over 60 s, and begin a new window.
+
+        Returns in words that the planner was too slow; empty if it was not. A window
+        that is not full yet goes on, with an empty text.
+        """
         start = self._window
         duration_s = now.time_s - start.time_s
         # Over a short time, a first compilation of kernels would look like slowness.

@@ -67,7 +67,7 @@ class Recording:
         self._written: set[tuple[str, int]] = set()
 
     def discover(self, *, everything: bool) -> None:
-        """Subscribe to topics with a publisher.
+        """Subscribe to required topics that have a publisher, or to all for a bag.
 
         Args:
             everything: Subscribe to all topics, and not only to those that are needed.
@@ -90,6 +90,7 @@ class Recording:
     def _subscribe(
         self, topic: str, type_name: str, profile: Qos, *, judged: bool
     ) -> None:
+        """Register a topic's type and subscribe, or log why it is not recorded."""
         obstacle = register_type(type_name)
         if not obstacle and not self._subscriber.subscribe(
             topic, type_name, profile, judged=judged
@@ -102,7 +103,7 @@ class Recording:
             )
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
-        """Write the latched messages: sent before the trial, they belong to it.
+        """Write the last message of each latched topic to a new bag, at one time.
 
         Args:
             recorder: Writes the bag.
@@ -117,7 +118,7 @@ class Recording:
     def write(
         self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int
     ) -> None:
-        """Write the messages of a tick.
+        """Write messages to the bag, all at the simulated time of their tick.
 
         Args:
             recorder: Writes the bag.
@@ -144,7 +145,7 @@ class Recording:
         stamp_ns: int,
         recorder: Recorder | None,
     ) -> None:
-        """Publish how a trial stands where somebody listens, and write it to the bag.
+        """Publish the evaluator's own messages where somebody listens, and record them.
 
         Args:
             messages: Topics of the evaluator with their serialized messages.
@@ -162,7 +163,7 @@ class Recording:
 
 
 def _bag_names(node: Node) -> dict[str, str]:
-    """Return names in bags of topics whose name here is another one.
+    """Return names in bags by names on the graph, for topics where the two differ.
 
     Remapped topics of the suite go by the suite's name in bags, which readers know. A
     foreign topic that has such a name here gets an ending.
@@ -182,7 +183,7 @@ def _bag_names(node: Node) -> dict[str, str]:
 
 
 def register_type(type_name: str) -> str:
-    """Register a message type and all its parts as the installed packages define them.
+    """Register a message type and its parts with rosbags; return what prevents that.
 
     Returns:
         What prevents it, as an end to "its type ...", and an empty text if nothing
@@ -217,7 +218,7 @@ def register_type(type_name: str) -> str:
 
 
 def _definition_file(package: str, short_name: str) -> Path | None:
-    """Return the .msg file of a type, in the prefix that its Python package is in."""
+    """Return the installed .msg file of a package's type, None if there is none."""
     spec = importlib.util.find_spec(package)
     locations = spec.submodule_search_locations if spec is not None else None
     for location in locations or ():
@@ -229,7 +230,7 @@ def _definition_file(package: str, short_name: str) -> Path | None:
 
 
 def _part_names(field_type: Any) -> list[str]:
-    """Return the message type that a field of rosbags' description holds, if any."""
+    """Return the message type in a field of rosbags, as a list of one or none."""
     kind, content = field_type
     if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
         # The content of both is a pair: the element's description and a length.
@@ -238,7 +239,7 @@ def _part_names(field_type: Any) -> list[str]:
 
 
 def common_profile(infos: Collection[TopicEndpointInfo]) -> Qos:
-    """Return the profile that fits all publishers of a topic.
+    """Return a QoS profile for all publishers: reliable or latched only if all are.
 
     It is reliable and latched if all of them are.
     """

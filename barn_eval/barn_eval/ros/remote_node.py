@@ -51,13 +51,13 @@ class RemoteNode:
     _clients: dict[str, Client] = field(default_factory=dict)
 
     def offers(self, service: str) -> bool:
-        """Return whether the node has a service now, by its name under the node's."""
+        """Return whether the node's service ~/SERVICE is on the graph; do not wait."""
         # The graph is asked each time: a node may offer services late.
         services = self.loop.node.get_service_names_and_types()
         return f"{self.name}/{service}" in (name for name, _ in services)
 
     def await_services(self, services: Sequence[str], limit_s: float) -> None:
-        """Wait until the node has services.
+        """Wait until all named services of the node are on the graph.
 
         Args:
             services: Names under the node's own.
@@ -68,6 +68,7 @@ class RemoteNode:
         """
 
         def describe_missing() -> str:
+            """Return the full names of missing services, joined by commas."""
             missing = [name for name in services if not self.offers(name)]
             return ", ".join(f"{self.name}/{name}" for name in missing)
 
@@ -80,7 +81,7 @@ class RemoteNode:
     def trigger(
         self, service: str, limit_s: float, call_period_s: float = _CALL_PERIOD_S
     ) -> str:
-        """Call a service of type Trigger and return its message.
+        """Call a std_srvs/Trigger service until it answers, and return its message.
 
         Args:
             service: Name under the node's own.
@@ -99,7 +100,7 @@ class RemoteNode:
         return _require_success(answer)
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
-        """Call a service of type SetBool and return its message.
+        """Call a std_srvs/SetBool service until it answers, and return its message.
 
         Args:
             service: Name under the node's own.
@@ -118,7 +119,7 @@ class RemoteNode:
         )
 
     def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
-        """Set parameters, all of them or none.
+        """Set parameters of the node in one atomic call: all of them or none.
 
         Args:
             values: Values by the names of parameters.
@@ -139,7 +140,10 @@ class RemoteNode:
             raise ServiceRefused(f"{self.name}: {reason}")
 
     def read_parameters(self, limit_s: float) -> dict[str, str]:
-        """Return the first 1000 parameters as texts, long ones shortened."""
+        """Return up to 1000 parameters of the node as texts by name, long ones cut.
+
+        ServiceTimeout is raised if the node does not answer in time.
+        """
         request = ListParameters.Request()
         answer = self.call("list_parameters", ListParameters, request, limit_s)
         # In a fixed order, so that two starts of a node report alike.
@@ -153,7 +157,7 @@ class RemoteNode:
         return {name[:_MAX_CHARACTERS]: _value_text(value) for name, value in values}
 
     def lifecycle_problem(self) -> str:
-        """Return in words why a managed node is not active, an empty text if it is."""
+        """Return in words why the lifecycle node is not active, empty if it is."""
         subject = f"the lifecycle node {self.name}"
         if not self.offers("get_state"):
             return f"{subject} is not there"
@@ -177,7 +181,7 @@ class RemoteNode:
         limit_s: float,
         call_period_s: float = _CALL_PERIOD_S,
     ) -> Any:
-        """Call a service of the node and return its answer.
+        """Call a service of the node, again each period, and return its answer.
 
         Args:
             service: Name under the node's own.
@@ -211,20 +215,21 @@ class RemoteNode:
         raise ServiceTimeout(f"no answer from {path} within {limit_s:g} s")
 
     def close(self) -> None:
-        """Destroy the clients: each of them makes every spin longer."""
+        """Destroy the clients of the node's services: each makes every spin longer."""
         for client in self._clients.values():
             self.loop.node.destroy_client(client)
         self._clients.clear()
 
 
 def _require_success(answer: Any) -> str:
-    """Return the message of an answer of type Trigger or SetBool."""
+    """Return the message of a Trigger or SetBool answer; ServiceRefused if failed."""
     if not answer.success:
         raise ServiceRefused(answer.message)
     return str(answer.message)
 
 
 def _value_text(value: ParameterValue) -> str:
+    """Return a parameter's value as text, cut to 100 characters and its SHA-256."""
     text = str(parameter_value_to_python(value))
     if len(text) <= _MAX_CHARACTERS:
         return text

@@ -63,13 +63,13 @@ class TickSequencer:
 
     @property
     def latest_ns(self) -> int | None:
-        """The simulated time now, None before the first tick."""
+        """Simulated time (ns) of the newest tick still held, None if none is held."""
         if not self._open:
             return None
         return self._open[-1].stamp_ns
 
     def tick(self, stamp_ns: int, sent_ns: int) -> bool:
-        """Take a message of /clock.
+        """Begin a tick of /clock, if its time is new; return whether it is.
 
         Args:
             stamp_ns: The simulated time that it tells.
@@ -86,7 +86,7 @@ class TickSequencer:
         return True
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Note a tick that took the other messages' route.
+        """Set up to which simulated time (ns) all messages have come over DDS.
 
         Anybody can publish a tick of the future; it counts as the last one.
         """
@@ -94,7 +94,7 @@ class TickSequencer:
             self._acknowledged_ns = min(stamp_ns, self._open[-1].stamp_ns)
 
     def add(self, message: Message) -> None:
-        """Take any message that is no tick."""
+        """Put a message into the tick of /clock in which it was sent."""
         if not self._open:
             self._early.append(message)
             return
@@ -105,25 +105,26 @@ class TickSequencer:
         insort_right(tick.messages, message, key=_SENT_NS)
 
     def pop_complete(self) -> Iterator[Tick]:
-        """Yield the ticks to which nothing can come any more, oldest first."""
+        """Remove and yield the ticks that can get no more messages, oldest first."""
         self._settle()
         while self._first_is_complete():
             yield self._open.popleft()
 
     def pop_all(self) -> Iterator[Tick]:
-        """Yield all ticks that are left, the last of which may lack something."""
+        """Remove and yield all ticks, oldest first; the last may lack messages."""
         self._settle()
         while self._open:
             yield self._open.popleft()
 
     def _first_is_complete(self) -> bool:
+        """Return whether a tick is there, and acknowledged, after the next scan's."""
         for tick, next_tick in pairwise(islice(self._open, 1, None)):
             if any(message.topic == self._scan_topic for message in tick.messages):
                 return next_tick.stamp_ns <= self._acknowledged_ns
         return False
 
     def _settle(self) -> None:
-        """Move messages on that came before the tick that they belong to, in order."""
+        """Move messages that were sent after the next tick began on to that tick."""
         for tick, next_tick in pairwise(self._open):
             while tick.messages and tick.messages[-1].sent_ns >= next_tick.sent_ns:
                 insort_left(next_tick.messages, tick.messages.pop(), key=_SENT_NS)

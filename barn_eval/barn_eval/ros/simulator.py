@@ -59,13 +59,13 @@ class SimulatorChannel:
         loop.poll = self._receive
 
     def read(self, take: Callable[[Message], None]) -> None:
-        """Hand over all readings that have arrived."""
+        """Hand all readings that have arrived to `take`, oldest first, once each."""
         self._receive()
         while self._readings:
             take(self._readings.popleft())
 
     def acknowledge(self, stamp_ns: int) -> None:
-        """Tell the simulator up to which stamp of /clock its topics have arrived."""
+        """Tell the simulator up to which simulated time (ns) DDS has brought topics."""
         self._line.send(heard=stamp_ns)
 
     def ignore(self) -> None:
@@ -74,7 +74,7 @@ class SimulatorChannel:
         self._line.send(heard=None)
 
     def ask(self, action: str, limit_s: float, **content: object) -> str:
-        """Make a request of `barn_sim.ros.leader`.
+        """Send the simulator a request by the private line and wait for the answer.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".
@@ -111,6 +111,7 @@ class SimulatorChannel:
         return str(answer["text"])
 
     def _receive(self) -> None:
+        """Take readings, answers and others' requests off the line; do not wait."""
         while (packet := self._line.receive()) is not None:
             if isinstance(packet, Reading):
                 if not self._drops_readings:
@@ -133,7 +134,7 @@ class SimulatorServices(RemoteNode):
         values: Mapping[str, Any] | None = None,
         on: bool = False,
     ) -> str:
-        """Make a request as `SimulatorChannel.ask` does.
+        """Make a request of `SimulatorChannel.ask` by calls of ROS services.
 
         Args:
             action: "introduce", "set_parameters", "pause" or "reset".
@@ -142,7 +143,11 @@ class SimulatorServices(RemoteNode):
             on: Whether time stops, for "pause".
 
         Returns:
-            The message of the answer.
+            The message of the answer to "pause" or "reset", otherwise empty.
+
+        Raises:
+            ServiceRefused: If the simulator does not do it.
+            ServiceTimeout: If no answer comes.
         """
         # A call that may be repeated is repeated; a reset must not be, it begins a
         # trial.
@@ -185,7 +190,7 @@ class SimulatorClient:
         self._dataset = str(dataset.resolve() if dataset.exists() else dataset)
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Put the robot of a trial at its start, with time stopped.
+        """Pause the simulator, set world, start and seeds of a trial, and reset it.
 
         Args:
             spec: The trial.
@@ -226,7 +231,7 @@ class SimulatorClient:
     def await_connections(
         self, scan_subscriptions: int, command_publishers: int
     ) -> bool:
-        """Wait until the simulator is connected with the nodes on the graph.
+        """Pause the simulator and wait until it has as many connections as asked.
 
         An endpoint on the graph need not be connected yet, and the first scan of a
         trial must not be lost.
@@ -252,16 +257,16 @@ class SimulatorClient:
             self._loop.sleep(_CHECK_PERIOD_S, PLANNER, SIMULATOR)
 
     def release(self) -> None:
-        """Let simulated time run."""
+        """Unpause the simulator: simulated time runs from now on."""
         self._pause(False)
 
     def pause(self) -> int:
-        """Stop simulated time and return how many commands the simulator missed."""
+        """Pause the simulator; return in how many cycles it missed a command, or 0."""
         # Cycles of the trial in which it waited in vain for one.
         return self._pause(True).get("missed_commands", 0)
 
     def _pause(self, on: bool) -> dict[str, int]:
-        """Stop time or let it run, and return the counts in the simulator's answer."""
+        """Pause or unpause the simulator; return counts from its answer, or {}."""
         text = self._ask("pause", self._patience.service_s, on=on)
         # Another simulator than the suite's may answer any text, which has no counts.
         with suppress(ValueError):
@@ -271,6 +276,7 @@ class SimulatorClient:
         return {}
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:
+        """Make a request; TrialEnded if no answer comes, BarnError if it is refused."""
         try:
             return self._request(action, limit_s, **content)
         except ServiceTimeout as error:

@@ -47,7 +47,7 @@ class PolledGroup(CallbackGroup):
     """A group whose entities no executor touches: the evaluator reads them."""
 
     def can_execute(self, *_: object) -> bool:
-        """Return False."""
+        """Return False, so that no executor takes messages of the group."""
         return False
 
 
@@ -70,6 +70,7 @@ class Subscriber:
     """
 
     def __init__(self, node: Node) -> None:
+        """Begin without topics; `node` makes the subscriptions."""
         # Consecutive reads that could not take all messages.
         self.full_reads = 0
         self._node = node
@@ -79,7 +80,7 @@ class Subscriber:
     def subscribe(
         self, name: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True
     ) -> bool:
-        """Subscribe to a topic, or anew if its type or reliability has changed.
+        """Subscribe to a topic; replace a subscription of other type or reliability.
 
         Args:
             name: Resolved name of the topic.
@@ -117,7 +118,7 @@ class Subscriber:
         return True
 
     def provide(self, name: str, type_name: str) -> None:
-        """Note a topic whose messages come from elsewhere, so no bag subscribes to it.
+        """Note a topic that comes by the private line; do not subscribe to it.
 
         Args:
             name: Resolved name of the topic.
@@ -126,18 +127,18 @@ class Subscriber:
         self._topics[name] = _Topic(type_name)
 
     def topics(self) -> dict[str, str]:
-        """Return the types of all topics by their names."""
+        """Return ROS types by resolved names of subscribed and provided topics."""
         return {name: topic.type_name for name, topic in self._topics.items()}
 
     def count_publishers(self, name: str) -> float:
-        """Return how many publishers are connected; inf without a subscription."""
+        """Return how many publishers are connected; inf if it is not subscribed to."""
         topic = self._topics.get(name)
         if topic is None or topic.subscription is None:
             return math.inf
         return float(topic.subscription.get_publisher_count())
 
     def read(self, take: Callable[[Message], None]) -> None:
-        """Hand over the messages that have arrived, topic by topic.
+        """Take arrived messages, up to 32 MiB, and hand them to `take`, topic by topic.
 
         If there are too many, topics that were subscribed to first are read.
         """
@@ -168,7 +169,7 @@ class Subscriber:
             self.full_reads += 1
 
     def read_latched(self) -> list[Message]:
-        """Return the last message of each latched topic."""
+        """Return the last message that `read` took of each latched topic."""
         topics = self._topics.values()
         return [topic.last for topic in topics if topic.last is not None]
 
@@ -215,7 +216,7 @@ class TrialQueue:
         self._clock_lag_ns = 0
 
     def require_bounded(self) -> None:
-        """Raise TrialEnded for floods of messages and clocks that are behind."""
+        """Raise TrialEnded for a flood of messages or commands with a late clock."""
         is_flooded = (
             self._waiting_bytes > _WAITING_BYTES
             or self._topic_bytes.total() > _TRIAL_BYTES
@@ -235,7 +236,7 @@ class TrialQueue:
             )
 
     def read(self) -> None:
-        """Take in what has arrived.
+        """Take in what has arrived, and acknowledge ticks on the private line.
 
         A simulator on the private line learns every few ticks how far DDS is.
         """
@@ -260,7 +261,10 @@ class TrialQueue:
             self._channel.acknowledge(dds_tick_ns)
 
     def release(self) -> None:
-        """Note that from now on simulated time runs."""
+        """Read what waits, and begin the trial at the latest tick, if there is one.
+
+        The simulator itself is not released.
+        """
         self.read()
         # What waits until here was sent before simulated time ran.
         self._released = True
@@ -269,7 +273,7 @@ class TrialQueue:
     def hand_over(
         self, take: Callable[[Tick], None], *, incomplete: bool = False
     ) -> None:
-        """Hand on the ticks that are complete; none before the release.
+        """Pass complete ticks of the trial to `take` in order; none before `release`.
 
         Args:
             take: Receives the ticks since the trial's beginning.
@@ -285,6 +289,7 @@ class TrialQueue:
                 take(tick)
 
     def _take(self, message: Message) -> None:
+        """Count a message and put it into its tick; drop one from before the reset."""
         if message.sent_ns < self._reset_ns:
             self._take_early(message)
             return
@@ -306,14 +311,14 @@ class TrialQueue:
             self.origin_ns = self.now_ns
 
     def _take_early(self, message: Message) -> None:
-        """Drop a message from before the reset, unless its stamp cannot be right."""
+        """Drop a message from before the reset; note a command's lag of over 1 s."""
         lag_ns = self._reset_ns - message.sent_ns
         is_command = message.topic == self._topics.command
         if self._released and is_command and lag_ns > _LATE_NS:
             self._clock_lag_ns = lag_ns
 
     def _take_from_dds(self, message: Message) -> None:
-        """Take a message that came by DDS while readings come by the channel.
+        """Take a message that came by DDS; of /clock, only note how far DDS is.
 
         A tick only shows how far DDS is.
         """

@@ -111,6 +111,7 @@ class RunContext:
         self.planner = PlannerClient(self.loop, self.view, config)
 
     def _subscribe_to_readings(self) -> SimulatorChannel | None:
+        """Return the private line's channel; without one, subscribe and return None."""
         node = self.loop.node
         is_private = self.config.simulator_fd >= 0
         topic_names = {}
@@ -129,7 +130,7 @@ class RunContext:
         )
 
     def _forget_process(self, process: str) -> None:
-        """Leave out what a process had on the graph.
+        """Hide the endpoints of an ended process: "planner" or "simulator".
 
         All that is not the simulator's counts as the planner's.
         """
@@ -138,6 +139,7 @@ class RunContext:
             participant = self.channel.participant
 
         def is_simulator(endpoint: Endpoint) -> bool:
+            """Return whether the simulator's process or node has the endpoint."""
             if participant:
                 return endpoint.participant == participant
             return endpoint.node == self._simulator_name
@@ -190,7 +192,7 @@ class RosTrial:
         self._origin_ns = 0
 
     def run(self) -> Verdict:
-        """Run to the verdict; whatever happens to the other nodes, there is one."""
+        """Run the trial and return its verdict, also if a node fails or ends."""
         context = self._context
         context.loop.begin_trial()
         context.integrity.begin()
@@ -220,7 +222,7 @@ class RosTrial:
         return self._explain(verdict)
 
     def _explain(self, verdict: Verdict) -> Verdict:
-        """Add to the verdict on a planner that does nothing what may be the cause."""
+        """Return the verdict, with likely causes in it if the planner does nothing."""
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
         details = [verdict.detail]
@@ -231,7 +233,10 @@ class RosTrial:
         return replace(verdict, detail="; ".join(filter(None, details)))
 
     def _prepare(self) -> TrialQueue:
-        """Bring simulator and planner to the start of the trial."""
+        """Reset the simulator, wait for the planner, seed it and send the goal.
+
+        Returns the queue of the trial's messages; simulated time is still stopped.
+        """
         context = self._context
         patience = context.config.patience
         simulator = context.simulator
@@ -274,7 +279,10 @@ class RosTrial:
         return queue
 
     def _await_connections(self) -> None:
-        """Wait until the nodes hear each other and the evaluator hears its topics."""
+        """Wait until publishers and subscriptions on the graph are connected.
+
+        TrialEnded is raised for topics that the trial is judged by; others get a note.
+        """
         context = self._context
         loop = context.loop
         subscriber = context.subscriber
@@ -282,6 +290,7 @@ class RosTrial:
         limit_s = context.config.patience.service_s
 
         def silent_topics() -> list[str]:
+            """Return judged topics with a publisher that is not connected."""
             silent = self._find_unmatched(topics)
             if topics.scan not in subscriber.topics():
                 silent.append(topics.scan)
@@ -319,7 +328,7 @@ class RosTrial:
             )
 
     def _find_unmatched(self, topics: Iterable[str]) -> list[str]:
-        """Return topics with more publishers than are connected, new ones included."""
+        """Discover topics; return those with more publishers than connections."""
         context = self._context
         context.recording.discover(everything=self._recorder is not None)
         return [
@@ -330,7 +339,7 @@ class RosTrial:
         ]
 
     def _follow(self, queue: TrialQueue) -> Verdict:
-        """Judge and record until there is a verdict."""
+        """Spin, judge, record, watch and repeat the goal until there is a verdict."""
         context = self._context
         loop = context.loop
         start_s = time.monotonic()
@@ -362,6 +371,7 @@ class RosTrial:
                 context.planner.repeat_goal(self._spec, queue.now_ns)
 
     def _look_at_graph(self, watchdog: Watchdog, now_s: float) -> None:
+        """Raise TrialEnded on interference; note the planner, find topics to record."""
         context = self._context
         context.integrity.require(context.loop)
         if context.view.publishers(context.topics.command):
@@ -370,6 +380,7 @@ class RosTrial:
             context.recording.discover(everything=True)
 
     def _require_progress(self, watchdog: Watchdog, now_s: float) -> None:
+        """Raise TrialEnded if the watchdog says that simulator or planner hangs."""
         simulated_s = 0.0
         waited_s = 0.0
         if self.adapter is not None:
@@ -385,7 +396,7 @@ class RosTrial:
             raise TrialEnded(*fault)
 
     def _begin(self, origin_ns: int) -> TrialAdapter:
-        """Begin bag and judging with the first tick."""
+        """Begin the bag at the first tick's time; return the adapter that judges."""
         context = self._context
         self._origin_ns = origin_ns
         if self._recorder is not None:
@@ -403,6 +414,7 @@ class RosTrial:
         )
 
     def _take(self, tick: Tick) -> None:
+        """Judge a tick; record its messages and scene if there is a bag."""
         stamp_ns = tick.stamp_ns
         if self.adapter is None:
             self.adapter = self._begin(stamp_ns)
@@ -424,7 +436,7 @@ class RosTrial:
         self._show_score()
 
     def _show_score(self) -> None:
-        """Publish and record how the trial stands, at the score's own period."""
+        """Publish and record the score if it is due: twice a second, and at the end."""
         if self._latest_ns is not None:
             messages = self._score.take(self.trial.referee.standing, self._latest_ns)
             self._context.recording.show(

@@ -42,11 +42,11 @@ class RosWork(Work):
 
     @property
     def isolation(self) -> str:
-        """What keeps planner processes from the suite's, as run.json has it."""
+        """Isolation in run.json: "apart", "visible" or why planners have none."""
         return session_isolation(self.config.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
-        """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
+        """Split trials into jobs of one planner for one worker; deal worlds in turn.
 
         Several planners all drive in a block of worlds before any drives in the next,
         so a run that is stopped early compares them. Nodes start once for a block and
@@ -81,7 +81,7 @@ class RosWork(Work):
         return jobs
 
     def run(self, job: Job, emit: Emit) -> None:
-        """Run a share to its end.
+        """Run the trials of a job over ROS, and emit a record of each.
 
         Args:
             job: Trials of one planner.
@@ -112,7 +112,7 @@ class RosWork(Work):
 
 
 def work_of(request: RunRequest, store: BagStore) -> Work:
-    """Return the work of a run's workers.
+    """Return how workers run the trials: in their process, or over ROS.
 
     Args:
         request: The run.
@@ -127,7 +127,7 @@ def work_of(request: RunRequest, store: BagStore) -> Work:
 
 
 def isolation_warning(setup: RosConfig) -> str:
-    """Return that nothing keeps planners from the suite's processes, else empty."""
+    """Return a warning that planners are not isolated, empty if they are."""
     if setup.isolate and can_isolate():
         return ""
     reason = probe_isolation() if setup.isolate else "isolate=false"
@@ -138,7 +138,7 @@ def isolation_warning(setup: RosConfig) -> str:
 
 
 def require_ros(config: RunConfig, reporter: Reporter) -> None:
-    """Check that a run of mode ros can run, and warn of missing isolation.
+    """Raise ConfigError if mode ros cannot run here; warn if nothing isolates planners.
 
     Args:
         config: The run; other modes pass.
@@ -169,7 +169,7 @@ def require_ros(config: RunConfig, reporter: Reporter) -> None:
 def run_request(
     request: RunRequest, reporter: Reporter, *, overwrite: bool = False
 ) -> list[TrialResult]:
-    """Run what a request still lacks and return all its results.
+    """Run the trials that have no result yet; return all results, old ones included.
 
     Args:
         request: Run and folder.
