@@ -160,7 +160,7 @@ class Episodes:
             )
 
     def observe(self, rows: Integers) -> Floats:
-        """Read some robots' sensors, update observations and distances to the goal.
+        """Read sensors of `rows`, update what they observe; return the old distances.
 
         Args:
             rows: Robots to read.
@@ -234,7 +234,7 @@ class Episodes:
     def step(
         self, is_resting: Bools, actions: npt.NDArray[np.floating]
     ) -> tuple[Floats, list[int]]:
-        """Drive all robots for one control period by actions (n, 2), observe and judge.
+        """Drive all robots for one period and judge; return rewards and ended rows.
 
         Args:
             is_resting: Robots (n,) that stand still because their episode begins now.

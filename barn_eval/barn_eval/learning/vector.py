@@ -41,7 +41,7 @@ class JackalVectorEnv(SyncVectorEnv):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         **changes: object,
     ) -> None:
-        """Make the environments.
+        """Make `num_envs` environments that share one batch of simulators.
 
         Args:
             num_envs: Number of environments.

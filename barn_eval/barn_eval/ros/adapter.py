@@ -122,7 +122,7 @@ class TrialAdapter:
                 self._take_command(message)
 
     def _take_command(self, message: Message) -> None:
-        """Give the trial a command; note its time and how long its scan waited."""
+        """Give the trial a command; note its time and the wait since its scan."""
         self.commands_ns.append(self.now_ns)
         if self._unanswered_scan_ns is not None:
             response_s = seconds(message.sent_ns - self._unanswered_scan_ns)

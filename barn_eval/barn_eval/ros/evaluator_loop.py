@@ -119,7 +119,7 @@ class EvaluatorLoop:
         self.now_s += min(_LONGEST_TURN_S, self._last_spin_s - previous_s)
 
     def require_alive(self, *processes: str) -> None:
-        """Raise TrialEnded if one of the processes has ended since the trial began."""
+        """Raise TrialEnded if one of the processes has ended since `begin_trial`."""
         for name in processes:
             if name in self._exits:
                 event = self._exits[name]

@@ -111,7 +111,7 @@ class GraphView:
         return sorted(names)
 
     def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
-        """Hide all endpoints of processes that own such an endpoint, for 30 s.
+        """Hide processes that own an endpoint for which `belongs` is true, for 30 s.
 
         Args:
             belongs: Returns whether an endpoint is that process's.

@@ -53,7 +53,7 @@ class PlannerClient:
     def __init__(
         self, loop: EvaluatorLoop, view: GraphView, config: EvaluatorConfig
     ) -> None:
-        """Create the publishers and clients of the goal.
+        """Create publishers and clients for goal, map and services; wait for nothing.
 
         Args:
             loop: Spends the time of waits.
@@ -142,7 +142,7 @@ class PlannerClient:
         self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float) -> Finding:
-        """Wait until the planner has had all its endpoints on the graph for a time.
+        """Wait until the planner's endpoints on the graph are complete for a time.
 
         Args:
             limit_s: Longest wait.

@@ -103,7 +103,7 @@ class Recording:
             )
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
-        """Write the last message of each latched topic to a new bag, at one time.
+        """Write the last message of each latched topic to a new bag, at `stamp_ns`.
 
         Args:
             recorder: Writes the bag.
@@ -118,7 +118,7 @@ class Recording:
     def write(
         self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int
     ) -> None:
-        """Write messages to the bag, all at the simulated time of their tick.
+        """Write a tick's messages to the bag, without excluded and unknown topics.
 
         Args:
             recorder: Writes the bag.

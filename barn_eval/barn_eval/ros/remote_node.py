@@ -51,7 +51,7 @@ class RemoteNode:
     _clients: dict[str, Client] = field(default_factory=dict)
 
     def offers(self, service: str) -> bool:
-        """Return whether the node's service ~/SERVICE is on the graph; do not wait."""
+        """Return whether the graph has the service NODE/SERVICE now; do not wait."""
         # The graph is asked each time: a node may offer services late.
         services = self.loop.node.get_service_names_and_types()
         return f"{self.name}/{service}" in (name for name, _ in services)
@@ -181,7 +181,7 @@ class RemoteNode:
         limit_s: float,
         call_period_s: float = _CALL_PERIOD_S,
     ) -> Any:
-        """Call a service of the node, again each period, and return its answer.
+        """Call a service of the node, again each period until it answers; return that.
 
         Args:
             service: Name under the node's own.

@@ -38,7 +38,7 @@ class SimulatorChannel:
     def __init__(
         self, loop: EvaluatorLoop, line: PrivateLine, topic_names: Mapping[str, str]
     ) -> None:
-        """Read the line whenever the loop spins.
+        """Take over the line: from now on every spin of the loop reads it.
 
         Args:
             loop: Spends the time of waits.
@@ -174,7 +174,7 @@ class SimulatorClient:
         request: Callable[..., str],
         config: EvaluatorConfig,
     ) -> None:
-        """Prepare requests.
+        """Prepare requests; ask the simulator for nothing yet.
 
         Args:
             loop: Spends the time of waits.

@@ -216,7 +216,7 @@ class TrialQueue:
         self._clock_lag_ns = 0
 
     def require_bounded(self) -> None:
-        """Raise TrialEnded for a flood of messages or commands with a late clock."""
+        """Raise TrialEnded for floods of messages or commands whose clock is behind."""
         is_flooded = (
             self._waiting_bytes > _WAITING_BYTES
             or self._topic_bytes.total() > _TRIAL_BYTES

@@ -70,7 +70,7 @@ class RunContext:
         config: EvaluatorConfig,
         supervisor: EventChannel | None,
     ) -> None:
-        """Create everything that lasts longer than a trial.
+        """Create subscriptions, clients and the view of the graph for all trials.
 
         Args:
             node: The evaluator node.
@@ -165,7 +165,7 @@ class RosTrial:
         *,
         first: bool,
     ) -> None:
-        """Prepare a trial.
+        """Prepare a trial with its referee; send nothing yet.
 
         Args:
             context: What all trials of the run share.

@@ -182,7 +182,7 @@ class _IsolatedProcess:
     def __init__(
         self, command: list[str], output: int, prepare: Callable[[], None], results: str
     ) -> None:
-        """Start the command; OSError if that fails."""
+        """Start the command in namespaces of its own; OSError if that fails."""
         self.returncode: int | None = None
         _enter_namespaces()
         self._reader, writer = os.pipe()
