@@ -104,7 +104,7 @@ class Batch:
         self._disturbed: set[int] = set()
 
     def put(self, index: int, simulator: Simulator) -> None:
-        """Take a simulator into the batch, instead of the one that was there.
+        """Set the simulator of a fleet row; the one that was there is not closed.
 
         Args:
             index: Its row in the fleet.
@@ -122,6 +122,7 @@ class Batch:
         self._copy_cylinders(index)
 
     def _copy_cylinders(self, index: int) -> None:
+        """Copy the cylinders of a simulator to its row; note whether any has moved."""
         simulator = self._simulators[index]
         segments = simulator.motion.obstacles.segments
         count = len(segments)
@@ -138,7 +139,7 @@ class Batch:
             self._disturbed.add(index)
 
     def advance(self, indices: Integers, commands: Floats) -> None:
-        """Send commands, advance simulators by a control period and read collisions.
+        """Send commands, advance a control period and set `readings.collisions`.
 
         Args:
             indices: Rows of the simulators that advance.
@@ -179,7 +180,7 @@ class Batch:
                 self._copy_cylinders(index)
 
     def read(self, indices: Integers) -> None:
-        """Read the sensors; a scan that is not due stays.
+        """Write poses, velocities and scans that are due to `readings`; return nothing.
 
         Args:
             indices: Rows of the simulators to read.
@@ -204,7 +205,7 @@ class Batch:
         )
 
     def _scan(self, indices: Integers) -> None:
-        """Take scans at one instant; where cylinders have moved, one by one."""
+        """Write new scans to `readings.ranges`, one by one where cylinders moved."""
         ranges = self.readings.ranges
         used = self._used_noise
         for index in indices[used[indices] == _SCANS].tolist():
@@ -237,7 +238,7 @@ class Batch:
             )
 
     def close(self) -> None:
-        """End the physics clients."""
+        """Close all simulators and the physics clients."""
         for simulator in self._simulators.values():
             simulator.close()
         self.scenes.close()

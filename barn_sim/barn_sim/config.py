@@ -187,6 +187,7 @@ class SimulatorConfig(Checked):
     chassis: Chassis = field(default=STANDARD_ROBOT.chassis, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless the periods are whole numbers of physics steps."""
         super().__post_init__()
         periods_s = {
             "control_period_s": self.control_period_s,
@@ -204,12 +205,12 @@ class SimulatorConfig(Checked):
 
     @property
     def tick_ns(self) -> int:
-        """Length of a physics step in nanoseconds."""
+        """Duration of a physics step, in ns."""
         return nanoseconds(self.physics.tick_s)
 
     @property
     def scan_steps(self) -> int:
-        """Control steps from one scan to the next.
+        """Number of control periods from one scan to the next, at least 1.
 
         Rounded up, since a scan comes with the readings of a control step.
         """
@@ -218,7 +219,7 @@ class SimulatorConfig(Checked):
         return max(1, math.ceil(steps - 1e-6))
 
     def ticks(self, period_s: float) -> int:
-        """Return the number of physics steps in a period, rounded."""
+        """Return the number of physics steps in a period in s, rounded."""
         return round(nanoseconds(period_s) / self.tick_ns)
 
 
@@ -231,7 +232,7 @@ _PRESET_FIELDS = {
 
 
 def with_robot(config: Config, robot: Robot) -> Config:
-    """Return a configuration for another robot.
+    """Return a configuration with a robot's chassis, drive, lidar, odometry and grip.
 
     Args:
         config: Configuration of any simulator. For the robot that it is for already it
@@ -262,7 +263,7 @@ def with_robot(config: Config, robot: Robot) -> Config:
 
 
 def chassis_in(simulator: object) -> Chassis:
-    """Return the robot of a simulator's configuration as plain data.
+    """Return the `Chassis` in a simulator's plain data, else the standard robot's.
 
     Args:
         simulator: Mapping that may name a chassis; the standard robot's counts if not.
@@ -280,7 +281,7 @@ def chassis_in(simulator: object) -> Chassis:
 
 
 def robot_of(config: SimulatorConfig) -> Robot:
-    """Return the robot that a configuration simulates, with all changes to it."""
+    """Return a configuration's chassis, drive, lidar, odometry, grip as a `Robot`."""
     return Robot(
         config.chassis,
         config.drive,
@@ -329,7 +330,7 @@ class SimulatorNodeConfig(Checked):
 
     @property
     def frames(self) -> Frames:
-        """All frames that messages name."""
+        """Names of the map, odom, base and lidar frames in the node's messages."""
         return Frames(
             self.map_frame, self.odom_frame, self.base_frame, self.lidar_frame
         )
@@ -369,5 +370,5 @@ class RunConfig(SimulatorConfig):
 
     @property
     def start(self) -> Pose2D:
-        """Start pose in the map frame."""
+        """Start pose of base_link in the map frame, m and rad."""
         return Pose2D(self.start_x_m, self.start_y_m, self.start_yaw_rad)

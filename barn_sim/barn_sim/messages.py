@@ -57,7 +57,7 @@ class SimulatorMessages:
         self._base_in_odom = ORIGIN
 
     def constant(self) -> Iterator[OutgoingMessage]:
-        """Yield what is published once: the robot's description and fixed frames."""
+        """Yield what is published once: robot_description (URDF text) and tf_static."""
         lidar = self._config.lidar
         chassis = self._config.chassis
         description = encode.encode_text(robot_description(lidar, chassis))
@@ -74,7 +74,7 @@ class SimulatorMessages:
         yield OutgoingMessage(topics.TF_STATIC, transforms)
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[OutgoingMessage]:
-        """Yield the messages of an instant, the time first and the scan last.
+        """Yield the serialized messages of an instant, clock first and scan last.
 
         Args:
             sensors: Readings; an older scan is left out.
@@ -93,11 +93,11 @@ class SimulatorMessages:
             yield self.scan(sensors.scan, stamp_ns)
 
     def clock(self, stamp_ns: int) -> OutgoingMessage:
-        """Return the time."""
+        """Return the serialized clock message of a time in ns."""
         return OutgoingMessage(topics.CLOCK, encode.encode_clock(stamp_ns))
 
     def odometry(self, odometry: Odometry, stamp_ns: int) -> OutgoingMessage:
-        """Return the odometry.
+        """Return the serialized odom message.
 
         Args:
             odometry: Pose and velocity in the odom frame.
@@ -106,7 +106,7 @@ class SimulatorMessages:
         return OutgoingMessage(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
 
     def truth(self, truth: Odometry, stamp_ns: int) -> OutgoingMessage:
-        """Return the true pose and velocity.
+        """Return the serialized ground-truth message.
 
         Args:
             truth: Pose in the map frame and velocity.
@@ -117,7 +117,7 @@ class SimulatorMessages:
     def localization(
         self, pose: Pose2D, odometry: Pose2D, stamp_ns: int
     ) -> OutgoingMessage:
-        """Return the estimated pose, which the next transforms follow.
+        """Return the amcl_pose message, and keep map to odom for the next transforms.
 
         Args:
             pose: Estimate in the map frame.
@@ -132,7 +132,7 @@ class SimulatorMessages:
         )
 
     def transforms(self, odometry: Pose2D, stamp_ns: int) -> OutgoingMessage:
-        """Return the transforms from map to odom and from odom to base.
+        """Return the tf message of map to odom, as last localized, and odom to base.
 
         Args:
             odometry: Pose in the odom frame.
@@ -142,16 +142,16 @@ class SimulatorMessages:
         return self.last_transforms(stamp_ns)
 
     def last_transforms(self, stamp_ns: int) -> OutgoingMessage:
-        """Return the last transforms; before the first instant, those of the start."""
+        """Return a tf message of the last poses, at first those of the start."""
         poses = [self._odom_in_map, self._base_in_odom]
         return OutgoingMessage(topics.TF, self._transforms.encode(poses, stamp_ns))
 
     def collision(self, touched: bool) -> OutgoingMessage:
-        """Return whether the robot has touched anything."""
+        """Return the collision message: whether the robot has touched anything."""
         return OutgoingMessage(topics.COLLISION, encode.encode_bool(touched))
 
     def joints(self, joints: Joints, stamp_ns: int) -> OutgoingMessage:
-        """Return the state of the wheels.
+        """Return the serialized joint_states message of the wheels.
 
         Args:
             joints: Angles and speeds of the wheels.
@@ -163,7 +163,7 @@ class SimulatorMessages:
         )
 
     def scan(self, scan: Scan, stamp_ns: int) -> OutgoingMessage:
-        """Return a scan.
+        """Return the scan message; the first one fixes the beams of all later ones.
 
         Args:
             scan: Scan of a lidar whose beams never change.
@@ -176,7 +176,7 @@ class SimulatorMessages:
 
 
 def _variances(config: LocalizationConfig) -> tuple[float, float, float]:
-    """Return the variances of x, y (m2) and yaw (rad2) that messages state."""
+    """Return the variances of x, y (m2), yaw (rad2) in amcl_pose; 0 in mode exact."""
     # Only the filter of mode amcl has exactly these deviations; of the particles they
     # are what its real counterpart typically states.
     if config.mode == "exact":

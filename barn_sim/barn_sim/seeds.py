@@ -12,7 +12,9 @@ LIDAR, ODOMETRY, LOCALIZATION, PHASE, BIAS = range(5)
 
 
 def generator(seed: int, child: int) -> np.random.Generator:
-    """Return the generator of a child, as `SeedSequence(seed).spawn` has it.
+    """Return a new generator for one user of a simulator's seed, such as the lidar.
+
+    It is that of the child in `SeedSequence(seed).spawn`.
 
     Args:
         seed: Seed of the simulator.
@@ -23,7 +25,7 @@ def generator(seed: int, child: int) -> np.random.Generator:
 
 
 def phase_s(world: World, random: bool, seed: int) -> float:
-    """Return the time into the motions of a world at the start of a trial, s.
+    """Return at which time (s) of its obstacles' motions a world's trial starts.
 
     Args:
         world: World that may have moving obstacles.

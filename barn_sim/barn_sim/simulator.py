@@ -81,7 +81,7 @@ class Simulator:
         self.begin(world, start, seed)
 
     def begin(self, world: World, start: Pose2D, seed: int) -> None:
-        """Begin anew, as a new simulator would with these arguments, but sooner.
+        """Restart with a world, start pose and seed; readings equal a new simulator's.
 
         Args:
             world: Obstacles around the robot.
@@ -114,11 +114,11 @@ class Simulator:
 
     @property
     def stamp_ns(self) -> int:
-        """Time since the start."""
+        """Simulated time since the start of the trial, in ns."""
         return self.motion.stamp_ns
 
     def sense(self) -> Sensors:
-        """Return the readings of this instant; a second call returns the same.
+        """Return all readings of this instant; repeated calls return the same object.
 
         If the lidar is slower than the control steps, the scan is the last one.
         """
@@ -145,7 +145,7 @@ class Simulator:
         return self._sensors
 
     def step(self, command: Velocity2D | None, delay_ns: int = 0) -> Sensors:
-        """Advance by one control period.
+        """Queue a command, advance one control period and return all readings.
 
         Args:
             command: Sent first; None for no command.
@@ -160,7 +160,7 @@ class Simulator:
         return self.sense()
 
     def command(self, velocity: Velocity2D, delay_ns: int = 0) -> None:
-        """Send a command.
+        """Queue a velocity command, no time passes; one that is not finite stops.
 
         Args:
             velocity: Speed and yaw rate; the robot stops if one is not a number.
@@ -178,26 +178,30 @@ class Simulator:
         self.motion.drive.command(exact, arrival_ns)
 
     def advance(self, ticks: int) -> None:
-        """Advance by a number of physics ticks."""
+        """Advance by physics ticks, not control periods, and read no sensor."""
         if self.lidar.sweeps:
             self.motion.remember_pose()
         self.motion.advance(ticks)
 
     def read_odometry(self) -> Odometry:
-        """Return the fused odometry of this instant."""
+        """Return the fused odometry now: pose in the odom frame, speed and yaw rate."""
         return self.motion.odometry.read(self.stamp_ns)
 
     def read_scan(self, noise: Singles | None = None) -> Scan:
-        """Take a scan with new noise, or with standard normal numbers (n,)."""
+        """Take a lidar scan now, with drawn or with standard normal noise (n,)."""
         return self._take_scan(self.lidar, noise)
 
     def read_truth(self) -> Odometry:
-        """Return the true pose in the map frame and the true velocity."""
+        """Return the true pose of base_link in the map frame and its true velocity."""
         pose, velocity = self.motion.place()
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localization(self, odometry: Pose2D) -> Pose2D:
-        """Return the estimated pose in the map frame by the pose in the odom frame."""
+        """Return the estimated pose in the map frame; the filter may take a scan.
+
+        Args:
+            odometry: Pose in the odom frame at this instant.
+        """
         pose, _ = self.motion.place()
         if isinstance(self._localization, ParticleLocalization):
             pose = self._localization.estimate(
@@ -213,11 +217,11 @@ class Simulator:
         return Pose2D(x, y, pose.yaw).through_quaternion()
 
     def read_collision(self) -> bool:
-        """Tell whether the robot has touched anything since the last call."""
+        """Tell whether the robot touched anything since the last call; resets it."""
         return self.motion.take_touch()
 
     def read_joints(self) -> Joints:
-        """Return the state of the wheels."""
+        """Return angles (rad) and speeds (rad/s) of the wheels, left, right in turn."""
         robot = self._fleet.robots[self._index]
         model = self.motion.model
         # Wheels of one side turn alike: a chain or a common command drives them.
@@ -228,10 +232,11 @@ class Simulator:
         return Joints(angles * axles, (left, right) * axles)
 
     def moved_obstacles(self) -> Moved:
-        """Return the displaced obstacles, with indices into `World.cylinders_m`."""
+        """Return cylinders displaced by over 1 mm, as rows of `World.cylinders_m`."""
         return self.motion.obstacles.moved()
 
     def _take_scan(self, lidar: Lidar, noise: Singles | None = None) -> Scan:
+        """Take a scan with a lidar among cylinders, walls and movers as of now."""
         motion = self.motion
         pose, _ = motion.place()
         height_m = self._scan_height_m
@@ -248,14 +253,14 @@ class Simulator:
         )
 
     def close(self) -> None:
-        """Release the physics client; closing again does nothing."""
+        """End the contact, and the physics clients too unless they were passed in."""
         self.motion.close()
         if self._owns_scenes:
             self._scenes.close()
 
 
 def warm_up() -> None:
-    """Compile every kernel, so that the first trial is not seconds slower."""
+    """Compile every numba kernel by simulating a robot that runs into a wall."""
     grid = np.zeros((9, 3), np.bool_)
     # A wall across the robot's way, so that contacts are compiled, too.
     grid[4] = True

@@ -54,7 +54,7 @@ class DriveController:
         settings["lag_share"] = lag_share
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
-        """Accept a command, which takes effect after the latency.
+        """Queue a command, which takes effect after the drive's own latency.
 
         Args:
             velocity: Finite speed and yaw rate.
@@ -72,7 +72,7 @@ class DriveController:
 def add_command(
     fleet: Fleet, index: int, arrival_ns: int, linear: float, angular: float
 ) -> None:
-    """Put a command behind those on their way, for which there is room.
+    """Append a command to a robot's queue; whether it has room is not checked.
 
     Args:
         fleet: Robots with their commands.
@@ -88,7 +88,7 @@ def add_command(
 
 @kernel
 def turn_wheels(robot: Record, pending: Floats, settings: Record) -> None:
-    """Set the rim speeds of a robot for the tick that begins now.
+    """Consume due commands, then set rim speeds by watchdog, limits and motor lag.
 
     Args:
         robot: Record of the robot.
@@ -131,4 +131,5 @@ def turn_wheels(robot: Record, pending: Floats, settings: Record) -> None:
 
 @kernel
 def _limit(value: float, largest: float) -> float:
+    """Return a value clamped to -largest and largest."""
     return max(-largest, min(largest, value))

@@ -38,7 +38,7 @@ def begin_friction(
     inverse: Matrix,
     inverse_mass: float,
 ) -> tuple[Motion, Rims]:
-    """Prepare the iteration for the friction impulses, from those of the last tick.
+    """Set levers and steps of the wheels, and apply the impulses of the last tick.
 
     Args:
         motion: Velocity and spin at the end of the tick without friction.
@@ -78,7 +78,7 @@ def begin_friction(
 def sweep_friction(
     motion: Motion, rims: Rims, wheels: Records, inverse_mass: float, sweeps: int
 ) -> Motion:
-    """Improve the friction impulses until they hardly change any more.
+    """Iterate the wheels' friction impulses in place until they hardly change.
 
     Args:
         motion: Velocity and spin with the effect of the impulses so far.
@@ -121,7 +121,7 @@ def sweep_friction(
 def contact_response(
     arm: Vector, inverse: Matrix, inverse_mass: float
 ) -> tuple[float, Levers]:
-    """Return how the body responds to an impulse at a contact.
+    """Return the solver's step (kg) at a contact, and its levers on the body's spin.
 
     Args:
         arm: From the center of mass to the contact, m.
@@ -156,7 +156,7 @@ def contact_response(
 def apply_impulse(
     motion: Motion, levers: Levers | Floats, inverse_mass: float, x: float, y: float
 ) -> Motion:
-    """Return the motion after an impulse at a contact.
+    """Return velocity and spin of the body after an impulse at a contact.
 
     Args:
         motion: Velocity and spin of the body before.
@@ -177,7 +177,7 @@ def apply_impulse(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def clip(x: float, y: float, limit: float) -> tuple[float, float]:
-    """Shorten an impulse to its limit.
+    """Return an impulse (x, y) shortened to at most a limit, its direction kept.
 
     Without a branch, so that `barn_sim.motion.lanes` computes several at once.
 

@@ -75,7 +75,7 @@ class RobotModel:
 
     @cached_property
     def extent(self) -> Floats:
-        """x_min, y_min, x_max, y_max of the collision shapes in base_link."""
+        """x_min, y_min, x_max, y_max (4,) of the collision shapes in base_link, m."""
         centers = np.array([shape.center[:2] for shape in self.shapes])
         halves = np.array([shape.half_sizes[:2] for shape in self.shapes])
         # A round body's half sizes are its radius, so the box covers it as well.
@@ -85,7 +85,7 @@ class RobotModel:
 
     @cached_property
     def reach_m(self) -> float:
-        """Distance from base_link to the farthest corner of `extent`."""
+        """Distance from base_link to the farthest corner of `extent`, m."""
         # The rows are two opposite corners. On each axis the farther side counts.
         farthest = np.abs(self.extent).reshape(2, 2).max(axis=0)
         return math.hypot(*farthest.tolist())
@@ -93,7 +93,7 @@ class RobotModel:
 
 @cache
 def model_of(chassis: Chassis) -> RobotModel:
-    """Return the model of a robot."""
+    """Return the rigid-body model of a chassis, one cached object for equal chassis."""
     wheels = np.array(chassis.wheels_m)
     # A caster counts as a ball of the wheels' radius, so its center is as high as
     # theirs.
@@ -111,18 +111,18 @@ def model_of(chassis: Chassis) -> RobotModel:
 
 
 def wheel_names(chassis: Chassis) -> tuple[str, ...]:
-    """Return the names of the wheels, in the order of `Chassis.wheels_m`."""
+    """Return the URDF link names of the wheels, in the order of `Chassis.wheels_m`."""
     # Without a wheelbase there is one axle, and casters carry the rest.
     return WHEELS if chassis.wheelbase_m else _ONE_AXLE
 
 
 def joint_names(chassis: Chassis) -> tuple[str, ...]:
-    """Return the names of the joints that move: the wheels'."""
+    """Return the URDF joint names of the wheels, in the order of `Chassis.wheels_m`."""
     return tuple(f"{name}_joint" for name in wheel_names(chassis))
 
 
 def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
-    """Return the body as a box, an upright cylinder or a prism, and the wheels.
+    """Return the collision shapes: a box, upright cylinder or prism, then the wheels.
 
     A prism has no wheels: they are within the footprint, and PyBullet makes no compound
     with a prism.
@@ -145,7 +145,9 @@ def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
 
 @cache
 def description_text(chassis: Chassis) -> str:
-    """Return the URDF of a robot, with the lidar where the file has it.
+    """Return the URDF text of a robot from its own file, or else a generated one.
+
+    The lidar is where the file has it.
 
     A generated URDF has the links of the Jackal's: the body with all of the mass,
     wheels and lidar. It shows a prism as the box around it and a caster as a ball.
@@ -169,7 +171,7 @@ def description_text(chassis: Chassis) -> str:
 
 
 def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
-    """Return the URDF of a robot with its lidar in another place.
+    """Return the URDF text of a robot with its lidar moved to the configured mount.
 
     Args:
         lidar: Mounting of the lidar in base_link.
@@ -189,7 +191,7 @@ def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
 def fixed_frames(
     lidar: LidarConfig, chassis: Chassis
 ) -> dict[str, tuple[float, float, float]]:
-    """Return the positions of the fixed frames in base_link by name, m.
+    """Return position x, y, z (m) in base_link by name of link, of fixed joints only.
 
     Args:
         lidar: Mounting of the lidar in base_link.

@@ -30,7 +30,7 @@ _STILL_RAD_S = 1e-12
 
 @inline_kernel
 def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
-    """Move the body for one tick.
+    """Advance attitude, spin, velocity and position of a free body by one tick.
 
     Args:
         robot: Record of the robot, with loads of the tick.
@@ -62,7 +62,7 @@ def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
 
 @kernel
 def rotate(attitude: Quaternion, spin: Vector, tick_s: float) -> Quaternion:
-    """Return the attitude after a tick with a constant spin, by the exponential map.
+    """Return the attitude (unit quaternion) after a tick with a constant spin.
 
     Args:
         attitude: Unit quaternion before.
@@ -90,7 +90,7 @@ def rotate(attitude: Quaternion, spin: Vector, tick_s: float) -> Quaternion:
 def gyroscopic_change(
     attitude: Quaternion, spin: Vector, inertia: Vector, tick_s: float
 ) -> Vector:
-    """Return the change of the spin in a tick without any torque.
+    """Return the change of spin (rad/s, world frame) in a tick without any torque.
 
     In the body frame Euler's equations are I w' + w x I w = 0. An explicit step would
     gain energy, so this is the first Newton step of implicit Euler from the spin
@@ -125,7 +125,7 @@ def gyroscopic_change(
 
 @kernel
 def place_base(robot: Record, fixed: Record) -> None:
-    """Fill in the pose of base_link from that of the body.
+    """Set x, y and yaw of base_link in a record, from its center of mass and attitude.
 
     Args:
         robot: Record of the robot.

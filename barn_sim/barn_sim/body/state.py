@@ -27,7 +27,7 @@ _CONTACTS = max(4, 2 + MOST_CASTERS)
 
 
 def record_type(fields: Sequence[Any]) -> np.dtype[Any]:
-    """Return the type of records whose fields are attributes, compiled or not."""
+    """Return an aligned NumPy record type of fields (name, type) or (name, type, n)."""
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 
@@ -173,7 +173,7 @@ class Fleet(NamedTuple):
 
     @classmethod
     def of(cls, count: int, capacity: int = _PENDING) -> "Fleet":
-        """Return a fleet of zeros.
+        """Return a fleet whose records are all zero, which simulators then fill in.
 
         Args:
             count: Number of robots.
@@ -189,10 +189,10 @@ class Fleet(NamedTuple):
         )
 
     def is_full(self, index: int) -> bool:
-        """Tell whether a robot has no room for another command."""
+        """Tell whether the queue of a robot has no room for another command."""
         return bool(self.robots[index]["pending"] == self.pending.shape[1])
 
     def with_more_room(self) -> "Fleet":
-        """Return the same fleet with room for twice as many commands."""
+        """Return a fleet with twice the room for commands; other arrays are shared."""
         room = np.zeros_like(self.pending)
         return self._replace(pending=np.concatenate([self.pending, room], axis=1))

@@ -82,7 +82,7 @@ class Tires:
         """Height of the center of mass (m), roll and pitch (rad) of a robot at rest."""
 
     def _require_stable(self, model: RobotModel, tick_s: float) -> None:
-        """Raise ConfigError if the body would heave, roll or pitch ever more."""
+        """Raise ConfigError if the springs are too stiff for this physics step."""
         x = self.hubs[:, 0]
         y = self.hubs[:, 1]
         # How far each contact sinks with height, roll and pitch.
@@ -105,7 +105,7 @@ tires_of = cache(Tires)
 
 @inline_kernel
 def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
-    """Prepare the friction solver for the tick that begins.
+    """Set the wheels' loads of a tick and prepare the friction solver with them.
 
     Args:
         robot: Record of the robot, with the rim speeds of the tick.
@@ -139,7 +139,7 @@ def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
 
 @inline_kernel
 def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
-    """Fill in arms, loads and limits of friction of the wheels.
+    """Set arm (m), load (N) and friction limit (N s) of each wheel and caster.
 
     Args:
         robot: Record of the robot.
@@ -189,7 +189,7 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
 
 @kernel
 def tire_forces(robot: Record, fixed: Record) -> tuple[Vector, Vector]:
-    """Return what the ground does to the body in the tick that has begun.
+    """Return force and torque of the ground on the body, from solved impulses.
 
     Args:
         robot: Record of the robot, with loads and solved impulses of its wheels.
@@ -216,7 +216,7 @@ def tire_forces(robot: Record, fixed: Record) -> tuple[Vector, Vector]:
 
 @kernel
 def world_inertia(turn: Matrix, inverse_inertia: Vector) -> Matrix:
-    """Return the inverse inertia in the world frame.
+    """Return the inverse inertia matrix in the world frame, 1/(kg m2).
 
     Args:
         turn: Rotation of the body.

@@ -25,7 +25,7 @@ def quaternion(values: Floats) -> Quaternion:
 
 @kernel
 def fill(values: Floats, numbers: tuple[float, ...]) -> None:
-    """Write a tuple to an array.
+    """Copy numbers of a tuple into an array in place, as many as the array holds.
 
     Args:
         values: Array (n,) to write to.
@@ -43,7 +43,7 @@ def dot(a: Vector, b: Vector) -> float:
 
 @kernel
 def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product of two vectors."""
+    """Return the vector product a x b."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -53,7 +53,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @kernel
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation of b followed by that of a."""
+    """Return the quaternion product a b, which rotates by b first and then by a."""
     return (
         a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
         a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
@@ -64,7 +64,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 @kernel
 def rotation(q: Quaternion) -> Matrix:
-    """Return the matrix of a unit quaternion."""
+    """Return the matrix from body to world of a unit quaternion (x, y, z, w)."""
     # A unit quaternion is assumed: `rotate` normalizes after every tick.
     x, y, z, w = q
     return (
@@ -76,7 +76,7 @@ def rotation(q: Quaternion) -> Matrix:
 
 @kernel
 def transform(matrix: Matrix, v: Vector) -> Vector:
-    """Return the product of a matrix and a vector."""
+    """Return the product of a matrix and a column vector."""
     return dot(matrix[0], v), dot(matrix[1], v), dot(matrix[2], v)
 
 

@@ -69,7 +69,9 @@ class Camera:
 
 
 def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
-    """Return a camera by name; in "top" and "side" the robot drives to the right.
+    """Return the camera "chase", "top" or "side"; an unknown name is a ConfigError.
+
+    In "top" and "side" the robot drives to the right.
 
     Args:
         name: "chase" behind the robot, "top" or "side" for the whole scene.
@@ -189,7 +191,7 @@ class Studio(AbstractContextManager["Studio"]):
         places: Points = _NO_POINTS,
         passed: Points = _NO_POINTS,
     ) -> Pixels:
-        """Draw the scene with the robot at a pose.
+        """Return an RGB image of the scene with the robot at a pose; writes no file.
 
         Args:
             pose: Pose of base_link in the map frame.
@@ -231,7 +233,7 @@ class Studio(AbstractContextManager["Studio"]):
         return pixels
 
     def _add_ground(self, low: Floats, high: Floats) -> None:
-        """Add a plane, and lines a meter apart between two corners of the scene."""
+        """Add a plane, and lines 1 m apart between two corners of the scene."""
         x, y = (0.5 * (low + high)).tolist()
         width, length = (high - low).tolist()
         # Far beyond the scene, so that the chase camera sees no edge of the ground. Its
@@ -247,13 +249,14 @@ class Studio(AbstractContextManager["Studio"]):
             self._put(self._add(along_x), (x, float(line_y), 0.0))
 
     def _add_pillars(self, centers_m: Points, scene: TrialScene, color: str) -> None:
+        """Add upright cylinders at centers (n, 2) in m, in meshes of up to 200."""
         # A body per group instead of one per pillar: worlds have hundreds.
         for first in range(0, len(centers_m), _PILLARS):
             group = centers_m[first : first + _PILLARS]
             self._add_mesh(pillars(group, scene.radius_m, scene.height_m), color)
 
     def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Vector3, float]]:
-        """Add pieces of the trail, hidden until they are driven.
+        """Add pieces of the robot's trail, hidden below the ground until driven.
 
         Returns:
             Of each piece the point that ends it, its body, its center and its yaw.
@@ -287,6 +290,7 @@ class Studio(AbstractContextManager["Studio"]):
         return placed
 
     def _put_robot(self, pose: Pose2D) -> None:
+        """Move all parts of the robot to a pose of base_link in the map frame."""
         position = (pose.x, pose.y, self._base_height_m)
         attitude = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
         for body, part in self._robot:
@@ -297,11 +301,13 @@ class Studio(AbstractContextManager["Studio"]):
             self._set_pose(body, *place)
 
     def _put_moving(self, places: Points) -> None:
+        """Move moving obstacles to positions (n, 2) in m; those beyond n stay."""
         bodies = zip(self._moving, places.tolist(), strict=False)
         for (body, yaw, height_m), (x, y) in bodies:
             self._put(body, (x, y, 0.5 * height_m), yaw)
 
     def _put_dots(self, points: Points) -> None:
+        """Show a dot at each position (k, 2) in m; add missing, hide spare dots."""
         while len(self._dots) < len(points):
             self._dots.append(self._add(self._primitive((_DOT_M, 0.004), MOVER)))
         for body in self._dots[len(points) :]:
@@ -310,18 +316,19 @@ class Studio(AbstractContextManager["Studio"]):
             self._put(body, (x, y, 0.004))
 
     def _part_shape(self, part: RobotPart) -> int:
+        """Create the shape of a robot part; return PyBullet's number of it."""
         if part.corners:
             mesh = prism(part.corners, part.sizes[0])
             return self._visual(bullet.GEOM_MESH, part.color, **mesh)
         return self._primitive(part.sizes, part.color)
 
     def _add_mesh(self, mesh: Mesh, color: str) -> None:
-        """Add a mesh where its vertices are."""
+        """Add a body of a mesh whose vertices are in the map frame."""
         body = self._add(self._visual(bullet.GEOM_MESH, color, **mesh))
         self._put(body, (0.0, 0.0, 0.0))
 
     def _primitive(self, sizes: Sequence[float], color: str) -> int:
-        """Create a box of three sizes, a cylinder of radius and length, or a ball."""
+        """Create a box (3 full sizes), cylinder (radius, length) or ball (radius)."""
         if len(sizes) == 3:
             half_sizes = [0.5 * size for size in sizes]
             return self._visual(bullet.GEOM_BOX, color, halfExtents=half_sizes)
@@ -333,6 +340,7 @@ class Studio(AbstractContextManager["Studio"]):
         return self._visual(bullet.GEOM_SPHERE, color, radius=sizes[0])
 
     def _visual(self, kind: int, color: str, **sizes: object) -> int:
+        """Create a visual shape of a color #rrggbb; return PyBullet's number of it."""
         red, green, blue = bytes.fromhex(color[1:])
         shape: int = bullet.createVisualShape(
             kind,
@@ -344,7 +352,7 @@ class Studio(AbstractContextManager["Studio"]):
         return shape
 
     def _add(self, shape: int) -> int:
-        """Add a body, hidden below the ground."""
+        """Add a body of a shape, hidden below the ground; return PyBullet's number."""
         body: int = bullet.createMultiBody(
             baseVisualShapeIndex=shape,
             basePosition=_HIDDEN_M,
@@ -353,12 +361,14 @@ class Studio(AbstractContextManager["Studio"]):
         return body
 
     def _put(self, body: int, position: Vector3, yaw: float = 0.0) -> None:
+        """Move a body to a position in m, upright, at a yaw in rad."""
         attitude = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
         self._set_pose(body, position, attitude)
 
     def _set_pose(
         self, body: int, position: Sequence[float], attitude: Sequence[float]
     ) -> None:
+        """Set a body's position (m) and attitude (quaternion x, y, z, w)."""
         bullet.resetBasePositionAndOrientation(
             body, position, attitude, physicsClientId=self._client
         )

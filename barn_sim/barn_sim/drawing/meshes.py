@@ -15,7 +15,7 @@ _SIDES = 14
 
 
 def prism(corners: Sequence[Corner], height_m: float) -> Mesh:
-    """Return an upright prism as a closed mesh with a normal for each face.
+    """Return the closed mesh of an upright prism about the origin, with flat faces.
 
     Args:
         corners: Convex outline (k, 2) about the prism's center, counter-clockwise, m.
@@ -46,7 +46,7 @@ def prism(corners: Sequence[Corner], height_m: float) -> Mesh:
 
 
 def pillars(centers_m: Points, radius_m: float, height_m: float) -> Mesh:
-    """Return upright cylinders without bottoms as one mesh.
+    """Return one mesh of upright cylinders that stand on the ground, without bottoms.
 
     Args:
         centers_m: Centers (k, 2), m.

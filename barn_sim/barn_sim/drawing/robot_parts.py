@@ -40,7 +40,7 @@ class RobotPart(NamedTuple):
 
 
 def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return the look of a robot: a Jackal as it is, others as the body of the physics.
+    """Return the primitives to draw a robot of: a Jackal's look, or the physics body.
 
     Args:
         chassis: The robot.
@@ -52,7 +52,7 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
 
 
 def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return a Jackal: dark body, yellow fenders, wheels, lamps, lidar and antennas.
+    """Return the primitives to draw a Jackal of, from jackal.yaml, wheels and lidar.
 
     Args:
         chassis: The Jackal's wheels and track.
@@ -89,7 +89,7 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
 
 
 def body_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
-    """Return the body of the physics with wheels and casters, front and lidar marked.
+    """Return primitives of the physics body, wheels, casters, marked front and lidar.
 
     A caster is a ball of half the radius of the wheels: only its place is specified.
 

@@ -77,11 +77,12 @@ class Leader:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def refuse(self, deed: str) -> str:
-        """Report a request of somebody else, and return why it is refused."""
+        """Report a stranger's deed to the evaluator; return why it is refused."""
         self._line.send(interference=deed)
         return "this simulator is led by an evaluator"
 
     def _listen(self) -> None:
+        """Receive from the line until it ends; queue requests in the executor."""
         while (request := self._line.receive(wait=True)) is not None:
             if isinstance(request, Reading):
                 # An evaluator has no readings to send.
@@ -96,10 +97,12 @@ class Leader:
                 self._executor.create_task(lambda: None)
 
     def _serve(self, request: dict[str, Any]) -> None:
+        """Carry out a request and send its answer over the line."""
         ok, text = self._answer(request)
         self._line.send(answer=request["number"], ok=ok, text=text)
 
     def _answer(self, request: dict[str, Any]) -> Answer:
+        """Do introduce, pause, reset or set_parameters; return success and text."""
         match request["do"]:
             case "introduce":
                 return True, self._identity
@@ -115,6 +118,7 @@ class Leader:
         return True, ""
 
     def _refuse_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse any change of ROS parameters and report it as interference."""
         names = ", ".join(sorted(parameter.name for parameter in parameters))
         reason = self.refuse(f"set {names} of {self._name}")
         return SetParametersResult(successful=False, reason=reason)

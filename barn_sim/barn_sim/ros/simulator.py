@@ -130,7 +130,7 @@ class SimulatorNode(Node):
         self.get_logger().info(self._describe())
 
     def run(self) -> None:
-        """Simulate until the node should stop."""
+        """Simulate and publish in this thread until `stopping` is set."""
         while not self.stopping:
             if self._config.lockstep:
                 self._advance_in_lockstep()
@@ -138,7 +138,10 @@ class SimulatorNode(Node):
                 self._advance_freely()
 
     def _advance_in_lockstep(self) -> None:
-        """Publish an instant, wait for a command if it has a scan, advance a period."""
+        """Publish an instant, wait for a command if it has a scan, advance a period.
+
+        Without a command in time, it advances all the same and counts a missed one.
+        """
         trial = self.trial
         # An evaluator that cannot keep up is waited for: publishers keep few messages,
         # and messages that they drop are missing in the bag.
@@ -162,7 +165,7 @@ class SimulatorNode(Node):
         trial.step()
 
     def _is_ahead(self) -> bool:
-        """Tell whether the evaluator, if any, has too many instants yet to hear."""
+        """Tell whether the evaluator has yet to hear five or more control periods."""
         if self._leader is None:
             return False
         trial = self.trial
@@ -178,7 +181,7 @@ class SimulatorNode(Node):
         return leader.is_awaited
 
     def _advance_freely(self) -> None:
-        """Advance to the next reading, publish what is due, wait for the wall clock."""
+        """Send the stored command, advance to the next reading, publish, keep pace."""
         trial = self.trial
         config = trial.config
         if self._paused:
@@ -216,9 +219,11 @@ class SimulatorNode(Node):
             self._serve(min(remaining_s, _WAIT_S))
 
     def _serve(self, timeout_s: float) -> None:
+        """Run one callback of the executor, for which it waits so many seconds."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def _describe(self) -> str:
+        """Return a line for the log: world, data set, seed, pace, if paused."""
         config = self.trial.config
         mode = "as fast as possible"
         if self._config.lockstep:
@@ -231,6 +236,7 @@ class SimulatorNode(Node):
         return f"{world}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
+        """Store a command for the next step; log an error at the first with NaN."""
         if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
             self.get_logger().error(
                 f"cmd_vel: not a number: {velocity}; the robot stops"
@@ -238,6 +244,10 @@ class SimulatorNode(Node):
         self.trial.take(velocity)
 
     def _reset(self) -> Answer:
+        """Replace the trial by one of the current parameters; publish its start.
+
+        If its world or robot cannot be read, the trial stays and the answer is False.
+        """
         before = self.trial
         try:
             trial = begin_trial(self._next_config(), self._config, before.now_ns)
@@ -252,12 +262,13 @@ class SimulatorNode(Node):
         return True, f"{self._describe()}; before: {before.summary()}"
 
     def _next_config(self) -> RunConfig:
+        """Return the next trial's configuration: the evaluator's or the parameters'."""
         if self._leader is not None:
             return self._leader.config
         return read_parameters(self, self._defaults)
 
     def _pause(self, on: bool) -> Answer:
-        """Pause or resume time, and report as JSON what the trial has counted."""
+        """Pause (True) or resume time, and answer the trial's counts as JSON."""
         self._paused = on
         self._commands.check_publishers()
         status = {
@@ -270,7 +281,7 @@ class SimulatorNode(Node):
         return True, json.dumps(status)
 
     def _step(self) -> Answer:
-        """Advance one control period with the last command, while time stands still."""
+        """Advance a control period with the last command, publish; only if paused."""
         trial = self.trial
         if not self._paused:
             return False, "not paused"
@@ -284,9 +295,10 @@ class SimulatorNode(Node):
     def _add_service(
         self, service: type, name: str, serve: Callable[[Any], Answer]
     ) -> None:
-        """Offer a service, which is refused if an evaluator leads the node."""
+        """Offer the service ~/NAME, which refuses calls if an evaluator leads."""
 
         def answer(request: Any, response: Response) -> Response:
+            """Fill in a response by `serve`, or refuse and tell the evaluator."""
             if self._leader is None:
                 response.success, response.message = serve(request)
             else:
@@ -298,7 +310,7 @@ class SimulatorNode(Node):
         self.create_service(service, f"~/{name}", answer)
 
     def _repeat_clock(self) -> None:
-        """Repeat time and transforms while paused, for nodes that start late."""
+        """If paused, publish time and last transforms again, for late nodes."""
         if self._paused:
             messages = self.trial.messages
             now_ns = self.trial.now_ns
@@ -307,6 +319,7 @@ class SimulatorNode(Node):
             )
 
     def _report(self) -> None:
+        """Publish the diagnostics, without the world if an evaluator leads."""
         state = "paused" if self._paused else "running"
         discreet = self._leader is not None
         status = diagnosis(self.trial, self._commands, state, discreet=discreet)
@@ -314,7 +327,7 @@ class SimulatorNode(Node):
 
 
 def _initial_config(node: Node) -> RunConfig:
-    """Return the configuration for the robot that a parameter names."""
+    """Return the defaults of all parameters, by the node's parameter `robot`."""
     # The robot decides the defaults of other parameters, so it is needed before any
     # is declared, and rclpy has no public way to read it then.
     robot = node._parameter_overrides.get("robot")
@@ -326,10 +339,11 @@ def _initial_config(node: Node) -> RunConfig:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it should stop; print errors in one line and return 1."""
+    """Run the simulator node until SIGINT or SIGTERM; print errors and return 1."""
     node: SimulatorNode | None = None
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
+        """Ask the node to stop, or exit at once if there is none yet."""
         # Before there is a node, nothing has to end in order.
         if node is None:
             raise SystemExit(0)

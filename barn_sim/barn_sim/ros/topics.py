@@ -79,6 +79,7 @@ class CommandInput:
         self._subscription = self._subscribe()
 
     def _subscribe(self) -> Subscription:
+        """Subscribe to cmd_vel with the present type and reliability."""
         topic = _COMMANDS[self.kind]
         decode_command = partial(decode.command, type_name=topic.type_name)
         qos = topic.qos
@@ -87,16 +88,19 @@ class CommandInput:
         return subscribe(self._node, topic, decode_command, self._take, qos)
 
     def publishers(self) -> int:
-        """Return the number of publishers of commands."""
+        """Return the number of cmd_vel publishers that the node sees now."""
         return int(self._subscription.get_publisher_count())
 
     def begin_trial(self) -> None:
-        """Allow one complaint in the new trial."""
+        """Allow one logged complaint in the new trial, and check the publishers."""
         self._has_complained = False
         self.check_publishers()
 
     def check_publishers(self) -> None:
-        """Adopt type and reliability of the publishers, or complain, once per trial."""
+        """Subscribe anew if the publishers' type or reliability differs; log strangers.
+
+        Publishers of another type are complained of once per trial.
+        """
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         kind = self.kind
         kinds = sorted(
@@ -171,7 +175,10 @@ class Outputs:
             )
 
     def publish(self, messages: Iterable[OutgoingMessage]) -> None:
-        """Publish messages, in their order."""
+        """Publish serialized messages in order; the referee's go over the line, too.
+
+        Those of a topic without a publisher are dropped.
+        """
         for topic, data in messages:
             # Over the line first: the referee must not lag behind what a planner can
             # know.
@@ -182,14 +189,14 @@ class Outputs:
                 topic_publisher.publish(data)
 
     def scan_subscriptions(self) -> int:
-        """Return how many subscriptions the scans reach."""
+        """Return the number of subscriptions to the scans that the node sees now."""
         return self._scan.get_subscription_count()
 
 
 def diagnosis(
     trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False
 ) -> OutgoingMessage:
-    """Return the status message of the simulator.
+    """Return the diagnostics message of a trial: level, faults and counts; not sent.
 
     Args:
         trial: Trial that runs.

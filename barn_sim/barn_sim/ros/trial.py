@@ -51,11 +51,11 @@ class SimulatedTrial:
 
     @property
     def now_ns(self) -> int:
-        """The time on the clock."""
+        """Time on the node's clock, in ns, which goes on from trial to trial."""
         return self.origin_ns + self.simulator.stamp_ns
 
     def take(self, velocity: Velocity2D) -> None:
-        """Store a command for the next step; an extra one replaces the one before."""
+        """Store a command for the next step; counts as extra if it replaces one."""
         self.commands += 1
         # A second answer to one scan shows that somebody else publishes commands as
         # well.
@@ -64,7 +64,7 @@ class SimulatedTrial:
         self.last_command = velocity
 
     def readings(self) -> Iterator[OutgoingMessage]:
-        """Yield all readings of this instant, the scan last.
+        """Sense, note the instant as published, and yield its messages, the scan last.
 
         The scan is left out while the planner still computes.
         """
@@ -77,7 +77,7 @@ class SimulatedTrial:
                 yield message
 
     def step(self) -> None:
-        """Advance one control period with the answer, when that takes effect."""
+        """Advance one control period with the stored answer, if any, and clear it."""
         # The planner's computing time in simulated time, as the protocol charges it.
         delay_ns = 0
         if self.awaits_answer:
@@ -87,7 +87,7 @@ class SimulatedTrial:
         self.published = False
 
     def due_readings(self) -> Iterator[OutgoingMessage]:
-        """Yield the time and those readings whose period ends now."""
+        """Yield the clock and messages of the sensors whose period ends now."""
         self.published = True
         simulator = self.simulator
         messages = self.messages
@@ -110,10 +110,11 @@ class SimulatedTrial:
             yield messages.scan(simulator.read_scan(), now_ns)
 
     def _is_due(self, rate_hz: float) -> bool:
+        """Tell whether a sensor of a rate in Hz has a reading at this instant."""
         return self.simulator.stamp_ns % nanoseconds(1.0 / rate_hz) == 0
 
     def counts(self) -> dict[str, int]:
-        """Return the counters by name."""
+        """Return how many commands came, were missed, invalid and extra, by name."""
         return {
             "commands": self.commands,
             "missed_commands": self.missed,
@@ -122,7 +123,7 @@ class SimulatedTrial:
         }
 
     def summary(self) -> str:
-        """Return the counts in one line."""
+        """Return the simulated time in s and the counts as one line of text."""
         parts = [f"{self.simulator.stamp_ns / NANOSECONDS_PER_SECOND:.2f} s simulated"]
         for name, count in self.counts().items():
             parts.append(f"{count} {name.replace('_', ' ')}")
@@ -132,7 +133,7 @@ class SimulatedTrial:
 def begin_trial(
     config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0
 ) -> SimulatedTrial:
-    """Return a new trial, which starts at the next whole second.
+    """Load world and robot; return a trial whose clock starts at the next full second.
 
     Args:
         config: World, start pose, seed and robot of the trial.
