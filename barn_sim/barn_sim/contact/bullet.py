@@ -10,6 +10,7 @@ _RENDERER = 2
 
 
 def _import_silently() -> Any:
+    """Return the module pybullet, imported while standard error goes to /dev/null."""
     sys.stderr.flush()
     try:
         # The line comes from C, which writes to the descriptor and not to sys.stderr.
@@ -31,7 +32,7 @@ bullet = _import_silently()
 
 
 def connect(*, renders: bool = False) -> int:
-    """Start a physics client and return its number.
+    """Start a physics client without a window and return PyBullet's number of it.
 
     Args:
         renders: Whether it can draw. Without, a body is ready in a tenth of the time,
@@ -49,6 +50,6 @@ def connect(*, renders: bool = False) -> int:
 
 
 def disconnect(client: int) -> None:
-    """End a physics client, unless somebody else in the process has ended it."""
+    """End a physics client by its number; one that has ended already is no error."""
     if bullet.isConnected(client):
         bullet.disconnect(physicsClientId=client)

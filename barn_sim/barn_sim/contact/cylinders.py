@@ -41,7 +41,7 @@ def near_cylinders(
     robot_within: float,
     pushed_within: float,
 ) -> tuple[Integers, float]:
-    """Find the cylinders near the robot or near a cylinder that is pushed.
+    """Return which cylinders are near the robot or a pushed one, and the free way (m).
 
     Args:
         segments: Axes (n, 4) of all cylinders seen from above, m.
@@ -100,7 +100,7 @@ def near_cylinders(
 def nearest_gap(
     segments: Floats, x: float, y: float, yaw: float, extent: Floats
 ) -> float:
-    """Return the distance from the robot's rectangle to the nearest segment.
+    """Return the distance (m) from the robot to the nearest axis, inf without any.
 
     Args:
         segments: Axes (n, 4) of cylinders seen from above, m.
@@ -125,13 +125,13 @@ def nearest_gap(
 
 @kernel
 def _reach(extent: Floats) -> float:
-    """Return the distance from base_link to the farthest corner of the robot."""
+    """Return the distance (m) from base_link to the farthest corner of the robot."""
     return math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3]))
 
 
 @kernel
 def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
-    """Return the distance from the robot's rectangle to a segment, 0 within it.
+    """Return the distance (m) from the robot's rectangle to an axis, 0 within it.
 
     Args:
         segment: Axis (4,) of a cylinder seen from above, m.
@@ -157,7 +157,7 @@ def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -
 
 @kernel
 def segment_gap(first: Floats, second: Floats) -> float:
-    """Return the distance between two segments, to within the spacing of samples.
+    """Return the distance (m) of two segments, measured from samples on the first.
 
     Args:
         first: Segment (4,) along which samples are taken, m.
@@ -196,7 +196,7 @@ def follow_cylinders(
     pushed: Bools,
     displaced: Bools,
 ) -> None:
-    """Copy what Bullet has of some cylinders into the arrays of all.
+    """Write Bullet's states of some cylinders, and what follows, to the arrays of all.
 
     Args:
         indices: Rows (k,) of the cylinders.
@@ -244,7 +244,7 @@ def intersect_cylinders(
     centers: Floats,
     tilted: Floats,
 ) -> int:
-    """Intersect cylinders with a horizontal plane.
+    """Write to `centers` and `tilted` where cylinders meet a horizontal plane.
 
     Args:
         indices: Rows of the cylinders.
@@ -283,6 +283,6 @@ def intersect_cylinders(
 
 @kernel
 def _axis(state: Floats) -> tuple[float, float, float]:
-    """Return the unit vector along the axis of a cylinder."""
+    """Return the unit vector along the axis of a cylinder by its state (7,)."""
     x, y, z, w = state[3], state[4], state[5], state[6]
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

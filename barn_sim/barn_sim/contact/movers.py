@@ -75,7 +75,7 @@ class Movers:
         self._bodies: dict[int, int] = {}
 
     def shapes_at(self, stamp_ns: int) -> Floats:
-        """Return the shapes (n, 7) at a time; the array is reused."""
+        """Return the shapes (n, 7) at a time, walls first; the array is reused."""
         if len(self._tracks):
             evaluate(
                 seconds(stamp_ns) + self._phase_s,
@@ -86,7 +86,7 @@ class Movers:
         return self._shapes
 
     def cross_section(self, stamp_ns: int, height_m: float) -> Floats:
-        """Return the shapes (k, 7) in a horizontal plane.
+        """Return the shapes (k, 7) of walls and movers that reach up to a plane.
 
         Args:
             stamp_ns: Time since the start.
@@ -97,7 +97,7 @@ class Movers:
         return shapes if is_tall.all() else shapes[is_tall]
 
     def look(self, robot: Record) -> None:
-        """Write to a robot's record how near the nearest is and how long that holds."""
+        """Write to a robot's record how near walls and movers are, and until when."""
         stamp_ns = int(robot["stamp_ns"])
         pose = (float(robot["x"]), float(robot["y"]), float(robot["yaw"]))
         gaps = gaps_to_rectangle(self.shapes_at(stamp_ns), *pose, self._extent)
@@ -119,7 +119,7 @@ class Movers:
     def prepare(
         self, scene: ContactScene, x: float, y: float, yaw: float, stamp_ns: int
     ) -> bool:
-        """Create or move the bodies that the robot could touch in the next tick.
+        """Create bodies of walls and movers nearby, and set the movers' velocities.
 
         Args:
             scene: Scene of the contact.
@@ -147,16 +147,18 @@ class Movers:
         return bool((gaps <= self._wake_m + _LEAVE_GAP_M).any() and self._bodies)
 
     def end_contact(self) -> None:
-        """Forget the bodies, which the scene has removed."""
+        """Forget the numbers of the bodies; it does not remove them from the scene."""
         self._bodies.clear()
 
     def _pose(self, index: int) -> tuple[Vector, Quaternion]:
+        """Return center (m) and quaternion of a wall or mover by its row."""
         x, y, _, _, _, cosine, sine = self._shapes[index].tolist()
         half = 0.5 * math.atan2(sine, cosine)
         position = (x, y, 0.5 * float(self._heights_m[index]))
         return position, (0.0, 0.0, math.sin(half), math.cos(half))
 
     def _add_body(self, scene: ContactScene, index: int) -> int:
+        """Create a fixed wall or a heavy mover in a scene; return its number."""
         _, _, radius, half_x, half_y, _, _ = self._shapes[index].tolist()
         height = float(self._heights_m[index])
         position, attitude = self._pose(index)

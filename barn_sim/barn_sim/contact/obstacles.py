@@ -55,9 +55,9 @@ class Moved:
 
 
 def contact_gap_m(config: SimulatorConfig) -> float:
-    """Return more than any point of the robot covers in a tick.
+    """Return the gap (m) to an obstacle at which PyBullet takes over the robot.
 
-    PyBullet takes the robot over when an obstacle is this near.
+    It is more than any point of the robot covers in a tick.
     """
     reach_m = max(math.hypot(x, y) for x, y in config.chassis.hull_m)
     drive = config.drive
@@ -119,20 +119,20 @@ class Obstacles:
 
     @property
     def has_bodies(self) -> bool:
-        """Whether any cylinder is a body now."""
+        """Whether any cylinder is a body in PyBullet now."""
         return bool(self._bodies)
 
     @property
     def is_contact_over(self) -> bool:
-        """Whether nothing that moves has been near any body for a while."""
+        """Whether nothing that moves has been near any body for over 50 ticks."""
         return all(self._is_at_rest(index) for index in self._bodies)
 
     def _is_at_rest(self, index: int) -> bool:
-        """Tell whether nothing that moves has been near a body for a while."""
+        """Tell whether nothing that moves has been near a body for over 50 ticks."""
         return self._ticks - self._needed_at[index] > REST_TICKS
 
     def end_contact(self) -> None:
-        """Forget the bodies, which the scene has removed."""
+        """Forget the numbers of the bodies; it does not remove them from the scene."""
         self._bodies.clear()
         self._is_body[:] = False
         self._pushed[:] = False
@@ -166,6 +166,7 @@ class Obstacles:
     def _near(
         self, candidates: Bools, x: float, y: float, yaw: float, robot_within_m: float
     ) -> tuple[list[int], float]:
+        """Return rows of candidates near robot or pushed ones, and the free way."""
         indices, free_m = near_cylinders(
             self.segments,
             candidates,
@@ -181,6 +182,7 @@ class Obstacles:
         return indices.tolist(), free_m
 
     def _add_body(self, scene: ContactScene, index: int) -> int:
+        """Create a cylinder in a scene, fixed or movable; return its number."""
         config = self._config
         state = self._states[index].tolist()
         is_movable = self._movable[index]
@@ -209,7 +211,7 @@ class Obstacles:
         return body
 
     def follow(self, scene: ContactScene, robot: Pose2D) -> None:
-        """Copy the state of the bodies after a tick, and remove some of those at rest.
+        """Copy the bodies' states after a tick; every tenth time, remove some at rest.
 
         Args:
             scene: Scene of the contact.
@@ -246,7 +248,7 @@ class Obstacles:
             self._remove_bodies(scene, robot)
 
     def _remove_bodies(self, scene: ContactScene, robot: Pose2D) -> None:
-        """Remove cylinders at rest that a robot has left behind, if it moves others.
+        """Remove movable bodies at rest from the scene while others are still near.
 
         Bullet would go on solving their contacts with the ground. Fixed ones cost
         nothing and stay until the contact ends.
@@ -266,12 +268,12 @@ class Obstacles:
                 self._free_m = 0.0
 
     def moved(self) -> Moved:
-        """Return the cylinders with an end displaced by more than a millimeter."""
+        """Return the cylinders of which an end has been displaced by over 1 mm."""
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 
     def cross_section(self, height_m: float) -> tuple[Floats, Floats]:
-        """Return the cylinders in a horizontal plane, as `Lidar.scan` needs them.
+        """Return upright circles and tilted cylinders at a height, for `Lidar.scan`.
 
         Args:
             height_m: Height of the plane above the ground.

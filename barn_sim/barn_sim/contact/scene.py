@@ -45,7 +45,7 @@ class ContactScene:
         self._reset()
 
     def _reset(self) -> None:
-        """Leave only the ground and the robot, created anew."""
+        """Empty the client, and create the ground and the robot anew."""
         self._obstacles: list[int] = []
         self._is_in_order = True
         self._shapes: dict[tuple[float, ...], int] = {}
@@ -83,11 +83,11 @@ class ContactScene:
 
     @property
     def is_connected(self) -> bool:
-        """Whether nobody else in the process has ended the client."""
+        """Whether the client still runs: anybody in the process may end it."""
         return bool(bullet.isConnected(self.client))
 
     def place_robot(self, state: BodyState) -> None:
-        """Hand the robot over to Bullet; there must be no obstacles yet."""
+        """Set the robot's state by simulating a tick; no obstacle may be there."""
         position, attitude, _, _ = state
         # PyBullet sets the pose, but not the inertia in the world frame, which Bullet
         # computes at the end of a tick. So a tick passes at that pose before.
@@ -96,7 +96,7 @@ class ContactScene:
         self.set_state(self.robot, state)
 
     def set_state(self, body: int, state: BodyState) -> None:
-        """Set the state of a body.
+        """Set pose, velocity and spin of a body at once, without simulating.
 
         Args:
             body: PyBullet's number of the body.
@@ -107,7 +107,7 @@ class ContactScene:
         bullet.resetBaseVelocity(body, velocity, spin, self.client)
 
     def tick(self, position: Vector, force: Vector, torque: Vector) -> BodyState:
-        """Advance by a tick.
+        """Simulate a tick with a force on the robot, and return the robot's state.
 
         Args:
             position: Of the robot's center of mass, at which the force acts, m.
@@ -127,13 +127,13 @@ class ContactScene:
         return self.state(robot)
 
     def state(self, body: int) -> BodyState:
-        """Return the state of a body."""
+        """Return position, quaternion, velocity and spin of a body (world frame)."""
         position, attitude = bullet.getBasePositionAndOrientation(body, self.client)
         velocity, spin = bullet.getBaseVelocity(body, self.client)
         return position, attitude, velocity, spin
 
     def is_robot_touched(self) -> bool:
-        """Tell whether the robot touched any obstacle in the last tick."""
+        """Tell whether the robot touched an obstacle in the last tick."""
         contacts = bullet.getContactPoints(
             bodyA=self.robot, physicsClientId=self.client
         )
@@ -154,7 +154,7 @@ class ContactScene:
         mass_kg: float,
         **dynamics: object,
     ) -> int:
-        """Add a cylinder or a box as an obstacle.
+        """Add a cylinder (2 sizes) or box (3 half sizes); return PyBullet's number.
 
         Args:
             size: Radius and length of a cylinder along z, or half sizes of a box, m.
@@ -193,6 +193,7 @@ class ContactScene:
         mass_kg: float,
         **dynamics: object,
     ) -> int:
+        """Create a rigid body of a collision shape; return PyBullet's number of it."""
         body: int = bullet.createMultiBody(
             mass_kg,
             shape,
@@ -214,13 +215,13 @@ class ContactScene:
         return body
 
     def remove(self, body: int) -> None:
-        """Remove an obstacle before the contact ends."""
+        """Remove one obstacle's body, after which `clear` creates everything anew."""
         bullet.removeBody(body, physicsClientId=self.client)
         self._obstacles.remove(body)
         self._is_in_order = False
 
     def clear(self) -> None:
-        """Remove the obstacles, so that the next contact begins as in a new scene."""
+        """Remove all obstacles, so that the next contact begins as in a new scene."""
         if not self._is_in_order:
             self._reset()
             return
@@ -229,7 +230,7 @@ class ContactScene:
         self._obstacles.clear()
 
     def close(self) -> None:
-        """End the client."""
+        """End the physics client."""
         disconnect(self.client)
 
 
@@ -240,10 +241,11 @@ class ScenePool:
     """
 
     def __init__(self) -> None:
+        """Make a pool without scenes; `acquire` creates them."""
         self._idle: list[ContactScene] = []
 
     def acquire(self, model: RobotModel, config: PhysicsConfig) -> ContactScene:
-        """Return a scene without obstacles.
+        """Return an idle scene for a robot and physics, or a new one.
 
         Args:
             model: The robot in it.
@@ -261,19 +263,19 @@ class ScenePool:
         return ContactScene(model, config)
 
     def release(self, scene: ContactScene) -> None:
-        """Take back a scene from a robot that no longer needs it."""
+        """Clear a scene and keep it for reuse, or drop it if its client has ended."""
         if scene.is_connected:
             scene.clear()
             self._idle.append(scene)
 
     def close(self) -> None:
-        """End the scenes that no robot uses."""
+        """End the idle scenes; those that robots use stay open."""
         while self._idle:
             self._idle.pop().close()
 
 
 def _robot_shape(model: RobotModel, client: int) -> int:
-    """Create the collision shape of a robot about its center of mass."""
+    """Create a robot's collision shape about its center of mass; return its number."""
     shapes = model.shapes
     positions = [(shape.center - model.center_of_mass).tolist() for shape in shapes]
     if shapes[0].corners is not None:
@@ -316,6 +318,7 @@ def _robot_shape(model: RobotModel, client: int) -> int:
 
 
 def _prism_vertices(shape: Shape) -> list[list[float]]:
+    """Return the corners (2 k, 3) of a prism about its center, m."""
     assert shape.corners is not None
     half = float(shape.half_sizes[2])
     vertices = []

@@ -78,7 +78,7 @@ def advance_all(
     latency_ns: int,
     left: Integers,
 ) -> None:
-    """Send commands to robots and advance each as long as no obstacle is near.
+    """Queue a command for each robot, and advance each until an obstacle is near.
 
     Args:
         fleet: Robots with room for one more command each.
@@ -111,6 +111,7 @@ def _advance_lanes(
     lanes: Record,
     numbers: Floats,
 ) -> None:
+    """Advance robots until an obstacle is near each, and count `left` ticks down."""
     robots, _, settings, noise = fleet
     fixed: Record = settings[0]
     state = (fleet, segments, cylinders)
@@ -160,7 +161,7 @@ def _fill_lane(
     lanes: Record,
     lane: int,
 ) -> tuple[bool, int]:
-    """Put the next robot that is free into a lane; return whether, and who waits."""
+    """Put the next free robot into a lane; return whether, and the next place."""
     while waiting < len(indices):
         index = indices[waiting]
         waiting += 1
@@ -178,7 +179,7 @@ def _begin_tick(
     lanes: Record,
     lane: int,
 ) -> bool:
-    """Put a robot into a lane, up to the first sweep, if no obstacle is near."""
+    """Begin a robot's tick in a lane, before sweeps; False if an obstacle is near."""
     robot: Record = fleet.robots[index]
     fixed: Record = fleet.settings[0]
     if not is_free(robot, fixed, segments[index, : cylinders[index]]):
@@ -207,7 +208,7 @@ def _begin_tick(
 
 @njit(forceinline=True, **NO_REFERENCES)
 def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motion:
-    """Copy the impulses of a lane to the robot's record, and return the motion."""
+    """Copy the impulses of a lane to the robot's record; return the lane's motion."""
     for i in range(fixed.grips):
         robot.wheels[i].impulse_x = lanes.wheels[i].impulse_x[lane]
         robot.wheels[i].impulse_y = lanes.wheels[i].impulse_y[lane]
@@ -225,7 +226,7 @@ def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motio
 def _finish_sweeps(
     robot: Record, fixed: Record, noise: Floats, lanes: Record, lane: int
 ) -> None:
-    """Complete the tick of a robot in a lane by itself."""
+    """Complete the tick of a robot by itself: sweeps left, motion and odometry."""
     left: Record = lanes.wheels[0]
     right: Record = lanes.wheels[1]
     rims = (left.rim_x[lane], right.rim_x[lane], left.rim_y[lane], right.rim_y[lane])
@@ -239,7 +240,7 @@ def _finish_sweeps(
 
 @njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
 def _sweep(lanes: Record, fixed: Record, used: int) -> int:
-    """Do a sweep in the lanes in use; fill in which are done, return how many."""
+    """Do a friction sweep in the lanes in use, mark which are done; return how many."""
     # Whole vectors; nobody reads the numbers in the lanes beyond.
     width = (used + _VECTOR - 1) // _VECTOR * _VECTOR
     for k in range(width):
@@ -258,7 +259,7 @@ def _sweep(lanes: Record, fixed: Record, used: int) -> int:
 
 @njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
 def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) -> None:
-    """Do as `sweep_friction` for one wheel of the robots in all lanes."""
+    """Improve the impulses of one wheel in all lanes, as `sweep_friction` does."""
     rows = lanes.motion
     levers = wheel.levers
     for k in range(width):

@@ -100,7 +100,7 @@ class RobotMotion:
     def begin(
         self, world: World, start: Pose2D, phase_s: float, rng: np.random.Generator
     ) -> None:
-        """Put the robot on the ground of a world, at rest.
+        """Put the robot at rest into a world, with new odometry and obstacles.
 
         Args:
             world: Obstacles around the robot.
@@ -138,7 +138,7 @@ class RobotMotion:
 
     @property
     def stamp_ns(self) -> int:
-        """Time since the start."""
+        """Simulated time since the start, in ns."""
         return int(self._stamps_ns[self._index])
 
     @property
@@ -148,11 +148,11 @@ class RobotMotion:
 
     @property
     def is_undisturbed(self) -> bool:
-        """Whether every cylinder stands where it stood, and there is nothing else."""
+        """Whether no cylinder has moved, and the world has no walls or movers."""
         return self.obstacles.undisturbed and self.movers is None
 
     def place(self) -> tuple[Pose2D, Velocity2D]:
-        """Return pose and velocity of base_link now."""
+        """Return true pose (map frame), speed and yaw rate of base_link now."""
         if self._placement is None or self._placement[0] != self.stamp_ns:
             x, y, yaw, linear, angular = base_motion(self.drive.fleet, self._index)
             placement = (Pose2D(x, y, yaw), Velocity2D(linear, angular))
@@ -160,12 +160,12 @@ class RobotMotion:
         return self._placement[1]
 
     def remember_pose(self) -> None:
-        """Store the present pose for `poses_at`."""
+        """Store the present pose, so that `poses_at` can interpolate from it."""
         pose, _ = self.place()
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
 
     def poses_at(self, stamps_ns: Floats) -> Floats:
-        """Return poses (n, 3) of base_link at times up to now, interpolated."""
+        """Return poses (n, 3) of base_link at past times (ns), from stored poses."""
         pose, _ = self.place()
         past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
         # A yaw that wraps between two poses must not be interpolated the long way
@@ -175,13 +175,13 @@ class RobotMotion:
         return np.column_stack(columns)
 
     def take_touch(self) -> bool:
-        """Tell whether the robot has touched anything since the last call."""
+        """Tell whether the robot touched anything since the last call; resets it."""
         was_touched = self._was_touched
         self._was_touched = False
         return was_touched
 
     def advance(self, ticks: int) -> None:
-        """Advance by a number of ticks."""
+        """Advance by physics ticks, and draw the odometry's noise for them."""
         while ticks:
             count = min(ticks, self._ticks_of_noise)
             self.draw_noise(count)
@@ -189,7 +189,7 @@ class RobotMotion:
             ticks -= count
 
     def draw_noise(self, ticks: int) -> None:
-        """Draw the odometry's noise for the next ticks, for which there is room."""
+        """Draw the odometry's noise for the next ticks, but advance none of them."""
         now_ns = self.stamp_ns
         end_ns = now_ns + ticks * self._tick_ns
         # The present update has its noise already, so the next one is the first to
@@ -198,7 +198,7 @@ class RobotMotion:
         self.odometry.supply_noise(first, end_ns // self._odometry_ns)
 
     def run(self, ticks: int) -> None:
-        """Advance by a number of ticks for which noise has been drawn."""
+        """Advance by physics ticks whose odometry noise has been drawn before."""
         while ticks:
             left = self._advance_freely(ticks)
             if left == ticks and self.movers is not None and not self.is_in_contact:
@@ -212,7 +212,7 @@ class RobotMotion:
             ticks = left
 
     def _advance_freely(self, ticks: int) -> int:
-        """Advance while nothing is near; return how many ticks are left."""
+        """Advance as a free body until an obstacle is near; return the ticks left."""
         segments = self.obstacles.segments
         left: int = advance(self.drive.fleet, self._index, segments, ticks)
         return left
@@ -247,7 +247,7 @@ class RobotMotion:
             self.close()
 
     def close(self) -> None:
-        """End the contact, if there is one, and give back its scene."""
+        """End the contact, if there is one, and give its scene back to the pool."""
         if self._scene is None:
             return
         self._scenes.release(self._scene)
@@ -264,7 +264,7 @@ class RobotMotion:
 def _set_body(
     settings: Records, model: RobotModel, config: PhysicsConfig, tires: Tires
 ) -> None:
-    """Fill in the settings of body and tires."""
+    """Write the settings of body and tires to the record that the fleet shares."""
     settings["tick_s"] = config.tick_s
     settings["tick_ns"] = nanoseconds(config.tick_s)
     settings["gravity_m_s2"] = config.gravity_m_s2
@@ -287,7 +287,7 @@ def _set_body(
 def _robot_at_rest(
     settings: Records, model: RobotModel, tires: Tires, start: Pose2D
 ) -> Records:
-    """Return the record (1,) of a robot that stands on its tires."""
+    """Return the record (1,) of a robot that stands on its tires at a start pose."""
     height, roll, pitch = tires.rest
     attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
     # The start pose is that of base_link, the state that of the center of mass.

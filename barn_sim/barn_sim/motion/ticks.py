@@ -37,7 +37,7 @@ NO_REFERENCES: dict[str, Any] = {"cache": True, "_nrt": False}
 
 @njit(**NO_REFERENCES)
 def advance(fleet: Fleet, index: int, segments: Floats, ticks: int) -> int:
-    """Advance a robot as long as no obstacle is near.
+    """Advance a free robot until an obstacle is near; return how many ticks are left.
 
     Args:
         fleet: Robots of which one advances.
@@ -62,7 +62,7 @@ def advance(fleet: Fleet, index: int, segments: Floats, ticks: int) -> int:
 
 @kernel
 def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]:
-    """Begin a tick that PyBullet completes.
+    """Begin a tick that PyBullet completes; return pose, center, force and torque.
 
     Args:
         fleet: Robots with their commands.
@@ -85,7 +85,7 @@ def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]
 def follow_body(
     fleet: Fleet, index: int, state: BodyState
 ) -> tuple[float, float, float]:
-    """Complete a tick with the body's state in PyBullet.
+    """Complete a tick with the body's state in PyBullet; return pose of base_link.
 
     Args:
         fleet: Robots with the noise of their odometry.
@@ -107,7 +107,7 @@ def follow_body(
 
 @kernel
 def body_state(robots: Records, index: int) -> BodyState:
-    """Return position, attitude, velocity and spin of a robot's center of mass.
+    """Return position, quaternion, velocity and spin of a robot's center of mass.
 
     Args:
         robots: Records (n,) of robots.
@@ -124,7 +124,7 @@ def body_state(robots: Records, index: int) -> BodyState:
 
 @kernel
 def solve_tires(robot: Record, fixed: Record) -> Motion:
-    """Solve the friction of a tick whose rim speeds are set.
+    """Solve the wheels' friction of a tick in place; return the body's motion.
 
     Args:
         robot: Record of the robot.
@@ -142,7 +142,7 @@ def solve_tires(robot: Record, fixed: Record) -> Motion:
 
 @inline_kernel
 def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
-    """Update everything that follows from the motion of the body.
+    """Update base_link, odometry, wheel angles and time after the body has moved.
 
     Args:
         robot: Record of the robot, whose body has moved.
@@ -167,7 +167,7 @@ def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
 
 @inline_kernel
 def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
-    """Tell whether the robot can touch nothing in the next tick, as far as is known.
+    """Tell whether cylinders and movers are out of reach for a tick without contact.
 
     Args:
         robot: Record of the robot.
@@ -182,7 +182,7 @@ def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
 
 @inline_kernel
 def _is_clear(robot: Record, fixed: Record, segments: Floats) -> bool:
-    """Tell whether no cylinder is near; distances are computed only when necessary."""
+    """Tell whether no cylinder is near; measures only if the last gap is used up."""
     # No point of the robot can have come nearer than it has moved since the last look.
     if _distance_from(robot, fixed, robot.looked_from) < robot.clearance_m:
         return True
@@ -209,7 +209,7 @@ def _is_clear_of_movers(robot: Record, fixed: Record) -> bool:
 
 @kernel
 def _distance_from(robot: Record, fixed: Record, pose: Floats) -> float:
-    """Return how far any point of the robot may have gone since it was at a pose."""
+    """Return how far (m) any point of the robot may have gone since a pose."""
     dx = pose[0] - robot.x
     dy = pose[1] - robot.y
     turn = abs(wrap(robot.yaw - pose[2]))
@@ -227,7 +227,7 @@ def read_all(
     odometry: Floats,
     velocities: Floats,
 ) -> None:
-    """Read time, poses and velocities of robots.
+    """Write time, true pose, odometry and velocity of robots to their rows of arrays.
 
     Args:
         robots: Records (n,) of robots.
@@ -249,13 +249,13 @@ def read_all(
 
 @kernel
 def _through_quaternion(yaw: float) -> float:
-    """Return a yaw as a message holds it, as `Pose2D.through_quaternion` does."""
+    """Return a yaw (rad) as a message holds it, as `Pose2D.through_quaternion` does."""
     return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
 @kernel
 def base_motion(fleet: Fleet, index: int) -> tuple[float, float, float, float, float]:
-    """Return the motion of base_link.
+    """Return true pose, forward speed and yaw rate of base_link.
 
     Args:
         fleet: Robots and their settings.

@@ -71,7 +71,7 @@ class Lidar:
 
     @property
     def is_plain(self) -> bool:
-        """Whether a scan is taken at one instant and has no errors but noise."""
+        """Whether all beams are taken at once, without mixed pixels and drop-outs."""
         config = self._config
         return not (config.sweeps or config.mixed_share or config.dropout_share)
 
@@ -86,7 +86,7 @@ class Lidar:
         noise: Singles | None = None,
         sweep: Floats | None = None,
     ) -> Scan:
-        """Take a scan from the robot's pose.
+        """Take a noisy scan from a pose of base_link; draws from `rng`.
 
         Args:
             stamp_ns: Time of the scan since the start of the trial.
@@ -129,11 +129,11 @@ class Lidar:
         return self.scan_of(stamp_ns, measured)
 
     def draw_noise(self, noise: Singles) -> None:
-        """Fill an array with the noise of a scan (n,), or of k scans (k, n)."""
+        """Fill an array with standard normal numbers, (n,) or (k, n) for k scans."""
         self.rng.standard_normal(out=noise, dtype=np.float32)
 
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
-        """Return a scan of ranges that have been measured.
+        """Return a `Scan` of ranges that have their noise and limits already.
 
         Args:
             stamp_ns: Time of the scan since the start of the trial.
@@ -144,7 +144,7 @@ class Lidar:
         return Scan(stamp_ns, measured, angle_min, increment, range_min, range_max)
 
     def _sensor_frames(self, poses: Floats) -> Floats:
-        """Return the frames (n, 4) of the sensor for poses of the robot."""
+        """Return x, y, cosine, sine of the sensor (n, 4) at base_link poses (n, 3)."""
         x, y, yaw = poses.T
         cosine = np.cos(yaw)
         sine = np.sin(yaw)
@@ -155,7 +155,7 @@ class Lidar:
         return np.stack(columns, axis=1)
 
     def _mix_pixels(self, ranges: Floats) -> None:
-        """Let some beams at an edge read a range between its two sides.
+        """Replace some ranges at edges in place by a range between the two sides.
 
         A beam that grazes an edge lights both sides; sensors report a mixture. The near
         side is changed, evenly up to the far side, as often as configured.
@@ -172,5 +172,6 @@ class Lidar:
 
 @cache
 def _beam_directions(angle_min: float, increment: float, beams: int) -> Floats:
+    """Return unit vectors (beams, 2) in the sensor frame; angles in rad."""
     angles = angle_min + increment * np.arange(beams)
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)

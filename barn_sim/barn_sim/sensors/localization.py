@@ -41,7 +41,7 @@ class FilterLocalization:
         self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
-        """Estimate the pose, with a new correction if the robot has moved enough.
+        """Return the estimated pose in the map frame; may draw a new error.
 
         Args:
             truth: True pose in the map frame.
@@ -68,7 +68,7 @@ class FilterLocalization:
 
 
 def localization_map(world: World, historical: bool) -> OccupancyMap:
-    """Return the map in which the robot localizes itself.
+    """Return the occupancy map of a world that the particle filter matches scans to.
 
     Args:
         world: World of the trial.
@@ -90,7 +90,7 @@ def make_localization(
     mount: Pose2D,
     rng: np.random.Generator,
 ) -> FilterLocalization | ParticleLocalization:
-    """Return the filter of modes "amcl" and "particles".
+    """Return a filter that imitates amcl for mode "amcl", else a particle filter.
 
     Args:
         config: Configuration of the simulator.

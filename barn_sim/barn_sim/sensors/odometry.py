@@ -52,7 +52,7 @@ class FusedOdometry:
         fleet.robots[index]["speed_factor"] = 1.0
 
     def draw_errors(self, config: OdometryConfig, rng: Generator) -> None:
-        """Draw the errors that stay for a trial: of the gyro and of the wheels' radius.
+        """Set the trial's constant errors, drawn anew: gyro bias and wheel radius.
 
         Args:
             config: Standard deviations of both errors over trials.
@@ -66,7 +66,7 @@ class FusedOdometry:
         robot["speed_factor"] = 1.0 + config.wheel_radius_error * radius
 
     def update(self, number: int) -> None:
-        """Apply the noise of the update with this number, counted from 0."""
+        """Set the yaw errors of the odometry to those of an update, counted from 0."""
         self.supply_noise(number, number)
         fleet = self._fleet
         robot = fleet.robots[self._index]
@@ -74,7 +74,7 @@ class FusedOdometry:
         renew_noise(robot, fleet.settings[0], row)
 
     def supply_noise(self, first: int, last: int) -> None:
-        """Draw the noise of updates in advance; each is drawn once, in their order.
+        """Draw the noise of updates up to `last` into the fleet, each once, in order.
 
         Args:
             first: Number of the first update that is still needed.
@@ -93,7 +93,7 @@ class FusedOdometry:
         self._next_number = first + len(noise)
 
     def read(self, stamp_ns: int) -> Odometry:
-        """Return pose and velocity in the odom frame with a time stamp."""
+        """Return pose and velocity in the odom frame now, with a time stamp in ns."""
         x, y, yaw, speed, yaw_rate = read_odometry(self._fleet.robots, self._index)
         pose = Pose2D(x, y, yaw).through_quaternion()
         return Odometry(stamp_ns, pose, Velocity2D(speed, yaw_rate))
@@ -101,7 +101,7 @@ class FusedOdometry:
 
 @kernel
 def integrate_wheels(robot: Record, tick_s: float) -> None:
-    """Integrate the odometry of a robot over one tick.
+    """Add a tick of wheel speed, along the noisy heading, to the odometry's x and y.
 
     Args:
         robot: Record of the robot.
@@ -116,7 +116,7 @@ def integrate_wheels(robot: Record, tick_s: float) -> None:
 
 @kernel
 def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
-    """Replace the errors of a robot's odometry by those of a new update.
+    """Set the errors of yaw and yaw rate in a robot's record for a new update.
 
     Args:
         robot: Record of the robot.
@@ -133,7 +133,7 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
 def read_odometry(
     robots: Records, index: int
 ) -> tuple[float, float, float, float, float]:
-    """Read the odometry of a robot.
+    """Return pose, speed and yaw rate of a robot's odometry; changes nothing.
 
     Args:
         robots: Records (n,) of robots.
@@ -150,5 +150,5 @@ def read_odometry(
 
 @kernel
 def wrap(angle: float) -> float:
-    """Return the angle in [-pi, pi), as `barn_worlds.base.types.wrap_angle` does."""
+    """Return an angle (rad) in [-pi, pi), as `wrap_angle` of barn_worlds does."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

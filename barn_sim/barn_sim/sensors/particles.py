@@ -87,7 +87,7 @@ class ParticleLocalization:
     def estimate(
         self, stamp_ns: int, odometry: Pose2D, take_scan: Callable[[], Scan]
     ) -> Pose2D:
-        """Estimate the pose, with a new correction if the robot has moved enough.
+        """Return the pose in the map frame; takes a scan if the robot moved enough.
 
         Args:
             stamp_ns: Time since the start of the trial.
@@ -115,7 +115,7 @@ class ParticleLocalization:
         return self._correction @ odometry
 
     def _move(self, last: Pose2D, odometry: Pose2D) -> None:
-        """Move every particle as the odometry did, with noise of its own."""
+        """Move the particles in place by the odometry since `last`, with noise."""
         dx = odometry.x - last.x
         dy = odometry.y - last.y
         length = math.hypot(dx, dy)
@@ -140,7 +140,7 @@ class ParticleLocalization:
         self._particles[:, 2] = heading + final_turn - final_spread * errors[2]
 
     def _weights(self, scan: Scan) -> Floats:
-        """Return how well the scan fits the map at each particle (n,)."""
+        """Return the weight (n,) of each particle by how well a scan fits the map."""
         ranges = np.asarray(scan.ranges, np.float64)
         beams = np.arange(len(ranges))
         # amcl takes every so many beams, not evenly spaced angles.
@@ -158,7 +158,7 @@ class ParticleLocalization:
         return particle_weights(self._particles, hits, table, *self._grid)
 
     def _likelihood_cubes(self, range_max: float) -> Floats:
-        """Return the cubed likelihood of a hit in each cell of map and border."""
+        """Return cubed hit likelihoods (rows + 2, cols + 2) of map and border."""
         if self._table is None or self._table[0] != range_max:
             config = self._config
             distances = np.pad(self._distances_m, 1, constant_values=_FARTHEST_M)
@@ -170,7 +170,7 @@ class ParticleLocalization:
         return self._table[1]
 
     def _resample(self, weights: Floats) -> None:
-        """Draw particles by weight until there are enough for their bins."""
+        """Replace the particles by draws by weight, until enough for their bins."""
         count = self._config.max_particles
         sums = np.cumsum(weights)
         # Independent draws as in amcl, not a low-variance comb.
@@ -195,7 +195,7 @@ class ParticleLocalization:
         self._particles = particles[:count]
 
     def _random_share(self, average: float) -> float:
-        """Return the share of particles to draw anywhere by a scan's average weight.
+        """Update both average weights; return the share of particles to draw anywhere.
 
         The averages start anew once particles are drawn anywhere.
         """
@@ -207,7 +207,7 @@ class ParticleLocalization:
         return share
 
     def _random_poses(self, count: int) -> Floats:
-        """Draw poses (count, 3) in free cells of the map, headed anywhere."""
+        """Return random poses (count, 3) in free map cells: x, y in m, yaw in rad."""
         origin_x, origin_y, resolution = self._grid
         cells = np.zeros((count, 2), np.int64)
         if len(self._free_cells):
@@ -218,7 +218,7 @@ class ParticleLocalization:
         return np.column_stack([positions, yaws])
 
     def _mean_pose(self) -> Pose2D:
-        """Return the mean pose of the largest cluster of touching bins."""
+        """Return the mean pose of the cluster of touching bins with most particles."""
         bins = particle_bins(self._particles)
         _, firsts, members = np.unique(
             bin_keys(bins), return_index=True, return_inverse=True
@@ -246,13 +246,13 @@ def has_moved(config: LocalizationConfig, last: Pose2D, odometry: Pose2D) -> boo
 
 
 def particle_bins(particles: Floats) -> Integers:
-    """Return the histogram bin of x, y and yaw that each particle lies in (n, 3)."""
+    """Return the histogram bin (n, 3) of each particle's x, y (0.5 m), yaw (10 deg)."""
     bins: Integers = np.floor(particles / _BIN).astype(np.int64)
     return bins
 
 
 def bin_keys(bins: Integers) -> Integers:
-    """Return a number for each bin (n, 3); they sort as the bins do."""
+    """Return a unique number (n,) for each bin (n, 3); they sort as the bins do."""
     low = bins.min(axis=0)
     _, rows, columns = (bins.max(axis=0) - low + 1).tolist()
     keys: Integers = (bins - low) @ np.array([rows * columns, columns, 1])
@@ -261,7 +261,7 @@ def bin_keys(bins: Integers) -> Integers:
 
 @kernel
 def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
-    """Return the distance of each cell's center from the nearest occupied one.
+    """Return each map cell's distance (m) to the nearest occupied one, at most 2 m.
 
     Args:
         occupied: Cells (rows, columns) of the map.
@@ -286,7 +286,7 @@ def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
 
 @cache
 def needed_particles(least: int, most: int) -> Integers:
-    """Return how many particles keep the error of KLD-sampling low.
+    """Return the number of particles that each count of filled bins calls for.
 
     Args:
         least: Smallest number of particles.
@@ -307,7 +307,10 @@ def needed_particles(least: int, most: int) -> Integers:
 
 
 def cluster_labels(bins: Integers) -> Integers:
-    """Return a label for each bin (n, 3); bins that touch, corners too, share one."""
+    """Return a label (n,) for each bin (n, 3), the same for bins that touch.
+
+    Bins touch at corners as well.
+    """
     # A matrix of all pairs is affordable: particles fill a few hundred bins.
     touches = np.abs(bins[:, None] - bins[None]).max(axis=2) <= 1
     labels = np.full(len(bins), -1, np.int64)
@@ -332,7 +335,7 @@ def particle_weights(
     origin_y: float,
     resolution: float,
 ) -> Floats:
-    """Return one plus the sum of the table's values at the hits, for each particle.
+    """Return for each particle (n,) one plus the table's values at its beams' ends.
 
     Args:
         particles: Poses (n, 3) of base_link in the map frame.

@@ -55,7 +55,7 @@ def scan_all(
     used: Integers,
     measured: Singles,
 ) -> None:
-    """Take the scans of many robots among upright cylinders.
+    """Write noisy scans of many robots among upright cylinders to `measured`.
 
     Args:
         robots: Records (n,) of `barn_sim.body.state.ROBOT`.
@@ -100,7 +100,7 @@ def cast_beams(
     tilted: Floats,
     shapes: Floats,
 ) -> None:
-    """Lower ranges to the first hits of beams that start at one instant.
+    """Lower `ranges` in place to the beams' first hits from one pose of the sensor.
 
     From within an obstacle, all ranges are 0.
 
@@ -131,7 +131,7 @@ def cast_sweep(
     tilted: Floats,
     shapes: Floats,
 ) -> None:
-    """Lower ranges to the first hits of beams that start one after the other.
+    """Lower `ranges` in place to first hits, each beam from a sensor pose of its own.
 
     Args:
         ranges: Distances (n,) along the beams, m.
@@ -187,7 +187,7 @@ def cast_sweep(
 
 @kernel
 def measure(ranges: Floats, noise: Singles, limits: Limits, measured: Singles) -> None:
-    """Turn true ranges into measured ones, with noise and the values of REP-117.
+    """Write ranges with noise to `measured`, -inf where too near, +inf where too far.
 
     Args:
         ranges: True ranges (n,) in m, inf where nothing is hit.
@@ -211,7 +211,7 @@ def measure(ranges: Floats, noise: Singles, limits: Limits, measured: Singles) -
 
 @kernel
 def rough_angle(y: float, x: float) -> float:
-    """Approximate atan2 to within `ROUGH_RAD`, three times as fast.
+    """Return atan2(y, x) in rad to within `ROUGH_RAD`, three times as fast.
 
     Args:
         y: Second coordinate of a vector other than (0, 0).
@@ -246,7 +246,7 @@ def _cast_circles(
     centers: Floats,
     radius: float,
 ) -> None:
-    """Lower ranges to the first hits on circles; `centers` begin with x and y."""
+    """Lower `ranges` in place to first hits on circles; `centers` begin with x, y."""
     xs = centers[:, 0].copy()
     ys = centers[:, 1].copy()
     spans = np.empty((_SPAN_ROWS, len(centers)))
@@ -264,7 +264,7 @@ def _cast_spans(
     radius: float,
     spans: Floats,
 ) -> None:
-    """Lower ranges to the first hits on circles; spans (8, k) is room to compute in."""
+    """Lower `ranges` in place to first hits on circles; overwrites `spans` (8, k)."""
     increment = fan[1]
     last_beam = len(ranges) - 1
     _find_spans(fan, frame, xs, ys, radius, last_beam, spans)
@@ -301,7 +301,9 @@ def _find_spans(
     last_beam: float,
     spans: Floats,
 ) -> None:
-    """Fill in which beams may hit each circle, without branches, several at once.
+    """Write to `spans` (8, k) where each circle is and which beams may hit it.
+
+    Without branches, so that several are computed at once.
 
     Angles may be rough: one beam too many changes nothing, since the intersection
     decides. A circle beyond the longest range has half angle -1 and no beams.
@@ -357,7 +359,7 @@ def _cast_circle(
     left: float,
     radius: float,
 ) -> None:
-    """Lower the ranges of some beams to their hits on a circle."""
+    """Lower the ranges of beams first to last, inclusive, to hits on a circle."""
     for beam in range(first, last + 1):
         along = directions[beam, 0] * ahead + directions[beam, 1] * left
         across = directions[beam, 0] * left - directions[beam, 1] * ahead
@@ -377,7 +379,7 @@ def _cast_moving(
     center: Floats,
     radius: float,
 ) -> None:
-    """Lower the range of a beam that has its own frame to its hit on a circle."""
+    """Lower the range of one beam, from its row of `frames`, to its hit on a circle."""
     dx = center[0] - frames[beam, 0]
     dy = center[1] - frames[beam, 1]
     ahead = frames[beam, 2] * dx + frames[beam, 3] * dy
@@ -392,7 +394,7 @@ def _cast_moving(
 def _cast_shapes(
     ranges: Floats, directions: Floats, fan: Fan, frame: Frame, shapes: Floats
 ) -> None:
-    """Lower ranges to the first hits on cylinders of any size and boxes (k, 7)."""
+    """Lower `ranges` in place to first hits on boxes and cylinders (k, 7)."""
     for i in range(len(shapes)):
         radius = shapes[i, 2]
         if radius > 0.0:
@@ -405,7 +407,7 @@ def _cast_shapes(
 def _cast_box(
     ranges: Floats, directions: Floats, fan: Fan, frame: Frame, box: Floats
 ) -> None:
-    """Lower ranges to the first hits on a box (7,); 0 everywhere from within it."""
+    """Lower `ranges` in place to first hits on a box (7,); all are 0 from within it."""
     x, y, cosine, sine = frame
     angle_min, increment, range_max = fan
     center_x, center_y, _, half_x, half_y, box_cosine, box_sine = box
@@ -458,7 +460,7 @@ def _cast_box(
 def _cast_tilted(
     ranges: Floats, directions: Floats, frame: Frame, cylinders: Floats, radius: float
 ) -> None:
-    """Lower ranges to the first hits on cylinders (k, 7) in any attitude."""
+    """Lower `ranges` in place to first hits on cylinders (k, 7) in any attitude."""
     x, y, cosine, sine = frame
     for i in range(len(cylinders)):
         center_x, center_y, center_z, ux, uy, uz, half = cylinders[i]
@@ -493,7 +495,7 @@ def _hit_cylinder(
     half: float,
     radius: float,
 ) -> float:
-    """Return the distance along a beam to a cylinder's side or cap, or inf."""
+    """Return the distance (m) along a beam to a tilted cylinder, inf without a hit."""
     ox, oy, oz = offset
     ux, uy, uz = axis
     # Advance along the axis per meter of the beam.
