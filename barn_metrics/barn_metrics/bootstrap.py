@@ -29,7 +29,7 @@ class Interval:
     high: float | None = None
 
     def widen_to(self, *values: float) -> "Interval":
-        """Return the estimate with limits that contain some values as well.
+        """Return the interval with limits widened so that they contain some values.
 
         An estimate without limits stays without.
         """
@@ -38,24 +38,24 @@ class Interval:
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
 
     def scale(self, factor: float) -> "Interval":
-        """Return the interval in another unit; the factor is above 0."""
+        """Return estimate and limits times a factor, which is above 0 (not checked)."""
         return self._apply(lambda value: factor * value)
 
     def shift(self, summand: float) -> "Interval":
-        """Return the interval of the sum of the estimate and a known figure."""
+        """Return estimate and limits plus a known figure."""
         return self._apply(lambda value: value + summand)
 
     def negate(self) -> "Interval":
-        """Return the interval of the estimate with the other sign."""
+        """Return the interval of minus the estimate, its limits swapped."""
         negative = self._apply(lambda value: -value)
         return Interval(negative.estimate, negative.high, negative.low)
 
     def columns(self, name: str) -> dict[str, float | None]:
-        """Return the columns NAME, NAME_low and NAME_high of a table."""
+        """Return a dict of NAME, NAME_low and NAME_high; limits may be None."""
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
     def text(self, digits: int = 2, unit: str = "") -> str:
-        """Return the interval for people, such as "0.51 m [0.40, 0.60]".
+        """Return estimate and limits as text, such as "0.51 m [0.40, 0.60]".
 
         Args:
             digits: Decimals of all three numbers.
@@ -67,7 +67,7 @@ class Interval:
         return f"{text} [{number(self.low, digits)}, {number(self.high, digits)}]"
 
     def _apply(self, function: Callable[[float], float]) -> "Interval":
-        """Return the estimate and both limits as a function changes them."""
+        """Return the interval of a function's values; limits are not swapped."""
         return Interval(
             function(self.estimate),
             None if self.low is None else function(self.low),
@@ -76,7 +76,7 @@ class Interval:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Return a number for people, zero without a sign.
+    """Return a number as text with fixed decimals, "-" for None, NaN and infinity.
 
     Args:
         value: The number; None, NaN and infinity become a dash.
@@ -96,7 +96,7 @@ def bootstrap_interval(
     percentile: bool = False,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Return a statistic of worlds with its bootstrap interval.
+    """Return a statistic over all worlds with its 95 % interval; draws whole worlds.
 
     Args:
         statistic: Function of places of worlds (..., n), 0 to worlds - 1.
@@ -146,7 +146,7 @@ def bootstrap_interval(
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
-    """Return the rank correlation along the last axis, NaN where a side is constant.
+    """Return Spearman's correlation along the last axis, NaN where a side is constant.
 
     Args:
         a: Values (..., n).
@@ -156,7 +156,7 @@ def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
 
 
 def correlation(a: Floats, b: Floats) -> Floats:
-    """Return the correlation along the last axis, NaN where a side is constant.
+    """Return Pearson's correlation along the last axis, NaN where a side is constant.
 
     Args:
         a: Values (..., n).
@@ -170,7 +170,7 @@ def correlation(a: Floats, b: Floats) -> Floats:
 
 
 def _ranks(values: Floats | Integers) -> Floats:
-    """Return average ranks along the last axis, apart from a constant.
+    """Return average ranks along the last axis, apart from a constant shift.
 
     Whole numbers from 0 are ranked by counting, which is much faster than sorting.
     """

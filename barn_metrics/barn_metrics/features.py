@@ -21,9 +21,9 @@ TURNING_WINDOW_M = 0.75
 
 
 def world_features(world: World) -> dict[str, float]:
-    """Return the features of a world by name; cells that the path repeats count once.
+    """Return a world's features by name: clearance, gaps and turning along its path.
 
-    Its grid, path and size of cells count.
+    Its grid, path and size of cells count; cells that the path repeats count once.
     """
     path = without_repeats(world.path)
     lengths = step_lengths(path, world.resolution_m)
@@ -69,14 +69,14 @@ def world_features(world: World) -> dict[str, float]:
 
 
 def without_repeats(path: Cells) -> Cells:
-    """Return a path (n, 2) without the cells that repeat the one before, (m, 2)."""
+    """Return a path (m, 2) without cells that equal the cell just before them."""
     is_step = (np.diff(path, axis=0) != 0).any(axis=1)
     distinct: Cells = path[np.append(True, is_step)]
     return distinct
 
 
 def step_lengths(path: Cells, resolution_m: float) -> Floats:
-    """Return the lengths (n - 1,) in m of the steps of a path.
+    """Return the length (n - 1,) in m of each step from cell to cell of a path.
 
     Args:
         path: Cells (n, 2).
@@ -88,7 +88,7 @@ def step_lengths(path: Cells, resolution_m: float) -> Floats:
 
 
 def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
-    """Return the distance (n,) in m from a path's cells to a cylinder or side edge.
+    """Return the distance (n,) in m from path cells to a cylinder or side edge.
 
     Args:
         grid: (rows, cols), True where a cylinder stands.
@@ -106,7 +106,7 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
 
 
 def heading_changes(path: Cells) -> Floats:
-    """Return the signed change of heading in rad at each inner cell of a path."""
+    """Return the turn (n - 2,) in rad at inner path cells, + toward higher rows."""
     steps = np.diff(path, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
     # From -pi to pi.
@@ -115,7 +115,7 @@ def heading_changes(path: Cells) -> Floats:
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
-    """Return the largest net change of heading in rad within a window of a path.
+    """Return the largest turn in rad, without sign, over any stretch of window_m.
 
     Args:
         turning: Changes of heading (n - 2,) at the inner cells of the path.
@@ -135,7 +135,7 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
 
 
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
-    """Return the narrowest gap of the widest path through a grid, surface to surface.
+    """Return the bottleneck width (m) of the widest way through a grid; 0 if blocked.
 
     A disc is blocked if a chain of obstacles between the side edges has only gaps
     smaller than the disc. So this is the largest gap of a chain, minimized over all
@@ -154,7 +154,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
 
 @njit(cache=True)
 def _smallest_largest_gap(centers: Floats, rows: float) -> float:
-    """Return the least largest gap of a chain from edge to edge, by Dijkstra's search.
+    """Return the least largest gap (cells) of a chain between the outer rows' edges.
 
     Args:
         centers: Of unit discs (n, 2), in cells.
@@ -189,7 +189,7 @@ def _smallest_largest_gap(centers: Floats, rows: float) -> float:
 
 
 def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
-    """Return the number of stretches of narrow cells, and the longest in m."""
+    """Return the number of narrow stretches of a path, and the longest in m."""
     places_m = np.append(0.0, np.cumsum(lengths))
     labels, count = ndimage.label(is_narrow)
     longest_m = 0.0

@@ -50,7 +50,7 @@ EIGHT_AXES: Floats = np.array(
 def free_cells(
     occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
-    """Return how many cells of a ray are free, and whether an obstacle ends it.
+    """Count free cells of a ray without its start; tell if an obstacle ends it.
 
     Args:
         occupied: (rows, cols).
@@ -73,7 +73,7 @@ def free_cells(
 
 @njit(cache=True)
 def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return the corrected average visibility: the mean of all eight rays.
+    """Return each cell's mean length of eight rays, the corrected average visibility.
 
     Args:
         occupied: (rows, cols).
@@ -97,7 +97,7 @@ def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
 
 @njit(cache=True)
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return the published average visibility: of rays that obstacles end.
+    """Return each cell's mean over rays that obstacles end, the published visibility.
 
     Args:
         occupied: (rows, cols).
@@ -127,7 +127,7 @@ def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
 def ray_blocked(
     occupied: BoolGrid, row: int, column: int, direction: Integers, points: int
 ) -> bool:
-    """Tell whether one of the first cells of a ray is occupied.
+    """Tell whether one of the first cells of a ray, start excluded, is occupied.
 
     Args:
         occupied: (rows, cols); beyond it the ray is open.
@@ -152,7 +152,7 @@ def ray_blocked(
 def dispersion(
     occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers
 ) -> Floats:
-    """Return how often neighboring rays change between blocked and open.
+    """Return per cell how often neighboring rays change between blocked and open.
 
     Args:
         occupied: (rows, cols).
@@ -179,7 +179,7 @@ def dispersion(
 
 @njit(cache=True)
 def characteristic_dimension(occupied: BoolGrid, cells: Cells, axes: Floats) -> Floats:
-    """Return the free length along the shortest of some axes.
+    """Return for each cell the free length (cells) along its shortest axis, both ways.
 
     Args:
         occupied: (rows, cols).

@@ -44,6 +44,7 @@ class Formula(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless axes is 4 or 8."""
         super().__post_init__()
         self.require(self.axes in (4, 8), "axes", "must be 4 or 8")
 
@@ -60,7 +61,7 @@ FORMULAS: dict[str, Formula] = {
 
 
 def as_formula(formula: Formula | str) -> Formula:
-    """Return the formula of a name in `FORMULAS`, or the formula itself.
+    """Return the `Formula` of a name in `FORMULAS`; a `Formula` comes back as it is.
 
     Raises:
         ConfigError: If there is none of that name.
@@ -107,14 +108,14 @@ class WorldMetrics:
     tortuosity: float
 
     def as_array(self) -> Floats:
-        """Return the five values in the published order, (5,)."""
+        """Return the five metrics in the order of Table II, (5,)."""
         return np.array(astuple(self), np.float64)
 
 
 def cell_metrics(
     cspace: BoolGrid, cells: Cells, formula: Formula | str = CORRECTED
 ) -> Floats:
-    """Return the metrics of single cells.
+    """Return the four metrics (n, 4) of single free cells of a C-space.
 
     Without obstacles the closest one is infinitely far. The published visibility is NaN
     if no ray ends at an obstacle.
@@ -156,7 +157,7 @@ def cell_metrics(
 
 
 def closest_obstacle(cspace: BoolGrid) -> Floats:
-    """Return the distance in cells of every cell to the nearest occupied one.
+    """Return each cell's distance, in cells, to the nearest occupied one, (rows, cols).
 
     It is Euclidean, and inf if nothing is occupied.
     """
@@ -167,7 +168,7 @@ def closest_obstacle(cspace: BoolGrid) -> Floats:
 
 
 def tortuosity(path: Cells) -> float:
-    """Return arc length over chord of a path (n, 2).
+    """Return arc length over chord of a path (n, 2), without a unit.
 
     It is 1 if the path stays in one cell, and inf if it returns to its start.
     """
@@ -181,7 +182,7 @@ def tortuosity(path: Cells) -> float:
 
 
 def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
-    """Return the metrics of a path.
+    """Return the five metrics of a world from its path and the path's cell metrics.
 
     Args:
         values: `cell_metrics` (n, 4) of its cells.
@@ -192,7 +193,7 @@ def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
 
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:
-    """Return the metrics of a world on its own C-space and path.
+    """Return the five metrics of a world, as means over its path in its C-space.
 
     Args:
         world: A world whose obstacles stand on a grid, no arena.
@@ -205,7 +206,7 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
 
 
 def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
-    """Return `cell_metrics` (n, 4) of the path of a world.
+    """Return the four metrics (n, 4) of each cell of a world's path, not their mean.
 
     Args:
         world: A world whose obstacles stand on a grid, no arena.
@@ -230,7 +231,7 @@ def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
 def metric_maps(
     cspace: BoolGrid, formula: Formula | str = CORRECTED
 ) -> dict[str, Floats]:
-    """Return the four cell metrics as maps by name.
+    """Return the four cell metrics by name as arrays (rows, cols), NaN where occupied.
 
     Args:
         cspace: (rows, cols), True where occupied.
@@ -248,7 +249,7 @@ def metric_maps(
 
 
 def _validate_cells(cspace: BoolGrid, cells: Cells) -> tuple[BoolGrid, Cells]:
-    """Return both as arrays that the kernels take; WorldError if they are malformed."""
+    """Return both as contiguous arrays; WorldError if a cell is occupied or outside."""
     is_grid = isinstance(cspace, np.ndarray) and cspace.ndim == 2
     if not is_grid or cspace.dtype != np.bool_:
         raise WorldError("C-space must be a two-dimensional array of bools")

@@ -48,14 +48,14 @@ class MetricsTable:
     cell_maximum: Floats
 
     def rows(self) -> list[dict[str, float]]:
-        """Return the metrics of each world by name."""
+        """Return a dict for each world, from the name of a metric to its value."""
         return [
             dict(zip(metrics.METRIC_NAMES, row, strict=True))
             for row in self.values.tolist()
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything as plain data; values that are not finite become None."""
+        """Return everything as plain data, not text; NaN and infinity become None."""
         worlds = zip(self.worlds, self.rows(), strict=True)
         document = {
             "schema_version": SCHEMA_VERSION,
@@ -69,7 +69,9 @@ class MetricsTable:
         return dict(make_json_safe(document))
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and lines of the summary, with two decimals.
+        """Return headings and text rows of the summary, a row for each metric.
+
+        Numbers have two decimals.
 
         Extremes of cells, which Table II has as well, come before those of worlds.
         """
@@ -83,7 +85,7 @@ class MetricsTable:
         return ["Metric", *_SUMMARY_HEADINGS.values()], lines
 
     def summary_of(self, metric: metrics.Metric) -> dict[str, float]:
-        """Return minimum, maximum, mean and population std over worlds of a metric.
+        """Return minimum, maximum, mean and population std of a metric over worlds.
 
         Metrics of cells have extremes over cells as well.
         """
@@ -105,7 +107,7 @@ def metrics_table(
     worlds: Dataset | Iterable[World],
     formula: metrics.Formula | str = metrics.CORRECTED,
 ) -> MetricsTable:
-    """Return the metrics of a data set or of worlds.
+    """Compute the metrics of all worlds; return them as a `MetricsTable`.
 
     Args:
         worlds: A data set, whose worlds are labeled by number, or worlds, by name.

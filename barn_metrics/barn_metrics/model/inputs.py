@@ -36,17 +36,17 @@ CostFunction = Callable[[Floats], Floats]
 
 
 def _disc_cost(radius_m: float) -> CostFunction:
-    """Return a cost of 1 where a disc fits, and `_BLOCKED` where it does not."""
+    """Return a cost function: 1 per m where a disc fits, elsewhere `_BLOCKED`."""
     return lambda clearance: np.where(clearance < radius_m, _BLOCKED, 1.0)
 
 
 def _travel_time(clearance: Floats) -> Floats:
-    """Return the time per meter at a speed that rises with clearance from 0.05 to 1."""
+    """Return cost per m as 1 / speed, which rises with clearance from 0.05 to 1."""
     return 1.0 / np.clip((clearance - 0.15) / (0.45 - 0.15), 0.05, 1.0)
 
 
 def _costmap_cost(clearance: Floats) -> Floats:
-    """Return the cost on the inflated costmap of the paper's trials."""
+    """Return cost per m by clearance (m), as the paper's inflated costmap has it."""
     inscribed_m = 0.195
     inflation_m = 0.30
     decay = 1.0 + 4.0 * np.exp(-10.0 * (clearance - inscribed_m))
@@ -71,7 +71,7 @@ STRIPS = ("planned", "padded", "quick")
 
 @cache
 def summary_names() -> tuple[str, ...]:
-    """Return the names of the inputs that sum a world up, which come first."""
+    """Return the names of the model's inputs that sum a world up; they come first."""
     # Names do not depend on the world, so the smallest one that has all inputs will do.
     straight = np.stack([np.full(5, 2), np.arange(5)], axis=1)
     grid = np.zeros((5, 5), np.bool_)
@@ -83,7 +83,7 @@ def summary_names() -> tuple[str, ...]:
 
 @cache
 def input_names() -> tuple[str, ...]:
-    """Return the names of all inputs, in order."""
+    """Return the names of all inputs of the difficulty model: summary, then strips."""
     names = list(summary_names())
     for route in STRIPS:
         names += strip_names(route)
@@ -91,7 +91,7 @@ def input_names() -> tuple[str, ...]:
 
 
 def inputs_of(worlds: Iterable[World]) -> Floats:
-    """Return the inputs of worlds, (n, d).
+    """Return the difficulty model's inputs (n, d) of worlds, all of them finite.
 
     Raises:
         WorldError: If one of them is an arena, or its path meets the C-space.
@@ -109,6 +109,7 @@ def inputs_of(worlds: Iterable[World]) -> Floats:
 
 
 def _find_routes(clearance: ClearanceMap) -> dict[str, Route]:
+    """Return the cheapest route from start to goal by name of its cost function."""
     return {
         name: cheapest_route(clearance, cost(clearance.clearance_m))
         for name, cost in _ROUTE_COSTS.items()
@@ -118,7 +119,7 @@ def _find_routes(clearance: ClearanceMap) -> dict[str, Route]:
 def _summarize(
     world: World, clearance: ClearanceMap, routes: Mapping[str, Route]
 ) -> dict[str, float]:
-    """Return the numbers that sum a world up, by name."""
+    """Return the model's inputs that sum a world up, by name, in their order."""
     # Tortuosity is a metric and a feature; the metric comes first and counts.
     metrics = asdict(world_metrics(world))
     summary = metrics | world_features(world) | metrics | _summarize_ends(clearance)
@@ -131,7 +132,7 @@ def _summarize(
 
 
 def _summarize_ends(clearance: ClearanceMap) -> dict[str, float]:
-    """Return the space at start and goal, and one cell ahead of the goal."""
+    """Return clearances (m) around start, goal and a cell ahead of it, by name."""
     # Three fine cells are one of the world.
     ahead = (clearance.goal[0], clearance.goal[1] + 3)
     places = {"start": clearance.start, "goal": clearance.goal, "goal_ahead": ahead}
@@ -146,14 +147,14 @@ def _summarize_ends(clearance: ClearanceMap) -> dict[str, float]:
 
 
 def _surroundings(clearance: ClearanceMap, row: int, column: int, reach: int) -> Floats:
-    """Return clearances around a cell, (2 reach + 1, 2 reach + 1); the edge repeats."""
+    """Return clearances (m) around a fine cell, a square array; the edge repeats."""
     offsets = np.arange(-reach, reach + 1)
     rows = clearance.clearance_m.take(row + offsets, axis=0, mode="clip")
     return rows.take(column + offsets, axis=1, mode="clip")
 
 
 def _summarize_route(route: Route, path_length_m: float) -> dict[str, float]:
-    """Return the numbers that sum a route up, by name."""
+    """Return cost, length, turning, clearance and width figures of a route, by name."""
     heading = route.heading_rad
     turns = np.abs(heading[_TURN_SAMPLES:] - heading[:-_TURN_SAMPLES])
     # A path of one cell has no length to divide by.

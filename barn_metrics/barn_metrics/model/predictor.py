@@ -54,6 +54,7 @@ class RouteNetwork:
         )
 
     def _evaluate(self, inputs: Floats) -> Floats:
+        """Return outputs (n, k), the mean over each world and its mirror image."""
         summary, strips = split_inputs(inputs, self.mean, self.std)
         plain = self._evaluate_side(summary, side_by_side(strips))
         mirrored = self._evaluate_side(summary, side_by_side(mirror_strips(strips)))
@@ -61,6 +62,7 @@ class RouteNetwork:
         return mean
 
     def _evaluate_side(self, summary: Floats, strips: Floats) -> Floats:
+        """Return outputs (n, k) of summaries (n, d) and strips side by side."""
         # Samples beyond the longest route are zero in all worlds.
         mask = sample_mask(strips)
         longest = max(int(mask.any(axis=(0, 2)).sum()), 1)
@@ -81,7 +83,7 @@ class RouteNetwork:
 
 
 def moments(values: Floats) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation (d,) of values (n, d).
+    """Return mean and standard deviation (d,) over the rows of values (n, d).
 
     The deviation of what does not vary is 1.
     """
@@ -90,7 +92,7 @@ def moments(values: Floats) -> tuple[Floats, Floats]:
 
 
 def split_inputs(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
-    """Split inputs into z-scored numbers and strips.
+    """Split inputs into z-scored, clipped and scaled numbers, and raw strips.
 
     Args:
         inputs: (n, d + r * SAMPLES * CHANNELS).
@@ -120,7 +122,7 @@ def sample_mask(strips: Floats) -> Floats:
 
 
 def _convolve(values: Floats, weights: Floats, dilation: int) -> Floats:
-    """Return the response of filters, tap by tap.
+    """Return the response of dilated filters along samples, as long, without bias.
 
     Args:
         values: (n, s, in), zeros beyond.
@@ -154,7 +156,7 @@ class Prediction:
     failure_probability: float
 
     def columns(self) -> dict[str, float]:
-        """Return the figures by name, as a table of worlds has them."""
+        """Return difficulty, std, planners' times and failures as columns."""
         planners = {
             f"{planner}_s_per_m": value
             for planner, value in self.per_planner_s_per_m.items()
@@ -180,13 +182,16 @@ class DifficultyModel:
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
-        """Return the prediction of a world; WorldError if it has no metrics."""
+        """Return the prediction of a world; WorldError if it is an arena.
+
+        A path that meets the C-space is a WorldError as well.
+        """
         return self.predict_inputs(inputs_of([world]))[0]
 
     def predict_dataset(
         self, dataset: Dataset, worlds: str = "all"
     ) -> dict[int, Prediction]:
-        """Return predictions of worlds by number.
+        """Load the selected worlds of a data set; return their predictions by number.
 
         Args:
             dataset: The data set.
@@ -199,7 +204,7 @@ class DifficultyModel:
         }
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
-        """Return the predictions of worlds with known inputs (n, d)."""
+        """Return a prediction for each row of inputs (n, d) of `inputs_of`."""
         outputs, difficulty, spread = self._evaluate(inputs)
         # The networks' disagreement and the error of all of them are independent.
         std = np.hypot(spread, self.relative_std * difficulty)
@@ -219,7 +224,7 @@ class DifficultyModel:
         ]
 
     def difficulty(self, inputs: Floats) -> tuple[Floats, Floats]:
-        """Return predicted times per meter (n,) and their std over networks (n,).
+        """Return predicted times (n,) in s/m and their std (n,) over the networks.
 
         Args:
             inputs: (n, d).
@@ -241,6 +246,6 @@ class DifficultyModel:
         return outputs, difficulty, spread
 
     def _planner_mean(self, outputs: Floats) -> Floats:
-        """Return the mean time over planners of outputs (..., k)."""
+        """Return the mean over planners of the times (s/m) in outputs (..., k)."""
         mean: Floats = outputs[..., : len(self.planners)].mean(axis=-1)
         return mean

@@ -88,7 +88,10 @@ class Route:
 
 
 def clearance_map(world: World) -> ClearanceMap:
-    """Return the clearance map of a world, with the corridor in front of it."""
+    """Return clearances (m) of a world in cells a third as large, with start and goal.
+
+    The corridor in front of the world is part of the map.
+    """
     rows, cols = world.grid.shape
     shape = (rows + 2 * _SIDE_CELLS, _LEAD_CELLS + cols + _TAIL_CELLS)
     squares = np.zeros(shape, np.bool_)
@@ -122,7 +125,7 @@ def clearance_map(world: World) -> ClearanceMap:
 
 
 def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
-    """Return the cheapest route from start to goal.
+    """Return the cheapest route from start to goal, smoothed and sampled each 0.1 m.
 
     Args:
         clearance: The map.
@@ -154,7 +157,7 @@ def cheapest_route(clearance: ClearanceMap, cost_per_m: Floats) -> Route:
 
 
 def _smooth(values: Floats) -> Floats:
-    """Return the moving average (n,) of values (n,), the ends repeated."""
+    """Return the moving average (n,) over five values (n,), the ends repeated."""
     window = np.full(_SMOOTHING, 1.0 / _SMOOTHING)
     return np.convolve(np.pad(values, _SMOOTHING // 2, mode="edge"), window, "valid")
 
@@ -163,7 +166,7 @@ def _smooth(values: Floats) -> Floats:
 def _search(
     cost: Floats, start_row: int, start_column: int, goal_row: int, goal_column: int
 ) -> tuple[float, Cells]:
-    """Return the cost of the cheapest route and its cells (n, 2), by A*.
+    """Return cost (in cells) and cells (n, 2) of the cheapest route, start first.
 
     Args:
         cost: Per cell length (rows, cols), at least 1, so that the straight line is a
@@ -209,7 +212,7 @@ def _search(
 
 
 def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
-    """Return what lies beside a route.
+    """Return the clearances and headings along a route that the difficulty model sees.
 
     Args:
         clearance: The map.
@@ -242,7 +245,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
 
 
 def mirror_strips(strips: Floats) -> Floats:
-    """Return strips (..., CHANNELS) of the same routes in mirrored worlds."""
+    """Return a copy of strips (..., CHANNELS), left and right of routes swapped."""
     mirrored: Floats = strips.copy()
     mirrored[..., :HEADING] = strips[..., HEADING - 1 :: -1]
     mirrored[..., HEADING : TURN + 1] *= -1.0
@@ -250,7 +253,7 @@ def mirror_strips(strips: Floats) -> Floats:
 
 
 def strip_names(route: str) -> tuple[str, ...]:
-    """Return the names of the numbers of a route's strip, flattened."""
+    """Return the names of a strip's numbers, flattened; `route` is their prefix."""
     channels = [f"clearance_{offset:+.3f}_m" for offset in _ACROSS_M]
     channels += ["heading", "turn", "present"]
     return tuple(

@@ -37,6 +37,7 @@ class Trials:
     succeeded: Bools
 
     def __post_init__(self) -> None:
+        """Raise ModelError unless columns are equally long and times above 0."""
         columns = (self.planners, self.normalized_s_per_m, self.succeeded)
         lengths = {len(self.worlds), *map(len, columns)}
         if lengths == {0} or len(lengths) > 1:
@@ -53,6 +54,7 @@ class Trials:
             )
 
     def __len__(self) -> int:
+        """Return the number of trials."""
         return len(self.worlds)
 
     @cached_property
@@ -79,19 +81,19 @@ class Trials:
         return self._select(np.array([name == planner for name in self.planners]))
 
     def in_worlds(self, world_numbers: Collection[int]) -> Trials:
-        """Return the trials in some worlds."""
+        """Return the trials in worlds of these numbers; ModelError if none."""
         return self._select(np.isin(self.worlds, sorted(world_numbers)))
 
     def mean_times(self) -> Floats:
-        """Return each planner's mean time per meter in `world_numbers`, (w, p)."""
+        """Return mean times in s/m (w, p) by `world_numbers` and `planner_names`."""
         return self._mean_by_world(self.normalized_s_per_m)
 
     def failure_rates(self) -> Floats:
-        """Return each planner's share of failures in `world_numbers`, (w, p)."""
+        """Return shares of failures (w, p) by `world_numbers` and `planner_names`."""
         return 1.0 - self._mean_by_world(self.succeeded.astype(np.float64))
 
     def difficulty(self) -> Floats:
-        """Return the difficulty of each of `world_numbers` in s/m, (w,).
+        """Return the measured difficulty (w,) of each of `world_numbers` in s/m.
 
         It is the mean over repetitions, then over planners, so that planners with more
         trials weigh no more.
@@ -102,6 +104,7 @@ class Trials:
         return difficulty
 
     def _mean_by_world(self, values: Floats) -> Floats:
+        """Return means (w, p) of a value per trial by world and planner."""
         names = np.array(self.planners)
         world_numbers = np.array(self.world_numbers)
         means = []
@@ -113,6 +116,7 @@ class Trials:
         return np.stack(means, axis=1)
 
     def _select(self, selected: Bools) -> Trials:
+        """Return the trials where a mask (n,) is True; ModelError if there are none."""
         planners = np.array(self.planners)[selected]
         return Trials(
             self.worlds[selected],
@@ -123,7 +127,7 @@ class Trials:
 
 
 def worlds_with_trials(worlds: Mapping[int, World], trials: Trials) -> list[World]:
-    """Return the worlds whose difficulty is known, in the order of the trials' numbers.
+    """Return the worlds with trials of every planner, by ascending number.
 
     Args:
         worlds: By number; those without trials of every planner are left out.
@@ -144,7 +148,7 @@ def worlds_with_trials(worlds: Mapping[int, World], trials: Trials) -> list[Worl
 
 
 def require_worlds(worlds: Mapping[int, World], world_numbers: Iterable[int]) -> None:
-    """Raise ModelError unless all worlds are there.
+    """Raise ModelError at the first number of a world that is not in `worlds`.
 
     Args:
         worlds: By number, as a data set has them.
@@ -158,7 +162,7 @@ def require_worlds(worlds: Mapping[int, World], world_numbers: Iterable[int]) ->
 
 
 def find_reserved_world(worlds: Iterable[World]) -> World | None:
-    """Return the first world whose grid is in `RESERVED_DATASET`, or None.
+    """Return the first world whose grid is in the data set barn_test, or None.
 
     Grids are compared, not names, so that a copy under another name counts as well.
     """

@@ -50,6 +50,7 @@ class _Header(Checked):
     sha256: str
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless inputs, planners and members fit this version."""
         super().__post_init__()
         self.require(
             self.input_names == input_names(),
@@ -67,15 +68,15 @@ class _Header(Checked):
 
 
 def default_weights() -> Path:
-    """Return the file of the weights that come with the package.
+    """Return the path of the shipped difficulty model's .npz file; reads nothing.
 
-    They were trained in generated worlds that are not in barn300.
+    The model was trained in generated worlds that are not in barn300.
     """
     return Path(str(resources.files("barn_metrics"))) / "data" / "difficulty.npz"
 
 
 def save_model(model: DifficultyModel, path: Path) -> None:
-    """Write a model; the same model gives the same bytes.
+    """Write a difficulty model to an .npz file; the same model gives the same bytes.
 
     Args:
         model: Its networks, planners and origin are stored.
@@ -113,7 +114,7 @@ def save_model(model: DifficultyModel, path: Path) -> None:
 
 
 def load_model(path: Path | str | None = None) -> DifficultyModel:
-    """Return the model of a file, by default the shipped one.
+    """Load a difficulty model from an .npz file, by default the shipped one.
 
     Raises:
         ModelError: If the file is no sound model.
@@ -143,6 +144,7 @@ class _NetworkReader:
     """Reads one network of a file and checks that its arrays fit together."""
 
     def __init__(self, path: Path, arrays: Arrays, number: int) -> None:
+        """Read the arrays whose names begin with m and the network's number."""
         self._path = path
         self._arrays = arrays
         self._prefix = f"m{number}_"
@@ -180,11 +182,12 @@ class _NetworkReader:
         return RouteNetwork(mean, std, tuple(filters), tuple(layers))
 
     def _layer(self, weights_name: str, bias_name: str, *shape: int | None) -> Layer:
+        """Return weights of a shape (None: any side) and the bias that fits them."""
         weights = self._array(weights_name, *shape)
         return weights, self._array(bias_name, weights.shape[-1])
 
     def _array(self, name: str, *shape: int | None) -> Floats:
-        """Return an array of a shape (None: any side), all its values finite."""
+        """Return an array by name; ModelError if shape or values are wrong."""
         array = self._arrays.get(self._prefix + name)
         if array is None:
             raise ModelError(f"{self._path}: has no array {self._prefix}{name}")
@@ -203,11 +206,12 @@ class _NetworkReader:
         return array
 
     def _error(self, name: str, problem: str) -> ModelError:
+        """Return, do not raise, an error that names file and array."""
         return ModelError(f"{self._path}: {self._prefix}{name} {problem}")
 
 
 def _checksum(arrays: Mapping[str, AnyArray]) -> str:
-    """Return SHA-256 over names, types, shapes and contents."""
+    """Return the SHA-256, in hexadecimal, of names, types, shapes and contents."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
