@@ -29,7 +29,7 @@ class Interval:
     high: float | None = None
 
     def widen_to(self, *values: float) -> "Interval":
-        """Return the interval with limits widened so that they contain some values.
+        """Return the interval with limits that contain some values, if it has limits.
 
         An estimate without limits stays without.
         """
@@ -96,7 +96,7 @@ def bootstrap_interval(
     percentile: bool = False,
     resamples: int = RESAMPLES,
 ) -> Interval:
-    """Return a statistic over all worlds with its 95 % interval; draws whole worlds.
+    """Return a statistic of all worlds with its 95 % interval over draws of worlds.
 
     Args:
         statistic: Function of places of worlds (..., n), 0 to worlds - 1.

@@ -88,7 +88,7 @@ def step_lengths(path: Cells, resolution_m: float) -> Floats:
 
 
 def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
-    """Return the distance (n,) in m from path cells to a cylinder or side edge.
+    """Return the gap (n,) in m from path cells' centers to a cylinder or side edge.
 
     Args:
         grid: (rows, cols), True where a cylinder stands.
@@ -115,7 +115,7 @@ def heading_changes(path: Cells) -> Floats:
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
-    """Return the largest turn in rad, without sign, over any stretch of window_m.
+    """Return the largest net turn in rad, unsigned, over any stretch of window_m.
 
     Args:
         turning: Changes of heading (n - 2,) at the inner cells of the path.

@@ -50,7 +50,7 @@ EIGHT_AXES: Floats = np.array(
 def free_cells(
     occupied: BoolGrid, row: int, column: int, row_step: float, column_step: float
 ) -> tuple[int, bool]:
-    """Count free cells of a ray without its start; tell if an obstacle ends it.
+    """Count a ray's free cells, start excluded; True if an obstacle, no edge, ends it.
 
     Args:
         occupied: (rows, cols).
@@ -73,7 +73,7 @@ def free_cells(
 
 @njit(cache=True)
 def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return each cell's mean length of eight rays, the corrected average visibility.
+    """Return each cell's corrected average visibility, (n,): the mean of eight rays.
 
     Args:
         occupied: (rows, cols).
@@ -97,7 +97,7 @@ def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
 
 @njit(cache=True)
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return each cell's mean over rays that obstacles end, the published visibility.
+    """Return each cell's published average visibility, (n,), NaN if no ray is blocked.
 
     Args:
         occupied: (rows, cols).

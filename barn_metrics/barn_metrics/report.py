@@ -55,7 +55,7 @@ class MetricsTable:
         ]
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything as plain data, not text; NaN and infinity become None."""
+        """Return a dict that JSON can hold, not text; NaN and infinity become None."""
         worlds = zip(self.worlds, self.rows(), strict=True)
         document = {
             "schema_version": SCHEMA_VERSION,

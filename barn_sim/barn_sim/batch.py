@@ -139,7 +139,9 @@ class Batch:
             self._disturbed.add(index)
 
     def advance(self, indices: Integers, commands: Floats) -> None:
-        """Send commands, advance a control period and set `readings.collisions`.
+        """Advance rows by a control period with `commands` (n, 2) of all rows.
+
+        It sets `readings.collisions`; the other readings stay as they are until `read`.
 
         Args:
             indices: Rows of the simulators that advance.
@@ -180,7 +182,7 @@ class Batch:
                 self._copy_cylinders(index)
 
     def read(self, indices: Integers) -> None:
-        """Write poses, velocities and scans that are due to `readings`; return nothing.
+        """Write time, poses, velocities, and scans that are due, to `readings`.
 
         Args:
             indices: Rows of the simulators to read.

@@ -25,7 +25,7 @@ def generator(seed: int, child: int) -> np.random.Generator:
 
 
 def phase_s(world: World, random: bool, seed: int) -> float:
-    """Return at which time (s) of its obstacles' motions a world's trial starts.
+    """Return how far (s) into their motions moving obstacles start; 0 unless `random`.
 
     Args:
         world: World that may have moving obstacles.

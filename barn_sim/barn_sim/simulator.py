@@ -160,7 +160,7 @@ class Simulator:
         return self.sense()
 
     def command(self, velocity: Velocity2D, delay_ns: int = 0) -> None:
-        """Queue a velocity command, no time passes; one that is not finite stops.
+        """Queue a velocity command, no time passes; NaN or infinity stops the robot.
 
         Args:
             velocity: Speed and yaw rate; the robot stops if one is not a number.
@@ -188,7 +188,7 @@ class Simulator:
         return self.motion.odometry.read(self.stamp_ns)
 
     def read_scan(self, noise: Singles | None = None) -> Scan:
-        """Take a lidar scan now, with drawn or with standard normal noise (n,)."""
+        """Take a lidar scan now; `noise` (n,) is standard normal, drawn by default."""
         return self._take_scan(self.lidar, noise)
 
     def read_truth(self) -> Odometry:
@@ -197,7 +197,7 @@ class Simulator:
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localization(self, odometry: Pose2D) -> Pose2D:
-        """Return the estimated pose in the map frame; the filter may take a scan.
+        """Return the estimated map pose by the pose in odom; may take a scan.
 
         Args:
             odometry: Pose in the odom frame at this instant.

@@ -132,7 +132,7 @@ def _summarize(
 
 
 def _summarize_ends(clearance: ClearanceMap) -> dict[str, float]:
-    """Return clearances (m) around start, goal and a cell ahead of it, by name."""
+    """Return clearances (m) around start, goal and a cell beyond the goal, by name."""
     # Three fine cells are one of the world.
     ahead = (clearance.goal[0], clearance.goal[1] + 3)
     places = {"start": clearance.start, "goal": clearance.goal, "goal_ahead": ahead}

@@ -62,7 +62,7 @@ class RouteNetwork:
         return mean
 
     def _evaluate_side(self, summary: Floats, strips: Floats) -> Floats:
-        """Return outputs (n, k) of summaries (n, d) and strips side by side."""
+        """Return outputs (n, k) of summaries (n, d), strips (n, SAMPLES, channels)."""
         # Samples beyond the longest route are zero in all worlds.
         mask = sample_mask(strips)
         longest = max(int(mask.any(axis=(0, 2)).sum()), 1)
@@ -92,7 +92,7 @@ def moments(values: Floats) -> tuple[Floats, Floats]:
 
 
 def split_inputs(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
-    """Split inputs into z-scored, clipped and scaled numbers, and raw strips.
+    """Split inputs into z-scored, clipped, scaled summary numbers and raw strips.
 
     Args:
         inputs: (n, d + r * SAMPLES * CHANNELS).
@@ -156,7 +156,7 @@ class Prediction:
     failure_probability: float
 
     def columns(self) -> dict[str, float]:
-        """Return difficulty, std, planners' times and failures as columns."""
+        """Return difficulty, std, planners' times and failures as a dict of columns."""
         planners = {
             f"{planner}_s_per_m": value
             for planner, value in self.per_planner_s_per_m.items()
@@ -182,7 +182,7 @@ class DifficultyModel:
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
-        """Return the prediction of a world; WorldError if it is an arena.
+        """Return a world's predicted times (s/m) and failures; WorldError for an arena.
 
         A path that meets the C-space is a WorldError as well.
         """

@@ -212,7 +212,7 @@ def _search(
 
 
 def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
-    """Return the clearances and headings along a route that the difficulty model sees.
+    """Return the strip (SAMPLES, CHANNELS) along a route that the model sees.
 
     Args:
         clearance: The map.

@@ -74,7 +74,7 @@ class Trials:
         return tuple(sorted(set.intersection(*worlds_by_planner)))
 
     def by_planner(self, planner: str) -> Trials:
-        """Return the trials of one planner; ModelError if it has none."""
+        """Return the trials of one planner by name; ModelError if it has none."""
         if planner not in self.planner_names:
             hint = suggest(planner, self.planner_names)
             raise ModelError(f"no trials of planner {planner!r}{hint}")
@@ -85,7 +85,10 @@ class Trials:
         return self._select(np.isin(self.worlds, sorted(world_numbers)))
 
     def mean_times(self) -> Floats:
-        """Return mean times in s/m (w, p) by `world_numbers` and `planner_names`."""
+        """Return mean times per meter (w, p) by `world_numbers`, `planner_names`.
+
+        Failures are included, with the time that they score.
+        """
         return self._mean_by_world(self.normalized_s_per_m)
 
     def failure_rates(self) -> Floats:

@@ -54,7 +54,7 @@ class DriveController:
         settings["lag_share"] = lag_share
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
-        """Queue a command, which takes effect after the drive's own latency.
+        """Queue a command that takes effect the drive's latency after `now_ns`.
 
         Args:
             velocity: Finite speed and yaw rate.
@@ -131,5 +131,5 @@ def turn_wheels(robot: Record, pending: Floats, settings: Record) -> None:
 
 @kernel
 def _limit(value: float, largest: float) -> float:
-    """Return a value clamped to -largest and largest."""
+    """Return a value clamped to the range from -largest to largest."""
     return max(-largest, min(largest, value))

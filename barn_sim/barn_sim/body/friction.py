@@ -38,7 +38,7 @@ def begin_friction(
     inverse: Matrix,
     inverse_mass: float,
 ) -> tuple[Motion, Rims]:
-    """Set levers and steps of the wheels, and apply the impulses of the last tick.
+    """Set levers and steps of the wheels; return motion after the last tick's impulses.
 
     Args:
         motion: Velocity and spin at the end of the tick without friction.
@@ -78,7 +78,7 @@ def begin_friction(
 def sweep_friction(
     motion: Motion, rims: Rims, wheels: Records, inverse_mass: float, sweeps: int
 ) -> Motion:
-    """Iterate the wheels' friction impulses in place until they hardly change.
+    """Iterate the wheels' friction impulses in place; return the motion they lead to.
 
     Args:
         motion: Velocity and spin with the effect of the impulses so far.

@@ -27,7 +27,7 @@ _CONTACTS = max(4, 2 + MOST_CASTERS)
 
 
 def record_type(fields: Sequence[Any]) -> np.dtype[Any]:
-    """Return an aligned NumPy record type of fields (name, type) or (name, type, n)."""
+    """Return an aligned NumPy record type of fields (name, type[, shape])."""
     return np.dtype((np.record, np.dtype(list(fields), align=True)))
 
 

@@ -105,7 +105,7 @@ tires_of = cache(Tires)
 
 @inline_kernel
 def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
-    """Set the wheels' loads of a tick and prepare the friction solver with them.
+    """Set the wheels' loads of a tick; return what the friction solver starts from.
 
     Args:
         robot: Record of the robot, with the rim speeds of the tick.
@@ -139,7 +139,7 @@ def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
 
 @inline_kernel
 def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
-    """Set arm (m), load (N) and friction limit (N s) of each wheel and caster.
+    """Set arm (m), load (N) and friction limit (N s) of each wheel; return the torque.
 
     Args:
         robot: Record of the robot.
@@ -189,7 +189,7 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
 
 @kernel
 def tire_forces(robot: Record, fixed: Record) -> tuple[Vector, Vector]:
-    """Return force and torque of the ground on the body, from solved impulses.
+    """Return the ground's force (N) and torque (N m) on the body, from solved impulses.
 
     Args:
         robot: Record of the robot, with loads and solved impulses of its wheels.

@@ -41,7 +41,7 @@ def near_cylinders(
     robot_within: float,
     pushed_within: float,
 ) -> tuple[Integers, float]:
-    """Return which cylinders are near the robot or a pushed one, and the free way (m).
+    """Return rows of cylinders near the robot or a pushed one, and its free way in m.
 
     Args:
         segments: Axes (n, 4) of all cylinders seen from above, m.
@@ -196,7 +196,7 @@ def follow_cylinders(
     pushed: Bools,
     displaced: Bools,
 ) -> None:
-    """Write Bullet's states of some cylinders, and what follows, to the arrays of all.
+    """Write Bullet's states of some cylinders to the arrays of all, and flags.
 
     Args:
         indices: Rows (k,) of the cylinders.
@@ -244,7 +244,7 @@ def intersect_cylinders(
     centers: Floats,
     tilted: Floats,
 ) -> int:
-    """Write to `centers` and `tilted` where cylinders meet a horizontal plane.
+    """Write where cylinders meet a height to `centers`, or `tilted`; count the latter.
 
     Args:
         indices: Rows of the cylinders.

@@ -119,7 +119,7 @@ class Movers:
     def prepare(
         self, scene: ContactScene, x: float, y: float, yaw: float, stamp_ns: int
     ) -> bool:
-        """Create bodies of walls and movers nearby, and set the movers' velocities.
+        """Create bodies of near walls and movers and move them; True if any is near.
 
         Args:
             scene: Scene of the contact.

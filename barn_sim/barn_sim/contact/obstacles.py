@@ -124,7 +124,7 @@ class Obstacles:
 
     @property
     def is_contact_over(self) -> bool:
-        """Whether nothing that moves has been near any body for over 50 ticks."""
+        """Whether nothing that moves was near a body for 50 ticks; or no bodies."""
         return all(self._is_at_rest(index) for index in self._bodies)
 
     def _is_at_rest(self, index: int) -> bool:
@@ -268,7 +268,7 @@ class Obstacles:
                 self._free_m = 0.0
 
     def moved(self) -> Moved:
-        """Return the cylinders of which an end has been displaced by over 1 mm."""
+        """Return cylinders with an end ever displaced by over 1 mm, and their poses."""
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 

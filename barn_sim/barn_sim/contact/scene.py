@@ -107,7 +107,7 @@ class ContactScene:
         bullet.resetBaseVelocity(body, velocity, spin, self.client)
 
     def tick(self, position: Vector, force: Vector, torque: Vector) -> BodyState:
-        """Simulate a tick with a force on the robot, and return the robot's state.
+        """Apply force and torque to the robot, simulate one tick, return its new state.
 
         Args:
             position: Of the robot's center of mass, at which the force acts, m.
@@ -133,7 +133,7 @@ class ContactScene:
         return position, attitude, velocity, spin
 
     def is_robot_touched(self) -> bool:
-        """Tell whether the robot touched an obstacle in the last tick."""
+        """Tell whether the robot touched anything but the ground in the last tick."""
         contacts = bullet.getContactPoints(
             bodyA=self.robot, physicsClientId=self.client
         )
@@ -245,7 +245,9 @@ class ScenePool:
         self._idle: list[ContactScene] = []
 
     def acquire(self, model: RobotModel, config: PhysicsConfig) -> ContactScene:
-        """Return an idle scene for a robot and physics, or a new one.
+        """Return an idle scene of this robot and physics, else a new one.
+
+        If none fits, an idle scene of another robot is closed.
 
         Args:
             model: The robot in it.

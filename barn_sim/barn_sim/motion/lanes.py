@@ -78,7 +78,7 @@ def advance_all(
     latency_ns: int,
     left: Integers,
 ) -> None:
-    """Queue a command for each robot, and advance each until an obstacle is near.
+    """Queue a command per robot; advance each until an obstacle is near or ticks end.
 
     Args:
         fleet: Robots with room for one more command each.
@@ -111,7 +111,7 @@ def _advance_lanes(
     lanes: Record,
     numbers: Floats,
 ) -> None:
-    """Advance robots until an obstacle is near each, and count `left` ticks down."""
+    """Advance robots until each is near an obstacle or `left`, counted down, is 0."""
     robots, _, settings, noise = fleet
     fixed: Record = settings[0]
     state = (fleet, segments, cylinders)
@@ -161,7 +161,7 @@ def _fill_lane(
     lanes: Record,
     lane: int,
 ) -> tuple[bool, int]:
-    """Put the next free robot into a lane; return whether, and the next place."""
+    """Put the next free robot into a lane; return success and the next row to try."""
     while waiting < len(indices):
         index = indices[waiting]
         waiting += 1

@@ -100,7 +100,7 @@ class RobotMotion:
     def begin(
         self, world: World, start: Pose2D, phase_s: float, rng: np.random.Generator
     ) -> None:
-        """Put the robot at rest into a world, with new odometry and obstacles.
+        """Put the robot at rest at a start pose, with new odometry and obstacles.
 
         Args:
             world: Obstacles around the robot.
@@ -165,7 +165,10 @@ class RobotMotion:
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
 
     def poses_at(self, stamps_ns: Floats) -> Floats:
-        """Return poses (n, 3) of base_link at past times (ns), from stored poses."""
+        """Return poses (n, 3: x, y, yaw) of base_link at past times in ns.
+
+        They are interpolated from those of `remember_pose` and the present one.
+        """
         pose, _ = self.place()
         past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
         # A yaw that wraps between two poses must not be interpolated the long way

@@ -62,7 +62,7 @@ def advance(fleet: Fleet, index: int, segments: Floats, ticks: int) -> int:
 
 @kernel
 def push_body(fleet: Fleet, index: int) -> tuple[Vector, Vector, Vector, Vector]:
-    """Begin a tick that PyBullet completes; return pose, center, force and torque.
+    """Turn the wheels and return pose, center, force and torque for PyBullet's tick.
 
     Args:
         fleet: Robots with their commands.
@@ -167,7 +167,7 @@ def finish_tick(robot: Record, fixed: Record, noise: Floats) -> None:
 
 @inline_kernel
 def is_free(robot: Record, fixed: Record, segments: Floats) -> bool:
-    """Tell whether cylinders and movers are out of reach for a tick without contact.
+    """Tell whether the robot can touch no cylinder, wall or mover in the next tick.
 
     Args:
         robot: Record of the robot.
@@ -227,7 +227,7 @@ def read_all(
     odometry: Floats,
     velocities: Floats,
 ) -> None:
-    """Write time, true pose, odometry and velocity of robots to their rows of arrays.
+    """Write time, true pose, odometry and velocity of robots `indices` to the arrays.
 
     Args:
         robots: Records (n,) of robots.

@@ -77,7 +77,7 @@ class Leader:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def refuse(self, deed: str) -> str:
-        """Report a stranger's deed to the evaluator; return why it is refused."""
+        """Report a stranger's request to the evaluator; return the refusal's text."""
         self._line.send(interference=deed)
         return "this simulator is led by an evaluator"
 

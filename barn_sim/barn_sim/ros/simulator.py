@@ -138,7 +138,7 @@ class SimulatorNode(Node):
                 self._advance_freely()
 
     def _advance_in_lockstep(self) -> None:
-        """Publish an instant, wait for a command if it has a scan, advance a period.
+        """Publish an instant, wait for a command if it has a scan, advance one period.
 
         Without a command in time, it advances all the same and counts a missed one.
         """
@@ -165,7 +165,7 @@ class SimulatorNode(Node):
         trial.step()
 
     def _is_ahead(self) -> bool:
-        """Tell whether the evaluator has yet to hear five or more control periods."""
+        """Tell whether the evaluator, if any, has yet to hear five control periods."""
         if self._leader is None:
             return False
         trial = self.trial
@@ -236,7 +236,7 @@ class SimulatorNode(Node):
         return f"{world}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
-        """Store a command for the next step; log an error at the first with NaN."""
+        """Store a received command for the next step; log the first with NaN or inf."""
         if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
             self.get_logger().error(
                 f"cmd_vel: not a number: {velocity}; the robot stops"
@@ -339,7 +339,7 @@ def _initial_config(node: Node) -> RunConfig:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the simulator node until SIGINT or SIGTERM; print errors and return 1."""
+    """Run the simulator node until SIGINT or SIGTERM; return 1 after an error."""
     node: SimulatorNode | None = None
 
     def stop(_signal: int, _frame: FrameType | None) -> None:

@@ -86,7 +86,7 @@ class Lidar:
         noise: Singles | None = None,
         sweep: Floats | None = None,
     ) -> Scan:
-        """Take a noisy scan from a pose of base_link; draws from `rng`.
+        """Take a noisy scan from base_link's pose, or for a sweep from one per beam.
 
         Args:
             stamp_ns: Time of the scan since the start of the trial.

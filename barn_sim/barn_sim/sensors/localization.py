@@ -41,7 +41,7 @@ class FilterLocalization:
         self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
-        """Return the estimated pose in the map frame; may draw a new error.
+        """Return the estimated map pose; renews its error if the robot moved enough.
 
         Args:
             truth: True pose in the map frame.
@@ -68,7 +68,7 @@ class FilterLocalization:
 
 
 def localization_map(world: World, historical: bool) -> OccupancyMap:
-    """Return the occupancy map of a world that the particle filter matches scans to.
+    """Return the occupancy map of a world for the particle filter, not for planners.
 
     Args:
         world: World of the trial.

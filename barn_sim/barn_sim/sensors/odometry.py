@@ -74,7 +74,7 @@ class FusedOdometry:
         renew_noise(robot, fleet.settings[0], row)
 
     def supply_noise(self, first: int, last: int) -> None:
-        """Draw the noise of updates up to `last` into the fleet, each once, in order.
+        """Draw noise into the fleet from update `first` to `last`, each once, in order.
 
         Args:
             first: Number of the first update that is still needed.

@@ -286,7 +286,7 @@ def obstacle_distances(occupied: BoolGrid, resolution: float) -> Floats:
 
 @cache
 def needed_particles(least: int, most: int) -> Integers:
-    """Return the number of particles that each count of filled bins calls for.
+    """Return for each count of filled bins, 0 to `most`, how many particles to keep.
 
     Args:
         least: Smallest number of particles.
@@ -335,7 +335,7 @@ def particle_weights(
     origin_y: float,
     resolution: float,
 ) -> Floats:
-    """Return for each particle (n,) one plus the table's values at its beams' ends.
+    """Return each particle's weight (n,): 1 plus the table's values at its beams' ends.
 
     Args:
         particles: Poses (n, 3) of base_link in the map frame.
