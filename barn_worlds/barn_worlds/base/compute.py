@@ -43,6 +43,7 @@ class Compute(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless delay_p95_s is 0 or at least delay_s, above 0."""
         super().__post_init__()
         if self.delay_p95_s:
             self.require(
@@ -58,7 +59,7 @@ class Compute(Checked):
 
     @property
     def charged_s(self) -> float:
-        """The time that 19 of 20 cycles do not exceed."""
+        """Delay in s that 19 of 20 cycles do not exceed: median or 95th percentile."""
         return max(self.delay_s, self.delay_p95_s)
 
 
@@ -88,11 +89,11 @@ class CycleTimer:
         self.delays_ns = []
 
     def is_free(self, now_ns: int) -> bool:
-        """Tell whether no cycle is under way at a simulated time."""
+        """Tell whether a cycle may start at a simulated time: none is under way."""
         return now_ns >= self._free_ns
 
     def start_cycle(self, now_ns: int, measured_ns: int | None = None) -> int:
-        """Start a cycle and return the delay of its command in ns.
+        """Start and record a cycle; return its delay in ns, recorded delays first.
 
         Args:
             now_ns: Simulated time of the readings that the planner gets.
@@ -108,6 +109,7 @@ class CycleTimer:
         return delay_ns
 
     def _draw_ns(self) -> int:
+        """Return a declared delay in ns, drawn if a 95th percentile is declared."""
         median_s = self._compute.delay_s
         p95_s = self._compute.delay_p95_s
         if p95_s <= median_s:

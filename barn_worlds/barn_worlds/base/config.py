@@ -84,7 +84,7 @@ class Quantity:
         return " ".join(parts)
 
     def describe_limits(self) -> str:
-        """Return the allowed values in words, empty if there is no limit."""
+        """Return "from 0 to 3 m" (inclusive), "one of a, b", or "" without limits."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         low = _format_limit(self.minimum)
@@ -109,7 +109,7 @@ def quantity(
     choices: tuple[str, ...] = (),
     optional: bool = False,
 ) -> T:
-    """Declare a field of a `Checked` dataclass.
+    """Return a dataclass field of a `Checked` class, with meaning, unit and limits.
 
     Args:
         default: Value of the field where nobody sets it.
@@ -140,11 +140,12 @@ class Checked:
     """Base of configuration classes: construction checks every declared field."""
 
     def __post_init__(self) -> None:
+        """Raise ConfigError if a declared field, also a nested one, is not allowed."""
         for name, declaration, value in fields_of(self):
             _check(name, declaration, value)
 
     def require(self, holds: bool, name: str, rule: str) -> None:
-        """Check a rule over several fields.
+        """Raise ConfigError, which names a field and its value, unless `holds`.
 
         Args:
             holds: Whether the configuration satisfies the rule.
@@ -160,7 +161,7 @@ class Checked:
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    """Yield name, declaration and value of each declared field.
+    """Yield dotted name, `Quantity` and value of each declared field, nested ones too.
 
     Fields of a nested configuration have dotted names. An `OPTIONAL` nested
     configuration is set as a whole, so its fields are left out.
@@ -176,7 +177,7 @@ def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
 
 
 def as_dict(config: object) -> dict[str, Any]:
-    """Return a configuration as plain data, ready for YAML or JSON.
+    """Return a configuration as nested plain data by field name, for YAML or JSON.
 
     Optional fields are left out while they have their defaults.
     """
@@ -184,7 +185,7 @@ def as_dict(config: object) -> dict[str, Any]:
 
 
 def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
-    """Build a configuration from plain data.
+    """Return a configuration, checked, that is built from nested plain data.
 
     Args:
         cls: Dataclass to build, with nested dataclasses in it.
@@ -205,7 +206,7 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
 
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return a copy of a configuration with some fields replaced, checked again.
+    """Return a copy of a configuration with fields of dotted names replaced, checked.
 
     Args:
         config: Configuration to start from; it stays as it is.
@@ -235,7 +236,7 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
 
 
 def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
-    """Read the configurations of a YAML file that comes with a package.
+    """Return configurations by preset name from a YAML file in a package's `data`.
 
     Args:
         package: Python package with the file in its folder `data`.
@@ -255,7 +256,7 @@ def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
 
 @cache
 def _reader() -> cattrs.Converter:
-    """Return the converter of plain data to configurations.
+    """Return the one, shared converter of plain data to configurations.
 
     It is shared because it generates code for each class, and folders of results hold
     thousands of configurations.
@@ -265,9 +266,11 @@ def _reader() -> cattrs.Converter:
         converter.register_structure_hook(kind, _read_value)
 
     def build_reader(cls: type[Any]) -> Callable[[Any, Any], Any]:
+        """Return what builds `cls` from a mapping and refuses unknown keys."""
         build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
 
         def read(value: object, kind: object) -> Any:
+            """Build the class; TypeError unless the value is a mapping by text."""
             # cattrs would fail inside generated code, with a message about indices.
             if not isinstance(value, Mapping):
                 raise TypeError(
@@ -286,17 +289,19 @@ def _reader() -> cattrs.Converter:
 
 @cache
 def _writer() -> cattrs.Converter:
-    """Return the converter of configurations to plain data."""
+    """Return the one, shared converter of configurations to plain data."""
     # cattrs keeps defaults unless a class has overrides, so only classes with optional
     # fields need a writer of their own.
     converter = cattrs.Converter()
 
     def has_optional_fields(cls: type[Any]) -> bool:
+        """Tell whether a class is a dataclass with optional fields."""
         return dataclasses.is_dataclass(cls) and any(
             map(_is_optional, dataclasses.fields(cls))
         )
 
     def build_writer(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
+        """Return what writes `cls` without optional fields at their defaults."""
         overrides: dict[str, Any] = {
             item.name: override(omit_if_default=True)
             for item in dataclasses.fields(cls)
@@ -309,12 +314,16 @@ def _writer() -> cattrs.Converter:
 
 
 def _is_optional(item: "dataclasses.Field[Any]") -> bool:
+    """Tell whether plain data leave a field out while it has its default."""
     declaration: Quantity | None = item.metadata.get(_METADATA_KEY)
     return declaration is not None and declaration.optional
 
 
 def _read_value(value: object, kind: type[Any]) -> Any:
-    """Return a value of the right type; convert nothing but integers to floats."""
+    """Return a value if it is of type `kind`, else raise TypeError; int may be a float.
+
+    The value of an Enum becomes its member.
+    """
     if issubclass(kind, Enum):
         return kind(value)
     if type(value) is kind:
@@ -336,7 +345,7 @@ def _walk(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 def _flatten(
     values: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = ""
 ) -> Iterator[tuple[str, Any]]:
-    """Yield changes by dotted name, those of a nested configuration one by one."""
+    """Yield dotted name and value of each change, nested ones field by field."""
     for key, value in changes.items():
         name = f"{prefix}{key}"
         nested = values.get(name)
@@ -348,7 +357,7 @@ def _flatten(
 
 
 def _explain(error: BaseException) -> str:
-    """Describe the innermost first cause of what cattrs or a check raised."""
+    """Return one line: dotted key and cause of the first error in what was raised."""
     # Dotted name of the field that the error concerns, with a dot at its end.
     prefix = ""
     while isinstance(error, (ClassValidationError, IterableValidationError)):
@@ -374,13 +383,14 @@ def _explain(error: BaseException) -> str:
 
 
 def _format_limit(limit: float | None) -> str:
+    """Return a limit as text, empty for None."""
     if limit is None:
         return ""
     return f"{limit:g}" if isinstance(limit, float) else str(limit)
 
 
 def _check(name: str, declaration: Quantity, value: object) -> None:
-    """Raise ConfigError if a value, or an item of a tuple, is not allowed."""
+    """Raise ConfigError if a value, or an item of a tuple, is not allowed or NaN."""
     items = value if isinstance(value, tuple) else (value,)
     choices = declaration.choices
     limits = declaration.describe_limits()

@@ -57,7 +57,7 @@ class BagError(BarnError):
 
 @contextmanager
 def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
-    """Raise an OSError of the block as an error of the suite.
+    """Raise an OSError of the `with` block as `kind`, its message behind `subject`.
 
     Args:
         kind: Class to raise.
@@ -74,7 +74,7 @@ def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
 
 
 def format_value(value: object) -> str:
-    """Return the repr of a value on one line, cut if it is long."""
+    """Return the repr of a value on one line, cut after about 120 characters."""
     try:
         text = " ".join(_REPR.repr(value).split())
     except ValueError:
@@ -84,12 +84,12 @@ def format_value(value: object) -> str:
 
 
 def format_error(error: object) -> str:
-    """Return a library's error message on one line, or its class if it has none."""
+    """Return an error's message on one line of up to 200 characters, or its class."""
     return " ".join(str(error).split())[:_LONGEST_ERROR] or type(error).__name__
 
 
 def suggest(name: object, candidates: Iterable[object]) -> str:
-    """Return what to add to a message about an unknown name.
+    """Return a hint to append to a message on an unknown name; never empty.
 
     Args:
         name: What the user wrote.
@@ -127,11 +127,13 @@ def suggest_similar(name: object, candidates: Iterable[object]) -> str:
 
 
 def _shorten(name: object) -> str:
+    """Return a name as text of at most 120 characters, other objects by their repr."""
     text = name if isinstance(name, str) else format_value(name)
     return text[:_LONGEST_VALUE]
 
 
 def _sort_names(candidates: Iterable[object]) -> list[str]:
+    """Return candidates as sorted texts of at most 60 characters each."""
     return sorted(str(candidate)[:_LONGEST_NAME] for candidate in candidates)
 
 
@@ -142,7 +144,7 @@ def _siblings(name: str, names: list[str]) -> list[str]:
 
 
 def _most_similar(name: str, names: list[str], cutoff: float) -> list[str]:
-    """Return the name with the most similar last part, an empty list if none is."""
+    """Return a list of the name with the most similar last part, or an empty list."""
     by_last_part = {candidate.rpartition(".")[2]: candidate for candidate in names}
     last_part = name.rpartition(".")[2]
     # Parents are long and alike; the last part of a name is what users mistype.

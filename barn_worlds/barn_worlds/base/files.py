@@ -36,7 +36,7 @@ PARTIAL_SUFFIX = ".partial"
 
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
-    """Read a file of a world, map or data set.
+    """Return the bytes of a world, map or data set file; WorldError if it fails.
 
     Args:
         path: A regular file.
@@ -50,7 +50,7 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def read_at_most(path: Path, largest: int) -> bytes:
-    """Read a regular file that must not hold more than some number of bytes.
+    """Return the bytes of a regular file; OSError if it holds more than `largest`.
 
     Args:
         path: A regular file.
@@ -68,7 +68,7 @@ def read_at_most(path: Path, largest: int) -> bytes:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading; raise OSError for a folder, pipe or device."""
+    """Open a regular file for reading bytes; OSError for a folder, pipe or device."""
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -85,7 +85,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
-    """Read a file and unpack it if it is gzipped.
+    """Return the bytes of a file, unpacked if its content, not its name, is gzip.
 
     Args:
         path: A regular file.
@@ -110,7 +110,7 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def pack_zip(members: Mapping[str, bytes]) -> bytes:
-    """Return a zip file of members by name; equal members give equal bytes."""
+    """Return a zip file of members by name as bytes; equal members, equal bytes."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for name, data in members.items():
@@ -120,7 +120,7 @@ def pack_zip(members: Mapping[str, bytes]) -> bytes:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Replace a file of a world, map or data set atomically.
+    """Write a world, map or data set file atomically, with the folders above it.
 
     Args:
         path: File to write; missing folders above it are created.
@@ -136,7 +136,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Replace a file of results atomically, safe against a loss of power.
+    """Write a result file atomically and sync it to the disk, in an existing folder.
 
     Args:
         path: File to write, in a folder that exists.
@@ -154,7 +154,7 @@ def write_durably(path: Path, content: bytes) -> None:
 
 @contextmanager
 def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
-    """Provide an empty temporary file that replaces a file if the block succeeds.
+    """Yield an empty temporary file that replaces `path` if the block succeeds.
 
     Only a kill leaves the temporary file behind: hidden, private to the user and with
     the ending `PARTIAL_SUFFIX`.
@@ -191,14 +191,17 @@ def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def remove_partial_files(folder: Path) -> None:
-    """Remove what killed writers left in a folder that nobody else writes to."""
+    """Delete hidden .partial files, left by killed writers, directly in a folder.
+
+    Nobody else may be writing to the folder.
+    """
     for file in folder.glob(f".*{PARTIAL_SUFFIX}"):
         file.unlink(missing_ok=True)
 
 
 @contextmanager
 def create_folder(path: Path) -> Iterator[Path]:
-    """Provide a temporary folder that becomes a new folder if the block succeeds.
+    """Yield a temporary folder that is renamed to `path` if the block succeeds.
 
     Args:
         path: Folder to create. An empty one may exist.
@@ -227,7 +230,7 @@ def create_folder(path: Path) -> Iterator[Path]:
 
 
 def _read_umask() -> int:
-    """Return the umask of the process."""
+    """Return the umask of the process, which changes for a moment."""
     # It can only be read by setting it. Files of other threads are private meanwhile.
     mask = os.umask(0o077)
     os.umask(mask)
@@ -235,7 +238,7 @@ def _read_umask() -> int:
 
 
 def _sync(path: Path) -> None:
-    """Write a file, or the names in a folder, through to the disk."""
+    """Flush a file's content, or the names in a folder, to the disk (fsync)."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)

@@ -9,7 +9,7 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 def kernel(function: _Function) -> _Function:
-    """Compile a function on its first call and cache the machine code on disk.
+    """Return a function that numba compiles on its first call and caches on disk.
 
     A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
     branch at every division, and would keep loops from being vectorized.
@@ -18,6 +18,6 @@ def kernel(function: _Function) -> _Function:
 
 
 def inline_kernel(function: _Function) -> _Function:
-    """Compile a function as `kernel` does, into each kernel that calls it."""
+    """Return a function compiled as by `kernel` and inlined where kernels call it."""
     compiled = njit(cache=True, error_model="numpy", forceinline=True)(function)
     return cast(_Function, compiled)

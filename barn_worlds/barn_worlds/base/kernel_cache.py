@@ -22,7 +22,7 @@ _DECORATORS = (b"njit", b"@kernel")
 
 
 def prepare(package: Path) -> None:
-    """Choose the folder of compiled kernels and remove stale ones.
+    """Set NUMBA_CACHE_DIR or remove stale kernels; nothing if the user has set it.
 
     Call this before numba is imported. A line on stderr names the folder if it is
     neither beside the source nor in the cache of the user.
@@ -59,7 +59,7 @@ def prepare(package: Path) -> None:
 
 
 def kernel_digest(packages: list[Path]) -> str:
-    """Return a digest of all source files with kernels in some packages."""
+    """Return a hex digest of the .py files with kernels below folders of packages."""
     digest = hashlib.blake2b(digest_size=8)
     for path in _find_sources(packages):
         content = path.read_bytes()
@@ -69,7 +69,7 @@ def kernel_digest(packages: list[Path]) -> str:
 
 
 def _remove_stale(packages: list[Path], note: Path) -> None:
-    """Remove all compiled kernels if any kernel has changed.
+    """Delete the .nbi index of every kernel if the source of any has changed.
 
     Args:
         packages: Folders of Python packages.
@@ -94,6 +94,7 @@ def _remove_stale(packages: list[Path], note: Path) -> None:
 
 
 def _find_sources(packages: list[Path]) -> Iterator[Path]:
+    """Yield all .py files below folders of packages."""
     for package in packages:
         # This runs whenever the suite starts, and os.walk is faster than Path.rglob.
         for folder, _, names in os.walk(package):
@@ -103,7 +104,7 @@ def _find_sources(packages: list[Path]) -> Iterator[Path]:
 
 
 def _is_private(folder: Path) -> bool:
-    """Create a folder and tell whether nobody else can put code into it."""
+    """Create a folder; tell whether only this user can write to it and its parent."""
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if not os.access(folder, os.W_OK):

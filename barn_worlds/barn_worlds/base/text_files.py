@@ -34,7 +34,7 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:
-    """Read a JSON file.
+    """Return the data in a JSON file; ConfigError if it cannot be read or is refused.
 
     Args:
         path: A regular file.
@@ -47,12 +47,12 @@ def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:
 
 
 def as_mapping(content: PlainData) -> dict[str, Any]:
-    """Return plain data if it is a mapping, else an empty one."""
+    """Return `content` itself if it is a dict, else an empty dict."""
     return content if isinstance(content, dict) else {}
 
 
 def parse_json(text: str | bytes, where: str) -> PlainData:
-    """Parse JSON that can be written as JSON again.
+    """Return the data in JSON; ConfigError for NaN, huge integers or too many values.
 
     Args:
         text: JSON, as bytes in UTF-8.
@@ -75,7 +75,9 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
 
 
 def read_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield each complete line of a file with its place, such as "rows.jsonl, line 2".
+    """Yield place ("rows.jsonl, line 2") and unparsed text of each complete line.
+
+    ConfigError for a file that cannot be read, is no UTF-8 or too large.
 
     A file that does not exist has no lines. A last line without its end, as a killed
     writer leaves it, is left out.
@@ -107,7 +109,7 @@ def read_lines(path: Path) -> Iterator[tuple[str, str]]:
 def read_yaml(
     path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES
 ) -> dict[str, Any]:
-    """Read a YAML file that holds a mapping.
+    """Return the mapping in a YAML file, without its checked key schema_version.
 
     Args:
         path: A regular file.
@@ -135,7 +137,7 @@ def read_yaml(
 
 
 def parse_yaml(text: str | bytes, where: str) -> PlainData:
-    """Parse YAML without aliases.
+    """Return the data in YAML; ConfigError for aliases, deep nesting or no YAML.
 
     Args:
         text: YAML, as bytes in UTF-8 or UTF-16.
@@ -163,7 +165,7 @@ def parse_yaml(text: str | bytes, where: str) -> PlainData:
 
 
 def read_package_yaml(package: str, file: str) -> PlainData:
-    """Read a YAML file that comes with a package.
+    """Return the data in a YAML file in the folder `data` of a Python package.
 
     Args:
         package: Python package with the file in its folder `data`.
@@ -173,7 +175,7 @@ def read_package_yaml(package: str, file: str) -> PlainData:
 
 
 def make_json_safe(content: PlainData) -> PlainData:
-    """Return plain data that JSON can hold.
+    """Return a copy of plain data that JSON can hold, with None for NaN and infinity.
 
     Numbers that are not finite become None, keys become text, tuples become lists.
     """
@@ -187,7 +189,7 @@ def make_json_safe(content: PlainData) -> PlainData:
 
 
 def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table.
+    """Return a Markdown table as text without a final newline; pipes are escaped.
 
     Args:
         headings: Text over each column.
@@ -201,6 +203,7 @@ def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> st
 
 
 def _read(path: Path, largest: int) -> bytes:
+    """Return the bytes of a file; ConfigError if it cannot be read or is too large."""
     with convert_os_errors(ConfigError, path):
         return read_at_most(path, largest)
 

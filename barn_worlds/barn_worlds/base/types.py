@@ -26,7 +26,7 @@ def nanoseconds(duration_s: float) -> int:
 
 
 def wrap_angle(angle: float) -> float:
-    """Return the angle in [-pi, pi)."""
+    """Return an angle in radians wrapped to [-pi, pi)."""
     # The modulo of Python is never negative here, unlike that of C.
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
@@ -74,7 +74,7 @@ class Pose2D:
         )
 
     def inverse(self) -> "Pose2D":
-        """Return the inverse transform."""
+        """Return the inverse transform: the reference frame as a pose in this frame."""
         cos = math.cos(self.yaw)
         sin = math.sin(self.yaw)
         return Pose2D(
@@ -84,7 +84,7 @@ class Pose2D:
         )
 
     def transform(self, points: Points) -> Points:
-        """Return points (n, 2) in the frame of this pose in its reference frame."""
+        """Return points (n, 2) converted from this pose's frame to its reference."""
         cos = math.cos(self.yaw)
         sin = math.sin(self.yaw)
         # Points are rows, so the rotation matrix stands transposed on the right.
@@ -97,7 +97,7 @@ class Pose2D:
         return math.hypot(self.x - other.x, self.y - other.y)
 
     def through_quaternion(self) -> "Pose2D":
-        """Return the pose as it comes out of a message.
+        """Return the pose with its yaw rounded as by a message's quaternion.
 
         A quaternion does not keep the last bit of the yaw.
         """
