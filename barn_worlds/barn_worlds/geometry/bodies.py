@@ -30,11 +30,11 @@ class Bodies(NamedTuple):
     height_m: Floats
 
     def move_to(self, centers_m: Points) -> "Bodies":
-        """Return the bodies with other centers (n, 2) and the same headings."""
+        """Return a copy of the bodies with other centers x, y (n, 2); headings stay."""
         return self._replace(poses=np.column_stack([centers_m, self.poses[:, 2]]))
 
     def outlines(self) -> list[Points]:
-        """Return the outline (k, 2) of each body from above in m."""
+        """Return each body's outline x, y (k, 2) in m, map frame, seen from above."""
         angles = np.linspace(0.0, 2.0 * math.pi, _CIRCLE_POINTS)
         circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         outlines = []
@@ -48,7 +48,7 @@ class Bodies(NamedTuple):
         return outlines
 
     def shapes(self) -> Floats:
-        """Return the bodies as the shapes (n, 7) of `geometry.kernels`."""
+        """Return the bodies as rows (n, 7), the shapes of `geometry.kernels`."""
         return shape_rows(
             self.poses[:, :2], self.radius_m, self.size_m, self.poses[:, 2]
         )
@@ -57,7 +57,7 @@ class Bodies(NamedTuple):
 def shape_rows(
     centers_m: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats
 ) -> Floats:
-    """Return bodies as the shapes (n, 7) of `geometry.kernels`.
+    """Return rows (n, 7), the shapes of `geometry.kernels`, from columns of numbers.
 
     Args:
         centers_m: x and y (n, 2) in the map frame.
@@ -70,7 +70,7 @@ def shape_rows(
 
 
 def moving_bodies(tracks: Tracks, time_s: float) -> Bodies:
-    """Return moving obstacles as bodies.
+    """Return the moving obstacles as bodies, where they are at `time_s`.
 
     Args:
         tracks: The motions of the obstacles.
@@ -82,7 +82,7 @@ def moving_bodies(tracks: Tracks, time_s: float) -> Bodies:
 
 
 def wall_bodies(walls: Sequence[Wall]) -> Bodies:
-    """Return walls as bodies."""
+    """Return straight walls as boxes, one body each; no walls make no bodies."""
     numbers = attrgetter("x_m", "y_m", "yaw_rad", "size_x_m", "size_y_m", "height_m")
     table = np.array(list(map(numbers, walls)), np.float64).reshape(-1, 6)
     return Bodies(table[:, :3], np.zeros(len(table)), table[:, 3:5], table[:, 5])

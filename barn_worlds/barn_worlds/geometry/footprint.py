@@ -39,7 +39,7 @@ class Footprint:
         self._outline: tuple[Floats | float, ...] = (self._core, radius_m)
 
     def plain(self) -> dict[str, object]:
-        """Return what a page draws the outline by: corners, radius and front in m."""
+        """Return corners (k, 2), radius and x of the front in m, ready for JSON."""
         return {
             "corners": self.corners_m.tolist(),
             "radius": self.radius_m,
@@ -47,7 +47,7 @@ class Footprint:
         }
 
     def distances(self, x: Floats, y: Floats) -> Floats:
-        """Return the distances in m of points from the outline.
+        """Return signed distances in m of points in base_link from the outline.
 
         Args:
             x: Positions ahead of base_link.
@@ -63,7 +63,7 @@ class Footprint:
         return distances
 
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
-        """Return the distances (n,) in m from the robot to shapes, 0 for overlap.
+        """Return distances (n,) in m from the robot at a pose to shapes, 0 for overlap.
 
         Args:
             shapes: (n, 7), see `geometry.kernels`.
@@ -82,7 +82,9 @@ class Footprint:
         yaw: float,
         speed: float,
     ) -> Floats:
-        """Return when the robot meets shapes if all keep their velocities.
+        """Return times (n,) in s until the robot meets each shape, inf for never.
+
+        All keep their velocities.
 
         Args:
             shapes: (n, 7), see `geometry.kernels`. A box counts as the disc around it.
@@ -98,7 +100,9 @@ class Footprint:
         return self._times(shapes, motions, x, y, yaw, speed, *self._outline)
 
     def nearest(self, x: float, y: float) -> Floats:
-        """Return the point (2,) of the footprint that is nearest to another point.
+        """Return x, y (2,) in base_link of the footprint's point nearest to a point.
+
+        A point inside is its own nearest point.
 
         Args:
             x: Position ahead of base_link.
@@ -128,7 +132,7 @@ class Rectangle(Footprint):
     """A rectangle along x and y: a polygon with faster kernels."""
 
     def __init__(self, extent_m: Sequence[float]) -> None:
-        """Take x_min, y_min, x_max and y_max."""
+        """Take x_min, y_min, x_max and y_max in m, in base_link."""
         left, low, right, high = extent_m
         super().__init__(
             np.array([[left, low], [right, low], [right, high], [left, high]])
@@ -138,7 +142,9 @@ class Rectangle(Footprint):
         self._outline = (self.extent_m,)
 
     def distances(self, x: Floats, y: Floats) -> Floats:
-        """Return the distances in m of points from the outline, see `Footprint`.
+        """Return signed distances in m of points in base_link from the outline.
+
+        See `Footprint`.
 
         Args:
             x: Positions ahead of base_link.
@@ -156,7 +162,7 @@ class Rectangle(Footprint):
         return distances
 
     def nearest(self, x: float, y: float) -> Floats:
-        """Return the nearest point (2,) of the footprint, see `Footprint`.
+        """Return x, y (2,) in base_link of the rectangle's point nearest to a point.
 
         Args:
             x: Position ahead of base_link.

@@ -26,13 +26,13 @@ _CORNER_SIGNS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 @njit(cache=True)
 def _to_frame(x: float, y: float, c: float, s: float) -> tuple[float, float]:
-    """Return a vector in the axes of a heading with cosine c and sine s."""
+    """Return vector x, y seen in the axes of a heading with cosine c and sine s."""
     return c * x + s * y, c * y - s * x
 
 
 @njit(cache=True)
 def _disc_radius(shape: Floats) -> float:
-    """Return the radius of a cylinder, or of the disc around a box."""
+    """Return the radius in m of a cylinder, or of the disc around a box."""
     if shape[_RADIUS] > 0.0:
         return float(shape[_RADIUS])
     return math.hypot(shape[_HALF_LENGTH], shape[_HALF_WIDTH])
@@ -40,7 +40,7 @@ def _disc_radius(shape: Floats) -> float:
 
 @njit(cache=True)
 def _side(corners: Floats, k: int) -> tuple[float, float]:
-    """Return the vector from a corner of a polygon to the next."""
+    """Return the vector (x, y) from corner k of a polygon to the next corner."""
     end = (k + 1) % len(corners)
     return corners[end, 0] - corners[k, 0], corners[end, 1] - corners[k, 1]
 
@@ -66,7 +66,7 @@ def _distance_to_segment(dx: float, dy: float, sx: float, sy: float) -> float:
 
 @njit(cache=True)
 def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
-    """Return the distance in m of a point from a rectangle, 0 inside.
+    """Return the distance in m of a point from a rectangle in its frame, 0 inside.
 
     Args:
         ahead: x of the point in the frame of the rectangle.
@@ -82,7 +82,7 @@ def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
 def gaps_to_rectangle(
     shapes: Floats, x: float, y: float, yaw: float, extent: Floats
 ) -> Floats:
-    """Return the distances (n,) in m from a rectangle to shapes, 0 where they overlap.
+    """Return distances (n,) in m from a rectangle at a pose to shapes, 0 for overlap.
 
     Args:
         shapes: (n, 7).
@@ -130,7 +130,7 @@ def box_gap(
     half_x: float,
     half_y: float,
 ) -> float:
-    """Return the distance in m of a turned box from a rectangle, 0 where they overlap.
+    """Return the gap in m of a turned box and a rectangle along x, y; 0 for overlap.
 
     Args:
         x: Center of the box, seen from the center of the rectangle.
@@ -231,7 +231,7 @@ def times_to_rectangle(
 
 @njit(cache=True)
 def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) -> float:
-    """Return when a point outside a disc around the origin enters it, inf for never."""
+    """Return when a moving point outside a disc about the origin enters it, or inf."""
     square = vx * vx + vy * vy
     along = x * vx + y * vy
     beyond = x * x + y * y - radius * radius
@@ -247,7 +247,7 @@ def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) ->
 def entry_time(
     px: float, py: float, vx: float, vy: float, half_x: float, half_y: float
 ) -> float:
-    """Return when a point enters a rectangle around the origin.
+    """Return when a moving point enters a rectangle about the origin, inf for never.
 
     Args:
         px: Position of the point.
@@ -277,7 +277,7 @@ def entry_time(
 
 @njit(cache=True)
 def polygon_gap(x: float, y: float, corners: Floats) -> float:
-    """Return the distance of a point from a convex polygon, below zero inside.
+    """Return a point's distance from a convex polygon, minus the depth inside.
 
     Args:
         x: Position of the point.
@@ -303,7 +303,7 @@ def polygon_gap(x: float, y: float, corners: Floats) -> float:
 
 @njit(cache=True)
 def polygon_gaps(x: Floats, y: Floats, corners: Floats, distances: Floats) -> None:
-    """Fill in the distances of points from a convex polygon, below zero inside.
+    """Write to `distances` those of n points from a convex polygon, below zero inside.
 
     Args:
         x: Positions (n,).
@@ -319,7 +319,7 @@ def polygon_gaps(x: Floats, y: Floats, corners: Floats, distances: Floats) -> No
 def gaps_to_polygon(
     shapes: Floats, x: float, y: float, yaw: float, corners: Floats, radius: float
 ) -> Floats:
-    """Return the distances (n,) in m from a polygon or disc to shapes, 0 inside.
+    """Return distances (n,) in m of a polygon or disc from shapes, 0 for overlap.
 
     Args:
         shapes: (n, 7).
@@ -370,7 +370,7 @@ def _polygon_distance(a: Floats, b: Floats) -> float:
 
 @njit(cache=True)
 def _separates(a: Floats, b: Floats) -> bool:
-    """Tell whether all of b lies beyond one side of a."""
+    """Tell whether all of b lies beyond one side of a; False if a is a point."""
     count = len(a)
     if count < 2:
         return False
@@ -451,7 +451,7 @@ def times_to_polygon(
 
 @njit(cache=True)
 def distance_to_line(line: Floats, x: float, y: float) -> float:
-    """Return the distance in m of a point from a line.
+    """Return the distance in m of a point from a polyline.
 
     Args:
         line: Points (n, 2) that it goes through, at least one.

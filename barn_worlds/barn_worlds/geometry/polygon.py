@@ -19,7 +19,7 @@ class HalfPlane(NamedTuple):
 
     @classmethod
     def of_side(cls, start: Corner, end: Corner) -> "HalfPlane":
-        """Return the half-plane of a side of a counterclockwise polygon.
+        """Return the inner half-plane of one side of a counterclockwise polygon.
 
         Args:
             start: First corner of the side.
@@ -31,11 +31,11 @@ class HalfPlane(NamedTuple):
         return cls(normal_x, normal_y, normal_x * start[0] + normal_y * start[1])
 
     def grow(self, distance_m: float) -> "HalfPlane":
-        """Return the half-plane with its border moved outward."""
+        """Return a copy whose border is moved outward by a distance in m."""
         return self._replace(distance=self.distance + distance_m)
 
     def intersect(self, other: "HalfPlane") -> Corner:
-        """Return the point where the borders of two half-planes meet."""
+        """Return x, y in m where two borders meet; they must not be parallel."""
         # Cramer's rule.
         p_x, p_y, p = self
         q_x, q_y, q = other
@@ -44,14 +44,14 @@ class HalfPlane(NamedTuple):
 
 
 def area(corners: Sequence[Corner]) -> float:
-    """Return the enclosed area in m2, positive if the corners run counterclockwise."""
+    """Return the signed area in m2, positive if the corners run counterclockwise."""
     return 0.5 * sum(
         start[0] * end[1] - end[0] * start[1] for start, end in _sides(corners)
     )
 
 
 def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) -> bool:
-    """Tell whether a point is in a convex polygon.
+    """Tell whether a point is in a convex polygon, on it, or at most `slack_m` outside.
 
     Args:
         corners: Counterclockwise corners of the polygon.
@@ -66,7 +66,7 @@ def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) ->
 
 
 def convex_hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
-    """Return the convex hull, counterclockwise, no corners on straight sides."""
+    """Return the hull's corners, counterclockwise, none of them on a straight side."""
     ordered = sorted(set(points))
     if len(ordered) < 3:
         return tuple(ordered)
@@ -75,7 +75,7 @@ def convex_hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
 
 
 def regular_polygon(radius_m: float, count: int) -> tuple[Corner, ...]:
-    """Return the regular polygon around a circle about the origin.
+    """Return the corners of a regular polygon around a circle about the origin.
 
     Args:
         radius_m: Radius of the circle, which every side touches.
@@ -89,7 +89,7 @@ def regular_polygon(radius_m: float, count: int) -> tuple[Corner, ...]:
 
 
 def offset(corners: Sequence[Corner], distance_m: float) -> tuple[Corner, ...]:
-    """Return a convex polygon with each side moved outward.
+    """Return the corners of a convex polygon with each side moved outward.
 
     Args:
         corners: Counterclockwise corners of the polygon, none on a straight side.
@@ -113,12 +113,12 @@ def nearest_side_m(corners: Sequence[Corner]) -> float:
 
 
 def _sides(corners: Sequence[Corner]) -> Iterator[tuple[Corner, Corner]]:
-    """Return the sides of a polygon, each by its first and last corner."""
+    """Return the sides of a polygon as pairs of corners, the closing side included."""
     return pairwise((*corners, corners[0]))
 
 
 def _half_hull(ordered: Sequence[Corner]) -> list[Corner]:
-    """Return one side of the hull of ordered points, without its last corner."""
+    """Return the hull's corners on one side of sorted points, without the last one."""
     corners: list[Corner] = []
     for point in ordered:
         # Corners that turn right or go straight on lie inside the hull.
@@ -129,5 +129,5 @@ def _half_hull(ordered: Sequence[Corner]) -> list[Corner]:
 
 
 def _turn(a: Corner, b: Corner, c: Corner) -> float:
-    """Return twice the area of a triangle, positive if it turns left."""
+    """Return twice the signed area of triangle a, b, c, positive if it turns left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -35,7 +35,7 @@ _ROUNDING = 1e-9
 def shortest_path_bound_m(
     start: Floats, goal: Floats, centers: Floats, radius_m: float
 ) -> float:
-    """Return a lower bound of the length in m of any path that enters no disc.
+    """Return a lower bound in m on the length of any path that enters no disc.
 
     Args:
         start: Where the path begins, (2,).
@@ -60,7 +60,7 @@ def shortest_path_bound_m(
 
 @njit(cache=True)
 def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Return the corners (n, 2) outside all inner discs, and directions (n, 2)."""
+    """Return polygon corners (n, 2) outside all inner discs, and their unit normals."""
     capacity = len(centers) * CORNERS + 1
     corners = np.empty((capacity, 2))
     outward = np.empty((capacity, 2))
@@ -101,7 +101,7 @@ def _sees(a: Floats, b: Floats, centers: Floats, radius: float) -> bool:
 
 @njit(cache=True)
 def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> float:
-    """Return the length of the shortest path over points, inf where there is none.
+    """Return the length in m of the shortest path from start to goal, inf without one.
 
     It leads from the last but one point to the last, by A* with the straight line to
     the goal as the heuristic.
@@ -151,7 +151,7 @@ def _search(points: Floats, outward: Floats, centers: Floats, radius: float) -> 
 
 @njit(cache=True)
 def _touches(outward: Floats, point: int, dx: float, dy: float, length: float) -> bool:
-    """Tell whether a leg touches the polygon at a corner.
+    """Tell whether a leg dx, dy touches the polygon at corner `point`.
 
     It does if it lies within half the corner's angle of the tangent. Start and goal,
     which have no direction, are touched by every leg.

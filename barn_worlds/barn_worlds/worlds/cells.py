@@ -34,18 +34,18 @@ _SMALLEST_MAP_CELL_M = 0.005
 
 
 def lead_in_cells(resolution_m: float) -> int:
-    """Return the number of cells in front of column 0, back wall included."""
+    """Return how many columns lie before column 0, those of the back wall included."""
     # The tolerance keeps 5.1 / 0.15, which is slightly above 34, at 34 cells.
     return max(1, math.ceil(LEAD_IN_M / resolution_m - 1e-9))
 
 
 def margin_cells(resolution_m: float) -> int:
-    """Return the number of cells of the map beyond the last column."""
+    """Return how many columns of cells a map shows beyond the world's last one."""
     return math.ceil(MARGIN_M / resolution_m - 1e-9)
 
 
 def cell_centers(cells: Cells, rows: int, resolution_m: float) -> Points:
-    """Return the true centers of cells.
+    """Return x, y (n, 2) in m, map frame, of cells; rows lie along x, columns along y.
 
     Args:
         cells: (n, 2) row and column.
@@ -61,7 +61,9 @@ def cell_centers(cells: Cells, rows: int, resolution_m: float) -> Points:
 
 
 def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
-    """Return the cells that contain points; they may be outside the grid.
+    """Return row (from x), column (from y), (n, 2), of the cells that contain points.
+
+    They may be outside the grid: below 0, or past the last row or column.
 
     Args:
         points: x and y (n, 2) in the map frame.
@@ -75,7 +77,7 @@ def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
 
 @cache
 def containment_cells(rows: int, resolution_m: float) -> Cells:
-    """Return the cells (m, 2) of the back wall and the two side walls.
+    """Return row, column (m, 2) of the cells of back wall and side walls, read-only.
 
     Args:
         rows: Number of rows of the world, which the back wall closes.
@@ -97,7 +99,7 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
 
 
 def hollow_cells(grid: BoolGrid) -> BoolGrid:
-    """Return the filled cells (rows, cols) whose 8 neighbors are all filled.
+    """Return a mask (rows, cols), True at filled cells with 8 filled neighbors.
 
     The .world files leave them out, since nothing can touch them. A cell on the border
     is never hollow.
@@ -115,7 +117,9 @@ def world_map(
     historical: bool = False,
     corner_m: tuple[float, float] | None = None,
 ) -> OccupancyMap:
-    """Return the occupancy map of a grid with its containment; no cell is unknown.
+    """Return the occupancy map, in the map frame, of a grid with its containment.
+
+    No cell is unknown. Straight walls and what moves are not in it.
 
     Cells that the .world files leave out are occupied as well.
 
@@ -165,7 +169,7 @@ def world_map(
 
 
 def _map_shape(length_m: float, width_m: float, resolution_m: float) -> tuple[int, int]:
-    """Return the number of cells along y and x; WorldError if they are too many."""
+    """Return how many cells a map has along y, x; WorldError if too fine or many."""
     if not (math.isfinite(resolution_m) and resolution_m >= _SMALLEST_MAP_CELL_M):
         raise WorldError(
             f"resolution of a map must be at least {_SMALLEST_MAP_CELL_M} m, "
@@ -184,7 +188,7 @@ def _map_shape(length_m: float, width_m: float, resolution_m: float) -> tuple[in
 
 
 def occupy_wall(occupancy_map: OccupancyMap, wall: Wall) -> None:
-    """Occupy the cells of a map that a wall reaches into.
+    """Set to occupied, in place, the cells of a map that a straight wall reaches into.
 
     Args:
         occupancy_map: The map, which is changed.
@@ -222,7 +226,10 @@ def occupy_wall(occupancy_map: OccupancyMap, wall: Wall) -> None:
 def _occupy_discs(
     data: SignedBytes, centers: Points, radius: float, resolution: float
 ) -> None:
-    """Occupy the cells of data (row along y, column along x) that discs reach into."""
+    """Occupy, in place, the cells of data (row: y, column: x) that discs reach into.
+
+    Centers are in m from the outer corner of data[0, 0].
+    """
     height, width = data.shape
     # A disc that only touches a cell's border does not reach into it.
     reach = radius * (1.0 - 1e-9)

@@ -36,7 +36,7 @@ _AHEAD_M = 1.0
 
 
 def parse_course(numbers: Sequence[float], where: str) -> Course:
-    """Return the start and goal of some numbers.
+    """Return start and goal poses (m, rad, map frame) from 5 or 6 finite numbers.
 
     Args:
         numbers: x, y and yaw of the start, x, y and perhaps yaw of the goal. Without a
@@ -67,7 +67,7 @@ def build_world(
     provenance: Provenance,
     course: Course | None = None,
 ) -> World:
-    """Return a world of any shape, without containment, with a path between two poses.
+    """Return a world without containment, with a path planned from start to goal.
 
     Args:
         name: Name of the world.
@@ -99,7 +99,7 @@ def build_world(
 
 
 def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
-    """Return a world as a robot drives it.
+    """Return a world whose path, and chosen start and goal, fit a robot's footprint.
 
     A world without start and goal stays as it is: its protocol says where to start.
     Given ends are kept, and chosen ones chosen anew for a robot of another size.
@@ -128,7 +128,7 @@ def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> Wo
 
 
 def plan_course(world: World, robot: Robot, course: Course | None = None) -> World:
-    """Return a world with start, goal and the path between them.
+    """Return a copy of a world with start, goal and a newly planned path between them.
 
     Args:
         world: The world; its own path is replaced.
@@ -161,7 +161,7 @@ def plan_course(world: World, robot: Robot, course: Course | None = None) -> Wor
 
 
 def _end_poses(path: Cells, world: World) -> Course:
-    """Return poses at the ends of a path that face along it."""
+    """Return start and goal poses at the two ends of a path, both facing along it."""
     ahead = min(len(path) - 1, round(_AHEAD_M / world.resolution_m))
     points = world.cell_centers_m(path[[0, ahead, -2, -1]])
     first, later, last_but_one, last = points.tolist()
@@ -172,7 +172,7 @@ def _end_poses(path: Cells, world: World) -> Course:
 
 
 def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> None:
-    """Raise WorldError if an end is off the map or something blocks it."""
+    """Raise WorldError if start or goal is off the map or too close to an obstacle."""
     left, below, right, above = world.bounds_m
     for end, pose in (("start", start), ("goal", goal)):
         where = f"{world.name}: {end} ({pose.x:g}, {pose.y:g})"
@@ -200,7 +200,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
 def _plan_between(
     world: World, cspace: BoolGrid, robot: Robot, start: Pose2D, goal: Pose2D
 ) -> Cells:
-    """Return the cells (n, 2) of a path; WorldError if there is none."""
+    """Return path cells (n, 2) from start to goal; WorldError if there is no path."""
     points = np.array([(start.x, start.y), (goal.x, goal.y)])
     ends = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
 
@@ -229,7 +229,9 @@ def _plan_between(
 def _choose_path(
     cspace: BoolGrid, world: World, robot: Robot, footprint_cells: int
 ) -> Cells:
-    """Return a path (n, 2) between two cells far apart in the largest free region.
+    """Return path cells (n, 2) between two far ends in the largest free region.
+
+    Raises WorldError if the robot finds no path.
 
     The ends have space to all sides and an obstacle in sight of the lidar, if there are
     such places. The same map gives the same ends.
@@ -262,7 +264,7 @@ def _choose_path(
 
 @njit(cache=True)
 def _farthest(free: BoolGrid, start: Integers, limit: float) -> Cells:
-    """Return the free cell (2,) farthest from another along 4-connected paths.
+    """Return row, column (2,) of the free cell most 4-connected steps from `start`.
 
     Cells more than `limit` steps away do not count.
     """

@@ -12,7 +12,9 @@ _COLUMN_STEPS = np.array([0, -1, 1, 0, -1, 1, -1, 1])
 
 
 def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
-    """Return the cells in which the center of a square footprint covers a filled cell.
+    """Return the C-space (rows, cols), True where the robot's center may not be.
+
+    There a square footprint around the center of the cell covers a filled cell.
 
     Args:
         grid: (rows, cols), True where filled. Outside it everything is free, as in the
@@ -40,7 +42,9 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
 
 @njit(cache=True)
 def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
-    """Return the cells with a filled one at most `reach` rows away.
+    """Return a mask, True at cells with a filled one in their column, `reach` rows off.
+
+    Fewer rows count as well, and the cell itself.
 
     The time does not depend on the reach.
     """
@@ -61,7 +65,9 @@ def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
 
 
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
-    """Return the free region that leads from the first to the last column, or None.
+    """Return a mask (rows, cols) of the free region that leads through, or None.
+
+    It leads from the first column to the last.
 
     As in the paper's generator, it is the largest 4-connected free region that touches
     the first column, provided that it is also the largest that touches the last one.
@@ -77,7 +83,7 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
 
 
 def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integers]:
-    """Label the connected regions of free cells.
+    """Return the region label of each cell (rows, cols), and cell counts by label.
 
     Args:
         free: (rows, cols), True where free.
@@ -93,7 +99,7 @@ def label_regions(free: BoolGrid, neighbors: int = 4) -> tuple[Integers, Integer
 
 @njit(cache=True)
 def _largest(labels: Integers, sizes: Integers) -> int:
-    """Return the label of the largest region, the lowest of equals; 0 for none."""
+    """Return which of `labels` has the largest size, lowest of equals; 0 for none."""
     largest = 0
     for label in labels:
         is_first_of_equals = sizes[label] == sizes[largest] and 0 < label < largest
@@ -104,7 +110,7 @@ def _largest(labels: Integers, sizes: Integers) -> int:
 
 @njit(cache=True)
 def _label(free: BoolGrid, neighbors: int) -> tuple[Integers, Integers]:
-    """Return labels (rows, cols) and sizes with an entry for every possible label."""
+    """Return labels (rows, cols), 0 where not free, and cells per possible label."""
     rows, cols = free.shape
     labels = np.zeros((rows, cols), np.int64)
     sizes = np.zeros(rows * cols + 1, np.int64)

@@ -32,7 +32,9 @@ INFLATION_WEIGHT = 5.0
 def plan_path(
     cspace: BoolGrid, start: Sequence[int] | Cells, goal: Sequence[int] | Cells
 ) -> Cells | None:
-    """Plan a path of free cells with limited turns.
+    """Return path cells (n, 2) from start to goal over free cells, None without a path.
+
+    Two steps in a row turn by at most 45 degrees.
 
     Steps go to the 8 neighbors, but not between two occupied cells that touch at a
     corner. The inflation term affects a cell's priority but not its cost. Where the
@@ -71,7 +73,7 @@ def plan_path(
 
 
 def choose_middle(rows: Integers) -> int:
-    """Return the place of the row in the middle of some (n,), the lower one of two."""
+    """Return the index of the one of `rows` (n,) nearest their mean, first of two."""
     distances = np.abs(rows - rows.mean())
     return int(distances.argmin())
 
@@ -79,7 +81,7 @@ def choose_middle(rows: Integers) -> int:
 def plan_through(
     cspace: BoolGrid, choose: Callable[[Integers], int] = choose_middle
 ) -> Cells | None:
-    """Plan a path from the first to the last column.
+    """Return path cells (n, 2) from first to last column, None if none leads through.
 
     It begins and ends in the region that leads through.
 
@@ -104,7 +106,7 @@ def plan_through(
 
 
 def inflation(cspace: BoolGrid) -> Floats:
-    """Return the penalty on the priority of each cell near an obstacle.
+    """Return what cells (rows, cols) at most 2 cells from an obstacle add to priority.
 
     Args:
         cspace: (rows, cols), True where occupied; the border of the grid is no
@@ -133,7 +135,7 @@ def inflation(cspace: BoolGrid) -> Floats:
 def search(
     free: BoolGrid, penalty: Floats, start: int, goal: int, complete: bool
 ) -> Cells:
-    """Search a path, cells in order of cost so far plus penalty.
+    """Return the path cells (n, 2) that a search finds, empty (0, 2) if it finds none.
 
     The original's search discovers a cell without a heuristic. An open cell that is
     then reached at less cost changes its predecessor, and gets a priority with the
@@ -208,7 +210,7 @@ def search(
 
 @njit(cache=True)
 def _step(free: BoolGrid, cell: int, direction: int) -> int:
-    """Return the neighboring cell in a direction, -1 if it may not be entered."""
+    """Return the neighbor's index (row * cols + column), -1 if it is blocked."""
     rows, cols = free.shape
     row = cell // cols
     column = cell % cols
@@ -225,7 +227,7 @@ def _step(free: BoolGrid, cell: int, direction: int) -> int:
 
 @njit(cache=True)
 def _remaining(cell: int, goal: int, cols: int, octile: bool) -> float:
-    """Return the distance to the goal in cells, straight or by steps to 8 neighbors."""
+    """Return a cell's distance to the goal in cells, octile or Euclidean."""
     rows_left = abs(cell // cols - goal // cols)
     columns_left = abs(cell % cols - goal % cols)
     if octile:
@@ -236,7 +238,7 @@ def _remaining(cell: int, goal: int, cols: int, octile: bool) -> float:
 
 @njit(cache=True)
 def trace(parent: Integers, last: int, states_per_cell: int, cols: int) -> Cells:
-    """Return the cells (n, 2) from the start of a search to a state.
+    """Return the cells (n, 2) from a search's first state to state `last`, inclusive.
 
     Args:
         parent: The state before each state, below 0 for the first one.

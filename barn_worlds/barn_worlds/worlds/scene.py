@@ -38,11 +38,11 @@ class TrialScene(NamedTuple):
 
     @property
     def cylinders_m(self) -> Points:
-        """Centers (k, 2) of all cylinders, in the order of `World.cylinders_m`."""
+        """Centers (k, 2) in m of all cylinders, ordered as `World.cylinders_m`."""
         return np.concatenate([self.obstacles_m, self.walls_m])
 
     def with_cylinders_at(self, cylinders_m: Points) -> "TrialScene":
-        """Return the scene with its cylinders elsewhere.
+        """Return a copy of the scene with its cylinders at other centers.
 
         Args:
             cylinders_m: Centers (k, 2) in the order of `World.cylinders_m`.
@@ -54,14 +54,16 @@ class TrialScene(NamedTuple):
         )
 
     def ends_m(self) -> Floats:
-        """Return the positions of start and goal (k, 2), as far as they are known."""
+        """Return x, y (k, 2) in m of start and goal; unknown ones are left out."""
         poses = [pose for pose in (self.start, self.goal) if pose is not None]
         return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
 
     def view_m(
         self, low: Floats, high: Floats, *driven_m: Points
     ) -> tuple[Floats, Floats]:
-        """Return the corners of a picture; of a wide world, of what is near the course.
+        """Return lower left and upper right corner (2,) in m of what a picture shows.
+
+        Of a wide world, that is 20 m around path, start, goal and robots.
 
         Args:
             low: Lower left corner (2,) of the world.
@@ -83,7 +85,9 @@ def scene_of(
     goal: Pose2D | None = None,
     goal_distance_m: float = 0.0,
 ) -> TrialScene:
-    """Return the scene of a world and a course through it.
+    """Return the scene of a world's cylinders, walls and path, with a start and a goal.
+
+    The world's own start and goal are not used, and what moves is left out.
 
     Args:
         world: Its cylinders, walls and path are shown.

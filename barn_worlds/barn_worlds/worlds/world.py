@@ -76,6 +76,7 @@ class World:
     goal: Pose2D | None = None
 
     def __post_init__(self) -> None:
+        """Replace arrays by read-only copies; WorldError for a bad field."""
         if not isinstance(self.name, str) or not 0 < len(self.name) <= LARGEST_NAME:
             raise WorldError(
                 f"name of a world must have 1 to {LARGEST_NAME} characters, "
@@ -122,28 +123,28 @@ class World:
 
     @cached_property
     def cspace(self) -> BoolGrid:
-        """Occupied cells (rows, cols) of the configuration space."""
+        """C-space (rows, cols), True where the footprint's center may not be."""
         return _read_only(configuration_space(self.grid, self.footprint_cells))
 
     @property
     def cylinder_radius_m(self) -> float:
-        """Radius of every cylinder: half a cell."""
+        """Radius in m of every cylinder: half a cell."""
         return self.resolution_m / 2.0
 
     @property
     def cylinder_height_m(self) -> float:
-        """Height of every cylinder."""
+        """Height in m of every cylinder, the same in all worlds."""
         return geometry.CYLINDER_HEIGHT_M
 
     @cached_property
     def obstacles_m(self) -> Points:
-        """Centers (n, 2) of the grid's cylinders that something can touch."""
+        """Centers (n, 2) in m of the grid's cylinders, hollow cells left out."""
         cells = np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
         return _read_only(self.cell_centers_m(cells))
 
     @cached_property
     def containment_m(self) -> Points:
-        """Centers (m, 2) of the cylinders of the containment; none in an arena."""
+        """Centers (m, 2) in m of the containment's cylinders; (0, 2) in an arena."""
         if self.corner_m is not None:
             return _read_only(np.empty((0, 2)))
         cells = geometry.containment_cells(self.rows, self.resolution_m)
@@ -151,12 +152,12 @@ class World:
 
     @cached_property
     def cylinders_m(self) -> Points:
-        """Centers (n + m, 2) of all cylinders, the grid's first."""
+        """Centers (n + m, 2) in m of the grid's, then the containment's cylinders."""
         return _read_only(np.concatenate([self.obstacles_m, self.containment_m]))
 
     @property
     def bounds_m(self) -> tuple[float, float, float, float]:
-        """x_min, y_min, x_max, y_max of all cells, the containment included."""
+        """x_min, y_min, x_max, y_max in m of all cells, the containment included."""
         width_m = self.rows * self.resolution_m
         if self.corner_m is not None:
             x_m, y_m = self.corner_m
@@ -166,7 +167,7 @@ class World:
         return -width_m, 0.0, 0.0, columns * self.resolution_m
 
     def path_m(self, historical: bool = False) -> Points:
-        """Return the path (n, 2) in meters.
+        """Return x, y (n, 2) in m, map frame, of the centers of the path's cells.
 
         Args:
             historical: Convert cells as the original tools do, which also placed the
@@ -180,14 +181,14 @@ class World:
         return np.subtract(self.cell_centers_m(self.path), offset)
 
     def cell_centers_m(self, cells: Cells) -> Points:
-        """Return the true centers (n, 2) in meters of cells (n, 2)."""
+        """Return x, y (n, 2) in m, map frame, of the centers of cells (row, column)."""
         if self.corner_m is None:
             return geometry.cell_centers(cells, self.rows, self.resolution_m)
         centers: Points = (cells + 0.5) * self.resolution_m + np.array(self.corner_m)
         return centers
 
     def containing_cells(self, points: Points) -> Cells:
-        """Return the cells (n, 2) that contain points (n, 2) in meters.
+        """Return row, column (n, 2) of the cells that contain points x, y in m.
 
         They may be outside the grid.
         """
@@ -199,25 +200,25 @@ class World:
 
     @cached_property
     def occupied(self) -> BoolGrid:
-        """Filled cells (rows, cols), and those that walls of an arena reach into."""
+        """Mask (rows, cols), True where filled or where an arena's wall reaches in."""
         if self.corner_m is None:
             return self.grid
         return _read_only(self.occupancy_map().data.T > 0)
 
     @cached_property
     def tracks(self) -> Tracks:
-        """Where the moving obstacles are at any time."""
+        """Motions of the moving obstacles, which give positions at any time."""
         return Tracks(self.moving)
 
     @cached_property
     def path_length_m(self) -> float:
-        """Arc length of the path over cell centers; a repeated cell adds nothing."""
+        """Length of the path in m over cell centers; a repeated cell adds nothing."""
         return float(np.hypot(*np.diff(self.path, axis=0).T).sum() * self.resolution_m)
 
     def occupancy_map(
         self, resolution_m: float | None = None, *, historical: bool = False
     ) -> OccupancyMap:
-        """Return the map that a planner gets; what moves is not in it.
+        """Return a new map of grid, containment and walls, without what moves.
 
         Args:
             resolution_m: Size of the map's cells; by default that of the grid's.
@@ -237,7 +238,7 @@ class World:
 
     @property
     def course_numbers(self) -> tuple[float, ...]:
-        """x, y and yaw of start and goal, (6,); empty without them."""
+        """x, y (m), yaw (rad) of start, then goal: 6 numbers, () without them."""
         if self.start is None or self.goal is None:
             return ()
         poses = (self.start, self.goal)
@@ -247,7 +248,7 @@ class World:
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 of everything that trials depend on, without names."""
+        """SHA-256 (hex) of grid, path, course, walls and motions, without any names."""
         digest = hashlib.sha256(
             np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes()
         )
@@ -264,7 +265,7 @@ class World:
 
 
 def validate_grid(grid: object, where: str) -> BoolGrid:
-    """Return a read-only copy of a grid of bools or of zeros and ones.
+    """Return a read-only copy as bools of a 2D array of bools or of zeros and ones.
 
     Args:
         grid: What should be a grid.
@@ -294,7 +295,7 @@ def validate_grid(grid: object, where: str) -> BoolGrid:
 
 
 def validate_path(path: object, grid: BoolGrid, where: str) -> Cells:
-    """Return a read-only copy of a path of free, adjoining cells.
+    """Return a read-only copy as int64 of a path (n, 2) of free, adjoining cells.
 
     Args:
         path: What should be an array (n, 2) of rows and columns.
@@ -339,5 +340,6 @@ def validate_path(path: object, grid: BoolGrid, where: str) -> Cells:
 
 
 def _read_only(array: _Array) -> _Array:
+    """Forbid writing to an array, in place, and return the same array."""
     array.setflags(write=False)
     return array
