@@ -37,12 +37,12 @@ _FORMATS = {
 
 @cache
 def jazzy_types() -> Typestore:
-    """Return the message types of ROS 2 Jazzy."""
+    """Return the rosbags type store with the message types of ROS 2 Jazzy."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 def make_message(type_name: str, **fields: object) -> Message:
-    """Return a message as an object.
+    """Return a new message object of rosbags; fields not named are zero or empty.
 
     Args:
         type_name: Type, such as "geometry_msgs/msg/Twist".
@@ -54,12 +54,12 @@ def make_message(type_name: str, **fields: object) -> Message:
 
 
 def serialize(message: Message) -> bytes:
-    """Return a message as little-endian CDR, byte by byte as Fast DDS writes it."""
+    """Return a message object as little-endian CDR, as Fast DDS writes it."""
     return bytes(jazzy_types().serialize_cdr(message, message.__msgtype__))
 
 
 def deserialize(data: bytes, type_name: str) -> Message:
-    """Return a serialized message as an object.
+    """Return CDR bytes as a message object; errors of any kind if they are malformed.
 
     Args:
         data: CDR with its encapsulation header.
@@ -79,7 +79,7 @@ class Slot(NamedTuple):
 
 
 def find_slots(message: Message) -> dict[str, Slot]:
-    """Return the slot of every field with numbers, by dotted name.
+    """Return byte offset and `struct` format of every numeric field, by dotted name.
 
     An array or sequence of numbers is one slot of bytes. The items of other sequences
     are "name.0", "name.1". The slots are valid for all messages of the type whose texts
@@ -103,7 +103,7 @@ class Template:
     type_name: str
 
     def __init__(self, message: Message, fields: Sequence[str]) -> None:
-        """Serialize a message.
+        """Serialize a message once; only the fields named here vary afterwards.
 
         Args:
             message: Message with the values of all fields that stay the same.
@@ -118,7 +118,7 @@ class Template:
             self._parts.append((struct.Struct("<" + code).pack_into, offset))
 
     def fill(self, *values: object) -> bytes:
-        """Return the message with values of the varying fields; arrays are bytes."""
+        """Return new bytes with values for the fields, in order; arrays as bytes."""
         data = self._data
         for (pack_into, offset), value in zip(self._parts, values, strict=True):
             pack_into(data, offset, value)
@@ -136,7 +136,7 @@ class _Run(NamedTuple):
 
 
 def _runs(value: Any, kind: Any, name: str) -> Iterator[_Run]:
-    """Yield the numbers of a value in the order of its bytes.
+    """Yield each run of equal-sized numbers of a value, in the order of its bytes.
 
     Args:
         value: Message, text, number or sequence.
@@ -176,7 +176,7 @@ def _number_format(kind: Any) -> str | None:
 
 
 def _default(kind: Any) -> Any:
-    """Return the zero or empty value of a kind of field."""
+    """Return the zero or empty value of a field, whose kind is that of rosbags."""
     node, detail = kind
     if node == Nodetype.NAME:
         return make_message(detail)

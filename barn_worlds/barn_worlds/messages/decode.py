@@ -70,12 +70,15 @@ class Markers(NamedTuple):
 
 
 def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes], T]]:
-    """Let a function that reads a type raise MessageError for malformed bytes."""
+    """Return a decorator; a reader of a type then raises MessageError for bad bytes."""
 
     def wrap(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
+        """Return the reader with a check of the encoding and its errors converted."""
+
         @wraps(read)
         # Bytes of others may end anywhere: reading past the end says so.
         def read_checked(data: bytes) -> T:
+            """Return what is read, else raise MessageError."""
             _check_encoding(data, type_name)
             try:
                 return read(data)
@@ -91,49 +94,49 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
 
 @_reads("std_msgs/msg/Header")
 def header(data: bytes) -> Header:
-    """Return the header of a message of any type that begins with one."""
+    """Return stamp (ns) and frame of a message of any type that begins with them."""
     stamp_ns, _ = _read_stamp(data)
     return Header(stamp_ns, _read_text(data, ENCAPSULATION_BYTES + 8))
 
 
 @_reads("rosgraph_msgs/msg/Clock")
 def clock(data: bytes) -> int:
-    """Return the time of rosgraph_msgs/Clock in nanoseconds."""
+    """Return the time in ns of serialized rosgraph_msgs/Clock."""
     sec, nanosec = struct.unpack_from("<iI", data, ENCAPSULATION_BYTES)
     return int(sec * NANOSECONDS_PER_SECOND + nanosec)
 
 
 def boolean(data: bytes) -> bool:
-    """Return the value of std_msgs/Bool."""
+    """Return the value of serialized std_msgs/Bool."""
     return bool(decode_message(data, "std_msgs/msg/Bool").data)
 
 
 def number(data: bytes) -> float:
-    """Return the value of std_msgs/Float64."""
+    """Return the value of serialized std_msgs/Float64."""
     return float(decode_message(data, "std_msgs/msg/Float64").data)
 
 
 @_reads("std_msgs/msg/String")
 def text(data: bytes) -> str:
-    """Return the text of std_msgs/String."""
+    """Return the text of serialized std_msgs/String."""
     return _read_text(data, ENCAPSULATION_BYTES)
 
 
 @_reads("geometry_msgs/msg/Twist")
 def twist(data: bytes) -> Velocity2D:
-    """Return the velocity of geometry_msgs/Twist."""
+    """Return linear x and angular z of serialized geometry_msgs/Twist."""
     return Velocity2D(*_TWIST.unpack_from(data, ENCAPSULATION_BYTES))
 
 
 @_reads("geometry_msgs/msg/TwistStamped")
 def twist_stamped(data: bytes) -> Velocity2D:
-    """Return the velocity of geometry_msgs/TwistStamped."""
+    """Return linear x and angular z of serialized geometry_msgs/TwistStamped."""
     _, end = _read_stamp(data)
     return Velocity2D(*_TWIST.unpack_from(data, _align_double(end)))
 
 
 def command(data: bytes, type_name: str) -> Velocity2D:
-    """Return the velocity of a command, NaN if it cannot be read.
+    """Return linear x and angular z of a serialized command, NaN if it is malformed.
 
     Args:
         data: Serialized geometry_msgs/Twist or geometry_msgs/TwistStamped.
@@ -148,13 +151,13 @@ def command(data: bytes, type_name: str) -> Velocity2D:
 
 
 def pose(data: bytes) -> Pose2D:
-    """Return the pose of geometry_msgs/PoseStamped."""
+    """Return x, y, yaw of serialized geometry_msgs/PoseStamped, without its header."""
     return planar_pose(decode_message(data, "geometry_msgs/msg/PoseStamped").pose)
 
 
 @_reads("geometry_msgs/msg/PoseArray")
 def poses(data: bytes) -> Floats:
-    """Return positions and quaternions (n, 7) of geometry_msgs/PoseArray."""
+    """Return x, y, z and quaternion x, y, z, w (n, 7) of serialized PoseArray."""
     _, end = _read_stamp(data)
     offset = _align_length(end)
     (count,) = _LENGTH.unpack_from(data, offset)
@@ -166,14 +169,14 @@ def poses(data: bytes) -> Floats:
 
 
 def pose_with_covariance(data: bytes) -> Pose2D:
-    """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
+    """Return x, y, yaw of serialized geometry_msgs/PoseWithCovarianceStamped."""
     message = decode_message(data, "geometry_msgs/msg/PoseWithCovarianceStamped")
     return planar_pose(message.pose.pose)
 
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
-    """Return the planar part of nav_msgs/Odometry."""
+    """Return stamp, planar pose and velocity of serialized nav_msgs/Odometry."""
     stamp_ns, end = _read_stamp(data)
     offset = _align_double(_text_end(data, end))
     x, y, *quaternion, linear, angular = _POSE_AND_TWIST.unpack_from(data, offset)
@@ -183,7 +186,7 @@ def odometry(data: bytes) -> Odometry:
 
 @_reads("sensor_msgs/msg/LaserScan")
 def scan(data: bytes) -> Scan:
-    """Return the scan of sensor_msgs/LaserScan."""
+    """Return the scan, with its ranges copied, of serialized sensor_msgs/LaserScan."""
     stamp_ns, end = _read_stamp(data)
     offset = _align_length(end)
     angle_min, _, increment, _, _, range_min, range_max, count = _SCAN.unpack_from(
@@ -195,7 +198,7 @@ def scan(data: bytes) -> Scan:
 
 
 def occupancy_map(data: bytes) -> OccupancyMap:
-    """Return the map of nav_msgs/OccupancyGrid.
+    """Return the map, with its cells copied, of serialized nav_msgs/OccupancyGrid.
 
     Raises:
         MessageError: Also if the map is rotated or has not as many cells as it says.
@@ -217,13 +220,13 @@ def occupancy_map(data: bytes) -> OccupancyMap:
 
 
 def path(data: bytes) -> Points:
-    """Return the points (n, 2) of nav_msgs/Path in meters."""
+    """Return x, y (n, 2) in m of the poses of serialized nav_msgs/Path."""
     message = decode_message(data, "nav_msgs/msg/Path")
     return planar_points([stamped.pose.position for stamped in message.poses])
 
 
 def markers(data: bytes) -> Markers:
-    """Return discs and lines of visualization_msgs/MarkerArray."""
+    """Return added cylinders, spheres and lines of serialized MarkerArray, only."""
     message = decode_message(data, "visualization_msgs/msg/MarkerArray")
     frame = ""
     discs = []
@@ -248,7 +251,7 @@ def markers(data: bytes) -> Markers:
 
 
 def transforms(data: bytes) -> list[Transform]:
-    """Return the transforms of tf2_msgs/TFMessage."""
+    """Return the planar part of each transform of serialized tf2_msgs/TFMessage."""
     transforms = []
     for stamped in decode_message(data, "tf2_msgs/msg/TFMessage").transforms:
         pose = _planar(stamped.transform.translation, stamped.transform.rotation)
@@ -258,13 +261,13 @@ def transforms(data: bytes) -> list[Transform]:
 
 
 def diagnostics(data: bytes) -> list[dict[str, str]]:
-    """Return the values of each status of diagnostic_msgs/DiagnosticArray, by key."""
+    """Return texts by key, a dict per status, of serialized DiagnosticArray."""
     statuses = decode_message(data, "diagnostic_msgs/msg/DiagnosticArray").status
     return [{value.key: value.value for value in status.values} for status in statuses]
 
 
 def decode_message(data: bytes, type_name: str) -> Message:
-    """Return a message of any type as an object.
+    """Return serialized bytes of any type as a rosbags message object.
 
     Args:
         data: Serialized message.
@@ -282,17 +285,18 @@ def decode_message(data: bytes, type_name: str) -> Message:
 
 
 def planar_pose(message: Message) -> Pose2D:
-    """Return the planar part of geometry_msgs/Pose."""
+    """Return x, y and yaw of a geometry_msgs/Pose object."""
     return _planar(message.position, message.orientation)
 
 
 def planar_points(points: list[Message]) -> Points:
-    """Return x and y (n, 2) of geometry_msgs/Point."""
+    """Return x, y (n, 2) of geometry_msgs/Point objects."""
     rows = [(point.x, point.y) for point in points]
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
 def _check_encoding(data: bytes, type_name: str) -> None:
+    """Raise MessageError unless the bytes begin as plain little-endian CDR."""
     if data[:2] != _LITTLE_ENDIAN:
         raise MessageError(
             f"not a message of type {type_name} in plain CDR, "
@@ -301,14 +305,14 @@ def _check_encoding(data: bytes, type_name: str) -> None:
 
 
 def _read_stamp(data: bytes) -> tuple[int, int]:
-    """Return the stamp of a header in nanoseconds and the offset of its end."""
+    """Return the stamp of a message's header in ns and the byte offset of its end."""
     sec, nanosec, length = _HEADER.unpack_from(data, ENCAPSULATION_BYTES)
     end = ENCAPSULATION_BYTES + _HEADER.size + length
     return sec * NANOSECONDS_PER_SECOND + nanosec, end
 
 
 def _read_text(data: bytes, offset: int) -> str:
-    """Return the text whose length is at an offset."""
+    """Return the text whose length is at a byte offset; ValueError past the end."""
     end = _text_end(data, offset)
     if end > len(data):
         raise ValueError(f"a text up to {end} of {len(data)} bytes")
@@ -317,21 +321,23 @@ def _read_text(data: bytes, offset: int) -> str:
 
 
 def _text_end(data: bytes, offset: int) -> int:
+    """Return the byte offset of the end of the text whose length is at an offset."""
     offset = _align_length(offset)
     return int(offset + _LENGTH.size + _LENGTH.unpack_from(data, offset)[0])
 
 
 def _align_length(offset: int) -> int:
-    """Return the first offset where a length or another number of 32 bits may start."""
+    """Return the first byte offset from here where a number of 32 bits may start."""
     return offset + -offset % 4
 
 
 def _align_double(offset: int) -> int:
-    """Return the first offset where a double may start."""
+    """Return the first byte offset from here where a double may start."""
     # Alignment counts from the end of the encapsulation.
     return offset + (ENCAPSULATION_BYTES - offset) % 8
 
 
 def _planar(position: Message, rotation: Message) -> Pose2D:
+    """Return x, y and yaw of a position object and a quaternion object."""
     yaw = yaw_from_quaternion(rotation.x, rotation.y, rotation.z, rotation.w)
     return Pose2D(position.x, position.y, yaw)

@@ -55,7 +55,7 @@ class Encoder(Generic[T]):
         values: Callable[[T], Iterable[Any]],
         **constants: object,
     ) -> None:
-        """Serialize a message.
+        """Serialize a message once; `encode` writes stamp and `fields` into its bytes.
 
         Args:
             type_name: Type, such as "nav_msgs/msg/Odometry".
@@ -70,7 +70,7 @@ class Encoder(Generic[T]):
         self._values = values
 
     def encode(self, content: T, stamp_ns: int) -> bytes:
-        """Return the message.
+        """Return the serialized message with the values of a content and a stamp.
 
         Args:
             content: What the message is about. A stamp in it is not used.
@@ -84,6 +84,7 @@ class OdometryEncoder(Encoder[Odometry]):
     """Encodes nav_msgs/Odometry."""
 
     def __init__(self, frame: str, child_frame: str) -> None:
+        """Fix the frame of the pose and the child frame of the velocity."""
         fields = _pose_fields("pose.pose")
         fields += ["twist.twist.linear.x", "twist.twist.angular.z"]
         super().__init__(
@@ -108,6 +109,7 @@ class PoseWithCovarianceEncoder(Encoder[Pose2D]):
     def __init__(
         self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
+        """Fix the frame and the variances of x, y (m2) and yaw (rad2)."""
         pose = make_message("geometry_msgs/msg/PoseWithCovariance")
         # The diagonal of the 6 x 6 matrix of x, y, z, roll, pitch, yaw.
         pose.covariance[[0, 7, 35]] = variances
@@ -124,6 +126,7 @@ class PoseStampedEncoder(Encoder[Pose2D]):
     """Encodes geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
+        """Fix the frame of the header."""
         fields = _pose_fields("pose")
         super().__init__("geometry_msgs/msg/PoseStamped", frame, fields, _pose_values)
 
@@ -132,6 +135,7 @@ class ScanEncoder(Encoder[Scan]):
     """Encodes sensor_msgs/LaserScan with the beams and limits of a first scan."""
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
+        """Fix frame, time between scans, and angles and limits as in a first scan."""
         beams = len(first.ranges)
         super().__init__(
             "sensor_msgs/msg/LaserScan",
@@ -152,6 +156,7 @@ class TwistStampedEncoder(Encoder[Velocity2D]):
     """Encodes geometry_msgs/TwistStamped."""
 
     def __init__(self, frame: str) -> None:
+        """Fix the frame of the header."""
         super().__init__(
             "geometry_msgs/msg/TwistStamped",
             frame,
@@ -167,6 +172,7 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
     """
 
     def __init__(self, names: Sequence[str]) -> None:
+        """Fix the names of the joints; the header has no frame."""
         # Efforts stay empty: nobody measures them.
         zeros = np.zeros(len(names))
         super().__init__(
@@ -186,7 +192,7 @@ class TransformEncoder:
     type_name = "tf2_msgs/msg/TFMessage"
 
     def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
-        """Serialize a message.
+        """Serialize a message once for fixed pairs of frames.
 
         Args:
             frames: Pairs of a frame and its child frame.
@@ -206,7 +212,7 @@ class TransformEncoder:
         self._template = Template(message, fields)
 
     def encode(self, poses: Sequence[Pose2D], stamp_ns: int) -> bytes:
-        """Return the message.
+        """Return the serialized message with one planar pose per pair of frames.
 
         Args:
             poses: Pose of each child frame in its frame, in the order of the pairs.
@@ -230,6 +236,7 @@ class PathEncoder:
     type_name = "nav_msgs/msg/Path"
 
     def __init__(self, frame: str) -> None:
+        """Prepare the bytes of a path and of one pose, both in the same frame."""
         pose = make_message("geometry_msgs/msg/PoseStamped", header=make_header(frame))
         pose.pose.orientation.w = 1.0
         empty = make_message(self.type_name, header=make_header(frame))
@@ -254,7 +261,7 @@ class PathEncoder:
         self._row_stamp = slots["poses.1.header.stamp.sec"].offset - first
 
     def encode(self, points: Floats, stamp_ns: int) -> bytes:
-        """Return the message.
+        """Return the serialized path; poses without a yaw are not rotated.
 
         Args:
             points: Positions (n, 2) in meters, or (n, 3) with yaw in radians.
@@ -281,7 +288,7 @@ class PathEncoder:
 
 
 def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
-    """Return nav_msgs/OccupancyGrid.
+    """Return serialized nav_msgs/OccupancyGrid of a map or costmap.
 
     Args:
         grid: A map or a costmap.
@@ -308,7 +315,7 @@ def encode_fixed_transforms(
     children: Mapping[str, tuple[float, float, float]],
     yaws: Mapping[str, float],
 ) -> bytes:
-    """Return tf2_msgs/TFMessage with fixed frames.
+    """Return serialized tf2_msgs/TFMessage of fixed frames, with stamp 0.
 
     Args:
         parent: Frame that the others are fixed in.
@@ -334,7 +341,7 @@ def encode_diagnostics(
     values: Mapping[str, str],
     hardware_id: str = "",
 ) -> bytes:
-    """Return diagnostic_msgs/DiagnosticArray with one status.
+    """Return serialized diagnostic_msgs/DiagnosticArray with one status.
 
     Args:
         stamp_ns: Stamp of the header.
@@ -364,34 +371,34 @@ def encode_diagnostics(
 
 
 def encode_clock(stamp_ns: int) -> bytes:
-    """Return rosgraph_msgs/Clock."""
+    """Return serialized rosgraph_msgs/Clock of a time in ns."""
     stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS_PER_SECOND))
     return _LITTLE_ENDIAN + stamp
 
 
 def encode_twist(velocity: Velocity2D) -> bytes:
-    """Return geometry_msgs/Twist."""
+    """Return serialized geometry_msgs/Twist of a velocity, without a header."""
     # x of the linear and z of the angular velocity; the four between them are zero.
     return _LITTLE_ENDIAN + struct.pack("<d32xd", velocity.linear, velocity.angular)
 
 
 def encode_bool(value: bool) -> bytes:
-    """Return std_msgs/Bool."""
+    """Return serialized std_msgs/Bool."""
     return _LITTLE_ENDIAN + struct.pack("<?", value)
 
 
 def encode_text(text: str) -> bytes:
-    """Return std_msgs/String."""
+    """Return serialized std_msgs/String."""
     return serialize(make_message("std_msgs/msg/String", data=text))
 
 
 def encode_number(value: float) -> bytes:
-    """Return std_msgs/Float64."""
+    """Return serialized std_msgs/Float64."""
     return serialize(make_message("std_msgs/msg/Float64", data=value))
 
 
 def make_header(frame: str, stamp_ns: int = 0) -> Message:
-    """Return std_msgs/Header as an object.
+    """Return a std_msgs/Header object with a frame and a stamp in ns.
 
     Args:
         frame: Frame that the message refers to.
@@ -414,7 +421,7 @@ def make_marker(
     color: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
-    """Return visualization_msgs/Marker as an object.
+    """Return a visualization_msgs/Marker object at the origin; its scale is still zero.
 
     Args:
         frame: Frame of its pose and points.
@@ -441,7 +448,7 @@ def make_marker(
 
 
 def place(pose: Message, x: float, y: float, yaw: float) -> None:
-    """Set the planar part of geometry_msgs/Pose.
+    """Set x, y and yaw of a geometry_msgs/Pose object in place; its z stays.
 
     Args:
         pose: Message that is changed.
@@ -455,10 +462,12 @@ def place(pose: Message, x: float, y: float, yaw: float) -> None:
 
 
 def _turn(quaternion: Message, yaw: float) -> None:
+    """Set z and w of a quaternion object, in place, to a rotation about z in rad."""
     quaternion.z, quaternion.w = quaternion_from_yaw(yaw)
 
 
 def _make_transform(frame: str, child_frame: str) -> Message:
+    """Return a TransformStamped object between two frames, its numbers still zero."""
     return make_message(
         "geometry_msgs/msg/TransformStamped",
         header=make_header(frame),
@@ -467,10 +476,11 @@ def _make_transform(frame: str, child_frame: str) -> Message:
 
 
 def _pose_fields(pose: str) -> list[str]:
-    """Return what varies in a planar pose, by its dotted name in the message."""
+    """Return dotted names of x, y and quaternion z, w in message field `pose`."""
     parts = ("position.x", "position.y", "orientation.z", "orientation.w")
     return [f"{pose}.{part}" for part in parts]
 
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:
+    """Return x, y and z, w of the quaternion of a pose, ordered as `_pose_fields`."""
     return (pose.x, pose.y, *quaternion_from_yaw(pose.yaw))

@@ -56,7 +56,9 @@ _MOVING_COLORS = _COLORS["moving"]
 
 
 def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
-    """Return visualization_msgs/MarkerArray of what stands still in a trial.
+    """Return serialized MarkerArray of a scene's cylinders, path, start and goal.
+
+    Boxes, the straight walls of arenas, are in `encode_moving` instead.
 
     Markers keep namespace and number, so a later scene replaces an earlier one.
 
@@ -97,7 +99,7 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
 
 
 def decode_scene(data: bytes) -> TrialScene:
-    """Return what `encode_scene` wrote; raise MessageError for anything else."""
+    """Return the scene that `encode_scene` wrote; MessageError for anything else."""
     markers = _read_namespaces(data, _STATIC_COLORS)
     obstacles = _read_bodies(_OBSTACLES, markers[_OBSTACLES], MOST_CYLINDERS)
     walls = _read_bodies(_WALLS, markers[_WALLS], MOST_CYLINDERS)
@@ -134,7 +136,7 @@ def decode_scene(data: bytes) -> TrialScene:
 
 
 def encode_moving(world: World, time_s: float, stamp_ns: int) -> bytes:
-    """Return visualization_msgs/MarkerArray of moving obstacles, trails and walls.
+    """Return serialized MarkerArray of moving obstacles, trails and straight walls.
 
     Markers keep namespace and number from message to message.
 
@@ -166,7 +168,7 @@ def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
 
 
 def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
-    """Return geometry_msgs/PoseArray of moving obstacles, in their order in the world.
+    """Return serialized PoseArray of moving obstacles, in their order in the world.
 
     Args:
         world: World with moving obstacles.
@@ -206,7 +208,7 @@ def decode_moving_poses(data: bytes) -> Points:
 
 
 def trail_segments(world: World, time_s: float) -> Points:
-    """Return the paths of moving obstacles in the last `TRAIL_S`, as segments.
+    """Return x, y (2 n, 2) in m of the segments that obstacles drove in `TRAIL_S`.
 
     Args:
         world: World with moving obstacles.
@@ -228,10 +230,12 @@ def trail_segments(world: World, time_s: float) -> Points:
 
 
 def _make_marker(colors: Colors, name: str, kind: int, stamp_ns: int) -> Message:
+    """Return a marker object in the map frame, in the color of namespace `name`."""
     return make_marker(FRAMES.map, name, kind, color=colors[name], stamp_ns=stamp_ns)
 
 
 def _add_points(line: Message, width_m: float, points_m: Points) -> None:
+    """Set width and points (n, 2) of a line marker in place; old points go."""
     line.scale.x = width_m
     line.points = [
         make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()
@@ -241,7 +245,7 @@ def _add_points(line: Message, width_m: float, points_m: Points) -> None:
 def _body_markers(
     colors: Colors, name: str, bodies: Bodies, stamp_ns: int
 ) -> list[Message]:
-    """Return the markers of bodies, with their indices as numbers."""
+    """Return a CYLINDER or CUBE marker per body in namespace `name`, ids from 0."""
     # Copies of one marker: making each field by field would take far longer.
     sample = _make_marker(colors, name, CYLINDER, stamp_ns)
     sample_pose = sample.pose
@@ -268,7 +272,7 @@ def _body_markers(
 
 
 def _read_namespaces(data: bytes, names: Iterable[str]) -> dict[str, list[Message]]:
-    """Return the markers of a message in the map frame by namespace."""
+    """Return marker objects by namespace; MessageError for other names or frames."""
     markers: dict[str, list[Message]] = {name: [] for name in names}
     for marker in decode.decode_message(data, WORLD.type_name).markers:
         frame = marker.header.frame_id
@@ -282,18 +286,19 @@ def _read_namespaces(data: bytes, names: Iterable[str]) -> dict[str, list[Messag
 
 
 def _read_poses(markers: Iterable[Message]) -> Floats:
-    """Return x, y and yaw (n, 3) of markers."""
+    """Return x, y, yaw (n, 3) in m and rad of marker objects."""
     poses = [decode.planar_pose(marker.pose) for marker in markers]
     rows = [(pose.x, pose.y, pose.yaw) for pose in poses]
     return np.array(rows, np.float64).reshape(-1, 3)
 
 
 def _first_pose(poses: Floats) -> Pose2D | None:
+    """Return the first of the poses (n, 3), None if there is none."""
     return Pose2D(*poses[0].tolist()) if len(poses) else None
 
 
 def _read_bodies(name: str, markers: list[Message], most: int) -> Bodies:
-    """Return the bodies of the markers in one namespace.
+    """Return the bodies of one namespace's markers; MessageError for what is none.
 
     Args:
         name: The namespace, for error messages.

@@ -38,7 +38,7 @@ class Topic:
 
     @property
     def path(self) -> str:
-        """The full name without a namespace, as bags have it."""
+        """Name with a leading slash and without a namespace, as bags have it."""
         return self.name if self.name.startswith("/") else f"/{self.name}"
 
 
@@ -54,7 +54,7 @@ class Frames:
     """Frame of goals and global plans: map if there is a map, else odom."""
 
     def of(self, topic: Topic) -> str:
-        """Return the frame of the messages of a topic."""
+        """Return the name of the frame that a topic's messages have, or ""."""
         return str(getattr(self, topic.frame)) if topic.frame else ""
 
 

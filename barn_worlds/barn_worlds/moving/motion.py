@@ -64,6 +64,7 @@ class Motion(Checked):
     coefficients_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless keys or coefficients suit the kind of motion."""
         super().__post_init__()
         if self.kind == "polynomial":
             self._check_count("coefficients_m", len(self.coefficients_m))
@@ -79,7 +80,7 @@ class Motion(Checked):
             self._check_keys()
 
     def pieces(self) -> tuple[Floats, Floats, Floats]:
-        """Return the motion as n polynomials, one after the other.
+        """Return the motion as n polynomials: begins, durations and coefficients.
 
         Returns: Begin (n,) and duration (n,) in s of each piece, and coefficients (n,
             2, k) in
@@ -111,6 +112,7 @@ class Motion(Checked):
         return begin_s[:-1], np.diff(begin_s), np.stack(powers, axis=2)
 
     def _check_count(self, name: str, count: int) -> None:
+        """Raise ConfigError unless `count` is from 2 to the limit of the kind."""
         limit = MOST_COEFFICIENTS if self.kind == "polynomial" else MOST_KEYS
         if not 2 <= count <= limit:
             raise ConfigError(
@@ -118,6 +120,7 @@ class Motion(Checked):
             )
 
     def _check_coefficients(self) -> None:
+        """Raise ConfigError unless the polynomial ends where it begins."""
         table = _number_table("coefficients_m", self.coefficients_m, 2, "x and y")
         # At the end of the period all powers of the share are 1.
         gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
@@ -128,6 +131,7 @@ class Motion(Checked):
             )
 
     def _check_keys(self) -> None:
+        """Raise ConfigError unless key times rise from 0 s on and fit the period."""
         times_s = _number_table("keys", self.keys, 3, "time, x and y")[:, 0]
         for place in np.flatnonzero(times_s < 0.0):
             raise ConfigError(
@@ -148,7 +152,7 @@ class Motion(Checked):
 def _number_table(
     name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str
 ) -> Floats:
-    """Return rows of numbers as an array (n, width); ConfigError for a bad one."""
+    """Return rows as an array (n, width); ConfigError for a wrong or large number."""
     for number, row in enumerate(rows):
         if len(row) != width:
             raise ConfigError(
@@ -217,6 +221,7 @@ class MovingObstacle(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a bad name or a size of another shape."""
         super().__post_init__()
         if not 0 < len(self.name) <= _LONGEST_NAME or not self.name.isprintable():
             raise ConfigError(
@@ -228,7 +233,7 @@ class MovingObstacle(Checked):
         self._check_size("box", "size_y_m")
 
     def _check_size(self, shape: str, name: str) -> None:
-        """Raise ConfigError unless a size suits the obstacle's shape."""
+        """Raise ConfigError unless size `name` suits: 0 if of another shape."""
         size_m = getattr(self, name)
         if shape == self.shape:
             limit = f"of a {shape} must be at least {_SMALLEST_M:g} m"
@@ -241,7 +246,7 @@ class MovingObstacle(Checked):
 def check_scene(
     walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str
 ) -> None:
-    """Check that walls and moving obstacles can be those of one world.
+    """Raise WorldError for too many walls or moving obstacles, or for equal names.
 
     Args:
         walls: All straight walls of the world.
@@ -261,12 +266,13 @@ def check_scene(
 
 
 def _check_limit(things: str, count: int, limit: int, where: str) -> None:
+    """Raise WorldError if `count` is above `limit`."""
     if count > limit:
         raise WorldError(f"{where}: must have at most {limit} {things}, got {count}")
 
 
 def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -> bytes:
-    """Return everything that decides where walls and obstacles are, for a checksum.
+    """Return JSON bytes of walls and moving obstacles, without names, for a checksum.
 
     Args:
         walls: All their numbers count.

@@ -46,7 +46,7 @@ class Tracks:
     table: MotionTable
 
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
-        """Tabulate the motions of obstacles."""
+        """Tabulate motions, sizes and top speeds of obstacles, in their order."""
         self.names = tuple(obstacle.name for obstacle in obstacles)
         # Floats, also if all numbers are integers: kernels have one type.
         numbers = np.array(list(map(_NUMBERS, obstacles)), np.float64)
@@ -92,7 +92,7 @@ class Tracks:
         return positions, velocities
 
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
-        """Return positions and velocities (m, n, 2) in m and m/s at m times."""
+        """Return positions and velocities, each (m, n, 2), in m and m/s at m times."""
         positions = np.empty((len(times_s), len(self), 2))
         velocities = np.empty((len(times_s), len(self), 2))
         _evaluate_all(times_s, self.table, positions, velocities)
@@ -100,7 +100,7 @@ class Tracks:
 
 
 def _speed_bounds(coefficients: Floats) -> Floats:
-    """Return bounds (n,) of the length of the derivatives of pieces (n, 2, k).
+    """Return upper bounds (n,) on the slopes of pieces (n, 2, k), in m per share.
 
     A polynomial stays within the convex hull of its Bernstein coefficients.
     """
@@ -119,7 +119,7 @@ def _speed_bounds(coefficients: Floats) -> Floats:
 
 
 def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
-    """Return whether obstacles jumped between samples.
+    """Return a mask (m - 1, n), True where an obstacle jumped between two samples.
 
     Args:
         positions: (m, n, 2) in m.
@@ -141,7 +141,7 @@ def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
 def evaluate(
     time_s: float, table: MotionTable, positions: Points, velocities: Points
 ) -> None:
-    """Write where obstacles are at a time.
+    """Write positions and velocities of n obstacles at a time into two arrays.
 
     Each follows the piece that it is in; before the first piece and after the last one
     it rests.
@@ -179,6 +179,6 @@ def evaluate(
 def _evaluate_all(
     times_s: Floats, table: MotionTable, positions: Floats, velocities: Floats
 ) -> None:
-    """Write positions and velocities (m, n, 2) at times (m,)."""
+    """Write positions and velocities at times (m,) into two arrays (m, n, 2)."""
     for k in range(len(times_s)):
         evaluate(times_s[k], table, positions[k], velocities[k])
