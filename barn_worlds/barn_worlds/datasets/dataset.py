@@ -43,6 +43,7 @@ class Dataset:
     _cache: dict[int, World] = field(default_factory=dict, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
+        """Return the state to pickle, without the worlds that are loaded."""
         # Other processes read the worlds themselves: that is faster than unpickling.
         return {**self.__dict__, "_cache": {}}
 
@@ -52,7 +53,7 @@ class Dataset:
         return tuple(sorted(self.readers))
 
     def load(self, world_number: int) -> World:
-        """Return a world; WorldError if there is none or it cannot be read."""
+        """Return a world by number, cached; WorldError if missing or unreadable."""
         if world_number not in self.readers:
             raise WorldError(
                 f"{self.name}: no world {world_number}; there are {len(self.readers)} "
@@ -66,7 +67,7 @@ class Dataset:
         return self._cache[world_number]
 
     def for_robot(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
-        """Return the data set with its worlds as a robot drives them.
+        """Return a copy of the data set that fits each world to a robot as it loads.
 
         Args:
             robot: Its footprint decides which paths fit.
@@ -82,6 +83,7 @@ class Dataset:
     def _load_for_robot(
         self, world_number: int, robot: Robot, course: Sequence[float]
     ) -> World:
+        """Load a world of this data set and return it as a robot drives it."""
         return fit_to_robot(self.load(world_number), robot, course)
 
     def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
@@ -111,7 +113,7 @@ class Dataset:
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 of all worlds and their numbers; reads them all."""
+        """SHA-256 (hex) of all worlds and their numbers; loads every world."""
         lines = (
             f"{world_number} {self.load(world_number).checksum}\n"
             for world_number in self.world_numbers
@@ -120,13 +122,13 @@ class Dataset:
 
 
 def dataset_files() -> dict[str, Path]:
-    """Return the files of the data sets that come with the package, by name."""
+    """Return the .npz files of the shipped data sets, by name."""
     folder = Path(str(resources.files("barn_worlds"))) / "data"
     return {file.stem: file for file in sorted(folder.glob("*.npz"))}
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Open a data set.
+    """Return the data set of a shipped name, file or folder; worlds are read later.
 
     A world has the number in its file's name. If a number is missing or not unique,
     files are numbered from 0 in order of name.
@@ -177,6 +179,7 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
 
 
 def _open_folder(path: Path, robot: Robot) -> Dataset:
+    """Return the data set of a folder in any layout; its worlds are read later."""
     name = path.resolve().name
     readers: dict[int, Callable[[], World]] = {}
     if original.is_original_folder(path):
@@ -207,7 +210,7 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
 
 
 def _open_file(path: Path) -> Dataset:
-    """Open a data set file of the suite."""
+    """Return the data set in a .npz file of the suite; its worlds are built later."""
     content = dataset_file.read_dataset_file(path)
     readers = {
         world_number: partial(content.world, position)
@@ -221,7 +224,9 @@ _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 
 
 def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
-    """Return the numbers that a selection names, in its order, each once.
+    """Return the numbers that a selection ("0-49,60", "all") names, each once.
+
+    They are in the order of the selection.
 
     Args:
         spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
@@ -253,7 +258,7 @@ def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
 
 
 def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
-    """Yield the numbers of one part of a selection."""
+    """Yield the existing numbers of one part; WorldError if it names none or a gap."""
     if part == "all":
         yield from numbers
         return

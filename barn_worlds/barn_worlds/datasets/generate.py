@@ -64,6 +64,7 @@ class WorldParameters(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for an even footprint or wrong thresholds."""
         super().__post_init__()
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
         self.require(
@@ -102,6 +103,7 @@ class DatasetParameters(Checked):
     sets: tuple[WorldParameters, ...] = TABLE_I
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless 1 to 100,000 worlds are made, `keep` or more."""
         super().__post_init__()
         if not 1 <= self.world_count <= MAX_WORLDS:
             raise ConfigError(
@@ -120,7 +122,7 @@ class DatasetParameters(Checked):
 
 
 def cell_size_m(robot: Robot) -> float:
-    """Return the size of a cell in worlds for a robot, in whole millimeters.
+    """Return the cell size in m, in whole millimeters, of worlds made for a robot.
 
     It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
     the Jackal, and passages are as wide for it.
@@ -137,7 +139,7 @@ def generate_world(
     *,
     seed: tuple[int, ...] = (),
 ) -> World:
-    """Return a random world.
+    """Return the first random world with a path through it, all drawn from `generator`.
 
     Args:
         parameters: Cellular automaton, size and footprint.
@@ -175,7 +177,7 @@ def generate_world(
 def generate_dataset(
     parameters: DatasetParameters, progress: Progress | None = None
 ) -> list[World]:
-    """Return the worlds of a data set, one parameter set after the other.
+    """Return all worlds of a data set, set after set; `keep` is not applied.
 
     World k of set s comes from SeedSequence(seed, spawn_key=(s, k)), so it does not
     depend on how many other worlds there are.
@@ -203,7 +205,7 @@ def generate_dataset(
 
 
 def narrowness(world: World) -> float:
-    """Return a simple proxy for difficulty: minus the mean distance from obstacles.
+    """Return a proxy for difficulty: minus the path's mean distance from obstacles.
 
     Distances are in cells, from the path's cells to the closest occupied C-space cell.
     If nothing is occupied, it is minus the longer side of the grid.
@@ -219,7 +221,7 @@ def narrowness(world: World) -> float:
 def generate_ranked_dataset(
     parameters: DatasetParameters, progress: Progress | None = None
 ) -> tuple[list[World], WorldOrder]:
-    """Return the worlds of a data set that are kept, and their order by narrowness.
+    """Return the worlds that `keep` selects, and a narrowness score for each.
 
     The widest and the narrowest world are always kept.
 
@@ -240,7 +242,7 @@ def generate_ranked_dataset(
 
 
 def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
-    """Return worlds by number, from 0, in rising order of score.
+    """Return copies of the worlds, numbered and named from 0 in rising order of score.
 
     Args:
         worlds: The worlds; they are named world_0, world_1 and so on.
@@ -266,7 +268,7 @@ def write_dataset(
     parameters: DatasetParameters | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Generate a data set and write it as a .npz file with a manifest beside it.
+    """Generate a data set; write it as .npz and its manifest, .manifest.json, beside.
 
     `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
 
@@ -302,7 +304,7 @@ def write_ordered(
     order: WorldOrder,
     entries: Mapping[str, object],
 ) -> dict[int, World]:
-    """Write worlds as a data set file, numbered by rising score, and return them.
+    """Write worlds, numbered by rising score, as .npz and manifest; return them.
 
     Args:
         target: File to write, .npz.
@@ -340,7 +342,7 @@ def automaton_grids(
 
 @njit(cache=True)
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
-    """Return the grid after one iteration of the cellular automaton.
+    """Return a new grid, one iteration of the cellular automaton later.
 
     Cells above the first and below the last row count as filled, corners included.
     Cells beside the first and the last column count as free.

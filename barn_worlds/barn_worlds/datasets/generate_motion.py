@@ -86,6 +86,7 @@ class MotionParameters(Checked):
     height_m: float = quantity(1.0, "height of obstacles", "m", 0.01, 100.0)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a minimum above its maximum or too few profiles."""
         super().__post_init__()
         ranges = (
             ("obstacles_min", "obstacles_max"),
@@ -108,7 +109,7 @@ MOTION_CLASSES = read_presets("barn_worlds", "motion_classes.yaml", MotionParame
 
 
 def motion_class(name: str) -> MotionParameters:
-    """Return the parameters of a class; ConfigError if there is none of that name."""
+    """Return the parameters of a motion class by name; ConfigError if there is none."""
     if name not in MOTION_CLASSES:
         hint = suggest(name, MOTION_CLASSES)
         raise ConfigError(f"unknown class {name!r:.60}{hint}")
@@ -118,7 +119,7 @@ def motion_class(name: str) -> MotionParameters:
 def build_arena(
     name: str, moving: Sequence[MovingObstacle], provenance: Provenance | None = None
 ) -> World:
-    """Return an arena of DynaBARN; its path is the straight line from start to goal.
+    """Return an arena of DynaBARN with moving obstacles and a straight path.
 
     Args:
         name: Name of the world.
@@ -148,7 +149,7 @@ def build_arena(
 def generate_arenas(
     parameters: MotionParameters, worlds: int, seed: int
 ) -> list[World]:
-    """Return random arenas of one class.
+    """Return random arenas of DynaBARN with moving obstacles of one class.
 
     Profile k comes from SeedSequence(seed, spawn_key=(0, k)), world k from spawn_key
     (1, k), so neither depends on how many others there are. The obstacles of a world
@@ -185,7 +186,7 @@ def generate_arenas(
 def add_motion(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
-    """Return a world with obstacles that move on polynomials across its field.
+    """Return a copy of a world with more obstacles, which move on random polynomials.
 
     They pass through the obstacles of its grid, as DynaBARN's pass through walls. They
     stay out of the lead-in, so that the start stays free.
@@ -210,7 +211,7 @@ def add_motion(
 def add_crossings(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
-    """Return a world with obstacles that cross its path like pedestrians.
+    """Return a copy of a world with more obstacles, which cross its path to and fro.
 
     Each moves straight from one side of the field to the other and back without a rest,
     square to the direction from start to goal. Its place on the path, speed, side and
@@ -248,7 +249,7 @@ def add_crossings(
 
 
 def _field(world: World) -> tuple[float, float, float, float]:
-    """Return x_min, y_min, x_max, y_max of where obstacles move: not the lead-in."""
+    """Return x_min, y_min, x_max, y_max in m of where obstacles move, no lead-in."""
     if world.corner_m is not None:
         return -_HALF_M, -_HALF_M, _HALF_M, _HALF_M
     left, _, right, above = world.bounds_m
@@ -258,6 +259,7 @@ def _field(world: World) -> tuple[float, float, float, float]:
 def _obstacle_count(
     parameters: MotionParameters, seed: int, obstacles: int | None
 ) -> int:
+    """Return `obstacles` or, if None, a number in the class's range, drawn by seed."""
     if obstacles is not None:
         return obstacles
     generator = _generator(seed, _COUNT_KEY)
@@ -270,6 +272,7 @@ def _add_obstacles(
     parameters: MotionParameters,
     seed: tuple[int, ...],
 ) -> World:
+    """Return a copy of a world with more moving obstacles, noted in its provenance."""
     provenance = dataclasses.replace(
         world.provenance,
         parameters={**world.provenance.parameters, "motion": as_dict(parameters)},
@@ -283,6 +286,7 @@ def _add_obstacles(
 def _generate_profile(
     parameters: MotionParameters, seed: int, number: int
 ) -> MovingObstacle:
+    """Return moving obstacle `number` of a class, from a random stream of its own."""
     generator = _generator(seed, _PROFILE_KEY, number)
     points = _polynomial_points(parameters, generator)
     return _drive_through(points, parameters, generator, number)
@@ -291,6 +295,7 @@ def _generate_profile(
 def _build_obstacle(
     parameters: MotionParameters, name: str, motion: Motion, phase_s: float = 0.0
 ) -> MovingObstacle:
+    """Return a cylinder of the class's size that follows a motion."""
     return MovingObstacle(
         name,
         radius_m=parameters.radius_m,
@@ -303,7 +308,9 @@ def _build_obstacle(
 def _polynomial_points(
     parameters: MotionParameters, generator: np.random.Generator
 ) -> Points:
-    """Return points (n, 2) in m along a random polynomial, from border to border.
+    """Return x, y (n, 2) in m on a random polynomial across the arena, x rising.
+
+    Raises WorldError if 1000 polynomials in a row are undetermined or too short.
 
     The polynomial is fitted to random points with whole meters (through them, if there
     is one more than its order). The motion follows it from its first to its last
@@ -346,7 +353,7 @@ def _polynomial_points(
 
 
 def _border_crossings(coefficients: Floats) -> Floats:
-    """Return the least and greatest x (2,) of a polynomial on the border, or (0,)."""
+    """Return least and greatest x in m of a polynomial on the border, or (0,)."""
     crossings = [
         x for x in (-_HALF_M, _HALF_M) if abs(np.polyval(coefficients, x)) <= _HALF_M
     ]
@@ -369,7 +376,7 @@ def _drive_through(
     generator: np.random.Generator,
     number: int,
 ) -> MovingObstacle:
-    """Return an obstacle that moves through points (n, 2) from a random end.
+    """Return a cylinder that moves through points (n, 2) in m, from a random end.
 
     Speeds are random. Times and places are rounded to 0.01, as in DynaBARN's files.
     """
@@ -396,10 +403,12 @@ def _drive_through(
 
 
 def _round_point(point: Floats) -> tuple[float, float]:
+    """Return x and y rounded to 0.01 m."""
     return round(float(point[0]), 2), round(float(point[1]), 2)
 
 
 def _speed_on_grid(speed: float, parameters: MotionParameters) -> float:
+    """Return a speed in m/s as a multiple of the class's step, at least one step."""
     step = parameters.speed_step_mps
     return max(round(speed / step), 1) * step
 
@@ -408,10 +417,12 @@ def _speed_on_grid(speed: float, parameters: MotionParameters) -> float:
 
 
 def _integer(generator: np.random.Generator, low: int, high: int) -> int:
+    """Return a random integer from low to high, both included, by one draw."""
     return low + int(generator.random() * (high - low + 1))
 
 
 def _uniform(generator: np.random.Generator, low: float, high: float) -> float:
+    """Return a random number from low, included, to high, excluded, by one draw."""
     return low + (high - low) * float(generator.random())
 
 
@@ -423,4 +434,5 @@ def _normal(generator: np.random.Generator) -> float:
 
 
 def _generator(seed: int, *key: int) -> np.random.Generator:
+    """Return a new generator of random numbers for a seed and a spawn key."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

@@ -26,7 +26,7 @@ def figure_bytes(
     *,
     tight: bool = False,
 ) -> bytes:
-    """Return the content of a file with a figure.
+    """Return a figure as the bytes of a PNG, SVG or PDF file, the same every time.
 
     Args:
         figure: Saved in its own size in inches.
@@ -59,7 +59,7 @@ def write_png(figure: Figure, path: Path) -> None:
 
 
 def gif_bytes(frames: Iterator[Image.Image], frames_per_s: float) -> bytes:
-    """Return the content of a GIF that plays forever.
+    """Return images as the bytes of a GIF that plays forever; consumes `frames`.
 
     Args:
         frames: The images, at least one.

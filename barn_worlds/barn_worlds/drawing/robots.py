@@ -16,7 +16,7 @@ _VIEW_RADIUS = 0.6
 
 
 def robot_figure(robot: Robot) -> Figure:
-    """Return a picture of a robot from above in base_link, x to the right."""
+    """Return a matplotlib figure of a robot from above in base_link, x to the right."""
     figure = Figure(figsize=(6.4, 5.6), layout="constrained")
     axes = figure.add_subplot()
     _draw_lidar(axes, robot)
@@ -53,6 +53,7 @@ def robot_figure(robot: Robot) -> Figure:
 
 
 def _draw_body(axes: Axes, robot: Robot) -> None:
+    """Draw footprint, wheels and casters of a robot onto axes in base_link."""
     chassis = robot.chassis
     outline: Patch
     if chassis.is_round:
@@ -97,6 +98,7 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
 
 
 def _draw_lidar(axes: Axes, robot: Robot) -> None:
+    """Draw position and field of view of a robot's lidar onto axes in base_link."""
     lidar = robot.lidar
     # matplotlib takes degrees, counterclockwise from x like the suite.
     first_deg = math.degrees(lidar.angle_min_rad + lidar.mount_yaw_rad)

@@ -32,7 +32,7 @@ _LOWEST_TOP_MPS = 0.5
 
 
 def draw_discs(axes: Axes, centers_m: Points, radius_m: float, **style: Any) -> None:
-    """Draw discs.
+    """Draw discs of one radius at centers (n, 2) onto axes in meters.
 
     Args:
         axes: Axes in meters.
@@ -51,7 +51,7 @@ def draw_discs(axes: Axes, centers_m: Points, radius_m: float, **style: Any) -> 
 
 
 def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
-    """Draw obstacles, walls and path of a world, with start and goal.
+    """Draw cylinders, straight walls, path, start and goal of a scene onto axes.
 
     Args:
         axes: Axes in meters.
@@ -96,7 +96,7 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
 def draw_outlines(
     axes: Axes, poses: Floats, corners_m: Points, color: str = INK, **style: Any
 ) -> PolyCollection:
-    """Draw and return a robot's outline at poses.
+    """Draw a robot's outline at n poses and return it as one collection.
 
     Args:
         axes: Axes in meters.
@@ -114,7 +114,7 @@ def draw_outlines(
 def draw_trail(
     axes: Axes, points_m: Points, speeds_mps: Floats | None = None, color: str = ""
 ) -> LineCollection:
-    """Draw and return where a robot went.
+    """Draw a robot's positions as a line, colored by speed if known, and return it.
 
     Args:
         axes: Axes in meters.
@@ -145,7 +145,7 @@ def draw_trail(
 
 
 def draw_contacts(axes: Axes, points_m: Points) -> None:
-    """Draw where a robot touched something.
+    """Draw a cross at each position of a robot at which it touched something.
 
     Args:
         axes: Axes in meters.
@@ -163,7 +163,7 @@ def draw_contacts(axes: Axes, points_m: Points) -> None:
 
 
 def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
-    """Give trails that are colored by speed one scale, from 0, with a bar of colors.
+    """Give trails colored by speed one scale from 0 m/s, and add a color bar.
 
     Args:
         axes: Axes of the trails.
@@ -181,7 +181,7 @@ def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
 
 
 def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
-    """Return where moving obstacles are, in pieces between their jumps.
+    """Return x, y (k, 2) in m of pieces of the obstacles' motions, split at jumps.
 
     Args:
         tracks: The motions.
@@ -203,7 +203,7 @@ def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
 
 
 def draw_motion_paths(axes: Axes, pieces: Sequence[Points], **style: Any) -> None:
-    """Draw where moving obstacles go.
+    """Draw the pieces of `motion_paths` as thin lines of one color.
 
     Args:
         axes: Axes in meters.
@@ -218,7 +218,7 @@ def draw_motion_paths(axes: Axes, pieces: Sequence[Points], **style: Any) -> Non
 def draw_arrow(
     axes: Axes, position: Floats, direction: Floats, **style: object
 ) -> None:
-    """Draw the head of an arrow; none if it has no direction.
+    """Draw the head of an arrow at a position; none if the direction has no length.
 
     Args:
         axes: Axes in meters.

@@ -52,7 +52,7 @@ def world_figure(
     goal: Pose2D | None = None,
     goal_distance_m: float = 0.0,
 ) -> Figure:
-    """Return a picture of one world; moving obstacles are where they are at time 0.
+    """Return a matplotlib figure of one world, with moving obstacles as at time 0.
 
     Args:
         world: Shown with its C-space, path and containment.
@@ -69,7 +69,7 @@ def world_figure(
 
 
 def write_animation(world: World, path: Path) -> None:
-    """Write an animation of the first 15 s of a world's moving obstacles, atomically.
+    """Write a GIF of the first 15 s of a world's moving obstacles, atomically.
 
     Args:
         world: One in which obstacles move.
@@ -86,7 +86,7 @@ def write_animation(world: World, path: Path) -> None:
 
 
 def sheet_figure(worlds: Mapping[int, World]) -> Figure:
-    """Return one picture of many worlds by number, without containment.
+    """Return one figure with a numbered tile per world, without containment.
 
     Raises:
         WorldError: If there are no worlds, or too many or too large ones.
@@ -138,7 +138,7 @@ def _draw_world(
     goal: Pose2D | None = None,
     goal_distance_m: float = 0.0,
 ) -> tuple[Figure, Axes]:
-    """Return a figure of what stands in a world, and its axes in meters."""
+    """Return a new figure of what stands in a world, and its axes in meters."""
     left, below, right, above = world.bounds_m
     # The grid, without the containment in front of it.
     field = (left, right, above - world.cols * world.resolution_m, above)
@@ -191,7 +191,7 @@ def _draw_world(
 def _draw_motion(
     axes: Axes, world: World, tile: tuple[int, int] | None = None, arrows: int = 0
 ) -> PolyCollection:
-    """Draw walls, tracks and obstacles at time 0, and return the obstacles.
+    """Draw walls, tracks and obstacles at time 0; return the obstacles' collection.
 
     Args:
         axes: Axes in meters, or in cells of a sheet.
@@ -235,7 +235,10 @@ def _draw_motion(
 
 
 def _frames(world: World) -> Iterator[Image.Image]:
-    """Yield the images of an animation; what stands and the tracks are drawn once."""
+    """Yield the 120 images, 8 per second, of an animation of moving obstacles.
+
+    What stands and the tracks are drawn once.
+    """
     figure, axes = _draw_world(world)
     canvas: Any = FigureCanvasAgg(figure)
     obstacles = _draw_motion(axes, world)
@@ -261,7 +264,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
 
 
 def _tile(world: World) -> Singles:
-    """Return one world as colors (cols, rows, 3), the last column on top."""
+    """Return one world as RGB (cols, rows, 3), 0 to 1: x across, last column on top."""
     tile = np.empty((world.cols, world.rows, 3), np.float32)
     tile[:] = to_rgb(palette.WHITE)
     tile[world.cspace.T] = to_rgb(palette.INFLATED)
