@@ -61,12 +61,14 @@ class DatasetFile:
 
     @property
     def indices(self) -> list[int]:
-        """Numbers of the worlds in the order of the file."""
+        """Numbers of the worlds, by their position in the file."""
         indices: list[int] = self.arrays["index"].tolist()
         return indices
 
     def world(self, position: int) -> World:
-        """Return the world at a position in the file.
+        """Return the world at a position in the file, which is not its number.
+
+        Its checksum must be that of the manifest.
 
         Raises:
             WorldError: If its data are damaged.
@@ -83,6 +85,7 @@ class DatasetFile:
         return world
 
     def _build_world(self, position: int) -> World:
+        """Return the world at a position, its checksum not yet compared."""
         arrays = self.arrays
         entry = self.manifest["worlds"][position]
         rows, cols = map(int, arrays["shape"][position])
@@ -148,6 +151,7 @@ class DatasetFile:
         return scene
 
     def _build_motion(self, index: int) -> Motion:
+        """Return the motion with an index in the file's arrays of motions."""
         arrays = self.arrays
         rows = _select(arrays["motion"], arrays["motion_rows"], index).tolist()
         kind = KINDS[int(arrays["motion_kind"][index])]
@@ -160,7 +164,7 @@ class DatasetFile:
 
 
 def read_dataset_file(path: Path) -> DatasetFile:
-    """Return the content of a data set file.
+    """Return manifest and arrays of a data set's .npz file; worlds are built later.
 
     Raises:
         WorldError: If the file is damaged or of another version.
@@ -192,7 +196,7 @@ def write_dataset_file(
     worlds: Mapping[int, World],
     extra_entries: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a data set file and its manifest beside it (NAME.manifest.json).
+    """Write a data set's .npz file and NAME.manifest.json, a copy of its manifest.
 
     Args:
         path: File to write.
@@ -233,6 +237,7 @@ def write_dataset_file(
 def _manifest(
     name: str, worlds: Mapping[int, World], extra_entries: Mapping[str, Any]
 ) -> dict[str, Any]:
+    """Return the manifest: provenance and checksum of each world, parameters once."""
     # Many worlds have the same parameters, which the manifest holds once.
     parameter_sets: list[dict[str, Any]] = []
     entries = []
@@ -263,7 +268,10 @@ def _manifest(
 
 
 def _scene_arrays(worlds: Sequence[World]) -> Arrays:
-    """Return walls and moving obstacles of worlds as arrays, without their names."""
+    """Return corners, walls and moving obstacles of worlds as arrays by name.
+
+    The names of obstacles are not in them.
+    """
     walls = [astuple(wall) for world in worlds for wall in world.walls]
     obstacles = [obstacle for world in worlds for obstacle in world.moving]
     # Equal motions are stored once.
@@ -294,18 +302,19 @@ def _scene_arrays(worlds: Sequence[World]) -> Arrays:
 
 
 def _motion_rows(motion: Motion) -> Sequence[tuple[float, float, float]]:
-    """Return the keys of a motion, or power, x and y of its coefficients."""
+    """Return a motion's keys (time, x, y), or power, x, y of its coefficients."""
     if motion.keys:
         return motion.keys
     return [(power, x, y) for power, (x, y) in enumerate(motion.coefficients_m)]
 
 
 def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:
+    """Return rows of numbers as a float array (n, width), (0, width) for none."""
     return np.array(rows, np.float64).reshape(-1, width)
 
 
 def _select(values: AnyArray, counts: AnyArray, position: int) -> AnyArray:
-    """Return the values of one world or motion.
+    """Return one world's or motion's values from those of all, one after the other.
 
     Args:
         values: Values of all, one after the other.

@@ -35,7 +35,7 @@ class GazeboFile:
     """
 
     def __init__(self, content: bytes, where: str) -> None:
-        """Parse a file.
+        """Parse SDF; WorldError for bad XML, a document type or too many tags.
 
         Args:
             content: SDF.
@@ -56,11 +56,11 @@ class GazeboFile:
 
     @classmethod
     def read(cls, path: Path) -> "GazeboFile":
-        """Return the content of a file."""
+        """Return the parsed content of a .world or .sdf file, gzipped or not."""
         return cls(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
 
     def course(self) -> list[float]:
-        """Return x, y, yaw of start and goal, (6,); empty if the file has none.
+        """Return x, y (m), yaw (rad) of start, then goal (6,); empty without them.
 
         They are the frames `start` and `goal` of SDF 1.7.
         """
@@ -121,7 +121,7 @@ class GazeboFile:
     def open_grid(
         self, start: Sequence[float]
     ) -> tuple[BoolGrid, float, tuple[float, float]] | None:
-        """Return the grid of a world with cylinders on the right of x = 0.
+        """Return grid, cell size, corner in m if cylinders pass x = 0, or None.
 
         Args:
             start: x and y in meters of a place that is free.
@@ -155,7 +155,7 @@ class GazeboFile:
 
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
-        """Centers (n, 2) and radii in meters of the upright collision cylinders."""
+        """Centers x, y (n, 2) and radii, n, in m of upright collision cylinders."""
         for element in self._root.findall("world/*"):
             if element.tag in ("actor", "population"):
                 raise self._error(
@@ -177,7 +177,7 @@ class GazeboFile:
         return np.array(cylinders)[:, :2], [radius for _, _, radius in cylinders]
 
     def _cell_size(self, radii_m: list[float]) -> float:
-        """Return the diameter of the cylinders, which must be the same for all."""
+        """Return the cylinders' diameter in m; WorldError if they differ."""
         radius_m = radii_m[0]
         for other_m in radii_m:
             if abs(other_m - radius_m) > 1e-6:
@@ -216,11 +216,12 @@ class GazeboFile:
             )
 
     def _error(self, problem: str) -> WorldError:
+        """Return, not raise, a WorldError that begins with the file's path."""
         return WorldError(f"{self._where}: {problem}")
 
 
 def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
-    """Return the grid (rows, cols) that a world file shows a part of.
+    """Return a copy of a grid (rows, cols) with enclosed gaps filled where that fits.
 
     A file leaves out filled cells whose 8 neighbors are all filled. An enclosed gap may
     consist of such cells or be empty: the file looks the same. But if filling a gap
@@ -260,7 +261,7 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
 
 
 def _read_model(model: Element, where: str) -> Iterator[tuple[float, float, float]]:
-    """Yield x, y and radius in meters of the cylinders of a model."""
+    """Yield x, y, radius in m of a model's cylinders; WorldError for other shapes."""
     where = f"{where}: model {model.get('name', 'without a name')!r:.60}"
     if model.find("model") is not None or model.find("include") is not None:
         raise WorldError(f"{where}: models within models are not read")
@@ -286,7 +287,7 @@ def _read_model(model: Element, where: str) -> Iterator[tuple[float, float, floa
 
 
 def _read_position(element: Element, where: str) -> tuple[float, float]:
-    """Return x and y of a pose, which must be upright and relative to the parent."""
+    """Return x, y in m of an element's pose; WorldError if it is rotated."""
     pose = element.find("pose")
     if pose is None or not (pose.text or "").strip():
         return 0.0, 0.0
@@ -301,6 +302,7 @@ def _read_position(element: Element, where: str) -> tuple[float, float]:
 
 
 def _read_numbers(text: str | None, count: int, where: str) -> list[float]:
+    """Return exactly `count` finite numbers of a text, else raise WorldError."""
     try:
         numbers = [float(word) for word in (text or "").split()]
     except ValueError:

@@ -59,6 +59,7 @@ class MapFile(Checked):
     goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of its goal")
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for thresholds, origin or course that do not fit."""
         super().__post_init__()
         self.require(
             self.free_thresh <= self.occupied_thresh,
@@ -79,7 +80,7 @@ class MapFile(Checked):
 def write_map(
     grid: OccupancyMap, path: Path, image: str = "", course: Sequence[float] = ()
 ) -> None:
-    """Write a map as a .yaml file and an image beside it.
+    """Write a map as a map_server .yaml file and a binary PGM image beside it.
 
     Args:
         grid: Map to write.
@@ -108,7 +109,7 @@ def write_map(
 
 
 def read_map_file(path: Path) -> MapFile:
-    """Return the content of a .yaml file; raise WorldError if it is malformed."""
+    """Return the keys of a map's .yaml file, not its image; WorldError if malformed."""
     try:
         content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
         return from_dict(MapFile, content, str(path))
@@ -117,7 +118,7 @@ def read_map_file(path: Path) -> MapFile:
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
-    """Return a map, read in the trinary mode of map_server.
+    """Return the map of a .yaml file and its image, read in map_server's trinary mode.
 
     Args:
         path: The .yaml file.
@@ -140,7 +141,7 @@ def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
 
 
 def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
-    """Return the grid (rows, cols) of the world of BARN that a map shows.
+    """Return the grid (rows, cols) of the BARN world that a map shows, or None.
 
     The map must have the containment. Its obstacles may be in their true positions or
     one cell too near, as in the original maps. Other maps give None.
@@ -168,7 +169,7 @@ def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
 
 
 def _encode_pgm(grid: OccupancyMap) -> bytes:
-    """Return a map as a binary PGM image."""
+    """Return a map as the bytes of a binary PGM image, largest y on top."""
     height, width = grid.data.shape
     gray = np.select(
         [grid.data == 0, grid.data > 0], [_FREE_GRAY, _OCCUPIED_GRAY], _UNKNOWN_GRAY
@@ -179,7 +180,7 @@ def _encode_pgm(grid: OccupancyMap) -> bytes:
 
 
 def _read_image(path: Path) -> Floats:
-    """Return the gray values (height, width) of an image, from 0 to 255."""
+    """Return gray values (height, width), 0 to 255, top row first, of an image file."""
     # Most worlds are no images.
     from PIL import Image  # noqa: PLC0415
 

@@ -27,7 +27,7 @@ _LETTERS = b".G@OTSW"
 
 
 def read_grid(path: Path) -> BoolGrid:
-    """Return the grid (rows along x, columns along y), True where no ground is.
+    """Return the grid (rows along x, columns along y) of a .map file, False on ground.
 
     Raises:
         WorldError: If the file cannot be read or is malformed.

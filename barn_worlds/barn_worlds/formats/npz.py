@@ -37,7 +37,7 @@ def read_npy(path: Path) -> AnyArray:
 
 
 def parse_npy(content: bytes, where: str) -> AnyArray:
-    """Return the array of the content of a .npy file.
+    """Return the array of numbers in the bytes of a .npy file; pickles are refused.
 
     Args:
         content: Bytes of the file.
@@ -63,7 +63,7 @@ def parse_npy(content: bytes, where: str) -> AnyArray:
 
 
 def encode_npy(array: AnyArray) -> bytes:
-    """Return the content of a .npy file."""
+    """Return an array as the bytes of a .npy file."""
     file = io.BytesIO()
     np.lib.format.write_array(file, array, allow_pickle=False)
     return file.getvalue()
@@ -97,7 +97,9 @@ class NpzFormat:
         header: Mapping[str, Any],
         arrays: Mapping[str, AnyArray],
     ) -> str:
-        """Write a file atomically; equal content gives equal bytes.
+        """Write a .npz file atomically and return its header as JSON text.
+
+        Equal content gives equal bytes.
 
         Args:
             path: File to write.
@@ -115,7 +117,7 @@ class NpzFormat:
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
-        """Return the header and the arrays by name.
+        """Return header and arrays by name of a .npz file, after checks of its version.
 
         Raises:
             WorldError: If the file is damaged or of another version.
@@ -143,7 +145,7 @@ class NpzFormat:
         return header, arrays
 
     def array(self, arrays: Arrays, name: str, path: Path) -> AnyArray:
-        """Return an array of a file.
+        """Return one of a file's arrays by name; WorldError if it is missing.
 
         Args:
             arrays: The arrays that `read` returned.
@@ -158,7 +160,7 @@ class NpzFormat:
         return arrays[name]
 
     def _unpack(self, path: Path) -> dict[str, bytes]:
-        """Return the contents of the members of a file, by name."""
+        """Return the bytes of all members by name; WorldError if too large."""
         file = io.BytesIO(read_bytes(path, self.largest_file))
         try:
             with zipfile.ZipFile(file) as archive:

@@ -31,7 +31,7 @@ def is_original_folder(folder: Path) -> bool:
 
 
 def find_world_numbers(folder: Path) -> list[int]:
-    """Return the numbers of the worlds in a folder, ascending."""
+    """Return the numbers of the worlds in grid_files and world_files, ascending."""
     numbers = set()
     for name, pattern in _WORLD_FILES.items():
         for file in (folder / name).glob("*"):
@@ -42,7 +42,7 @@ def find_world_numbers(folder: Path) -> list[int]:
 
 
 def read_world(folder: Path, index: int, robot: Robot) -> World:
-    """Read one world of a folder of the original layout.
+    """Return one world of a folder of the original layout, its path planned if missing.
 
     The grid comes from grid_files, else from world_files, the path from path_files, the
     cell size from map_files. The footprint is the one that reproduces cspace_files.
@@ -89,7 +89,7 @@ def read_world(folder: Path, index: int, robot: Robot) -> World:
 def write_original(
     folder: Path, worlds: Mapping[int, World], metrics: Mapping[int, Floats]
 ) -> None:
-    """Write a new folder of the original layout, atomically.
+    """Create a folder of the original layout with worlds and metrics, atomically.
 
     Args:
         folder: Folder to create.
@@ -121,7 +121,7 @@ def write_original(
 
 
 def _find_footprint(path: Path, grid: BoolGrid, expected_cells: int) -> int:
-    """Return the footprint in cells that reproduces a stored C-space.
+    """Return the footprint in cells that reproduces a C-space file, or WorldError.
 
     Args:
         path: File with the C-space.

@@ -31,7 +31,7 @@ Waypoints = list[tuple[float, float, float]]
 def write_sdf(
     world: World, path: Path, flavor: str = "classic", *, movable: bool = False
 ) -> None:
-    """Write a world as SDF and, for current Gazebo, the meshes of its moving obstacles.
+    """Write a world as SDF and, for flavor gz, .obj meshes of what moves beside it.
 
     Equal worlds give equal files.
 
@@ -56,7 +56,7 @@ def write_sdf(
 
 
 def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) -> str:
-    """Return a world as SDF, with its cylinders on the ground plane.
+    """Return a world as SDF text, with its cylinders on the ground plane.
 
     Args:
         world: World to write.
@@ -77,6 +77,7 @@ def sdf_text(world: World, flavor: str = "classic", *, movable: bool = False) ->
 
 @cache
 def _template() -> jinja2.Template:
+    """Return the Jinja template of SDF, which escapes all texts; loaded once."""
     # Names of worlds and obstacles are texts of users, so they are escaped.
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_worlds", "data/formats"),
@@ -89,7 +90,9 @@ def _template() -> jinja2.Template:
 
 
 def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
-    """Return the trajectories of an actor, which follow each other.
+    """Return one or two trajectories of an actor: waypoints of time (s), x, y (m).
+
+    They follow each other.
 
     Each is waypoints of time (s) from 0, x and y (m). They are the keys themselves
     where the spline of Gazebo makes the motion of them, and otherwise `STEP_S` apart.
@@ -109,7 +112,7 @@ def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
 
 
 def mesh_name(obstacle: MovingObstacle) -> str:
-    """Return the name of the mesh file of an obstacle, the same for equal shapes."""
+    """Return the name (.obj) of an obstacle's mesh file, the same for equal shapes."""
     sizes = [obstacle.size_x_m, obstacle.size_y_m, obstacle.height_m]
     if obstacle.shape == "cylinder":
         sizes = [obstacle.radius_m, obstacle.height_m]
@@ -117,7 +120,7 @@ def mesh_name(obstacle: MovingObstacle) -> str:
 
 
 def obj_mesh(obstacle: MovingObstacle) -> str:
-    """Return a closed mesh of an obstacle as Wavefront OBJ, centered at the origin."""
+    """Return an obstacle's closed mesh, about the origin, as Wavefront OBJ text."""
     if obstacle.shape == "cylinder":
         radius_m = obstacle.radius_m
         angles = [2.0 * math.pi * k / _MESH_SIDES for k in range(_MESH_SIDES)]
@@ -143,7 +146,10 @@ def obj_mesh(obstacle: MovingObstacle) -> str:
 
 
 def _sample(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints:
-    """Return waypoints between two times of a motion, without the jump at its end."""
+    """Return waypoints (time from `begin_s`, x, y) of a motion from begin_s to end_s.
+
+    They stop short of the jump at the end of the period.
+    """
     steps = max(1, math.ceil((end_s - begin_s) / STEP_S))
     times_s = np.linspace(begin_s, end_s, steps + 1)
     # At the very end of its period a motion is at its beginning again.

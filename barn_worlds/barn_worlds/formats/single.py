@@ -28,7 +28,7 @@ _FOLDERS = ("grid_files", "world_files", "map_files")
 
 
 def ending(path: Path) -> str:
-    """Return the ending of a file with a world, `.gz` included, else an empty text."""
+    """Return which of `ENDINGS` a file name has, such as .world.gz; "" for no world."""
     name = path.name.lower()
     # .world.yaml also ends in .yaml.
     matches = [candidate for candidate in ENDINGS if name.endswith(candidate)]
@@ -36,7 +36,7 @@ def ending(path: Path) -> str:
 
 
 def require_ending(path: Path) -> str:
-    """Return the ending of a file with a world; raise WorldError if it has none."""
+    """Return which of `ENDINGS` a file name has; WorldError if it has none of them."""
     if not ending(path):
         raise WorldError(
             f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}"
@@ -52,7 +52,7 @@ def number_in(path: Path) -> int | None:
 
 
 def read_world(path: Path, robot: Robot) -> World:
-    """Read the world in a file.
+    """Return the world in a file of any of `ENDINGS`, its path planned if it has none.
 
     The path comes from path_N.npy in the same folder or in its sibling path_files,
     where N is the number in the name of the file. Otherwise it is planned for a robot.
@@ -100,7 +100,7 @@ def build_grid_world(
     path: Path,
     path_file: Path | None,
 ) -> World:
-    """Return a world of BARN from its grid.
+    """Return a world of BARN from its grid, with the path read or planned.
 
     Args:
         name: Name of the world.
@@ -125,7 +125,7 @@ def build_grid_world(
 
 
 def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
-    """Return a path (n, 2) from the first to the last column of a grid.
+    """Return path cells (n, 2) from the first to the last column; WorldError if none.
 
     Args:
         grid: (rows, cols), True where filled.
@@ -145,6 +145,7 @@ def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
 
 
 def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
+    """Return the world in a Gazebo file; without a course it must be one of BARN."""
     file = GazeboFile.read(path)
     numbers = file.course()
     course = parse_course(numbers, str(path)) if numbers else None
@@ -160,6 +161,7 @@ def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
 
 
 def _read_map(path: Path, robot: Robot, name: str) -> World:
+    """Return the world that a map_server map shows: BARN's, or the map as it is."""
     map_file = map_server.read_map_file(path)
     occupancy = map_server.read_map(path, map_file)
     course = None
@@ -194,7 +196,7 @@ def _build_beside(
     name: str,
     source: str,
 ) -> World:
-    """Return the world of a grid with the path in a file beside the grid's, if any."""
+    """Return a grid's world, with the path in path_N.npy beside it or else planned."""
     # A path beside the file comes before one in the sibling folder.
     folders = [path.parent]
     if path.parent.name in _FOLDERS:

@@ -53,7 +53,7 @@ class WorldFile(Checked):
     moving: tuple[MovingObstacle, ...] = ()
 
     def world(self, where: str) -> World:
-        """Return the world.
+        """Return the world that the fields describe; WorldError if they make none.
 
         Args:
             where: Path of the file, to begin an error message with.
@@ -90,6 +90,7 @@ class WorldFile(Checked):
             raise WorldError(f"{where}: {error}") from None
 
     def _parse_grid(self) -> BoolGrid:
+        """Return the letters as a grid (rows, cols), all free if there are none."""
         rows, cols = self.cells
         if not self.grid:
             return np.zeros((rows, cols), np.bool_)
@@ -106,7 +107,7 @@ class WorldFile(Checked):
 
 
 def read_world_yaml(path: Path) -> World:
-    """Return the world of a YAML file.
+    """Return the world in a .world.yaml file of the suite.
 
     Raises:
         BarnError: If the file cannot be read or does not hold a world.
@@ -116,7 +117,7 @@ def read_world_yaml(path: Path) -> World:
 
 
 def write_world_yaml(world: World, path: Path) -> None:
-    """Write a world as YAML.
+    """Write a world as the suite's YAML, without its provenance, atomically.
 
     Args:
         world: World to write.
@@ -126,7 +127,7 @@ def write_world_yaml(world: World, path: Path) -> None:
 
 
 def world_yaml(world: World) -> str:
-    """Return a world as YAML, without its provenance."""
+    """Return a world as text in the suite's YAML, without its provenance."""
     letters = np.where(world.grid, _FILLED, _FREE).tolist()
     world_file = WorldFile(
         name=world.name,
@@ -150,7 +151,10 @@ def world_yaml(world: World) -> str:
 
 
 def _connect(corners: tuple[tuple[int, int], ...], grid: BoolGrid) -> Cells:
-    """Return the path (n, 2) that goes straight from corner to corner on a grid."""
+    """Return all cells (n, 2) of the path straight from corner to corner.
+
+    Raises WorldError for corners off the grid or not in line.
+    """
     rows, cols = grid.shape
     for k, (row, column) in enumerate(corners):
         if not (0 <= row < rows and 0 <= column < cols):
@@ -172,7 +176,7 @@ def _connect(corners: tuple[tuple[int, int], ...], grid: BoolGrid) -> Cells:
 
 
 def _corners(path: Cells) -> Cells:
-    """Return first and last cell of a path and those where it turns or stays."""
+    """Return path cells (k, 2): first, last and those where it turns or stays."""
     steps = np.diff(path, axis=0)
     turns = (np.diff(steps, axis=0) != 0).any(axis=1)
     stays = (steps[1:] == 0).all(axis=1)

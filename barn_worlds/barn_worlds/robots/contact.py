@@ -10,7 +10,7 @@ from barn_worlds.robots.robot import Chassis
 
 @cache
 def contact_footprint(chassis: Chassis) -> Footprint:
-    """Return the outline of everything that can touch an obstacle.
+    """Return the outline, in base_link, of everything that can touch an obstacle.
 
     That is the hull of the footprint. Where the file of the robot gives a smaller box
     for the body, it is the rectangle around that box and the wheels.

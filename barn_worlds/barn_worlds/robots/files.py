@@ -38,13 +38,13 @@ _REQUIRED_KEYS = (
 
 
 def find_robot_files() -> dict[str, Path]:
-    """Return the files of the robots that come with the package, by name."""
+    """Return the .yaml files of the robots that come with the package, by name."""
     folder = Path(str(resources.files("barn_worlds"))) / "data" / "robots"
     return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
 
 
 def load_robot(robot: str | Path) -> Robot:
-    """Return the robot with a name of the suite, or of a YAML file.
+    """Return the robot with a shipped name, or the one in a .yaml file.
 
     Raises:
         ConfigError: If there is no such robot or the file does not describe one.
@@ -61,7 +61,7 @@ def load_robot(robot: str | Path) -> Robot:
 
 
 def robot_yaml(robot: Robot) -> str:
-    """Return a robot as YAML, from which `load_robot` makes an equal one."""
+    """Return a robot as YAML text, from which `load_robot` makes an equal one."""
     content = as_dict(robot)
     # A file has the name at its top, a robot in its chassis.
     name = content["chassis"].pop("name")
@@ -70,6 +70,7 @@ def robot_yaml(robot: Robot) -> str:
 
 
 def _read_robot(path: Path) -> Robot:
+    """Return the robot in a YAML file, its chassis completed from a URDF if named."""
     content = read_yaml(path, SCHEMA_VERSION)
     name = content.pop("name", None)
     if not isinstance(name, str) or not name:
@@ -96,6 +97,7 @@ def _read_robot(path: Path) -> Robot:
 
 
 def _read_section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
+    """Return the mapping under a key of a robot's file; ConfigError if it is none."""
     section = content.get(key)
     if not isinstance(section, dict):
         raise ConfigError(
@@ -106,7 +108,7 @@ def _read_section(content: dict[str, Any], key: str, path: Path) -> dict[str, An
 
 
 def _read_urdf(file: object, path: Path) -> dict[str, Any]:
-    """Return what the URDF file beside a robot's file gives of its chassis."""
+    """Return the `Chassis` fields that the URDF file beside a robot's file gives."""
     if not isinstance(file, str) or Path(file).name != file:
         raise ConfigError(
             f"{path}: urdf must name a file beside it, got {format_value(file)}"
@@ -122,5 +124,5 @@ STANDARD_ROBOT = load_robot("jackal")
 
 
 def name_unless_standard(chassis: Chassis) -> str:
-    """Return the name of a robot, empty for the robot that is meant by default."""
+    """Return the robot name of a chassis, empty for the standard robot, the Jackal."""
     return "" if chassis == STANDARD_ROBOT.chassis else chassis.name

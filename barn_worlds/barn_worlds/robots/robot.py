@@ -96,6 +96,7 @@ class Chassis(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless footprint, body, wheels and mass fit together."""
         super().__post_init__()
         self._check_footprint()
         self.require(
@@ -122,14 +123,14 @@ class Chassis(Checked):
 
     @cached_property
     def hull_m(self) -> tuple[Corner, ...]:
-        """Corners of the convex hull of the footprint, counter-clockwise."""
+        """Corners x, y in m of the footprint's convex hull, counterclockwise."""
         if self.is_round:
             return regular_polygon(self.footprint_radius_m, _ROUND_CORNERS)
         return convex_hull(self.footprint_m)
 
     @property
     def extent_m(self) -> Extent:
-        """Smallest rectangle along x and y around the footprint."""
+        """x_min, y_min, x_max, y_max in m of the rectangle around the footprint."""
         if self.is_round:
             radius = self.footprint_radius_m
             return -radius, -radius, radius, radius
@@ -138,7 +139,7 @@ class Chassis(Checked):
 
     @property
     def body_extent_m(self) -> Extent:
-        """Box of the body in the physics, seen from above, without the wheels."""
+        """x_min, y_min, x_max, y_max in m of the body's box, without wheels."""
         if not any(self.body_m):
             return self.extent_m
         length, width = self.body_m
@@ -146,7 +147,7 @@ class Chassis(Checked):
 
     @property
     def contact_extent_m(self) -> Extent:
-        """Rectangle around everything that can touch an obstacle.
+        """x_min, y_min, x_max, y_max in m of all that can touch an obstacle.
 
         These are body and wheels where the file gives the body, else the footprint.
         """
@@ -158,19 +159,19 @@ class Chassis(Checked):
 
     @property
     def circumscribed_m(self) -> float:
-        """Distance from base_link to the furthest point of the footprint."""
+        """Distance in m from base_link to the footprint's furthest point."""
         if self.is_round:
             return self.footprint_radius_m
         return float(max((x * x + y * y) ** 0.5 for x, y in self.hull_m))
 
     @property
     def inscribed_m(self) -> float:
-        """Distance from base_link to the nearest side of the footprint."""
+        """Distance in m from base_link to the nearest side of the footprint."""
         return self.footprint_radius_m or nearest_side_m(self.hull_m)
 
     @property
     def wheels_m(self) -> tuple[Vector3, ...]:
-        """Centers of the wheels, left before right, the front axle before the rear."""
+        """Centers x, y, z of the wheels in m: left before right, front before rear."""
         half_track = 0.5 * self.track_m
         half_base = 0.5 * self.wheelbase_m
         # One axle, unless there is a wheelbase.
@@ -182,7 +183,7 @@ class Chassis(Checked):
         )
 
     def _wheel_corners(self) -> list[Corner]:
-        """Return the corners of all wheels, seen from above."""
+        """Return x, y in m of the corners of all wheels, seen from above."""
         # From above a wheel is a rectangle as long as its diameter.
         half_x = self.wheel_radius_m
         half_y = 0.5 * self.wheel_width_m
@@ -193,6 +194,7 @@ class Chassis(Checked):
         ]
 
     def _check_footprint(self) -> None:
+        """Raise ConfigError unless there is one outline, around base_link."""
         corners = self.footprint_m
         self.require(
             self.is_round != bool(corners),
@@ -220,6 +222,7 @@ class Chassis(Checked):
         )
 
     def _check_mass(self) -> None:
+        """Raise ConfigError unless moments, heights and center of mass are possible."""
         # Each moment is a sum over two of three axes, so no moment of a real body is
         # larger than the other two together.
         total = sum(self.inertia_kg_m2)
@@ -250,6 +253,7 @@ class Chassis(Checked):
         )
 
     def _check_wheels(self) -> None:
+        """Raise ConfigError unless wheels and casters suit ground and drive."""
         gap_m = self.wheel_z_m + self.base_height_m - self.wheel_radius_m
         # Where the centers would be if the wheels stood on the ground.
         resting_z_m = self.wheel_radius_m - self.base_height_m
@@ -313,6 +317,7 @@ class Robot(Checked):
     sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless the lidar is above the ground."""
         super().__post_init__()
         base_height_m = self.chassis.base_height_m
         self.require(
@@ -328,19 +333,19 @@ class Robot(Checked):
 
     @property
     def length_m(self) -> float:
-        """Outer length along x."""
+        """Length in m along x of the footprint."""
         x_min, _, x_max, _ = self.chassis.extent_m
         return x_max - x_min
 
     @property
     def width_m(self) -> float:
-        """Outer width along y."""
+        """Width in m along y of the footprint."""
         _, y_min, _, y_max = self.chassis.extent_m
         return y_max - y_min
 
     @property
     def reach_m(self) -> float:
-        """Half the side of the square about base_link that the robot fits into."""
+        """Half the side in m of the square about base_link that the robot fits into."""
         return max(map(abs, self.chassis.extent_m))
 
     def footprint_cells(self, resolution_m: float) -> int:

@@ -49,7 +49,7 @@ class Link:
 
 
 def read_chassis(path: Path) -> dict[str, Any]:
-    """Return the fields of `Chassis` that a URDF file gives.
+    """Return the fields of `Chassis` that a URDF file gives: mass, inertia, wheels.
 
     Wheels are the links with "wheel" but not "caster" in their names that a continuous
     joint turns. Their sizes are those of their collision cylinders. The height of
@@ -94,7 +94,7 @@ def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
 
 
 def _read_links(root: Element) -> dict[str, Link]:
-    """Return the links by name; raise ValueError if they are no tree with base_link."""
+    """Return links with poses in base_link by name; ValueError if they are no tree."""
     elements = {element.attrib["name"]: element for element in root.findall("link")}
     if "base_link" not in elements or len(elements) > _MOST_LINKS:
         raise ValueError(
@@ -138,7 +138,7 @@ def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transfor
 
 
 def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
-    """Return mass, center of mass and moments of all links together."""
+    """Return `Chassis` fields: mass, center of mass, moments of all links together."""
     masses = []
     centers = []
     tensors = []
@@ -170,7 +170,7 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
 
 
 def _read_wheels(links: dict[str, Link]) -> dict[str, Any]:
-    """Return positions and sizes of the wheels, nothing if there are none."""
+    """Return `Chassis` fields: positions and sizes of the wheels, empty without any."""
     wheels = [
         link
         for name, link in links.items()
@@ -208,11 +208,13 @@ def _read_origin(parent: Element) -> Transform:
 
 
 def _read_tensor(inertia: Element) -> Floats:
+    """Return the inertia tensor (3, 3) in kg m2 of an <inertia> element."""
     keys = [["ixx", "ixy", "ixz"], ["ixy", "iyy", "iyz"], ["ixz", "iyz", "izz"]]
     return np.array([[float(inertia.attrib[key]) for key in row] for row in keys])
 
 
 def _read_triple(text: str) -> Floats:
+    """Return three finite numbers (3,) of a text, else raise ValueError."""
     numbers = np.array([float(word) for word in text.split()])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise ValueError(f"must be three numbers: {text!r}")
@@ -220,6 +222,7 @@ def _read_triple(text: str) -> Floats:
 
 
 def _child(parent: Element, tag: str) -> Element:
+    """Return the first child element with a tag; ValueError if there is none."""
     child = parent.find(tag)
     if child is None:
         raise ValueError(f"<{parent.tag} name={parent.get('name')!r}> without <{tag}>")
