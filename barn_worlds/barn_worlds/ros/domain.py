@@ -20,7 +20,7 @@ _PORTS_PER_DOMAIN = 250
 
 @contextmanager
 def reserve_domain(environment: Mapping[str, str]) -> Iterator[int]:
-    """Reserve the domain in ROS_DOMAIN_ID, or a free one, while the block runs.
+    """Reserve the ROS domain in ROS_DOMAIN_ID, or a free one, while the block runs.
 
     Args:
         environment: Environment variables.
@@ -62,12 +62,12 @@ def reserve_domain(environment: Mapping[str, str]) -> Iterator[int]:
 
 
 def is_domain_in_use(domain: int) -> bool:
-    """Tell whether any program on this host takes part in a domain."""
+    """Tell whether any process on this host has a UDP port of a ROS domain open."""
     return domain in _busy_domains()
 
 
 def _free_domains() -> list[int]:
-    """Return the domains that nobody uses, in an order that differs by process."""
+    """Return domains of `DOMAINS` without open ports, in an order by process."""
     # Runs that start at once would otherwise all try the same domains.
     first = os.getpid() % len(DOMAINS)
     busy = _busy_domains()
@@ -76,7 +76,7 @@ def _free_domains() -> list[int]:
 
 
 def _busy_domains() -> set[int]:
-    """Return the domains whose ports are open on this host."""
+    """Return domains that have an open UDP port on this host, whoever opened it."""
     # Programs of other users count as well, so the tables of the kernel are the source.
     domains = set()
     for table in ("/proc/net/udp", "/proc/net/udp6"):

@@ -68,7 +68,7 @@ class NodeLaunch:
     """Whether the whole launch ends when the node does, with its exit code."""
 
     def description(self) -> LaunchDescription:
-        """Return the node with its arguments."""
+        """Return the launch description: all arguments, then the node."""
         arguments = {}
         for name, (_, default, meaning) in self._parameters().items():
             arguments[name] = (default, meaning)
@@ -78,7 +78,7 @@ class NodeLaunch:
         return LaunchDescription([*actions, OpaqueFunction(function=self._make_node)])
 
     def _parameters(self) -> dict[str, tuple[Any, str, str]]:
-        """Return type, default and meaning of the parameters that are arguments."""
+        """Return type, default, meaning of parameters that are arguments, by name."""
         parameters: dict[str, tuple[Any, str, str]] = {}
         share = Path(get_package_share_directory(self.package))
         text = (share / "config" / f"{self.executable}.yaml").read_text("utf-8")
@@ -94,6 +94,10 @@ class NodeLaunch:
         return parameters
 
     def _make_node(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+        """Return the node's action, in a list, with the values of the arguments.
+
+        Raises RuntimeError if its Python lacks the suite's libraries.
+        """
         check_environment(self.package, self.executable)
         values = {}
         for name, (kind, _, _) in self._parameters().items():
@@ -122,7 +126,7 @@ class NodeLaunch:
         return [node]
 
     def _end(self, event: ProcessExited, context: LaunchContext) -> Shutdown | None:
-        """Return what ends the launch.
+        """Return the shutdown of the whole launch, as its node has ended.
 
         Raises:
             RuntimeError: The node has failed. launch ends all the same, and only an
@@ -134,7 +138,7 @@ class NodeLaunch:
 
 
 def check_environment(package: str, executable: str) -> None:
-    """Check that the Python of a node has the libraries of the suite.
+    """Raise RuntimeError if the Python of a node lacks the libraries of the suite.
 
     Raises:
         RuntimeError: If it lacks them, or if there is no such Python anymore.
@@ -158,7 +162,7 @@ def check_environment(package: str, executable: str) -> None:
 def declare_arguments(
     arguments: Mapping[str, tuple[Any, str]],
 ) -> list[DeclareLaunchArgument]:
-    """Return arguments of a launch file.
+    """Return launch actions that declare arguments with their defaults and meanings.
 
     Args:
         arguments: Default, a text or a substitution, and meaning of each by its name.
@@ -170,14 +174,14 @@ def declare_arguments(
 
 
 def topic_argument(name: str) -> str:
-    """Return the name of the argument that remaps a topic."""
+    """Return the launch argument that remaps a topic: a_b_topic for a/b."""
     return name.replace("/", "_") + "_topic"
 
 
 def include_launch_file(
     package: str, name: str, when: Condition | None = None, **fixed: str
 ) -> GroupAction:
-    """Include a launch file, which sees the arguments of the one that includes it.
+    """Return an action that includes a launch file, which sees this one's arguments.
 
     Args:
         package: Package with the file.

@@ -50,6 +50,7 @@ class MapServer(Node):
     """The node; raises BarnError if its parameters do not name a world."""
 
     def __init__(self, **options: Any) -> None:
+        """Declare parameters, publish the world once and offer ~/reload."""
         super().__init__("map_server", **options)
         self._map_publisher = create_publisher(self, MAP)
         self._path_publisher = create_publisher(self, WORLD_PATH)
@@ -59,7 +60,7 @@ class MapServer(Node):
         self.create_service(Trigger, "~/reload", self._reload)
 
     def publish(self) -> World:
-        """Publish the world that the parameters name now, and return it."""
+        """Publish map and path of the world that the parameters name; return it."""
         config = read_parameters(self, self._config)
         world = open_dataset(config.dataset).load(config.world)
         occupancy = world.occupancy_map(
@@ -78,6 +79,7 @@ class MapServer(Node):
     def _reload(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
+        """Answer ~/reload: publish the world, or give and log why it cannot be read."""
         try:
             response.message = f"serving {self.publish().name}"
             response.success = True
@@ -89,7 +91,7 @@ class MapServer(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped; return 1 and print why if it cannot start."""
+    """Run the node until it is stopped, return 0; if it cannot start, print why, 1."""
     rclpy.init(args=args)
     try:
         rclpy.spin(MapServer())

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
-    """Declare every field of a configuration as a parameter of a node.
+    """Declare each field as a ROS parameter; return the configuration as users set it.
 
     Args:
         node: Node that gets the parameters. Nested fields get dotted names.
@@ -70,6 +70,7 @@ def refuse_invalid_changes(node: Node, config: object) -> None:
     """
 
     def check(parameters: list[Parameter]) -> SetParametersResult:
+        """Tell ROS whether a configuration allows the new values, or why not."""
         try:
             _update(config, parameters)
         except BarnError as error:
@@ -80,7 +81,7 @@ def refuse_invalid_changes(node: Node, config: object) -> None:
 
 
 def read_parameters(node: Node, config: T) -> T:
-    """Return a configuration with the present values of the parameters.
+    """Return a checked copy of a configuration with a node's present parameter values.
 
     Args:
         node: Node with the parameters.
@@ -91,7 +92,7 @@ def read_parameters(node: Node, config: T) -> T:
 
 
 def _update(config: T, parameters: Iterable[Parameter]) -> T:
-    """Return a configuration with the values of the parameters that belong to it."""
+    """Return a checked copy of a configuration with the parameters that it declares."""
     defaults = {name: value for name, _, value in fields_of(config)}
     changes = {
         parameter.name: _plain(parameter.value, defaults[parameter.name])
@@ -104,6 +105,7 @@ def _update(config: T, parameters: Iterable[Parameter]) -> T:
 def _descriptor(
     declaration: Quantity, value: object, *, read_only: bool
 ) -> ParameterDescriptor:
+    """Return the ROS descriptor of a parameter: meaning, unit, limits and typing."""
     description = declaration.description
     if declaration.unit:
         description += f" [{declaration.unit}]"

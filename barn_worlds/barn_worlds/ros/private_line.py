@@ -39,7 +39,7 @@ class Reading(NamedTuple):
 
 
 def create_ends() -> tuple[socket.socket, socket.socket]:
-    """Return the two ends of a new line, the simulator's first."""
+    """Return the two connected sockets of a new line, the simulator's first."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
@@ -52,7 +52,7 @@ class PrivateLine:
     def __init__(
         self, descriptor: int, waits: Callable[[], bool] = lambda: True
     ) -> None:
-        """Take over an end.
+        """Take over the socket of one end by its file descriptor.
 
         Args:
             descriptor: File descriptor of the socket.
@@ -63,7 +63,7 @@ class PrivateLine:
         self._waits = waits
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a reading.
+        """Send a serialized message with its topic and the present wall-clock time.
 
         Args:
             topic: Name without a namespace.
@@ -73,11 +73,11 @@ class PrivateLine:
         self._send(_HEAD.pack(_READING, time.time_ns(), len(name)) + name + data)
 
     def send(self, **content: object) -> None:
-        """Send an object of JSON."""
+        """Send keyword arguments as one JSON packet; waits while the line is full."""
         self._send(json.dumps(content).encode())
 
     def receive(self, *, wait: bool = False) -> Reading | dict[str, Any] | None:
-        """Return the next packet, None if there is none.
+        """Take the next packet off the line: a reading, a JSON object or None.
 
         Args:
             wait: Wait for a packet; then None means that the other end is gone.
@@ -95,6 +95,7 @@ class PrivateLine:
         return content
 
     def _send(self, packet: bytes) -> None:
+        """Send a packet, waiting while the line is full; drop it once not to wait."""
         while self._waits():
             try:
                 self._socket.send(packet, socket.MSG_DONTWAIT)

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def qos_profile(qos: Qos) -> QoSProfile:
-    """Return a quality of service for rclpy."""
+    """Return the QoS profile of rclpy for a quality of service of the suite."""
     return QoSProfile(
         depth=qos.depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -29,7 +29,7 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 
 def read_endpoint_identity(node: Node) -> bytes:
-    """Return the identity (GID) of an endpoint of this process.
+    """Return the GID of a publisher, made and destroyed here, of this process.
 
     The identities of its other endpoints begin with the same bytes.
     """
@@ -43,7 +43,7 @@ def read_endpoint_identity(node: Node) -> bytes:
 
 
 def find_message_class(type_name: str) -> Any | None:
-    """Return the class of a type such as "nav_msgs/msg/Odometry", or None.
+    """Return the rclpy class of a type such as "nav_msgs/msg/Odometry", or None.
 
     None means that the package of the type is not installed.
     """
@@ -55,7 +55,7 @@ def find_message_class(type_name: str) -> Any | None:
 
 
 def create_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
-    """Return a publisher of serialized messages.
+    """Create and return a publisher for serialized messages of a topic.
 
     Args:
         node: Node that publishes.
@@ -67,7 +67,7 @@ def create_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publis
 
 
 def create_optional_publisher(node: Node, topic: Topic) -> Publisher | None:
-    """Return a publisher of serialized messages, None if their type is not installed.
+    """Create and return a publisher, None if the message type is not installed.
 
     Args:
         node: Node that publishes.
@@ -86,7 +86,7 @@ def subscribe(
     qos: Qos | None = None,
     event_callbacks: SubscriptionEventCallbacks | None = None,
 ) -> Subscription:
-    """Subscribe to a topic; malformed messages are logged and skipped.
+    """Subscribe to a topic; pass decoded messages to `take`, log malformed ones.
 
     Args:
         node: Node that subscribes.
@@ -98,6 +98,7 @@ def subscribe(
     """
 
     def on_data(data: bytes) -> None:
+        """Pass a decoded message to `take`, or log why it is malformed."""
         try:
             content = decode(data)
         except MessageError as error:
