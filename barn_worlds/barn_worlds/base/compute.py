@@ -54,7 +54,7 @@ class Compute(Checked):
 
     @property
     def is_declared(self) -> bool:
-        """Whether any time differs from zero."""
+        """Whether a planner declares a delay or a period: any differs from zero."""
         return self != NO_COMPUTE
 
     @property
@@ -75,7 +75,7 @@ class CycleTimer:
     def __init__(
         self, compute: Compute, seed: int, recorded_ns: Sequence[int] = ()
     ) -> None:
-        """Start before the first cycle.
+        """Start before the first cycle, free, with no delays so far.
 
         Args:
             compute: Declaration of the planner.

@@ -270,7 +270,7 @@ def _reader() -> cattrs.Converter:
         build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
 
         def read(value: object, kind: object) -> Any:
-            """Build the class; TypeError unless the value is a mapping by text."""
+            """Build `cls` from a mapping with text keys; TypeError for others."""
             # cattrs would fail inside generated code, with a message about indices.
             if not isinstance(value, Mapping):
                 raise TypeError(

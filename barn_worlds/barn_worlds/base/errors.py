@@ -57,7 +57,7 @@ class BagError(BarnError):
 
 @contextmanager
 def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
-    """Raise an OSError of the `with` block as `kind`, its message behind `subject`.
+    """Raise an OSError of the `with` block as `kind`, as "SUBJECT: what failed".
 
     Args:
         kind: Class to raise.
@@ -89,7 +89,7 @@ def format_error(error: object) -> str:
 
 
 def suggest(name: object, candidates: Iterable[object]) -> str:
-    """Return a hint to append to a message on an unknown name; never empty.
+    """Return "; did you mean ...?" or "; known: ..." to append to an error message.
 
     Args:
         name: What the user wrote.

@@ -36,7 +36,7 @@ PARTIAL_SUFFIX = ".partial"
 
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
-    """Return the bytes of a world, map or data set file; WorldError if it fails.
+    """Return the bytes of a world, map or data set file; WorldError if too large.
 
     Args:
         path: A regular file.

@@ -64,7 +64,7 @@ class WorldParameters(Checked):
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for an even footprint or wrong thresholds."""
+        """Raise ConfigError for an even footprint or unordered thresholds."""
         super().__post_init__()
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
         self.require(
@@ -177,7 +177,7 @@ def generate_world(
 def generate_dataset(
     parameters: DatasetParameters, progress: Progress | None = None
 ) -> list[World]:
-    """Return all worlds of a data set, set after set; `keep` is not applied.
+    """Generate all worlds of a data set, set after set; `keep` is not applied.
 
     World k of set s comes from SeedSequence(seed, spawn_key=(s, k)), so it does not
     depend on how many other worlds there are.
@@ -221,7 +221,7 @@ def narrowness(world: World) -> float:
 def generate_ranked_dataset(
     parameters: DatasetParameters, progress: Progress | None = None
 ) -> tuple[list[World], WorldOrder]:
-    """Return the worlds that `keep` selects, and a narrowness score for each.
+    """Generate worlds; return those that `keep` selects, and their narrowness.
 
     The widest and the narrowest world are always kept.
 

@@ -155,7 +155,7 @@ class GazeboFile:
 
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
-        """Centers x, y (n, 2) and radii, n, in m of upright collision cylinders."""
+        """Centers x, y (n, 2) and n radii in m of upright collision cylinders."""
         for element in self._root.findall("world/*"):
             if element.tag in ("actor", "population"):
                 raise self._error(

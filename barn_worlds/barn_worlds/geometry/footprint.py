@@ -20,7 +20,7 @@ class Footprint:
     extent_m: Floats
 
     def __init__(self, corners_m: Floats, radius_m: float = 0.0) -> None:
-        """Take the corners of a polygon, or the radius of a disc.
+        """Take corners (k, 2) in base_link in m and, of a disc about it, the radius.
 
         Args:
             corners_m: (k, 2), counterclockwise.

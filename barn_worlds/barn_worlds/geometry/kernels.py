@@ -47,7 +47,7 @@ def _side(corners: Floats, k: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def _distance_to_segment(dx: float, dy: float, sx: float, sy: float) -> float:
-    """Return the distance of a point from a segment.
+    """Return the distance of a point from a segment, both seen from its start.
 
     Args:
         dx: Position of the point, seen from the start of the segment.

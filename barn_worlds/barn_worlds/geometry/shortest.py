@@ -60,7 +60,7 @@ def shortest_path_bound_m(
 
 @njit(cache=True)
 def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Return polygon corners (n, 2) outside all inner discs, and their unit normals."""
+    """Return polygon corners (n, 2) outside all inner discs, and outward directions."""
     capacity = len(centers) * CORNERS + 1
     corners = np.empty((capacity, 2))
     outward = np.empty((capacity, 2))
@@ -83,7 +83,7 @@ def _visible_corners(centers: Floats, radius: float) -> tuple[Floats, Floats]:
 
 @njit(cache=True)
 def _sees(a: Floats, b: Floats, centers: Floats, radius: float) -> bool:
-    """Tell whether the segment from a to b (2,) enters no disc."""
+    """Tell whether the segment from a to b (2,) enters no disc of `radius`."""
     dx = b[0] - a[0]
     dy = b[1] - a[1]
     # The bound makes a segment of length 0 a point.

@@ -226,7 +226,7 @@ def path(data: bytes) -> Points:
 
 
 def markers(data: bytes) -> Markers:
-    """Return added cylinders, spheres and lines of serialized MarkerArray, only."""
+    """Return discs and lines that serialized MarkerArray adds; others are left out."""
     message = decode_message(data, "visualization_msgs/msg/MarkerArray")
     frame = ""
     discs = []

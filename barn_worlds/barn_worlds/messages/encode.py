@@ -84,7 +84,7 @@ class OdometryEncoder(Encoder[Odometry]):
     """Encodes nav_msgs/Odometry."""
 
     def __init__(self, frame: str, child_frame: str) -> None:
-        """Fix the frame of the pose and the child frame of the velocity."""
+        """Set the constant frames of pose (frame) and velocity (child frame)."""
         fields = _pose_fields("pose.pose")
         fields += ["twist.twist.linear.x", "twist.twist.angular.z"]
         super().__init__(
@@ -109,7 +109,7 @@ class PoseWithCovarianceEncoder(Encoder[Pose2D]):
     def __init__(
         self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
-        """Fix the frame and the variances of x, y (m2) and yaw (rad2)."""
+        """Set the constant frame, and variances of x, y (m2), yaw (rad2)."""
         pose = make_message("geometry_msgs/msg/PoseWithCovariance")
         # The diagonal of the 6 x 6 matrix of x, y, z, roll, pitch, yaw.
         pose.covariance[[0, 7, 35]] = variances
@@ -126,7 +126,7 @@ class PoseStampedEncoder(Encoder[Pose2D]):
     """Encodes geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
-        """Fix the frame of the header."""
+        """Set the constant frame of the header."""
         fields = _pose_fields("pose")
         super().__init__("geometry_msgs/msg/PoseStamped", frame, fields, _pose_values)
 
@@ -135,7 +135,7 @@ class ScanEncoder(Encoder[Scan]):
     """Encodes sensor_msgs/LaserScan with the beams and limits of a first scan."""
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
-        """Fix frame, time between scans, and angles and limits as in a first scan."""
+        """Set constants: frame, scan time, and angles and limits of a first scan."""
         beams = len(first.ranges)
         super().__init__(
             "sensor_msgs/msg/LaserScan",
@@ -156,7 +156,7 @@ class TwistStampedEncoder(Encoder[Velocity2D]):
     """Encodes geometry_msgs/TwistStamped."""
 
     def __init__(self, frame: str) -> None:
-        """Fix the frame of the header."""
+        """Set the constant frame of the header."""
         super().__init__(
             "geometry_msgs/msg/TwistStamped",
             frame,
@@ -172,7 +172,7 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
     """
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Fix the names of the joints; the header has no frame."""
+        """Set the constant names of the joints; the header has no frame."""
         # Efforts stay empty: nobody measures them.
         zeros = np.zeros(len(names))
         super().__init__(

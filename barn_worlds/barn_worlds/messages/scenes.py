@@ -156,7 +156,7 @@ def encode_moving(world: World, time_s: float, stamp_ns: int) -> bytes:
 
 
 def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
-    """Return the obstacles, in their order, and the walls that `encode_moving` wrote.
+    """Return the moving obstacles, in order, and walls that `encode_moving` wrote.
 
     Raises:
         MessageError: If the message holds anything else.
@@ -298,7 +298,7 @@ def _first_pose(poses: Floats) -> Pose2D | None:
 
 
 def _read_bodies(name: str, markers: list[Message], most: int) -> Bodies:
-    """Return the bodies of one namespace's markers; MessageError for what is none.
+    """Return the cylinders and boxes of one namespace; MessageError for other markers.
 
     Args:
         name: The namespace, for error messages.

@@ -233,7 +233,7 @@ class MovingObstacle(Checked):
         self._check_size("box", "size_y_m")
 
     def _check_size(self, shape: str, name: str) -> None:
-        """Raise ConfigError unless size `name` suits: 0 if of another shape."""
+        """Raise ConfigError for a size too small, or of the other shape."""
         size_m = getattr(self, name)
         if shape == self.shape:
             limit = f"of a {shape} must be at least {_SMALLEST_M:g} m"

@@ -84,7 +84,7 @@ class LidarConfig(Checked):
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError unless the maxima of angle and range are larger."""
+        """Raise ConfigError unless angle and range have maxima above minima."""
         super().__post_init__()
         self.require(
             self.angle_max_rad > self.angle_min_rad,

@@ -91,7 +91,7 @@ class MapServer(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped, return 0; if it cannot start, print why, 1."""
+    """Run the node until it is stopped and return 0; print a BarnError and return 1."""
     rclpy.init(args=args)
     try:
         rclpy.spin(MapServer())

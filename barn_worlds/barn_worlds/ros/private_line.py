@@ -56,14 +56,14 @@ class PrivateLine:
 
         Args:
             descriptor: File descriptor of the socket.
-            waits: Tells whether to wait for a reader at the other end. A packet that
-                cannot be sent is dropped once it returns False.
+            waits: Tells whether to wait for a reader at the other end. While it returns
+                False, every packet is dropped, even if there is room for it.
         """
         self._socket = socket.socket(fileno=descriptor)
         self._waits = waits
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Send a serialized message with its topic and the present wall-clock time.
+        """Send a serialized message, its topic and the time now; waits while full.
 
         Args:
             topic: Name without a namespace.
@@ -95,7 +95,7 @@ class PrivateLine:
         return content
 
     def _send(self, packet: bytes) -> None:
-        """Send a packet, waiting while the line is full; drop it once not to wait."""
+        """Send a packet; wait while the line is full, drop it if `waits` is false."""
         while self._waits():
             try:
                 self._socket.send(packet, socket.MSG_DONTWAIT)

@@ -45,7 +45,7 @@ def margin_cells(resolution_m: float) -> int:
 
 
 def cell_centers(cells: Cells, rows: int, resolution_m: float) -> Points:
-    """Return x, y (n, 2) in m, map frame, of cells; rows lie along x, columns along y.
+    """Return centers x, y (n, 2) in m, map frame, of cells (row: along x, column: y).
 
     Args:
         cells: (n, 2) row and column.
@@ -61,7 +61,7 @@ def cell_centers(cells: Cells, rows: int, resolution_m: float) -> Points:
 
 
 def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
-    """Return row (from x), column (from y), (n, 2), of the cells that contain points.
+    """Return the cells (row from x, column from y), (n, 2), that contain points in m.
 
     They may be outside the grid: below 0, or past the last row or column.
 

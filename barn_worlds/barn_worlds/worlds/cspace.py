@@ -42,9 +42,7 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
 
 @njit(cache=True)
 def _fill_along_rows(grid: BoolGrid, reach: int) -> BoolGrid:
-    """Return a mask, True at cells with a filled one in their column, `reach` rows off.
-
-    Fewer rows count as well, and the cell itself.
+    """Return a mask, True where a filled cell is within `reach` rows in the column.
 
     The time does not depend on the reach.
     """
