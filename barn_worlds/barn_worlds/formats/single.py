@@ -28,7 +28,7 @@ _FOLDERS = ("grid_files", "world_files", "map_files")
 
 
 def ending(path: Path) -> str:
-    """Return which of `ENDINGS` a file name has, such as .world.gz; "" if it has none."""
+    """Return which of `ENDINGS` a file name has, such as .world.gz, or ""."""
     name = path.name.lower()
     # .world.yaml also ends in .yaml.
     matches = [candidate for candidate in ENDINGS if name.endswith(candidate)]
