@@ -50,7 +50,7 @@ def measure_encounters(
     protocol: Protocol,
     traversal_s: float | None,
 ) -> Encounters | None:
-    """Return the figures of a trajectory among moving obstacles, None without any.
+    """Return a trial's distances and times to moving obstacles, None if none move.
 
     Args:
         trajectory: What the robot did, in the map frame.
@@ -104,7 +104,10 @@ def _first_hit(
     gaps: Floats,
     outline: Footprint,
 ) -> dict[str, Any]:
-    """Return the fields of the first contact, if that was with a moving obstacle.
+    """Return `Encounters` fields of the first contact, {} unless a moving body was hit.
+
+    `times_s` (n,) counts from the start of the motions; `gaps` (n, k) has the distance
+    in m to each of k obstacles.
 
     Contact lies between two readings; the obstacle is the one that is nearest at either
     of them. Speeds are those along the line from the robot's outline to it at the
@@ -167,7 +170,10 @@ def _first_hit(
 
 
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
-    """Return the smallest distance to a cylinder or a wall, infinite without any."""
+    """Return the least distance in m of all `poses` to cylinders and walls, at least 0.
+
+    Infinite without any of them. Poses (n, 3) are x, y m, yaw rad in the map frame.
+    """
     cylinder_gaps = compute_clearances(
         poses, world.cylinders_m, world.cylinder_radius_m, outline
     )

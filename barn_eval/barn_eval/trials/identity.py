@@ -23,12 +23,12 @@ NOT_SET = "not set"
 
 @cache
 def robot_sha256(chassis: Chassis) -> str:
-    """Return the SHA-256 of a robot's description."""
+    """Return the SHA-256, in hex, of the URDF text of a robot's body."""
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
 def task_content(protocol: Protocol, simulator: SimulatorConfig) -> dict[str, Any]:
-    """Return what decides a task apart from its world, resolved, as plain data.
+    """Return what a task fingerprint hashes: protocol, simulator, robot, code versions.
 
     Args:
         protocol: Rules of the trials.
@@ -41,7 +41,9 @@ def task_content(protocol: Protocol, simulator: SimulatorConfig) -> dict[str, An
 def plain_task(
     config: Mapping[str, Any], robot: str, code_versions: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what decides a task from plain data, such as run.json has.
+    """Return what a task fingerprint hashes, from configuration that is plain data.
+
+    Such as run.json has; nothing is checked.
 
     Args:
         config: Configuration with protocol and simulator; what else it has does not
@@ -59,13 +61,13 @@ def plain_task(
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:
-    """Return a short name of plain data: equal data have equal names."""
+    """Return 12 hex digits of the SHA-256 of plain data as JSON with sorted keys."""
     text = json.dumps(content, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str:
-    """Return the line that names a task.
+    """Return text that names a task: protocol, robot unless standard, fingerprint.
 
     Args:
         protocol: Name of the protocol.
@@ -82,7 +84,7 @@ def first_difference(
     tolerance: float = 0.0,
     ignored: tuple[str, ...] = (),
 ) -> tuple[str, Any, Any] | None:
-    """Return the first key by which plain data differ, with both values.
+    """Return the first dotted key at which plain data differ, and both values, or None.
 
     Args:
         a: Plain data.
@@ -110,7 +112,9 @@ def first_difference(
 
 
 def flatten(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the values of nested mappings and lists by dotted key.
+    """Yield dotted key and value of each leaf in nested dicts and lists.
+
+    In a list, the index is the key.
 
     Args:
         content: Plain data. Empty mappings and lists in it are values themselves.

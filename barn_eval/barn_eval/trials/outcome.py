@@ -25,7 +25,7 @@ class Outcome(str, Enum):
 
     @property
     def words(self) -> str:
-        """The outcome as a text for readers has it."""
+        """The outcome's value with spaces in place of underscores, for texts."""
         return self.value.replace("_", " ")
 
 
@@ -60,12 +60,12 @@ class Verdict:
 
     @property
     def success_time_s(self) -> float | None:
-        """Time on the clock of a success, None for any other outcome."""
+        """Seconds on the clock of a success, None for any other outcome."""
         return self.traversal_time_s if self.outcome is Outcome.SUCCESS else None
 
     @property
     def fault(self) -> str:
-        """Who failed, empty after a success."""
+        """Who failed: planner, simulator or environment; empty after a success."""
         if self.outcome is Outcome.SUCCESS:
             return ""
         return self.culprit or _CULPRITS.get(self.outcome, PLANNER)
@@ -107,7 +107,9 @@ def score_trial(
     protocol: Protocol,
     least_time_s: float | None = None,
 ) -> Scores:
-    """Return the scores of a trial.
+    """Return a verdict's scored time, challenge metrics, efficiency and lengths.
+
+    The efficiency of a success is None without `least_time_s`, that of a failure 0.
 
     Args:
         verdict: How the trial ended.
@@ -150,7 +152,7 @@ def score_trial(
 def challenge_metric(
     verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP
 ) -> float:
-    """Return optimal time by clipped traversal time; 0 for anything but a success.
+    """Return the optimal over the clipped traversal time; 0 for anything but a success.
 
     Args:
         verdict: How the trial ended.

@@ -66,6 +66,7 @@ class PoseRule(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a value out of range, or x_min_m above x_max_m."""
         super().__post_init__()
         self.require(
             self.x_min_m <= self.x_max_m,
@@ -74,7 +75,10 @@ class PoseRule(Checked):
         )
 
     def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
-        """Return the rule in a world of cells of another size.
+        """Return the rule with its lengths scaled to cells of another size.
+
+        Anchors and yaw stay. A y from the map's origin keeps its scaled distance from
+        the first column of obstacles.
 
         Args:
             scale: Size of the world's cells by that of standard cells.
@@ -96,7 +100,13 @@ class PoseRule(Checked):
         )
 
     def resolve(self, anchors: Mapping[str, tuple[float, float]]) -> Pose2D:
-        """Return the pose, given the position of each anchor in meters."""
+        """Return the pose in the map frame, with x held within its limits.
+
+        `anchors` has x and y in m of each anchor by name, in the map frame.
+
+        Raises:
+            ConfigError: An anchor of the rule is not among them.
+        """
         for axis, anchor in (("x", self.anchor_x), ("y", self.anchor_y)):
             if anchor not in anchors:
                 raise ConfigError(
@@ -199,6 +209,7 @@ class Protocol(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a value out of range, or a name not printable."""
         super().__post_init__()
         self.require(
             self.name.strip() != "" and self.name.isprintable(),
@@ -207,7 +218,9 @@ class Protocol(Checked):
         )
 
     def course(self, world: World) -> Course:
-        """Return start, goal and lengths of a world.
+        """Return a world's start and goal in the map frame, lengths and optimal time.
+
+        For a robot of another size, call it on the protocol that `scaled_to` returns.
 
         Raises:
             ConfigError: The world has no path, or is none for the protocol.
@@ -253,6 +266,7 @@ class Protocol(Checked):
     def _measure_course(
         self, world: World, start: Pose2D, path: Points, goal: Pose2D
     ) -> Course:
+        """Return the course from start along `path` (n, 2), in m, to goal."""
         points = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         dx, dy = np.diff(points, axis=0).T
         reference_m = float(np.hypot(dx, dy).sum())
@@ -260,7 +274,7 @@ class Protocol(Checked):
         return Course(start, goal, world.path_length_m, reference_m, optimal_s)
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
-        """Return the protocol with its distances in the cells of a world.
+        """Return the protocol with lengths and reference speed scaled to world cells.
 
         So another robot sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference
@@ -298,12 +312,16 @@ class Protocol(Checked):
         )
 
     def map_offset_m(self) -> float:
-        """Return how far along y the planner's map lies off the obstacles, in m."""
+        """Return by how many m the planner's map is shifted along y: -0.15 or 0.
+
+        That is from where obstacles truly stand, by one standard cell in the historical
+        map.
+        """
         return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
 
 
 def load_protocol(source: str) -> Protocol:
-    """Return the protocol of that name, or the one that a YAML file describes.
+    """Return a built-in protocol by its name, or one read from a .yaml or .yml file.
 
     Raises:
         ConfigError: The name or a key is unknown, the file cannot be read, a value is
@@ -339,7 +357,7 @@ def load_protocol(source: str) -> Protocol:
 
 
 def check_protocol_name(protocol: Protocol, where: str = "") -> None:
-    """Raise ConfigError for other rules under the name of a built-in protocol.
+    """Raise ConfigError if a protocol has a built-in one's name but other rules.
 
     Args:
         protocol: Protocol to check.

@@ -59,19 +59,19 @@ class Referee:
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict, None while the trial runs."""
+        """Verdict on the trial, which stands once it is there; None while it runs."""
         if self._verdict is None and self._code.item() != rules.RUNNING:
             self._verdict = self._make_verdict(*self._explain_end())
         return self._verdict
 
     @property
     def clock_started(self) -> bool:
-        """Whether the robot has made its first motion."""
+        """Whether the robot has moved far enough for the trial's clock to start."""
         return bool(self._state["clock_started"])
 
     @property
     def standing(self) -> Standing:
-        """How the trial stands at the last reading, or stood at the verdict."""
+        """Outcome, clock, contact time and goal distance by the last judged reading."""
         state = self._state
         verdict = self.verdict
         return Standing(
@@ -82,7 +82,7 @@ class Referee:
         )
 
     def move_to(self, states: rules.States) -> None:
-        """Keep the trial's state in `states` (1,) from now on.
+        """Copy the trial's state into the array `states` (1,) and keep it there.
 
         That is a row of the states of trials that are judged all at once.
         """
@@ -92,7 +92,9 @@ class Referee:
     def observe(
         self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool
     ) -> Verdict | None:
-        """Take the readings of one instant and return the verdict, None for none yet.
+        """Judge the readings of one instant; return the verdict, None while it runs.
+
+        Readings after a verdict are ignored.
 
         Args:
             stamp_ns: Time of the readings.
@@ -116,9 +118,10 @@ class Referee:
         return self.verdict
 
     def command(self, command: Velocity2D) -> Verdict | None:
-        """Take a command on its way to the robot and return the verdict, if any.
+        """Check a command without sending it; return the verdict, None if none yet.
 
-        A command that is not finite, or above the speed cap, ends the trial.
+        A command that is not finite, or faster than the declared speed cap forward or
+        backward, ends the trial.
         """
         if self.verdict is not None:
             return self.verdict
@@ -138,7 +141,9 @@ class Referee:
         return None
 
     def fail(self, outcome: Outcome, detail: str, culprit: str = "") -> Verdict:
-        """End the trial for a reason that no reading shows, such as a dead process.
+        """End the trial with `outcome` unless it has a verdict; return the one it has.
+
+        It is for what no reading shows, such as a dead process.
 
         Args:
             outcome: How the trial ends, unless it has a verdict already.
@@ -152,7 +157,7 @@ class Referee:
         return verdict
 
     def _explain_end(self) -> tuple[Outcome, str]:
-        """Return outcome and detail of a trial that a reading has ended."""
+        """Return outcome and detail text of a trial that a reading has ended."""
         state = self._state
         protocol = self._protocol
         match state["code"]:
@@ -184,12 +189,14 @@ class Referee:
                 return Outcome.SIMULATOR_DIED, f"the {pose} is not finite"
 
     def _bind(self, states: rules.States) -> None:
+        """Use the array `states` (1,) as the trial's state; nothing is copied."""
         # Views that are made once: indexing an array costs more than reading them.
         self._states = states
         self._state = states[0]
         self._code = states["code"]
 
     def _clock_s(self) -> float | None:
+        """Return simulated seconds on the clock so far, None before it starts."""
         state = self._state
         if not state["clock_started"]:
             return None
@@ -198,6 +205,7 @@ class Referee:
     def _make_verdict(
         self, outcome: Outcome, detail: str, culprit: str = ""
     ) -> Verdict:
+        """Return a verdict with the times up to the last reading; it is not kept."""
         state = self._state
         duration_s = seconds(int(state["last_ns"] - state["first_ns"]))
         contact_s = seconds(int(state["contact_ns"]))

@@ -84,7 +84,7 @@ class WallClock:
         answer_times_s: Sequence[float],
         **missed: Any,
     ) -> "WallClock":
-        """Return the figures of a trial.
+        """Return figures with median, 95th percentile and maximum of answer times.
 
         Args:
             duration_s: Wall-clock time that the trial took.
@@ -101,7 +101,9 @@ class WallClock:
     def with_pace(
         self, pace: float, allowed_s: float, compute_mode: str
     ) -> "WallClock":
-        """Return the figures with the machine's pace, and what computer they assume.
+        """Return a copy with `pace`, and the computer that the score assumes.
+
+        The latter only in the modes FREE and DECLARED, of a planner that has answered.
 
         Args:
             pace: Reference seconds per second of this machine.
@@ -116,12 +118,12 @@ class WallClock:
 
     @property
     def is_late(self) -> bool:
-        """Whether so many commands were late that the score depends on the machine."""
+        """Whether over 2 % of control periods over ROS had no command in time."""
         return self.missed_share > MAX_MISSED_SHARE
 
     @property
     def remark(self) -> str:
-        """How late commands were, and the note; empty if there is neither."""
+        """Text on missed control periods if `is_late`, and the note; may be empty."""
         if not self.is_late:
             return self.note
         missed = (
@@ -132,7 +134,7 @@ class WallClock:
 
     @property
     def retry_note(self) -> str:
-        """At which attempt the trial was made, and why; empty for the first."""
+        """Text on which attempt this was and why others failed; empty for the first."""
         if self.attempts <= 1:
             return ""
         return f"attempt {self.attempts} ({self.repeated or 'its worker was lost'})"
@@ -184,16 +186,16 @@ class TrialResult:
 
     @property
     def is_scored(self) -> bool:
-        """Whether the planner answers for the trial's end; if not, it runs again."""
+        """Whether the row counts; if simulator or environment failed, it runs again."""
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
     @property
     def path_ratio(self) -> float:
-        """The driven length over that of the world's path."""
+        """Length driven over the length of the world's path."""
         return self.measures.driven_m / self.scores.path_length_m
 
     def repeatable(self) -> dict[str, Any]:
-        """Return the result as plain data without its wall-clock figures."""
+        """Return the row as nested plain data that a rerun repeats: no `wall_clock`."""
         content = as_dict(self)
         del content["wall_clock"]
         return content
@@ -204,14 +206,17 @@ RowsByPlanner = Mapping[str, Rows]
 
 
 def describe_computer(computer: float) -> str:
-    """Return what computer a score assumes; empty if the reference computer will do."""
+    """Return a remark that a score assumes a computer so many times as fast.
+
+    Empty for 1 or less.
+    """
     if computer <= 1.0:
         return ""
     return f"its score assumes a computer {computer:.2g} times as fast"
 
 
 def pack_delays(delays_ns: Sequence[int]) -> str:
-    """Return delays in whole microseconds as a text."""
+    """Return delays in ns as base64 text of zlib data, rounded down to microseconds."""
     delays_us = np.array(delays_ns, np.int64) // 1000
     # Differences between neighbors are small numbers, which pack well.
     differences = np.diff(delays_us, prepend=0).astype("<i4")
@@ -219,7 +224,7 @@ def pack_delays(delays_ns: Sequence[int]) -> str:
 
 
 def unpack_delays(text: str) -> tuple[int, ...]:
-    """Return the delays in ns of a text; ConfigError if it holds none."""
+    """Return delays in ns from text of `pack_delays`; ConfigError if it is damaged."""
     try:
         packed = base64.b64decode(text, validate=True)
         # Rows may come from anybody, and a short text may unpack to gigabytes.
@@ -231,7 +236,7 @@ def unpack_delays(text: str) -> tuple[int, ...]:
 
 
 def format_trial_id(planner: str, world_number: int, repetition: int) -> str:
-    """Return the name of a trial, which is also that of its bag and picture.
+    """Return the name of a trial, such as "dwa_w0012_r00", also of its bag and picture.
 
     Args:
         planner: Name of the planner.
@@ -242,12 +247,12 @@ def format_trial_id(planner: str, world_number: int, repetition: int) -> str:
 
 
 def to_json_line(result: TrialResult) -> str:
-    """Return a result as one line of JSON without the line's end."""
+    """Return a row as one line of JSON, without newline and without checksum."""
     return json.dumps(as_dict(result), allow_nan=False, separators=(",", ":"))
 
 
 def from_json_line(line: str, where: str) -> TrialResult:
-    """Return the result of a line of JSON.
+    """Return the row in a line of JSON that has no checksum (any more).
 
     Args:
         line: The line without its checksum.
@@ -260,7 +265,7 @@ def from_json_line(line: str, where: str) -> TrialResult:
 
 
 def row_from_plain(content: Any, where: str) -> TrialResult:
-    """Return the result that plain data describe.
+    """Return the row from its parsed JSON, of any schema in `READABLE_SCHEMAS`.
 
     Args:
         content: Plain data.
@@ -274,7 +279,7 @@ def row_from_plain(content: Any, where: str) -> TrialResult:
 
 
 def require_schema(content: Any, where: str) -> None:
-    """Raise ConfigError unless this version reads the schema of plain data.
+    """Raise ConfigError unless `schema_version` of a row or run.json can be read.
 
     Args:
         content: Plain data.

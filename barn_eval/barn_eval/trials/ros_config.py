@@ -25,7 +25,7 @@ def _limit(
     minimum_s: float = 0.1,
     maximum_s: float = 3600.0,
 ) -> float:
-    """Return a field of a time in seconds."""
+    """Return a dataclass field for a time in s: default, help text and range."""
     return quantity(default_s, description, "s", minimum_s, maximum_s)
 
 
@@ -168,6 +168,7 @@ class RosConfig(PlannerLink):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a malformed remap or namespace, or a bad value."""
         super().__post_init__()
         for rule in self.remap:
             if not _REMAP.fullmatch(rule):

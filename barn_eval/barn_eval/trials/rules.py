@@ -65,7 +65,7 @@ States = npt.NDArray[np.void]
 
 
 def initial_states(protocol: Protocol, course: Course) -> States:
-    """Return the state (1,) of a trial before its first reading.
+    """Return the state of a trial before its first reading, as a record array (1,).
 
     Args:
         protocol: Rules of the trial, in the size of its world.
@@ -99,7 +99,7 @@ def observe(
     truths: Floats,
     contacts: Bools,
 ) -> None:
-    """Judge a reading of each trial that still runs.
+    """Update, in place, trials that still run by one reading each, and end those due.
 
     Args:
         states: State (n,) of each trial, which is updated.
@@ -118,6 +118,7 @@ def observe(
 def _observe(
     state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool
 ) -> None:
+    """Update a running trial's state in place by a reading, which may end it."""
     state.stamp_ns = now_ns
     if state.has_reading and now_ns < state.last_ns:
         state.code = CLOCK_BACK
@@ -161,7 +162,7 @@ def _observe(
 
 @njit(cache=True)
 def _judge(state: np.record) -> int:
-    """Return how a trial stands whose reading has been taken."""
+    """Return RUNNING or the code by which the last reading ends the trial."""
     if state.touched and state.contact_ends:
         return COLLISION
     if not state.clock_started:

@@ -41,7 +41,7 @@ COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
 
 def _compute_quantity(name: str) -> Any:
-    """Return a field of `Compute` that overrides what the registry declares."""
+    """Return a dataclass field, 0 by default, that is like one of `Compute`."""
     declarations = {key: item for key, item, _ in fields_of(NO_COMPUTE)}
     delay = declarations[name]
     return optional(0.0, delay.description, "s", delay.minimum, delay.maximum)
@@ -82,6 +82,7 @@ class PlannerChoice(Checked):
     files: dict[str, str] = field(default_factory=dict, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a bad name, or settings not for such a planner."""
         super().__post_init__()
         if not _NAME.fullmatch(self.name):
             raise ConfigError(
@@ -102,18 +103,19 @@ class PlannerChoice(Checked):
 
     @property
     def registered(self) -> bool:
-        """Whether the suite makes the planner itself, from its registry."""
+        """Whether it is a planner of the registry: no command and no source."""
         return not (self.command or self.source)
 
     @property
     def compute(self) -> Compute:
-        """The planner's time for a cycle: from the choice, else from the registry."""
+        """Declared delays and period, in s: the choice's own, else the registry's."""
         compute = self._compute_of_choice()
         if compute.is_declared or not self.registered:
             return compute
         return planner_entry(self.name).compute or compute
 
     def _compute_of_choice(self) -> Compute:
+        """Return delays and period of the choice; ConfigError if they conflict."""
         return Compute(**{key: getattr(self, key) for key in COMPUTE_KEYS})
 
 
@@ -160,6 +162,7 @@ class RunConfig(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for no or equal planners, or settings not for the mode."""
         super().__post_init__()
         if not self.planners:
             raise ConfigError("planners must name at least one planner")
@@ -189,7 +192,7 @@ class RunConfig(Checked):
             raise ConfigError("settings of ros need mode ros")
 
     def compute_mode(self, compute: Compute) -> str:
-        """Return how trials charge the computing of a planner that declares this."""
+        """Return DECLARED, MEASURED, FREE or REAL_TIME: how computing is charged."""
         if self.mode == "ros" and not self.ros.lockstep:
             return REAL_TIME
         if self.compute == MEASURED:
@@ -197,7 +200,7 @@ class RunConfig(Checked):
         return DECLARED if compute.is_declared else FREE
 
     def resolve_planner(self, choice: PlannerChoice) -> PlannerSetup:
-        """Return the configuration of a planner under this protocol and robot.
+        """Return a planner's preset, parameters, fingerprint, speed cap and computing.
 
         Raises:
             ConfigError: The planner does not take one of its parameters, or a parameter
@@ -229,7 +232,11 @@ class RunConfig(Checked):
         return PlannerSetup(preset, overrides, fingerprint, declared_mps, compute)
 
     def _registry_overrides(self, choice: PlannerChoice, preset: str) -> dict[str, Any]:
-        """Return a planner's parameters with those that follow from robot and lidar."""
+        """Return parameters by dotted name: the choice's, and what the robot decides.
+
+        Raises:
+            ConfigError: The choice puts the lidar elsewhere than the simulator does.
+        """
         robot = robot_of(self.simulator)
         overrides = fit_parameters(choice.name, preset, dict(choice.overrides), robot)
         config = planner_config(choice.name, preset, overrides)
@@ -252,7 +259,7 @@ class RunConfig(Checked):
         dataset: Dataset | None = None,
         started_by_hand: bool = False,
     ) -> list[TrialSpec]:
-        """Return the trials, world by world, repetition by repetition.
+        """Return specifications of all trials: by world, repetition, then planner.
 
         Planners come innermost, so they are compared on the same worlds however early a
         run is stopped. Each world is read once.
@@ -331,13 +338,17 @@ class ExecutionConfig(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError for a value out of range, or an address without Ray."""
         super().__post_init__()
         if self.address and self.engine != "ray":
             raise ConfigError("address needs engine ray")
 
     @property
     def processes(self) -> int:
-        """Number of workers on this machine."""
+        """Number of workers on this machine: `workers`, or one per usable CPU.
+
+        With engine inline it is 1.
+        """
         if self.engine == "inline":
             return 1
         return self.workers or len(os.sched_getaffinity(0))

@@ -61,55 +61,58 @@ class TrialSpec:
 
     @property
     def trial_id(self) -> str:
-        """Name of the trial, its bag and its picture."""
+        """Name of the trial, its bag and its picture, such as "dwa_w0012_r00"."""
         return format_trial_id(self.planner, self.world_number, self.repetition)
 
     @property
     def simulator_seed(self) -> int:
-        """Seed of the simulator, the same for every planner."""
+        """Seed of the simulator, equal for all planners in the same trial."""
         return seeds.simulator_seed(self.run_seed, self.world_number, self.repetition)
 
     @property
     def planner_seed(self) -> int:
-        """Seed of the planner."""
+        """Seed of the planner, another for each name, world and repetition."""
         return seeds.planner_seed(
             self.run_seed, self.world_number, self.repetition, self.planner
         )
 
     @property
     def phase_s(self) -> float:
-        """How far into their motions moving obstacles are at the start."""
+        """Seconds into the motions of moving obstacles at which the trial begins."""
         random_phase = self.simulator.obstacles.random_phase
         return phase_s(self.world, random_phase, self.simulator_seed)
 
     @property
     def task(self) -> str:
-        """Fingerprint of protocol, simulator and robot."""
+        """Task fingerprint: a hash of protocol, simulator, robot, code versions."""
         return _task_fingerprint(self.protocol, self.simulator)
 
     @cached_property
     def scaled_protocol(self) -> Protocol:
-        """The protocol with distances in the size of this world's cells."""
+        """The protocol, lengths and reference speed scaled to this world's cells."""
         return self.protocol.scaled_to(self.world, self.simulator.chassis)
 
     @cached_property
     def course(self) -> Course:
-        """Start, goal and lengths of the world under the protocol."""
+        """Start and goal in the map frame, with path lengths and optimal time."""
         return _course(self.scaled_protocol, self.world)
 
     @property
     def speed_cap_mps(self) -> float:
-        """The highest speed that the robot takes: as declared, at most its own."""
+        """Speed cap: what the planner declares, at most what the robot can drive."""
         limit = self.simulator.drive.max_speed_m_s
         return min(self.declared_mps, limit) if self.declared_mps > 0.0 else limit
 
     @property
     def outline(self) -> Footprint:
-        """Outline of what can touch of the robot, in base_link."""
+        """Outline, in base_link, of the robot's parts that obstacles can touch."""
         return contact_footprint(self.simulator.chassis)
 
     def clearances(self, poses: Floats) -> Floats:
-        """Return the distance (n,) from the robot to the nearest cylinder, in m.
+        """Return distances (n,) in m from the outline to the nearest cylinder.
+
+        Below 0 where they overlap, empty without cylinders. Walls and moving obstacles
+        do not count.
 
         Args:
             poses: Poses (n, 3) of the robot in the map frame: x, y m, yaw rad.
@@ -121,7 +124,7 @@ class TrialSpec:
 
     @cached_property
     def least_time_s(self) -> float:
-        """A time on the clock that no trial of this robot at this cap falls below.
+        """Lower bound, in s, of the time on the clock of any success; it is searched.
 
         docs/efficiency.md has the proof. From the reading before the one that starts
         the clock to the one that ends the trial, the robot goes from the disc around
@@ -142,7 +145,10 @@ class TrialSpec:
 
     @cached_property
     def goal(self) -> Pose2D:
-        """The goal in the planning frame, as it comes out of a message."""
+        """Goal pose in the map frame if a map is given, else in the odom frame.
+
+        Its yaw is rounded as in a message.
+        """
         goal = self.course.goal
         if not self.protocol.map_given:
             goal = self.course.start.inverse() @ goal
@@ -150,13 +156,16 @@ class TrialSpec:
 
     @cached_property
     def map(self) -> OccupancyMap | None:
-        """The map that the planner is given, if any, as it comes out of a message."""
+        """Occupancy map for the planner, None if the protocol gives none.
+
+        It is rounded as in a message.
+        """
         if not self.protocol.map_given:
             return None
         return _planner_map(self.protocol, self.world, self.course)
 
     def description(self) -> dict[str, Any]:
-        """Return everything that determines the trial, resolved, as plain data."""
+        """Return all that determines the trial as JSON-ready data, for its bag."""
         planner: dict[str, Any] = {
             "name": self.planner,
             "preset": self.preset,
@@ -197,6 +206,7 @@ class TrialSpec:
 
 @lru_cache(maxsize=64)
 def _task_fingerprint(protocol: Protocol, simulator: SimulatorConfig) -> str:
+    """Return the task fingerprint of trials under protocol and simulator; cached."""
     return identity.fingerprint(identity.task_content(protocol, simulator))
 
 
@@ -207,7 +217,10 @@ _course = lru_cache(maxsize=512)(Protocol.course)
 def _least_path_m(
     protocol: Protocol, course: Course, world: World, chassis: Chassis
 ) -> float:
-    """Return a lower bound of the path from the start's disc to the goal's."""
+    """Return a lower bound in m of the path between the discs around start and goal.
+
+    The discs are those in which no clock starts, and in which the robot has arrived.
+    """
     start = np.array([course.start.x, course.start.y])
     goal = np.array([course.goal.x, course.goal.y])
     centers = np.empty((0, 2))
@@ -237,6 +250,7 @@ def _least_path_m(
 
 @lru_cache(maxsize=64)
 def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
+    """Return the planner's map: shifted by the protocol, grown to start and goal."""
     has_standard_cells = math.isclose(world.resolution_m, STANDARD_CELL_M)
     historical = has_standard_cells and protocol.historical_map
     grid = world.occupancy_map(historical=historical)
@@ -253,7 +267,9 @@ def _planner_map(protocol: Protocol, world: World, course: Course) -> OccupancyM
 
 
 def _extend_to(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
-    """Return a map with free cells up to a meter beyond a pose that is off it.
+    """Return the map, padded with free cells to 1 m beyond a pose that is off it.
+
+    The map itself for a pose on it.
 
     A planner could not plan from or to a pose off its map.
     """
@@ -280,13 +296,12 @@ def simulator_config(
     overrides: Mapping[str, Any] | None = None,
     robot: Robot | None = None,
 ) -> SimulatorConfig:
-    """Return the simulator's configuration under a protocol.
+    """Return the simulator preset that a protocol names, with its values and overrides.
 
     Args:
         protocol: Names the preset, and fixes control period and obstacles. Under one
             with the historical map, the pose is off with the map by one cell of a
-            standard
-            world: AMCL matches scans to the map that it is given.
+            standard world: AMCL matches scans to the map that it is given.
         overrides: Simulator parameters by dotted name, which come last.
         robot: In place of the preset's, the Jackal; the preset keeps what it says of
             noise and latency.

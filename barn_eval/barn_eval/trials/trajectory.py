@@ -40,6 +40,7 @@ class TrajectoryLog:
     """Collects a trajectory instant by instant."""
 
     def __init__(self) -> None:
+        """Begin without readings, commands and plans."""
         self._stamps: list[int] = []
         # x, y, yaw; speed, yaw rate; contact; x and y in the frame of plans; speed and
         # yaw rate of the last command; number of commands.
@@ -49,7 +50,7 @@ class TrajectoryLog:
     def reading(
         self, truth: Odometry, collision: bool, plan_pose: Pose2D | None = None
     ) -> None:
-        """Add the true state at an instant.
+        """Append a reading of the true state, still without a command.
 
         Args:
             truth: True pose and twist in the map frame.
@@ -64,14 +65,17 @@ class TrajectoryLog:
         self._rows.append([*state, collision, x, y, np.nan, np.nan, 0])
 
     def command(self, command: Velocity2D) -> None:
-        """Add the command that answers the last reading."""
+        """Set the command of the last reading, over an earlier one; count both.
+
+        Before the first reading it is dropped.
+        """
         if self._rows:
             row = self._rows[-1]
             row[8:10] = (command.linear, command.angular)
             row[10] += 1
 
     def plan(self, points: Floats, stamp_ns: int) -> None:
-        """Add a plan, as often as plans are published; anything else is left out.
+        """Keep a plan; drop it if too soon after the last, too long or malformed.
 
         Args:
             points: Points (n, 2) of the plan, in m.
@@ -85,7 +89,7 @@ class TrajectoryLog:
             self._plans.append((stamp_ns, points.astype(np.float64)))
 
     def trajectory(self) -> Trajectory:
-        """Return what has been collected."""
+        """Return all readings so far as arrays, with distances from plans."""
         rows = np.array(self._rows, np.float64).reshape(-1, 11)
 
         # Each reading is measured against the last plan that answers an earlier one.
@@ -139,7 +143,7 @@ class Measures:
 def measure_trajectory(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Measures:
-    """Return the measures of a trajectory among cylinders.
+    """Return driven length, clearances, contacts, jerk and command steps.
 
     Args:
         trajectory: What the robot did, in the map frame.
@@ -210,7 +214,7 @@ def measure_trajectory(
 def compute_clearances(
     poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Floats:
-    """Return the distance from the robot's outline to the nearest cylinder.
+    """Return distances (n,) in m from the outline at each pose to the nearest cylinder.
 
     Args:
         poses: Poses (n, 3) of the robot in the frame of the cylinders: x, y m, yaw rad.
@@ -238,7 +242,10 @@ def compute_clearances(
 
 
 def _rms_jerk(trajectory: Trajectory, axis: int) -> float | None:
-    """Return the root mean square jerk of forward speed (axis 0) or yaw rate (1)."""
+    """Return the RMS jerk of forward speed (axis 0) or yaw rate (1), None if unknown.
+
+    That is for fewer than three readings, or stamps that do not increase.
+    """
     periods = np.diff(trajectory.stamps_ns) / NANOSECONDS_PER_SECOND
     if len(periods) < 2 or not (periods > 0.0).all():
         return None

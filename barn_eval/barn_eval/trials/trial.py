@@ -37,7 +37,7 @@ _MAX_ERROR_LENGTH = 300
 def signal_handler(
     number: int, handler: Callable[[int, FrameType | None], None]
 ) -> Iterator[bool]:
-    """Handle a signal while the context lasts.
+    """Handle a signal during a context, in the main thread only; restore it after.
 
     Args:
         number: Number of the signal.
@@ -72,9 +72,9 @@ class _StallError(BaseException):
 
 
 def processor_wait_s(process: str | int = "self") -> float:
-    """Return how long a process's main thread has waited for a processor so far.
+    """Return for how many s a process's main thread has waited for a CPU so far.
 
-    0 where the system does not say.
+    `process` is a process id, or "self". 0 where the system does not say.
     """
     try:
         schedule = Path(f"/proc/{process}/schedstat").read_text("ascii")
@@ -99,11 +99,16 @@ class Deadline:
     limit_s = math.inf
 
     def __init__(self) -> None:
+        """Begin without effect: calls are limited while `installed` only."""
         self._armed = False
 
     @contextmanager
     def installed(self) -> Iterator[None]:
-        """Take over the alarm signal, and give it back at the end."""
+        """Take over SIGALRM in a context, within which calls are limited.
+
+        Outside the main thread nothing is limited. The earlier handler comes back at
+        the end.
+        """
         with signal_handler(signal.SIGALRM, self._check) as armed:
             self._armed = armed
             try:
@@ -112,7 +117,7 @@ class Deadline:
                 self._armed = False
 
     def __enter__(self) -> None:
-        """Start to count."""
+        """Start the interval timer that limits a call; no effect unless installed."""
         if self._armed:
             # An overrun is noticed about a quarter of the limit late, or a second
             # under long limits.
@@ -123,11 +128,12 @@ class Deadline:
             signal.setitimer(signal.ITIMER_REAL, self._period_s, self._period_s)
 
     def __exit__(self, *error: object) -> None:
-        """Stop counting."""
+        """Stop the interval timer."""
         if self._armed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def _check(self, _signal: int, _frame: FrameType | None) -> None:
+        """Raise DeadlineError if the call is over its limit, _StallError if stalled."""
         # The time withheld counts from the first check on: to ask the system at the
         # start would take longer than a short call.
         withheld_s = processor_wait_s()
@@ -177,12 +183,12 @@ class RunningTrial:
 
     @property
     def verdict(self) -> Verdict | None:
-        """The verdict, None while the trial runs."""
+        """Verdict of the referee, None while the trial runs."""
         return self.referee.verdict
 
     @property
     def scores(self) -> Scores | None:
-        """What the verdict is worth, None while the trial runs."""
+        """Scores of the verdict, None while the trial runs; computed at each use."""
         verdict = self.verdict
         if verdict is None:
             return None
@@ -195,7 +201,7 @@ class RunningTrial:
     def read(
         self, odometry: Odometry, truth: Odometry, collision: bool
     ) -> Verdict | None:
-        """Take the readings of an instant and return the verdict, None for none yet.
+        """Log and judge the readings of an instant; return the verdict or None.
 
         Args:
             odometry: Measured pose and twist in the odom frame.
@@ -214,13 +220,16 @@ class RunningTrial:
         )
 
     def command(self, command: Velocity2D) -> Verdict | None:
-        """Take the command that answers the last reading and return the verdict."""
+        """Log and judge the last reading's command; return the verdict or None.
+
+        It is not sent to the robot.
+        """
         if self._logged:
             self.log.command(command)
         return self.referee.command(command)
 
     def plan(self, points: Floats, stamp_ns: int) -> None:
-        """Take a plan of the planner.
+        """Log a plan, from which the robot's distance is measured later.
 
         Args:
             points: Points (n, 2) in m, in the planning frame.
@@ -230,14 +239,17 @@ class RunningTrial:
             self.log.plan(points, stamp_ns)
 
     def report(self, status: str) -> None:
-        """Take what the planner says of its state, a value of `PlannerStatus`."""
+        """Count a recovery if the planner's status changes to recovering.
+
+        `status` is a value of `PlannerStatus`.
+        """
         recovering = PlannerStatus.RECOVERING.value
         began = status == recovering and self._status != recovering
         self.recoveries = (self.recoveries or 0) + began
         self._status = status
 
     def ask(self, call: Callable[[], T], limit_s: float) -> T | None:
-        """Call the planner and return its answer; a failure there ends the trial.
+        """Return what `call` returns; None if it fails, which ends the trial.
 
         Args:
             call: Calls the planner.
@@ -286,7 +298,7 @@ def finish_trial(
     trajectory: Trajectory,
     **columns: Any,
 ) -> FinishedTrial:
-    """Return a finished trial with scores and measures.
+    """Return a trial with its row, computing scores and measures; nothing is written.
 
     Args:
         spec: What determines the trial.
@@ -338,7 +350,7 @@ def finish_trial(
 
 
 def describe_error(error: Exception) -> str:
-    """Return an error in one line, with where it was raised, for a verdict's detail."""
+    """Return an error's type, first line of its message, file and line, as one line."""
     text = type(error).__name__
     lines = str(error).splitlines()
     if lines:
