@@ -34,7 +34,7 @@ class BagFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Find the files of a bag; BagError if there is none."""
+        """Find the files of a bag (folder or .mcap) and open none; else BagError."""
         self.path = path
         self.metadata: dict[str, dict[str, str]] = {}
         self.problem = ""
@@ -45,14 +45,19 @@ class BagFile:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no message has been read so far."""
+        """Whether no message has been read so far; so before `messages`, too."""
         return self._first_ns is None
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield messages in the order of the file, as far as they can be read.
+        """Yield undecoded messages in the order of the file, up to any damage.
+
+        `problem` then says what ended the reading. Each call reads from the beginning.
 
         Args:
             topics: The topics to read, all by default.
+
+        Raises:
+            BagError: The bag is of no format that can be read.
         """
         size = 0
         for message in self._read():
@@ -70,6 +75,11 @@ class BagFile:
                 yield message
 
     def _find(self, path: Path) -> list[Path]:
+        """Return a bag's .mcap files in order of their parts, [] for SQLite.
+
+        Raises:
+            BagError: There is no bag.
+        """
         if not path.exists():
             partial = path.with_name(path.name + PARTIAL)
             hint = ""
@@ -90,6 +100,7 @@ class BagFile:
         return files
 
     def _read(self) -> Iterator[RawMessage]:
+        """Yield messages of all files, MCAP or SQLite, up to the first problem."""
         if self._sqlite:
             yield from self._sqlite_messages()
         for path in self._files:
@@ -98,6 +109,7 @@ class BagFile:
                 return
 
     def _sqlite_messages(self) -> Iterator[RawMessage]:
+        """Yield messages of .db3 files; note damage, or raise BagError at once."""
         try:
             for file in self.path.glob("*.db3"):
                 # Before rosbags opens it, which would run the code of views.
@@ -114,6 +126,10 @@ class BagFile:
             self._note("damaged", str(error) and format_error(error))
 
     def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
+        """Yield messages of an .mcap file; note damage, or raise BagError.
+
+        The latter for a file of which no record can be read.
+        """
         try:
             with (
                 convert_os_errors(BagError, path),
@@ -137,6 +153,7 @@ class BagFile:
             self._note(what, reason)
 
     def _note(self, what: str, reason: str) -> None:
+        """Set `problem`: what ended the reading, after how many seconds, and why."""
         after_s = seconds(self._last_ns - (self._first_ns or 0))
         self.problem = f"the bag is {what} after {after_s:.2f} s"
         if reason:
@@ -150,12 +167,19 @@ class TrialFollower:
     """
 
     def __init__(self, folder: Path) -> None:
+        """Name the folder of a run, whose unfinished bags are followed."""
         self._bags = folder / BAGS
         self._current: McapFile | None = None
         self._followed: set[Path] = set()
 
     def read(self) -> tuple[bool, list[RawMessage]]:
-        """Return whether another trial has begun, and the messages that have come."""
+        """Return whether this call began another bag, and its new messages.
+
+        It does not wait: without new messages the list is empty.
+
+        Raises:
+            BagError: The bag is damaged.
+        """
         current = self._current
         if current is not None:
             messages = _read_new(current)
@@ -171,16 +195,16 @@ class TrialFollower:
         return True, _read_new(self._current)
 
     def close(self) -> None:
-        """Close the bag."""
+        """Close the current bag, if any; it is not followed again."""
         if self._current is not None:
             self._followed.add(self._current.path)
             self._current.close()
             self._current = None
 
     def _newest(self) -> Path | None:
-        """Return the file that was written to last of trials that are being recorded.
+        """Return the last modified .mcap of unfinished bags not followed before, or None.
 
-        Those that were followed already do not count.
+        The current bag counts as not followed before.
         """
         written_ns: dict[Path, int] = {}
         for path in set(self._bags.glob(f"*{PARTIAL}/*.mcap")) - self._followed:
@@ -190,6 +214,7 @@ class TrialFollower:
 
 
 def _read_new(file: McapFile) -> list[RawMessage]:
+    """Return messages written since the last call; BagError if the file is damaged."""
     try:
         return list(file.messages())
     except DAMAGE as error:
@@ -197,7 +222,9 @@ def _read_new(file: McapFile) -> list[RawMessage]:
 
 
 def _require_plain(path: Path) -> None:
-    """Raise ValueError for a database with tables that are made by code in it.
+    """Raise ValueError if an SQLite file has views, triggers or computed columns.
+
+    Or virtual tables.
 
     Such code could run for ever.
     """
@@ -213,7 +240,7 @@ def _require_plain(path: Path) -> None:
 
 
 def _part_key(path: Path) -> tuple[int, str]:
-    """Return the key that sorts the parts of a split bag."""
+    """Return a sort key of a split bag's parts: the number after the last _, and name."""
     # As texts, part 10 would come before part 2.
     number = 0
     match = re.search(r"_(\d+)$", path.stem)

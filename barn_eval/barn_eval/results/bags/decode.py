@@ -28,6 +28,7 @@ _numbers = attrgetter("x", "y", "yaw")  # of a pose
 
 
 def _odometry(data: bytes) -> Odometry:
+    """Return pose, velocity and stamp of an Odometry message; all must be finite."""
     odometry = decode.odometry(data)
     velocity = odometry.velocity
     _require_finite(velocity.linear, velocity.angular, *_numbers(odometry.pose))
@@ -35,18 +36,21 @@ def _odometry(data: bytes) -> Odometry:
 
 
 def _goal(data: bytes) -> Pose2D:
+    """Return the pose of a PoseStamped message, without its frame; must be finite."""
     goal = decode.pose(data)
     _require_finite(*_numbers(goal))
     return goal
 
 
 def _number(data: bytes) -> float:
+    """Return the number of a Float64 message; MessageError if it is not finite."""
     number = decode.number(data)
     _require_finite(number)
     return number
 
 
 def _scan(data: bytes) -> Scan:
+    """Return a LaserScan message; MessageError without beams or with too many."""
     scan = decode.scan(data)
     if not 0 < len(scan.ranges) <= _MAX_BEAMS:
         raise MessageError(f"a scan of {len(scan.ranges)} beams")
@@ -56,6 +60,7 @@ def _scan(data: bytes) -> Scan:
 
 
 def _grid(data: bytes) -> OccupancyMap:
+    """Return the map of an OccupancyGrid; MessageError if it is not plausible."""
     grid = decode.occupancy_map(data)
     if not 0 < grid.data.size <= _MAX_CELLS or grid.resolution <= 0.0:
         raise MessageError(f"a grid of {grid.data.size} cells of {grid.resolution} m")
@@ -64,7 +69,7 @@ def _grid(data: bytes) -> OccupancyMap:
 
 
 def _mounts(data: bytes) -> dict[str, Pose2D]:
-    """Return where frames are mounted on the robot."""
+    """Return poses in base_link by child frame, from transforms of base_link only."""
     mounts = {}
     for transform in decode.transforms(data):
         # In ROS 1, names of frames began with a slash.
@@ -75,16 +80,18 @@ def _mounts(data: bytes) -> dict[str, Pose2D]:
 
 
 def _outcome(data: bytes) -> str:
+    """Return the text of a String message, cut to 60 characters."""
     return decode.text(data)[:_MAX_LETTERS]
 
 
 def _require_finite(*values: float) -> None:
+    """Raise MessageError unless all values are finite."""
     if not all(map(math.isfinite, values)):
         raise MessageError(f"values that are not finite: {values}")
 
 
 def decode_planner_status(data: bytes) -> str:
-    """Return the status that a planner of the suite reports, empty for others."""
+    """Return the planner status in a DiagnosticArray message, empty if it has none."""
     try:
         # Any node may report here, so what makes no sense is no error.
         for values in decode.diagnostics(data):
@@ -131,7 +138,9 @@ _FRAME_TYPES = {
 
 
 def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any]:
-    """Return the frame of a message, empty without one, and its content.
+    """Decode a CDR message; return the frame that its content is in, and the content.
+
+    The frame is empty for types without one.
 
     Args:
         topic: One of `TOPICS`.
@@ -150,7 +159,7 @@ def frame_and_content(topic: str, type_name: str, data: bytes) -> tuple[str, Any
 
 
 def map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return where the planner's map frame lies among the true poses.
+    """Return the pose of the planner's map frame in the map frame of true poses.
 
     Localization is off with the map by as much.
     """
@@ -168,7 +177,7 @@ def map_frame(trial: dict[str, Any]) -> Pose2D:
 def read_specification(
     trial: dict[str, Any], part: str, *names: str
 ) -> list[float] | None:
-    """Return numbers of a trial's simulator configuration.
+    """Return values of a part of a trial's simulator configuration, or None.
 
     Args:
         trial: Specification of the trial, as its bag has it.
@@ -186,7 +195,7 @@ def read_specification(
 
 
 def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
-    """Return the robot of a trial, and a note if it cannot be read.
+    """Return the body of a trial's robot, or the standard one and a note on the error.
 
     That is the standard robot where none is named.
     """
@@ -199,7 +208,7 @@ def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
 
 
 def metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
-    """Return a mapping that a bag has as JSON; empty if it has none.
+    """Return a mapping from JSON text in a bag's metadata, {} if there is none valid.
 
     Args:
         bag: The bag, read so far that it has its metadata.

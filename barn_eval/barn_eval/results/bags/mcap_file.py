@@ -77,11 +77,11 @@ class McapFile:
         self._channels: dict[int, tuple[str, str]] = {}
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; no more messages can be read."""
         self._file.close()
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield messages of the records that have become whole since the last call.
+        """Yield undecoded messages of records completed since the last call.
 
         Raises an error of `DAMAGE` where the file is damaged.
         """
@@ -117,7 +117,7 @@ class McapFile:
             self.ended = kind == Opcode.FOOTER
 
     def _read(self, size: int) -> bytes | None:
-        """Return so many bytes, None where they are not all there."""
+        """Return the next `size` bytes; None, without moving on, if there are fewer."""
         data = self._file.read(size)
         if len(data) == size:
             return data
@@ -125,6 +125,11 @@ class McapFile:
         return None
 
     def _chunk_messages(self, data: bytes) -> Iterator[RawMessage]:
+        """Yield messages of an unpacked chunk; store its types and topics.
+
+        Raises:
+            EndOfFile: Its last record is cut off.
+        """
         # A chunk within a chunk is left out: each level could unpack to 256 times as
         # much as the one around it.
         end = 0
@@ -140,13 +145,17 @@ class McapFile:
                 self._take(kind, data[start:end])
 
     def _message(self, content: bytes) -> RawMessage:
+        """Return the message of a record; KeyError if its channel is unknown."""
         # There are thousands a second, for which mcap's own reader is too slow.
         channel, _, stamp_ns, _ = _MESSAGE_HEAD.unpack_from(content)
         topic, type_name = self._channels[channel]
         return RawMessage(topic, type_name, stamp_ns, content[_MESSAGE_HEAD.size :])
 
     def _take(self, kind: int, content: bytes) -> None:
-        """Keep what a record says of types, topics and metadata."""
+        """Store type, topic or metadata of a record that is no message.
+
+        Records of other kinds are ignored.
+        """
         stream = ReadDataStream(BytesIO(content))
         if kind == Opcode.SCHEMA:
             schema = Schema.read(stream)
@@ -165,7 +174,7 @@ class McapFile:
 
 
 def unpack_chunk(chunk: Chunk) -> bytes:
-    """Return the content of a chunk.
+    """Return the decompressed records of a chunk after a check of its size and CRC.
 
     Raises:
         ValueError: It states too large a size, or has another size or checksum than it

@@ -35,14 +35,14 @@ PUSHED_M = 0.01
 
 
 def trial_scene(spec: TrialSpec) -> TrialScene:
-    """Return the scene in which a trial begins."""
+    """Return obstacles, walls, start, goal and goal radius at a trial's beginning."""
     course = spec.course
     distance_m = spec.scaled_protocol.goal_distance_m
     return scene_of(spec.world, course.start, course.goal, distance_m)
 
 
 def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
-    """Return the scene in which a trial begins, as a message.
+    """Return the scene at a trial's beginning as a message of topic /world.
 
     Args:
         spec: The trial.
@@ -54,7 +54,9 @@ def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
 def moving_obstacle_scene(
     spec: TrialSpec, since_start_ns: int, stamp_ns: int
 ) -> list[OutgoingMessage]:
-    """Return moving obstacles and walls, if there are any and messages are due.
+    """Return a message of moving obstacles' shapes and one of poses, [] if not due.
+
+    They are due each 0.1 s in worlds with moving obstacles or walls.
 
     Args:
         spec: The trial.
@@ -87,13 +89,16 @@ class ScoreReporter:
     """Reports how a trial stands, twice a second and once more at the verdict."""
 
     def __init__(self, spec: TrialSpec) -> None:
+        """Begin with messages due at once."""
         self._course = spec.course
         self._title = f"{spec.planner}, {spec.world.name}"
         self._due_ns = 0
         self._concluded = False
 
     def take(self, standing: Standing, stamp_ns: int) -> Iterator[OutgoingMessage]:
-        """Yield the messages that are due at the end of an instant.
+        """Yield score, outcome and text if due: each 0.5 s, and once at the verdict.
+
+        After that nothing.
 
         Args:
             standing: How the trial stands.
@@ -126,6 +131,7 @@ class ScoreReporter:
         yield OutgoingMessage(topics.SCORE_TEXT, serialize(message))
 
     def _describe(self, standing: Standing, score: float) -> str:
+        """Return the text below the start: planner, clock, goal distance, score."""
         clock = "clock not started"
         if standing.clock_s is not None:
             clock = f"{standing.clock_s:.2f} s on the clock"
@@ -140,7 +146,7 @@ class ScoreReporter:
 
 
 def running_score(standing: Standing, course: Course) -> float:
-    """Return the challenge metric of a verdict, or of reaching the goal right now.
+    """Return the challenge metric of the verdict, or as if the goal were reached now.
 
     Args:
         standing: How the trial stands.
@@ -178,7 +184,7 @@ class TrialBag:
     """Records a trial instant by instant; a message carries the time of its instant."""
 
     def __init__(self, recorder: Recorder, spec: TrialSpec) -> None:
-        """Announce the topics of a trial.
+        """Announce a trial's topics to its recorder; no message is written yet.
 
         Args:
             recorder: Recorder of the bag, which stays open.
@@ -203,7 +209,7 @@ class TrialBag:
             recorder.announce(topic)
 
     def begin(self, first: Sensors) -> None:
-        """Record what is published once, at the start."""
+        """Record URDF, static transforms, map and scene, at the first reading only."""
         spec = self._spec
         stamp_ns = first.stamp_ns
         self._record(self._simulator.constant(), stamp_ns)
@@ -213,7 +219,7 @@ class TrialBag:
         self._record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
-        """Record the readings of an instant, and the goal when it is sent.
+        """Record sensors and, when due, moving obstacles and the goal, of an instant.
 
         Args:
             sensors: The readings.
@@ -240,7 +246,7 @@ class TrialBag:
         planner: Planner,
         stamp_ns: int,
     ) -> None:
-        """Record the planner's answer to the readings of an instant.
+        """Record the command, if any, and what the planner displays with it.
 
         Args:
             command: The command, if the planner gives one.
@@ -253,7 +259,7 @@ class TrialBag:
         self._record(self._planner.display(planner, decision, stamp_ns), stamp_ns)
 
     def standing(self, standing: Standing, stamp_ns: int) -> None:
-        """Record how the trial stands, when that is due.
+        """Record score, outcome and their text if due: each 0.5 s and at the end.
 
         Args:
             standing: How it stands at the end of an instant.
@@ -262,7 +268,7 @@ class TrialBag:
         self._record(self._score.take(standing, stamp_ns), stamp_ns)
 
     def conclude(self, cylinders_m: Floats, stamp_ns: int) -> None:
-        """Record where obstacles stand at the end, if any has been pushed.
+        """Record the scene again if a cylinder was pushed; the bag stays open.
 
         Args:
             cylinders_m: Centers (k, 2) in m, in the order of `World.cylinders_m`.
@@ -275,6 +281,7 @@ class TrialBag:
             self._record([OutgoingMessage(topics.WORLD, data)], stamp_ns)
 
     def _record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
+        """Write messages to the bag with one stamp, announcing their topics first."""
         for topic, data in messages:
             self._recorder.announce(topic)
             self._recorder.write(topic.path, data, stamp_ns)

@@ -86,12 +86,15 @@ class RecordedTrial:
     notes: tuple[str, ...] = ()  # what is missing or was cut off, in words
 
     def index_at(self, time_s: float) -> int:
-        """Return the number of the last pose at or before a time."""
+        """Return the index of the last pose at or before `time_s`, 0 if none is."""
         after = np.searchsorted(self.times_s, time_s + ROUNDING_S, side="right")
         return max(0, int(after) - 1)
 
     def to_frame(self, item: TimedItem) -> Pose2D:
-        """Return the transform from an item's frame to the poses' at its time."""
+        """Return the pose of an item's frame in the trial's frame, at its time.
+
+        The identity where that is unknown.
+        """
         if item.frame == self.frame:
             return self.map_frame if item.frame == MAP else ORIGIN
         if item.frame not in (MAP, ODOM) or not np.isfinite(self.odometry).all():
@@ -105,7 +108,7 @@ class RecordedTrial:
 
     @cached_property
     def clearance_m(self) -> Floats:
-        """Distance (n,) from the robot to the nearest obstacle, NaN if unknown.
+        """Distances (n,) in m from the robot to the nearest obstacle, NaN if unknown.
 
         Cylinders are as they stood at the start, what moves is where it was at the
         time.
@@ -127,9 +130,9 @@ class RecordedTrial:
         return clearance
 
     def goal_pose(self) -> Pose2D | None:
-        """Return the goal among the poses, where it is judged.
+        """Return the goal pose in the frame of `poses`, None if the bag has none.
 
-        That is as it was first given, when all frames agreed best.
+        As it was first given, when all frames agreed best.
         """
         if self.scene is not None and self.scene.goal is not None:
             return self.scene.goal
@@ -147,7 +150,7 @@ ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
 def read_recorded_trial(path: Path) -> RecordedTrial:
-    """Return what a bag tells of a trial, up to where it is cut off or damaged.
+    """Read a bag (folder or .mcap) into arrays, up to any damage, told in `notes`.
 
     Raises:
         BagError: There is no bag, or none of a robot.
@@ -241,7 +244,7 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
 def _list_gaps(
     has_truth: bool, map_frame: Pose2D, result: dict[str, Any]
 ) -> Iterator[str]:
-    """Yield what a viewer must know of what the bag lacks."""
+    """Yield notes for viewers: no true poses, a shifted map, no result in the bag."""
     if not has_truth:
         yield "no /ground_truth/odom: positions are those of the odometry"
     if map_frame != ORIGIN:
@@ -256,7 +259,7 @@ def _list_gaps(
 def _read_items(
     bag: BagFile, unreadable: dict[str, str]
 ) -> dict[topics.Topic, list[TimedItem]]:
-    """Return what topics show, in order of time from the first pose on.
+    """Read a bag; return decoded messages by topic and time, 0 s at the first pose.
 
     Args:
         bag: The bag.
@@ -298,7 +301,7 @@ def _hold(
     times_s: Floats,
     before: tuple[float, ...],
 ) -> Floats:
-    """Return the last row (n, k) of items by each time, before the first `before`."""
+    """Return the row (n, k) of the latest item at each time, `before` where none is."""
     # The first row stands for the time before any item.
     rows = np.array([before, *(row_of(item.content) for item in items)], np.float64)
     item_times_s = [item.time_s for item in items]
@@ -306,7 +309,10 @@ def _hold(
 
 
 def _read_scene(items: list[TimedItem]) -> tuple[TrialScene | None, Floats]:
-    """Return the scene at the start, and where pushed cylinders stand at the end."""
+    """Return the first scene, and where pushed cylinders stand at the end (k, 2).
+
+    Without a scene, None and no cylinders.
+    """
     no_cylinders = np.empty((0, 2))
     if not items:
         return None, no_cylinders
@@ -319,7 +325,7 @@ def _read_scene(items: list[TimedItem]) -> tuple[TrialScene | None, Floats]:
 
 
 def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str]:
-    """Return where the lidar is in base_link, and a note if nothing says so.
+    """Return the lidar's pose in base_link; if unknown, the origin and a note on it.
 
     Static transforms say so, or else the trial's specification.
     """
@@ -335,7 +341,10 @@ def _find_lidar(items: ItemsByTopic, trial: dict[str, Any]) -> tuple[Pose2D, str
 
 
 def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
-    """Return when recoveries began, by the planner's reports; others' are empty."""
+    """Return times in s at which the reported status changed to recovering.
+
+    Empty reports are of other nodes and skipped.
+    """
     times_s = []
     status = ""
     for report in reports:
@@ -346,7 +355,10 @@ def _find_recoveries(reports: list[TimedItem]) -> tuple[float, ...]:
 
 
 def _read_motions(items: ItemsByTopic) -> tuple[RecordedMotions | None, str]:
-    """Return the obstacles that move, or why they are not drawn."""
+    """Return moving obstacles and "", or None and why they cannot be drawn.
+
+    Where there are none, None and "".
+    """
     places = {item.time_s: item.content for item in items[topics.MOVING_POSES]}
     if not places:
         return None, ""
