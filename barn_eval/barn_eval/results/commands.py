@@ -24,14 +24,15 @@ class PlannerCycles:
     """When a trial asks its planner, and how late the commands take effect."""
 
     def __init__(self, spec: TrialSpec) -> None:
+        """Begin with delays as the trial declares or has recorded them."""
         config = spec.simulator
         self._timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
 
     def start(self, stamp_ns: int) -> int | None:
-        """Start a cycle with the readings of an instant, if they do.
+        """Start a cycle if this instant has a scan and the planner is free.
 
-        A cycle starts with each scan that finds the planner free.
+        Then the planner is to be asked. Nothing here asks it.
 
         Args:
             stamp_ns: Time since the first reading; instants come in their order.
@@ -45,7 +46,7 @@ class PlannerCycles:
 
 
 def commands_line(finished: FinishedTrial) -> str | None:
-    """Return a trial's commands as one line of JSON without its end.
+    """Return a trial's exact commands as a line of commands.jsonl, without checksum.
 
     None if the trial cannot be driven again by them: it has no readings, too many, or
     commands over ROS that took effect at times unknown.
@@ -60,7 +61,7 @@ def commands_line(finished: FinishedTrial) -> str | None:
 
 
 def _are_exact(finished: FinishedTrial) -> bool:
-    """Tell whether each command is the only one that answers its scan, and in time.
+    """Tell whether each scan has just one command, in time, and nothing else has any.
 
     In mode direct that is so. Over ROS commands may come late, or several to a scan.
     """
@@ -80,7 +81,7 @@ def _are_exact(finished: FinishedTrial) -> bool:
 
 
 def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
-    """Return a trial's name and its commands from a line of JSON.
+    """Return trial name and commands (n, 2), NaN for none, from a line of commands.jsonl.
 
     Args:
         line: The line without its checksum.
@@ -103,7 +104,7 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
 
 
 def are_kept(row: TrialResult, spec: TrialSpec) -> bool:
-    """Tell whether a folder must have the commands of a trial.
+    """Tell, from its row alone, whether commands.jsonl must have a trial's commands.
 
     Args:
         row: The trial's row.

@@ -64,6 +64,10 @@ class ResultsFolder:
     """
 
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows) -> None:
+        """Prepare a folder that `open` has locked; nothing is read or written.
+
+        `results` are the scored rows that the folder has.
+        """
         self.path = path
         self._rows = RowFile(path)
         self._places = {spec.trial_id: place for place, spec in enumerate(specs)}
@@ -84,9 +88,10 @@ class ResultsFolder:
         isolation: str = "",
         overwrite: bool = False,
     ) -> "Iterator[ResultsFolder]":
-        """Begin a run in a folder or resume it there, alone while the context lasts.
+        """Begin or resume a run in a folder that is locked while the context lasts.
 
-        A folder of another run that has no result yet is taken over.
+        It writes run.json and removes rows that do not count. Where none counts, or
+        with `overwrite`, all that an earlier run has written goes.
 
         Args:
             path: Folder, which need not exist.
@@ -133,24 +138,29 @@ class ResultsFolder:
 
     @property
     def remaining(self) -> list[TrialSpec]:
-        """The trials that have no result yet, in fair order."""
+        """Trials without a scored row, easy and difficult worlds mixed."""
         completed_ids = self._completed_ids
         return [spec for spec in self._schedule if spec.trial_id not in completed_ids]
 
     @property
     def total(self) -> int:
-        """Number of trials of the whole run."""
+        """Number of trials of the run, with or without a row."""
         return len(self._places)
 
     def results(self) -> list[TrialResult]:
-        """Return the results so far in the order of trials."""
+        """Read all rows so far from results.jsonl, in the order of trials."""
         return self._in_order(self._rows.read())
 
     def _in_order(self, results: Rows) -> list[TrialResult]:
+        """Return rows in the order of the run's trials, not that of their ends."""
         return sorted(results, key=lambda result: self._places[result.trial_id])
 
     def append(self, record: TrialRecord) -> None:
-        """Keep a trial's result and, before it, the lines of its commands and track."""
+        """Append commands, track and, last, row of a trial, each synced to the disk.
+
+        Raises:
+            ValueError: The trial has a row already.
+        """
         trial_id = record.result.trial_id
         if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} has a result already")
@@ -164,7 +174,7 @@ class ResultsFolder:
         self._completed_ids.add(trial_id)
 
     def write_note(self, kind: str, trial_id: str, text: str) -> None:
-        """Add a text to what is known of a trial.
+        """Append a text, with the time in UTC, to KIND/TRIAL_ID.txt in the folder.
 
         Args:
             kind: Folder of such texts, LOSSES or TRACEBACKS.
@@ -182,7 +192,7 @@ class ResultsFolder:
                 file.write(f"{now} {text}\n")
 
     def complete(self) -> list[TrialResult]:
-        """Write the tables, put the tracks in order and return all results.
+        """Write the result tables, sort tracks.jsonl, and return all rows.
 
         Raises:
             ValueError: A trial has no result.
@@ -197,7 +207,7 @@ class ResultsFolder:
 
 @contextmanager
 def _lock(path: Path) -> Iterator[None]:
-    """Make a folder if need be and keep other processes from working in it."""
+    """Create a folder if missing, and lock it; ConfigError if it is locked already."""
     with convert_os_errors(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
         # Programs do not inherit it, so no planner that outlives this process holds it.
@@ -215,7 +225,7 @@ def _lock(path: Path) -> Iterator[None]:
 
 
 def order_trials_fairly(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
-    """Return trials in an order whose every beginning mixes easy and difficult worlds.
+    """Return all trials, ordered so that each beginning mixes easy and hard worlds.
 
     Repetition by repetition, worlds as `order_worlds_fairly` has them, and all planners
     in a world one after the other.
@@ -226,9 +236,10 @@ def order_trials_fairly(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
 
 
 def order_worlds_fairly(worlds: Iterable[int]) -> list[int]:
-    """Return numbers of worlds in the order of van der Corput's sequence.
+    """Return distinct world numbers so that each beginning covers the whole range.
 
-    Numbers are ranks of difficulty in the data sets of the suite.
+    The order is van der Corput's sequence. Numbers are ranks of difficulty in the data
+    sets of the suite.
     """
     ranked = sorted(set(worlds))
     bits = (len(ranked) - 1).bit_length()
@@ -254,7 +265,7 @@ class CompletedTrials:
 def find_completed(
     run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
 ) -> CompletedTrials:
-    """Return what a run has in its folder already; nothing is written.
+    """Return sessions and scored rows of a run in its folder; nothing is written.
 
     Args:
         run_file: What the folder's run.json is to say.
@@ -301,7 +312,9 @@ def find_completed(
 def require_row_of_trial(
     result: TrialResult, spec: TrialSpec, run_file: RunFile
 ) -> None:
-    """Raise ConfigError naming the first field by which a row is of another trial.
+    """Raise ConfigError if a row has another world, seed, mode or task than its trial.
+
+    The message names the first such field.
 
     Args:
         result: The row.
@@ -335,6 +348,7 @@ def require_row_of_trial(
 
 
 def _require_task(result: TrialResult, run_file: RunFile) -> None:
+    """Raise ConfigError if a row names another task than run.json; it may name none."""
     # Rows of early versions name no task.
     if result.task not in ("", run_file.task_fingerprint):
         raise ConfigError(
@@ -345,13 +359,15 @@ def _require_task(result: TrialResult, run_file: RunFile) -> None:
 
 
 def default_folder() -> Path:
-    """Return a new folder under out/ for a run that names none, called by the time."""
+    """Return a new path, such as out/run_20250131_120000_000000; nothing is created."""
     # To the microsecond, because scripts start several runs within a second.
     return Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
 
 
 def read_results(path: Path) -> list[TrialResult]:
-    """Return the scored results of a run, finished or not.
+    """Return the scored rows of a run's folder in the order in which trials ended.
+
+    The run may be unfinished.
 
     Raises:
         ConfigError: There are none, or one belongs to another task.
@@ -363,7 +379,7 @@ def read_results(path: Path) -> list[TrialResult]:
 
 
 def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
-    """Return the rows of a folder that are not to be run again.
+    """Return the rows that count: without failures of simulator or environment.
 
     Args:
         run_file: The folder's run.json.
@@ -379,7 +395,7 @@ def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
 
 
 def _remove_results(path: Path, *, logs: bool) -> None:
-    """Remove what a run has written, with or without its logs, and nothing else."""
+    """Delete what a run has written in a folder, nothing else; logs if `logs`."""
     lines = (ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
     for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, WORLDS_MANIFEST):
         (path / name).unlink(missing_ok=True)

@@ -14,12 +14,12 @@ LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
 
 
 def provenance() -> dict[str, Any]:
-    """Return versions, commit and machine."""
+    """Return package versions, source commit and machine as plain data; runs git."""
     return {"versions": versions(), "commit": commit(), "machine": machine()}
 
 
 def versions() -> dict[str, str]:
-    """Return versions of Python, of the suite and of libraries that decide results."""
+    """Return versions by name of Python, the suite's packages and key libraries."""
     packages = {"python": platform.python_version()}
     # All packages of the suite are released together.
     packages |= dict.fromkeys(SUITE, __version__)
@@ -28,6 +28,7 @@ def versions() -> dict[str, str]:
 
 
 def _library_version(library: str) -> str:
+    """Return the version of an installed package, else "not installed"."""
     try:
         return version(library)
     except PackageNotFoundError:
@@ -35,7 +36,7 @@ def _library_version(library: str) -> str:
 
 
 def commit() -> str:
-    """Return the commit of the source, with "+changes" where files differ from it.
+    """Return the suite's full commit, with "+changes" where tracked files differ.
 
     A wheel and an archive of the source have it in a file (qa/build_backend.py). Empty
     if there is neither a repository nor that file.
@@ -48,7 +49,10 @@ def commit() -> str:
 
 
 def commit_of(folder: Path) -> str:
-    """Return the commit of the repository around a folder, empty if not the suite's."""
+    """Return HEAD of the suite's repository around a folder, empty for any other.
+
+    With "+changes" where tracked files differ from it.
+    """
     # The suite may be installed below the repository of somebody else.
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
@@ -61,7 +65,7 @@ def commit_of(folder: Path) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Return what wall-clock figures depend on."""
+    """Return processor model, number of logical cores, and operating system."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -70,6 +74,10 @@ def machine() -> dict[str, Any]:
 
 
 def _git(folder: Path, *arguments: str) -> str:
+    """Run git in a folder; return its stripped output, empty if it fails.
+
+    It fails after 10 s, too.
+    """
     # Without locks, so that asking does not disturb a command of the user's.
     command = ["git", "--no-optional-locks", "-C", str(folder), *arguments]
     try:
@@ -82,6 +90,7 @@ def _git(folder: Path, *arguments: str) -> str:
 
 
 def _processor() -> str:
+    """Return the processor's model name; its architecture where none is known."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:

@@ -51,10 +51,11 @@ class RowFile:
     """The rows of one folder, in the order in which trials ended; it has one writer."""
 
     def __init__(self, folder: Path) -> None:
+        """Name the folder of results.jsonl, which need not be there yet."""
         self.path = folder / ROWS_FILE
 
     def append(self, result: TrialResult) -> None:
-        """Add a row and see it onto the disk.
+        """Append a row with its checksum to results.jsonl and sync it to the disk.
 
         Raises:
             StoreError: That failed; the rows are as they were.
@@ -62,11 +63,13 @@ class RowFile:
         append_line(self.path, to_json_line(result))
 
     def replace(self, results: Rows) -> None:
-        """Keep these rows and no others; errors as `append`."""
+        """Rewrite results.jsonl with these rows only, at once; errors as `append`."""
         _write_lines(self.path, [seal_line(to_json_line(row)) for row in results])
 
     def read(self) -> list[TrialResult]:
-        """Return the rows without a last line that a kill cut off.
+        """Return all rows in the order of the file; [] without one.
+
+        A last line that a kill cut off is left out.
 
         Raises:
             ConfigError: A line is damaged, or a trial has two rows.
@@ -90,11 +93,12 @@ class RowParser:
 
     @cached_property
     def _failure_time_s(self) -> float:
+        """The most seconds that a failure counts with, by the protocol in run.json."""
         protocol = RunFile.read(self._folder).run_config().protocol
         return max(protocol.failure_time_s, protocol.timeout_time_s)
 
     def parse(self, line: str, where: str) -> TrialResult:
-        """Return the result of a line.
+        """Return the row in a line of results.jsonl, whose checksum is removed.
 
         Args:
             line: The line without its checksum.
@@ -122,7 +126,7 @@ class RowParser:
 
 
 def read_tracks(folder: Path) -> dict[str, str]:
-    """Return the lines of a folder's tracks by trial.
+    """Return lines of tracks.jsonl, not parsed, by trial; the last of a trial counts.
 
     A last line that a kill cut off is left out.
     """
@@ -135,7 +139,7 @@ def read_tracks(folder: Path) -> dict[str, str]:
 
 
 def arrange_tracks(folder: Path, trial_ids: Iterable[str]) -> None:
-    """Bring a folder's tracks into an order of trials, one of each.
+    """Rewrite tracks.jsonl in the order of `trial_ids`, one line each, dropping others.
 
     So the file no longer tells which trial ended when.
 
@@ -151,13 +155,13 @@ def arrange_tracks(folder: Path, trial_ids: Iterable[str]) -> None:
 
 
 def seal_line(line: str) -> str:
-    """Return a line of a JSON object with its checksum as the last key."""
+    """Return a line of a JSON object with its CRC-32 added as the last key, "crc32"."""
     # This shows damage, not forgery: against that, `barn check` computes rows again.
     return f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}'
 
 
 def unseal_line(line: str, where: str) -> str:
-    """Return a line without its checksum.
+    """Return a line without its CRC-32; ConfigError if that is missing or wrong.
 
     Args:
         line: The line as `seal_line` has made it.
@@ -180,17 +184,21 @@ def unseal_line(line: str, where: str) -> str:
 
 
 def _read_sealed_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield place and content of each line, without a last one that a kill cut off."""
+    """Yield "FILE, line N" and each line without its checksum, which is checked.
+
+    A last line that a kill cut off is left out.
+    """
     for where, line in read_lines(path):
         yield where, unseal_line(line, where)
 
 
 def _write_lines(path: Path, lines: Sequence[str]) -> None:
+    """Replace a file by lines that have their checksums, at once and durably."""
     write_durably(path, "".join(f"{line}\n" for line in lines).encode())
 
 
 def append_line(path: Path, line: str) -> None:
-    """Add a line with its seal to a file and see it onto the disk.
+    """Append a line with its checksum to a .jsonl file and sync it to the disk.
 
     Args:
         path: File of rows, tracks or commands, which has one writer.
@@ -217,7 +225,7 @@ def append_line(path: Path, line: str) -> None:
 
 
 def _drop_torn_line(file: io.FileIO) -> int:
-    """Cut a file back to its last whole line and return its size."""
+    """Cut a file off after its last newline and return its new size in bytes."""
     size = file.seek(0, os.SEEK_END)
     file.seek(max(size - 1, 0))
     if size == 0 or file.read(1) == b"\n":
@@ -240,7 +248,7 @@ _COLUMN_TYPES: dict[type, pa.DataType] = {
 
 
 def results_table(results: Rows) -> pa.Table:
-    """Return a row per result, in the order given, without wall-clock figures."""
+    """Return an Arrow table of the rows in their order, without wall-clock figures."""
     columns = list(_columns(TrialResult))
     # Runs in worlds where nothing moves have the columns that they always had.
     if any(result.motion is not None for result in results):
@@ -257,7 +265,7 @@ def results_table(results: Rows) -> pa.Table:
 
 
 def timing_table(results: Rows) -> pa.Table:
-    """Return a row per result with its trial and the fields of `WallClock`."""
+    """Return an Arrow table of the trials' names and wall-clock figures."""
     schema = pa.schema([("trial_id", pa.string()), *_columns(WallClock)])
     rows = [
         {"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results
@@ -266,7 +274,7 @@ def timing_table(results: Rows) -> pa.Table:
 
 
 def write_tables(folder: Path, results: Rows) -> None:
-    """Write both tables, each as Parquet and CSV.
+    """Replace results and timing tables in a folder, each as .parquet and .csv.
 
     Args:
         folder: The run's folder.
@@ -284,14 +292,14 @@ def write_tables(folder: Path, results: Rows) -> None:
 
 
 def csv_bytes(table: pa.Table) -> bytes:
-    """Return a table as CSV, its header first."""
+    """Return a table as the bytes of a CSV file, its header first."""
     buffer = io.BytesIO()
     pyarrow.csv.write_csv(table, buffer)
     return buffer.getvalue()
 
 
 def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield name and type of a record's columns, nested scores and measures flat."""
+    """Yield name and Arrow type of a dataclass's columns, scores and measures flat."""
     for name, hint in typing.get_type_hints(record).items():
         if name in _NO_COLUMNS:
             continue

@@ -43,7 +43,7 @@ class RunFile:
 
     @classmethod
     def read(cls, folder: Path) -> "RunFile":
-        """Return what a folder's run.json says; ConfigError if it describes no run."""
+        """Read a folder's run.json; ConfigError if there is none or it has no run."""
         path = folder / RUN_FILE
         content = as_mapping(read_json(path))
         config = as_mapping(content.get("experiment"))
@@ -73,7 +73,7 @@ class RunFile:
     def for_run(
         cls, folder: Path, config: RunConfig, specs: Iterable[TrialSpec]
     ) -> "RunFile":
-        """Return what the folder of a run is to say before its first session.
+        """Return the run.json of a new run, yet without sessions; nothing is written.
 
         Args:
             folder: Folder of the results.
@@ -88,25 +88,29 @@ class RunFile:
         return cls(path, plain_config, worlds, robot, identity.CODE_VERSIONS)
 
     def run_config(self) -> RunConfig:
-        """Return the configuration; ConfigError if this version does not read it."""
+        """Return the parsed configuration; ConfigError if this version cannot."""
         try:
             return from_dict(RunConfig, dict(self.config), str(self.path))
         except ConfigError as error:
             raise ConfigError(f"{error}{self.origin_note()}") from None
 
     def task(self) -> dict[str, Any]:
-        """Return what decides the task; ConfigError as `run_config`."""
+        """Return what the task fingerprint hashes, with defaults of this version.
+
+        Raises:
+            ConfigError: As `run_config`.
+        """
         config = as_dict(self.run_config())
         return identity.plain_task(config, self.robot, self.code_versions)
 
     @cached_property
     def task_fingerprint(self) -> str:
-        """Fingerprint of the task as it was written, which its rows have."""
+        """Task fingerprint of the data as they were written, which its rows have."""
         content = identity.plain_task(self.config, self.robot, self.code_versions)
         return identity.fingerprint(content)
 
     def origin_note(self) -> str:
-        """Return which commits wrote the folder and which this is, for a message.
+        """Return the end of a message: the commits that wrote the folder, and this.
 
         Empty if this commit alone wrote it.
         """
@@ -118,7 +122,7 @@ class RunFile:
         return f" (written at {names}, this is {_shorten(current)})"
 
     def deciding_config(self) -> dict[str, Any]:
-        """Return the parts of the configuration that decide results."""
+        """Return a copy of the plain configuration, in mode direct without `ros`."""
         config = dict(self.config)
         if config.get("mode") == "direct":
             # There they are defaults, to which later versions add fields.
@@ -126,7 +130,10 @@ class RunFile:
         return config
 
     def require_same_run(self, other: "RunFile") -> None:
-        """Raise ConfigError naming the first key by which another run differs."""
+        """Raise ConfigError if configuration, worlds, robot or code versions differ.
+
+        The message names the first key that does. Sessions may differ.
+        """
         parts = (
             ("configuration", self.deciding_config(), other.deciding_config()),
             ("checksum of world", self.worlds, other.worlds),
@@ -149,7 +156,7 @@ class RunFile:
             )
 
     def with_session(self, execution: ExecutionConfig, isolation: str) -> "RunFile":
-        """Return the same with a session that begins now.
+        """Return a copy with a session that begins now; nothing is written.
 
         Args:
             execution: How the session executes the run.
@@ -164,7 +171,7 @@ class RunFile:
         return replace(self, sessions=(*self.sessions, session))
 
     def write(self) -> None:
-        """Write run.json whole; StoreError if it cannot be written."""
+        """Replace run.json atomically; StoreError if it cannot be written."""
         config = dict(self.config)
         # A folder that is moved takes its worlds along.
         if config["dataset"] == str((self.path.parent / WORLDS).absolute()):
@@ -181,6 +188,7 @@ class RunFile:
 
 
 def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Return the sessions in run.json's content, leaving out what is no mapping."""
     sessions = content.get("sessions")
     if not isinstance(sessions, list):
         return ()
@@ -188,12 +196,15 @@ def _read_sessions(content: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
 
 
 def _read_commit(session: Mapping[str, Any]) -> str:
-    """Return the commit of a session, empty for text that is none."""
+    """Return the commit that a session names, empty if it is not in hex digits."""
     revision = str(session.get("commit", ""))
     return revision if _COMMIT.fullmatch(revision) else ""
 
 
 def _shorten(revision: str) -> str:
-    """Return the beginning of a commit that identifies it, and whether files differ."""
+    """Return the first 8 digits of a commit, and "+changes" where it has that.
+
+    For an empty one "an unknown commit".
+    """
     sha, plus, changes = revision.partition("+")
     return f"{sha[:8]}{plus}{changes}" if sha else "an unknown commit"

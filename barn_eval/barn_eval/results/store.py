@@ -41,9 +41,10 @@ class BagStore:
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
-        """Yield the recorder of a trial's bag, None if the run keeps no bags.
+        """Yield a recorder for a trial's new bag, None if the run keeps no bags.
 
-        A bag that is not finished is abandoned.
+        An earlier bag of the trial is deleted. One that the context does not finish
+        keeps its partial name.
         """
         if self.bags == "none":
             yield None
@@ -59,7 +60,11 @@ class BagStore:
             yield recorder
 
     def make_record(self, finished: FinishedTrial) -> TrialRecord:
-        """Return what is to be kept of a trial; a bag that is not to be kept goes."""
+        """Return what the folder keeps of a trial; delete a bag it does not keep.
+
+        That is the bag of a success where only bags of failures are kept. Nothing is
+        written.
+        """
         result = finished.result
         # How a trial ends is known only after its bag has been written.
         if self.bags == "failed" and result.scores.success:
@@ -69,11 +74,12 @@ class BagStore:
         )
 
     def _bag(self, trial_id: str) -> Path:
+        """Return the path of a trial's bag, whether it is there or not."""
         return self.folder / BAGS / trial_id
 
 
 def finish_bag(recorder: Recorder, finished: FinishedTrial) -> None:
-    """Complete the bag of a trial.
+    """Add specification, versions and result to a bag, and give it its final name.
 
     Args:
         recorder: Recorder of the bag.

@@ -37,7 +37,7 @@ _DTYPES = {name: np.dtype(f"<{kind}") for kind, name in _ARRAY_NAMES.items()}
 
 
 def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays as plain data.
+    """Return arrays by name as JSON-ready data, flat and compressed; shapes are lost.
 
     Returns:
         "zlib": the content of all arrays, compressed, as base64. "arrays": kind, offset
@@ -63,7 +63,7 @@ def pack_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
 def unpack_arrays(
     content: Mapping[str, Any], max_bytes: int
 ) -> dict[str, npt.NDArray[Any]]:
-    """Return the flat arrays of what `pack_arrays` has made.
+    """Return flat arrays by name from data of `pack_arrays`; ValueError if damaged.
 
     Args:
         content: Plain data, which anybody may have written.
@@ -141,7 +141,7 @@ class Track:
 
     @property
     def steps(self) -> Floats:
-        """What samples are rounded to when they are packed, one per channel."""
+        """Rounding step (9,) of each channel when packed, in its own unit."""
         largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
         steps = np.array(list(_STEPS.values()))
         # One number less than there are leaves room for rounding.
@@ -151,7 +151,7 @@ class Track:
 
     @cached_property
     def packed(self) -> dict[str, Any]:
-        """Packed samples, the step of each channel, and the note."""
+        """JSON-ready data: samples, rounded and compressed, contact, steps, note."""
         steps = self.steps
         is_number = np.isfinite(self.samples)
         rounded = np.round(np.where(is_number, self.samples, 0.0) / steps)
@@ -168,7 +168,7 @@ class Track:
 
 
 def thin_samples(samples: Floats, contact: Bools) -> Track:
-    """Return a track of about 5 samples a second, at most `MAX_SAMPLES` and the first.
+    """Return a track of every k-th sample: about 5 a second, at most `MAX_SAMPLES` + 1.
 
     The first sample stays, then every k-th and the last. Contact and smallest clearance
     are those since the sample before.
@@ -203,7 +203,7 @@ def thin_samples(samples: Floats, contact: Bools) -> Track:
 
 
 def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
-    """Return the track of a trial; None if nothing was read.
+    """Return a trajectory thinned out, with clearances; None if it has no readings.
 
     Args:
         trajectory: What the robot did.
@@ -226,7 +226,10 @@ def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
 
 
 def track_line(finished: FinishedTrial) -> str | None:
-    """Return a trial's track as one line of JSON without its end; None without one."""
+    """Return a trial's track as a line of tracks.jsonl, without checksum, or None.
+
+    None if it has no readings.
+    """
     track = make_track(finished.trajectory, finished.spec)
     if track is None:
         return None
@@ -236,7 +239,7 @@ def track_line(finished: FinishedTrial) -> str | None:
 
 
 def parse_trial_line(line: str, where: str, what: str) -> tuple[str, dict[str, Any]]:
-    """Return a trial's name and the plain data of a line of JSON.
+    """Return the trial's name and the whole JSON object in a line of a .jsonl file.
 
     Args:
         line: The line without its checksum.
@@ -254,7 +257,7 @@ def parse_trial_line(line: str, where: str, what: str) -> tuple[str, dict[str, A
 
 
 def parse_track_line(line: str, where: str) -> tuple[str, Track]:
-    """Return a trial's name and track from a line of JSON.
+    """Return trial name and track from a line of tracks.jsonl.
 
     Args:
         line: The line without its checksum.
@@ -271,6 +274,7 @@ def parse_track_line(line: str, where: str) -> tuple[str, Track]:
 
 
 def _read_track(content: Mapping[str, Any]) -> Track:
+    """Return the track in a line's JSON object, unpacked; ValueError if it is none."""
     version = content.get("schema_version")
     if version != SCHEMA_VERSION:
         raise ValueError(

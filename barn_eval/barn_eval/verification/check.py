@@ -66,9 +66,10 @@ class FolderCheck:
 
 
 def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
-    """Return what is wrong with a results folder, finished or not.
+    """Check the folder of a run, finished or not, and return problems and counts.
 
-    Every row is computed again from what was recorded.
+    Every row is computed again from what was recorded, and commands are driven again.
+    Nothing in the folder is changed.
 
     Args:
         folder: The folder.
@@ -88,6 +89,7 @@ class _Checker:
     """Checks one folder, and collects what is wrong with it."""
 
     def __init__(self, folder: Path, run_file: RunFile, config: RunConfig) -> None:
+        """Make the run's trials, reading their worlds; no row is read yet."""
         self._folder = folder
         self._run_file = run_file
         self._config = config
@@ -101,6 +103,10 @@ class _Checker:
         self._is_other_task = any(spec.task != task for spec in self._specs.values())
 
     def check(self, sample: int | None) -> FolderCheck:
+        """Check the whole folder and return the findings; to be called once.
+
+        `sample` is the number of trials driven again, None for all.
+        """
         result = self._result
         result.trials = len(self._specs)
         self._check_worlds()
@@ -148,7 +154,7 @@ class _Checker:
         return result
 
     def _read_specs(self) -> list[TrialSpec]:
-        """Return the trials of the run, also of planners not installed here."""
+        """Return the run's trials, planners unresolved if one is not installed."""
         try:
             return self._config.trials()
         except ConfigError as error:
@@ -158,7 +164,7 @@ class _Checker:
             return self._config.trials(started_by_hand=True)
 
     def _check_task(self) -> None:
-        """Compare the task of run.json with the one that its configuration gives."""
+        """Report it if run.json's task fingerprint is not that of its configuration."""
         if not self._is_other_task:
             return
         run_file = self._run_file
@@ -176,6 +182,7 @@ class _Checker:
             self._result.problems.append(problem)
 
     def _check_worlds(self) -> None:
+        """Report worlds of the data set whose checksum run.json has otherwise."""
         checksums = {
             spec.world_number: spec.world.checksum for spec in self._specs.values()
         }
@@ -188,6 +195,7 @@ class _Checker:
                 )
 
     def _read_rows(self) -> dict[str, TrialResult]:
+        """Return rows by trial; report duplicates and rows that are not the trial's."""
         rows: dict[str, TrialResult] = {}
         for where, trial_id, row in self._read(ROWS_FILE, self._parse_row):
             if trial_id in rows:
@@ -203,21 +211,22 @@ class _Checker:
         return rows
 
     def _parse_row(self, line: str, where: str) -> tuple[str, TrialResult]:
+        """Return trial name and row of a line without checksum."""
         row = self._parser.parse(line, where)
         return row.trial_id, row
 
     def _read_trials(
         self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> dict[str, T]:
-        """Return the contents of a file's lines by trial; the last of a trial counts."""
+        """Return parsed lines of a .jsonl file by trial, the last of each trial."""
         return {trial_id: content for _, trial_id, content in self._read(name, parse)}
 
     def _read(
         self, name: str, parse: Callable[[str, str], tuple[str, T]]
     ) -> Iterator[tuple[str, str, T]]:
-        """Yield place, trial and content of each line of a file.
+        """Yield "FILE, line N", trial name and parsed content of each line of a file.
 
-        A damaged line is a problem, and left out.
+        A damaged line, or one of no trial of the run, is reported and left out.
         """
         problems = self._result.problems
         try:
@@ -235,13 +244,13 @@ class _Checker:
             problems.append(str(error))
 
     def _keeps_bag(self, row: TrialResult) -> bool:
-        """Tell whether the run has kept a bag of a trial."""
+        """Tell whether a trial must have a bag by configuration and row."""
         bags = self._config.bags
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
 
     def _report(self, problem: str) -> None:
-        """Report a problem; of another task, as what could not be checked.
+        """Add a problem, as one unchecked if another version drove the trials.
 
         Versions may differ in what they compute, so an old row that differs is no
         forgery.
@@ -252,6 +261,7 @@ class _Checker:
             self._result.problems.append(problem)
 
     def _check_trials(self, trials: Sequence[TrialEvidence]) -> None:
+        """Check all trials in parallel and add their problems in trial order."""
         result = self._result
         unchecked: Counter[str] = Counter()
         old_count = 0
@@ -281,7 +291,7 @@ class _Checker:
 
 
 def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
-    """Yield the checks of trials, made by a process per processor."""
+    """Check trials in one process per CPU and yield their checks as they end."""
     waiting = deque(trials)
     running = 0
     processes = min(ExecutionConfig().processes, len(trials))
@@ -308,23 +318,27 @@ def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
 
 
 def _failed_check(trial_id: str, reason: str) -> TrialCheck:
+    """Return a check with the one problem that it could not be made, and why."""
     return TrialCheck(trial_id, (f"cannot be checked: {reason}",))
 
 
 def _sample(trial_ids: list[str], count: int) -> set[str]:
-    """Return so many names, others each time: who forges must not know which."""
+    """Return `count` of the names, or all if there are fewer, drawn anew at each call.
+
+    Who forges must not know which.
+    """
     order = np.random.default_rng(randbits(128)).permutation(len(trial_ids))
     return {trial_ids[k] for k in order[:count]}
 
 
 def _name_trial(line: str, where: str) -> tuple[str, str]:
-    """Return the trial of a line of commands, and the line."""
+    """Return the trial name of a line of commands.jsonl, and the line, not unpacked."""
     trial_id, _ = parse_trial_line(line, where, "commands")
     return trial_id, line
 
 
 def _compare_tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
-    """Yield which tables of results do not say what the rows say."""
+    """Yield a problem per file, results.parquet and .csv, unlike the rows."""
     expected = results_table(rows)
     comparisons = {"parquet": _compare_parquet, "csv": _compare_csv}
     for ending, compare in comparisons.items():
@@ -343,6 +357,7 @@ def _compare_tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
 
 
 def _compare_parquet(content: bytes, expected: pa.Table) -> str:
+    """Return how a Parquet file's bytes differ from the table, empty if not."""
     file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
 
     # Before it is read: run lengths let a kilobyte stand for any number of rows.
@@ -361,4 +376,5 @@ def _compare_parquet(content: bytes, expected: pa.Table) -> str:
 
 
 def _compare_csv(content: bytes, expected: pa.Table) -> str:
+    """Return a problem unless a CSV file's bytes are those of the table, else ""."""
     return "" if content == csv_bytes(expected) else "is not the table of its rows"

@@ -42,7 +42,9 @@ _SIGNED = (
 def recompute_row(
     row: TrialResult, spec: TrialSpec, verdict: Verdict, trajectory: Trajectory
 ) -> TrialResult:
-    """Return the row of a trial from its verdict and trajectory.
+    """Return a trial's row computed anew from its verdict and trajectory.
+
+    Nothing is simulated. Fields that only the planner can say are copied from `row`.
 
     Args:
         row: The row as it was written, for its schema and for what only the planner
@@ -76,7 +78,7 @@ def find_difference(
     tolerance: float = 0.0,
     ignored: tuple[str, ...] = (),
 ) -> Iterator[str]:
-    """Yield the first difference between a row and the same from elsewhere, if any.
+    """Yield at most one text: the first key by which a row and `content` differ.
 
     Args:
         row: The row as it was written.
@@ -92,9 +94,9 @@ def find_difference(
 
 
 def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield what a row cannot say, whatever was driven.
+    """Yield problems of a row by itself: scores that do not follow, impossible numbers.
 
-    Scores must follow from times, and numbers must be within their ranges.
+    The track is not needed.
 
     Args:
         row: The row.
@@ -130,7 +132,7 @@ def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
 
 
 def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield which numbers of a row are larger than others allow."""
+    """Yield a problem for each number of a row above what others allow."""
     protocol = spec.scaled_protocol
     scores = row.scores
     measures = row.measures
@@ -167,9 +169,10 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
 def compare_with_track(
     row: TrialResult, spec: TrialSpec, track: Track | None
 ) -> Iterator[str]:
-    """Yield what of a row is not what its track says.
+    """Yield contradictions between a row and its track, within the track's rounding.
 
-    The rounding of tracks and their 5 samples a second limit what can be compared.
+    Among them are clearance, contacts, driven length, duration and the end. With 5
+    samples a second, not everything can be compared.
 
     Args:
         row: The row.
@@ -221,7 +224,7 @@ def compare_with_track(
 
 
 def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[str]:
-    """Yield where a track does not begin to move, or end, as its row says."""
+    """Yield contradictions of outcome and traversal time with a track's ends."""
     protocol = spec.scaled_protocol
     outcome = row.outcome
     times_s = track.samples[:, 0]

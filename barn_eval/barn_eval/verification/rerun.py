@@ -92,12 +92,12 @@ class CheckWork(Work):
     needs_import_path = False
 
     def run(self, job: TrialEvidence, emit: Emit) -> TrialCheck:  # noqa: ARG002
-        """Check the trial."""
+        """Check the trial of a job; nothing is emitted."""
         return check_trial(job)
 
 
 def read_bag(bag: BagFile) -> Readings:
-    """Return what a bag has of a trial.
+    """Read a bag's true poses, odometry, contacts and commands, up to any damage.
 
     Within an instant, the true pose follows the odometry; contact, scan and command
     follow the true pose.
@@ -139,12 +139,13 @@ def read_bag(bag: BagFile) -> Readings:
 
 
 def _pose_table(poses: Sequence[tuple[float, ...]]) -> Floats:
+    """Return poses x, y m, yaw rad as an array (n, 3), also if there are none."""
     # Without poses there is no second axis yet.
     return np.array(poses, np.float64).reshape(-1, 3)
 
 
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
-    """Return what a robot does that gets these commands.
+    """Simulate a trial with these commands and no planner; return its readings.
 
     Scans and the pose on the map are not simulated: they have noise of their own, and
     nothing here depends on them.
@@ -176,7 +177,9 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
 
 
 def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
-    """Return the trial that readings and commands make, up to their end.
+    """Judge readings and commands by a new referee, without simulator or planner.
+
+    The trial that is returned has no verdict if they do not end it.
 
     Args:
         spec: The trial.
@@ -206,7 +209,7 @@ def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:
 
 
 def check_trial(evidence: TrialEvidence) -> TrialCheck:
-    """Check what a folder has of a trial."""
+    """Check a trial's row against its track, bag and commands; change nothing."""
     row = evidence.row
     spec = _with_planner_of_row(evidence.spec, row)
     problems = [
@@ -253,7 +256,7 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
 
 
 def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
-    """Return a trial with what only its row says of its planner."""
+    """Return the trial with delays from its row, and planner data if unknown here."""
     if row.delays:
         spec = replace(spec, recorded_ns=unpack_delays(row.delays))
     if not row.planner_config:  # a planner that was started by hand
@@ -276,12 +279,12 @@ def _with_planner_of_row(spec: TrialSpec, row: TrialResult) -> TrialSpec:
 
 
 def is_current(row: TrialResult) -> bool:
-    """Tell whether a row has all that rows of this version have."""
+    """Tell whether a row is of the schema that this version writes."""
     return row.schema_version == SCHEMA_VERSION
 
 
 def _find_commands(evidence: TrialEvidence, recorded: Readings | None) -> Floats | None:
-    """Return the commands of a trial, None if they are not known exactly."""
+    """Return exact commands (n, 2) from the trial's line, else its bag, else None."""
     if evidence.commands:
         _, commands = parse_commands_line(evidence.commands, "its commands")
         return commands
@@ -313,7 +316,7 @@ def _why_not_driven(
 
 
 def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
-    """Yield how recorded readings are not what the commands give."""
+    """Yield at most one text on how recorded and simulated readings differ."""
     command = recorded.trajectory.command
     if not np.array_equal(command, simulated.trajectory.command, equal_nan=True):
         yield "its commands are not those of its bag"
@@ -351,7 +354,7 @@ def _reading_table(readings: Readings) -> Floats:
 def _judge(
     row: TrialResult, spec: TrialSpec, readings: Readings, track: Track | None
 ) -> Iterator[str]:
-    """Yield what of a row and its track does not follow from its readings.
+    """Judge readings again; yield what of the row, then the track, does not follow.
 
     What no reading shows, such as a planner that died, is taken from the row: it must
     come before any verdict.

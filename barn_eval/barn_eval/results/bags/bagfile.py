@@ -45,7 +45,7 @@ class BagFile:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no message has been read so far; so before `messages`, too."""
+        """Whether no message has been read so far, so also before `messages`."""
         return self._first_ns is None
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
@@ -202,9 +202,9 @@ class TrialFollower:
             self._current = None
 
     def _newest(self) -> Path | None:
-        """Return the last modified .mcap of unfinished bags not followed before, or None.
+        """Return the unfinished, not yet followed .mcap modified last, None if none.
 
-        The current bag counts as not followed before.
+        The one that is being followed counts, those before it do not.
         """
         written_ns: dict[Path, int] = {}
         for path in set(self._bags.glob(f"*{PARTIAL}/*.mcap")) - self._followed:
@@ -240,7 +240,7 @@ def _require_plain(path: Path) -> None:
 
 
 def _part_key(path: Path) -> tuple[int, str]:
-    """Return a sort key of a split bag's parts: the number after the last _, and name."""
+    """Return a part's sort key in a split bag: number after the last _, then name."""
     # As texts, part 10 would come before part 2.
     number = 0
     match = re.search(r"_(\d+)$", path.stem)
