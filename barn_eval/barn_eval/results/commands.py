@@ -61,7 +61,7 @@ def commands_line(finished: FinishedTrial) -> str | None:
 
 
 def _are_exact(finished: FinishedTrial) -> bool:
-    """Tell whether each scan has just one command, in time, and nothing else has any.
+    """Tell whether each scan has just one command, in time, and no other reading any.
 
     In mode direct that is so. Over ROS commands may come late, or several to a scan.
     """
@@ -81,7 +81,7 @@ def _are_exact(finished: FinishedTrial) -> bool:
 
 
 def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
-    """Return trial name and commands (n, 2), NaN for none, from a line of commands.jsonl.
+    """Return trial name and commands (n, 2), unpacked, from a line of commands.jsonl.
 
     Args:
         line: The line without its checksum.

@@ -51,7 +51,7 @@ class RowFile:
     """The rows of one folder, in the order in which trials ended; it has one writer."""
 
     def __init__(self, folder: Path) -> None:
-        """Name the folder of results.jsonl, which need not be there yet."""
+        """Use results.jsonl in a run's folder; it need not be there yet."""
         self.path = folder / ROWS_FILE
 
     def append(self, result: TrialResult) -> None:
@@ -63,11 +63,11 @@ class RowFile:
         append_line(self.path, to_json_line(result))
 
     def replace(self, results: Rows) -> None:
-        """Rewrite results.jsonl with these rows only, at once; errors as `append`."""
+        """Rewrite results.jsonl atomically with these rows only; errors as `append`."""
         _write_lines(self.path, [seal_line(to_json_line(row)) for row in results])
 
     def read(self) -> list[TrialResult]:
-        """Return all rows in the order of the file; [] without one.
+        """Return all rows in file order, but a torn last line; [] without a file.
 
         A last line that a kill cut off is left out.
 
@@ -193,7 +193,7 @@ def _read_sealed_lines(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def _write_lines(path: Path, lines: Sequence[str]) -> None:
-    """Replace a file by lines that have their checksums, at once and durably."""
+    """Replace a file atomically by lines that have their checksums already."""
     write_durably(path, "".join(f"{line}\n" for line in lines).encode())
 
 

@@ -73,7 +73,7 @@ class RunFile:
     def for_run(
         cls, folder: Path, config: RunConfig, specs: Iterable[TrialSpec]
     ) -> "RunFile":
-        """Return the run.json of a new run, yet without sessions; nothing is written.
+        """Return the run.json of a new run, still without sessions; writes nothing.
 
         Args:
             folder: Folder of the results.
@@ -88,7 +88,7 @@ class RunFile:
         return cls(path, plain_config, worlds, robot, identity.CODE_VERSIONS)
 
     def run_config(self) -> RunConfig:
-        """Return the parsed configuration; ConfigError if this version cannot."""
+        """Parse and return the configuration; ConfigError if it cannot be read."""
         try:
             return from_dict(RunConfig, dict(self.config), str(self.path))
         except ConfigError as error:

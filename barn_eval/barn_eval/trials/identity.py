@@ -41,9 +41,9 @@ def task_content(protocol: Protocol, simulator: SimulatorConfig) -> dict[str, An
 def plain_task(
     config: Mapping[str, Any], robot: str, code_versions: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what a task fingerprint hashes, from configuration that is plain data.
+    """Return what a task fingerprint hashes, of a configuration as run.json has it.
 
-    Such as run.json has; nothing is checked.
+    Nothing is checked.
 
     Args:
         config: Configuration with protocol and simulator; what else it has does not

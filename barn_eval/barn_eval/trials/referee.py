@@ -59,7 +59,7 @@ class Referee:
 
     @property
     def verdict(self) -> Verdict | None:
-        """Verdict on the trial, which stands once it is there; None while it runs."""
+        """Verdict on the trial, None while it runs; the first one stands."""
         if self._verdict is None and self._code.item() != rules.RUNNING:
             self._verdict = self._make_verdict(*self._explain_end())
         return self._verdict
@@ -92,7 +92,7 @@ class Referee:
     def observe(
         self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool
     ) -> Verdict | None:
-        """Judge the readings of one instant; return the verdict, None while it runs.
+        """Judge an instant's readings; return the verdict, None while the trial runs.
 
         Readings after a verdict are ignored.
 

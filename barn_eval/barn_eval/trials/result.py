@@ -186,7 +186,10 @@ class TrialResult:
 
     @property
     def is_scored(self) -> bool:
-        """Whether the row counts; if simulator or environment failed, it runs again."""
+        """Whether the row counts: neither simulator nor environment has failed.
+
+        A trial whose row does not count runs again.
+        """
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
     @property
@@ -206,9 +209,9 @@ RowsByPlanner = Mapping[str, Rows]
 
 
 def describe_computer(computer: float) -> str:
-    """Return a remark that a score assumes a computer so many times as fast.
+    """Return text on a computer so many times the reference's speed, empty up to 1.
 
-    Empty for 1 or less.
+    A remark in a row says so that its score assumes such a computer.
     """
     if computer <= 1.0:
         return ""
@@ -252,7 +255,7 @@ def to_json_line(result: TrialResult) -> str:
 
 
 def from_json_line(line: str, where: str) -> TrialResult:
-    """Return the row in a line of JSON that has no checksum (any more).
+    """Return the row in a line of JSON from which the checksum has been removed.
 
     Args:
         line: The line without its checksum.

@@ -99,7 +99,7 @@ def observe(
     truths: Floats,
     contacts: Bools,
 ) -> None:
-    """Update, in place, trials that still run by one reading each, and end those due.
+    """Judge a reading of each running trial in rows `which`; update `states` in place.
 
     Args:
         states: State (n,) of each trial, which is updated.

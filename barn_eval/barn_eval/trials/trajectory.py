@@ -143,7 +143,7 @@ class Measures:
 def measure_trajectory(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Measures:
-    """Return driven length, clearances, contacts, jerk and command steps.
+    """Return a trajectory's length, clearances, contacts, jerk and command steps.
 
     Args:
         trajectory: What the robot did, in the map frame.

@@ -164,7 +164,7 @@ class _Checker:
             return self._config.trials(started_by_hand=True)
 
     def _check_task(self) -> None:
-        """Report it if run.json's task fingerprint is not that of its configuration."""
+        """Report a task fingerprint in run.json that is not its configuration's."""
         if not self._is_other_task:
             return
         run_file = self._run_file
@@ -182,7 +182,7 @@ class _Checker:
             self._result.problems.append(problem)
 
     def _check_worlds(self) -> None:
-        """Report worlds of the data set whose checksum run.json has otherwise."""
+        """Report worlds whose checksum differs from the one in run.json."""
         checksums = {
             spec.world_number: spec.world.checksum for spec in self._specs.values()
         }
@@ -244,13 +244,13 @@ class _Checker:
             problems.append(str(error))
 
     def _keeps_bag(self, row: TrialResult) -> bool:
-        """Tell whether a trial must have a bag by configuration and row."""
+        """Tell whether a trial must have a bag by its row; no file is looked at."""
         bags = self._config.bags
         is_kept = bags == "all" or (bags == "failed" and not row.scores.success)
         return is_kept and row.measures.driven_m > 0.0
 
     def _report(self, problem: str) -> None:
-        """Add a problem, as one unchecked if another version drove the trials.
+        """Add to `problems`, or to `unchecked` where another version drove the trials.
 
         Versions may differ in what they compute, so an old row that differs is no
         forgery.
@@ -332,7 +332,7 @@ def _sample(trial_ids: list[str], count: int) -> set[str]:
 
 
 def _name_trial(line: str, where: str) -> tuple[str, str]:
-    """Return the trial name of a line of commands.jsonl, and the line, not unpacked."""
+    """Return the trial name of a line of commands.jsonl, and the line itself."""
     trial_id, _ = parse_trial_line(line, where, "commands")
     return trial_id, line
 

@@ -338,7 +338,7 @@ def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
 
 
 def _reading_table(readings: Readings) -> Floats:
-    """Return readings (n, 10): time, true and measured pose, twist and contact."""
+    """Return readings (n, 10): s, true and measured pose, speed, yaw rate, contact."""
     trajectory = readings.trajectory
     times_s = trajectory.stamps_ns / NANOSECONDS_PER_SECOND
     columns = [

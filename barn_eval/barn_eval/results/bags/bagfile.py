@@ -109,7 +109,7 @@ class BagFile:
                 return
 
     def _sqlite_messages(self) -> Iterator[RawMessage]:
-        """Yield messages of .db3 files; note damage, or raise BagError at once."""
+        """Yield messages of .db3 files; note damage, BagError before the first one."""
         try:
             for file in self.path.glob("*.db3"):
                 # Before rosbags opens it, which would run the code of views.
@@ -126,9 +126,9 @@ class BagFile:
             self._note("damaged", str(error) and format_error(error))
 
     def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
-        """Yield messages of an .mcap file; note damage, or raise BagError.
+        """Yield messages of an .mcap file; note damage, BagError if it has no record.
 
-        The latter for a file of which no record can be read.
+        Without a record that can be read, it is taken for another format.
         """
         try:
             with (
@@ -167,7 +167,7 @@ class TrialFollower:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Name the folder of a run, whose unfinished bags are followed."""
+        """Follow unfinished bags in a run's folder; none is opened before `read`."""
         self._bags = folder / BAGS
         self._current: McapFile | None = None
         self._followed: set[Path] = set()

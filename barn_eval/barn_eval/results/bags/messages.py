@@ -209,7 +209,7 @@ class TrialBag:
             recorder.announce(topic)
 
     def begin(self, first: Sensors) -> None:
-        """Record URDF, static transforms, map and scene, at the first reading only."""
+        """Record URDF, static transforms, map and scene; to be called first, once."""
         spec = self._spec
         stamp_ns = first.stamp_ns
         self._record(self._simulator.constant(), stamp_ns)
