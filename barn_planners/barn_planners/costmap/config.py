@@ -82,18 +82,21 @@ class CostmapConfig(Checked):
 
     @property
     def inscribed_m(self) -> float:
-        """The radius up to which a cell costs 253."""
+        """Distance in m from a lethal cell up to which cells cost 253.
+
+        It is `inscribed_radius_m` if that is set, else that of the padded footprint.
+        """
         # 0 means that nobody has set it.
         return self.inscribed_radius_m or self._padded_inscribed_m
 
     @property
     def circumscribed_m(self) -> float:
-        """The distance of the padded footprint's furthest corner from base_link."""
+        """Distance in m of the padded footprint's furthest corner from base_link."""
         return max(math.hypot(x, y) for x, y in self.padded_outline_m.tolist())
 
     @cached_property
     def padded_outline_m(self) -> Points:
-        """Corners (n, 2) of the padded footprint in base_link, counter-clockwise.
+        """Corners (n, 2) in m of the padded footprint in base_link, counter-clockwise.
 
         Those of a rectangle begin with the front left one.
         """
@@ -109,6 +112,7 @@ class CostmapConfig(Checked):
 
     @property
     def _padded_inscribed_m(self) -> float:
+        """Distance in m of the padded footprint's nearest side from base_link."""
         corners = self.padded_outline_m
         if self.footprint:
             return nearest_side_m(corners.tolist())
@@ -117,6 +121,7 @@ class CostmapConfig(Checked):
         return float(corners[0].min())
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless footprint, padding and number of cells are valid."""
         super().__post_init__()
         self.require(
             not self.footprint or parse_footprint(self.footprint) is not None,
@@ -154,7 +159,7 @@ class GlobalCostmapConfig(CostmapConfig):
 
 
 def rectangle(half_length_m: float, half_width_m: float) -> Points:
-    """Return the corners of a rectangle around base_link.
+    """Return the corners (4, 2) in m of a rectangle around base_link, front left first.
 
     Args:
         half_length_m: Distance of its front and rear from base_link.
@@ -169,13 +174,16 @@ def rectangle(half_length_m: float, half_width_m: float) -> Points:
 
 
 def format_footprint(corners: Sequence[Corner]) -> str:
-    """Return corners as Nav2's parameter `footprint`, to a tenth of a millimeter."""
+    """Return corners in m as the JSON text [[x, y], ...] of Nav2's `footprint`.
+
+    Coordinates are rounded to a tenth of a millimeter.
+    """
     # A tenth of a millimeter is far below a cell and keeps files readable.
     return json.dumps([[round(x, 4), round(y, 4)] for x, y in corners])
 
 
 def parse_footprint(text: str) -> tuple[Corner, ...] | None:
-    """Return the corners that a text in the form of Nav2's `footprint` lists, in m.
+    """Return the corners (x, y) in m of the JSON text [[x, y], ...], None if invalid.
 
     Returns:
         None if the text is not a convex outline around the origin, counter-clockwise.

@@ -33,11 +33,12 @@ class BeamDirections:
     """Unit vectors of a scan's beams; the costmaps of one robot share them."""
 
     def __init__(self) -> None:
+        """Hold no directions yet; the first `at` computes them."""
         self._key: tuple[float, float, float, int] | None = None
         self._directions = np.empty((0, 2))
 
     def at(self, yaw: float, scan: Scan) -> Points:
-        """Return the directions of a scan's beams.
+        """Return unit vectors (n, 2) of a scan's beams, which the next call overwrites.
 
         Args:
             yaw: Heading of the lidar in the frame of the directions, in rad.
@@ -71,6 +72,13 @@ class Costmap:
         resolution: float,
         origin: tuple[float, float],
     ):
+        """Make a free grid; `origin` is the outer corner (x, y) in m of cell (0, 0).
+
+        Rows lie along y, columns along x; `resolution` is the side of a cell in m.
+
+        Raises:
+            ConfigError: If the grid has more than `MAX_CELLS` cells.
+        """
         if rows * cols > MAX_CELLS:
             raise ConfigError(
                 f"a costmap must have at most {MAX_CELLS} cells, got {rows} x {cols}"
@@ -98,11 +106,13 @@ class Costmap:
 
     @property
     def grid(self) -> Grid:
-        """Place of the costmap in its frame."""
+        """Outer corner of cell (0, 0) and side of a cell, in m."""
         return Grid(self.origin_x, self.origin_y, self.resolution)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Clear and mark what a scan shows, and inflate it.
+        """Clear along a scan's beams, mark its hits, clear the footprint, renew costs.
+
+        Nothing changes if a coordinate or an angle is not finite.
 
         Args:
             pose: Pose of base_link in the frame of the grid when the scan was taken.
@@ -145,11 +155,11 @@ class Costmap:
         inflation.refresh(self._layers, by_front)
 
     def reset(self) -> None:
-        """Clear all marks of the lidar."""
+        """Clear all marks of the lidar and renew costs; obstacles of a map stay."""
         self._clear_outside(Window(0, 0, 0, 0))
 
     def clear_outside(self, pose: Pose2D, side_m: float) -> None:
-        """Clear the marks of the lidar outside a square.
+        """Clear the lidar's marks outside a square along the axes, and renew costs.
 
         Args:
             pose: Center of the square; all marks are cleared if it is not finite.
@@ -166,11 +176,12 @@ class Costmap:
         self._clear_outside(Window(row, last_row + 1, col, last_col + 1))
 
     def _clear_outside(self, window: Window) -> None:
+        """Clear the lidar's marks outside a window of cells, and renew costs."""
         marks.clear_outside(self._layers.marks, window)
         inflation.refresh(self._layers, self.config.inflates_by_front)
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the cell (row, column) of a point, which may lie off the grid.
+        """Return the cell (row along y, column along x) of a point, also off the grid.
 
         Args:
             x: Coordinate in m in the frame of the grid; it must be finite, as `y`.
@@ -181,7 +192,7 @@ class Costmap:
         return row, col
 
     def world_to_cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Return the cell (row, column) of a point.
+        """Return the cell (row along y, column along x) of a point, None off the grid.
 
         Args:
             x: Coordinate in m in the frame of the grid, as `y`.
@@ -200,7 +211,7 @@ class Costmap:
         return None
 
     def cost_at(self, x: float, y: float) -> int | None:
-        """Return the cost at a point, None off the grid.
+        """Return the cost (0 to 254) at a point, None off the grid or if not finite.
 
         Args:
             x: Coordinate in m in the frame of the grid, as `y`.
@@ -210,7 +221,9 @@ class Costmap:
         return None if cell is None else int(self.costs[cell])
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
-        """Return whether the edges of the padded footprint are free and on the grid.
+        """Return whether the padded footprint's edges, at a pose, avoid lethal cells.
+
+        Edges off the grid do not; what lies inside the edges does not count.
 
         Args:
             x: Position of base_link in m in the frame of the grid, as `y`.
@@ -221,7 +234,7 @@ class Costmap:
         return edge_cost(self.costs, corners, self.grid) >= 0
 
     def as_map(self) -> OccupancyMap:
-        """Return the costs as nav2_costmap_2d publishes them.
+        """Return a copy of the costs as occupancy 0 to 100, as nav2_costmap_2d sends.
 
         Free cells are 0, inscribed ones 99 and lethal ones 100. Others are scaled to
         1..98.
@@ -242,12 +255,13 @@ class RollingCostmap(Costmap):
     """
 
     def __init__(self, config: CostmapConfig):
+        """Make a square grid of `size_m`, which the first `update` places."""
         cells = round(config.size_m / config.resolution_m)
         super().__init__(config, cells, cells, config.resolution_m, (0.0, 0.0))
         self._is_placed = False
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Center the grid on the robot, then do what `Costmap.update` does.
+        """Let the grid follow the robot, then do what `Costmap.update` does.
 
         Args:
             pose: Pose of base_link in the frame of the grid when the scan was taken.
@@ -262,11 +276,12 @@ class RollingCostmap(Costmap):
         super().update(pose, scan, lidar)
 
     def reset(self) -> None:
-        """Clear all marks and forget the place of the grid."""
+        """Clear all marks; the next `update` places the grid anew."""
         super().reset()
         self._is_placed = False
 
     def _follow(self, pose: Pose2D) -> None:
+        """Center the grid on the robot if it is at least `recentre_cells` off."""
         rows, cols = self.costs.shape
         # Corners on multiples of the resolution keep cells in place on the ground.
         corner_row = math.floor(pose.y / self.resolution) - rows // 2
@@ -282,7 +297,7 @@ class RollingCostmap(Costmap):
         self._shift(d_row, d_col)
 
     def _follow_as_costmap_2d(self, pose: Pose2D) -> None:
-        """Follow as `Costmap2D::updateOrigin`.
+        """Center the grid on the robot as `Costmap2D::updateOrigin` does.
 
         The cast to int lets the grid wait until it is a whole cell off on either side.
         Its size in meters leaves out half a cell, and the origin adds up its steps.
@@ -298,6 +313,7 @@ class RollingCostmap(Costmap):
         self._shift(d_row, d_col)
 
     def _shift(self, d_row: int, d_col: int) -> None:
+        """Move marks and costs by rows and columns, if the grid has a place already."""
         # Before the first update there is nothing on the grid to move.
         if self._is_placed and (d_row or d_col):
             inflation.shift(self._layers, d_row, d_col)
@@ -308,6 +324,7 @@ class MapCostmap(Costmap):
     """The grid of a map with its obstacles and, if configured, the lidar's marks."""
 
     def __init__(self, config: GlobalCostmapConfig, occupancy: OccupancyMap):
+        """Make the grid of a map; with `static_layer`, mark cells of 65 % and more."""
         # Single precision, as in the message: a map gives the same cells before and
         # after sending.
         resolution = float(np.float32(occupancy.resolution))
@@ -329,7 +346,7 @@ class MapCostmap(Costmap):
             inflation.refresh(self._layers, config.inflates_by_front)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Do what `Costmap.update` does if lidar marks are configured.
+        """Do what `Costmap.update` does, but nothing unless `lidar_marks` is set.
 
         Args:
             pose: Pose of base_link in the map frame when the scan was taken.
@@ -343,7 +360,7 @@ class MapCostmap(Costmap):
 def global_costmap(
     config: GlobalCostmapConfig, occupancy: OccupancyMap | None, goal: Pose2D
 ) -> Costmap:
-    """Return the costmap of the global plan.
+    """Return a new costmap for the global plan: that of a map, or a rolling one.
 
     Args:
         config: Its configuration.

@@ -55,7 +55,7 @@ class _Front(NamedTuple):
 
 
 def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
-    """Return the cost of a cell by the square of its distance to a lethal one.
+    """Return costs by index: the squared distance in cells to the nearest lethal cell.
 
     Follows costmap_2d's `InflationLayer::computeCost` (inflation_layer.h): 254 at 0,
     253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) at distance d
@@ -90,7 +90,7 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> Bytes:
 
 
 def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
-    """Return the layers of a grid without obstacles.
+    """Return marks and costs of a grid without obstacles, rows along y.
 
     Args:
         rows: Number of rows.
@@ -110,7 +110,9 @@ def new_layers(rows: int, cols: int, by_square: Bytes) -> Layers:
 
 @kernel
 def shift(layers: Layers, d_row: int, d_col: int) -> None:
-    """Move the grid over the ground: cell (i, j) gets what (i + d_row, j + d_col) had.
+    """Shift marks and costs in place: cell (i, j) gets what (i + d_row, j + d_col) had.
+
+    Cells that come in are free; costs near the edges are recomputed.
 
     Args:
         layers: Layers to change in place; their costs must be up to date.
@@ -133,7 +135,7 @@ def shift(layers: Layers, d_row: int, d_col: int) -> None:
 
 @kernel
 def _shift_cells(layer: Bytes, d_row: int, d_col: int) -> None:
-    """Move the cells of a layer as `shift` does, in place; what comes in is 0."""
+    """Move the cells of one layer as `shift` does, in place; what comes in is 0."""
     rows, cols = layer.shape
     if abs(d_row) >= rows or abs(d_col) >= cols:
         layer[:] = 0
@@ -157,7 +159,7 @@ def _shift_cells(layer: Bytes, d_row: int, d_col: int) -> None:
 
 @kernel
 def _inflate_strip(layers: Layers, strip: Window) -> None:
-    """Recompute the costs in a strip, which may reach beyond the grid."""
+    """Recompute the costs in a strip, cut off at the grid, unless all near it are 0."""
     costs = layers.costs
     near = grow_window(strip, len(layers.squares) - 2, costs.shape)
     # Most edges are far from what the lidar sees.
@@ -169,7 +171,10 @@ def _inflate_strip(layers: Layers, strip: Window) -> None:
 def _edge_strips(
     count: int, step: int, reach: int
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return first and end of the rows (or columns) at both edges after a shift."""
+    """Return the half-open ranges of rows (or columns) at both edges to inflate.
+
+    The grid has `count` of them and has moved by `step`; inflation reaches `reach`.
+    """
     if step > 0:
         return (0, reach), (count - step, count)
     return (count - reach, count), (0, -step)
@@ -177,7 +182,7 @@ def _edge_strips(
 
 @kernel
 def refresh(layers: Layers, by_front: bool) -> None:
-    """Bring the costs up to date where marks have changed, and empty the bounds.
+    """Recompute costs near changed marks, then empty the bounds of what has changed.
 
     Args:
         layers: Layers to change in place.
@@ -205,7 +210,7 @@ def refresh(layers: Layers, by_front: bool) -> None:
 
 @kernel
 def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
-    """Write boxes around the cells that became or ceased to be lethal.
+    """Write half-open boxes around cells that became or ceased to be lethal.
 
     Boxes lie at least `distance` cells apart. Returns their number. If they are too
     many, a single one covers the bounds.
@@ -237,7 +242,7 @@ def _find_changes(layers: Layers, boxes: Integers, distance: int) -> int:
 def _add_to_boxes(
     boxes: Integers, count: int, row: int, col: int, distance: int
 ) -> int:
-    """Extend the first box near a cell, or add a box if there is room.
+    """Extend the first box within `distance` cells of a cell, or add one if possible.
 
     Returns the number of boxes, one more than there is room for if the cell needs one.
     """
@@ -263,7 +268,7 @@ def _add_to_boxes(
 
 @kernel
 def inflate(layers: Layers, window: Window) -> None:
-    """Recompute costs by the distance of each cell to the nearest lethal one.
+    """Recompute the costs of a window by exact distances to the nearest lethal cell.
 
     The square of the distance is the least sum of two squares, so it takes one pass
     along the columns and one along the rows.
@@ -297,7 +302,7 @@ def inflate(layers: Layers, window: Window) -> None:
 def _seed(
     marks: Bytes, seeds: Squares, first_row: int, first_col: int, far: int
 ) -> None:
-    """Write 0 where a cell is lethal, else `far`, also off the grid.
+    """Write 0 into `seeds` where a cell is marked, else `far`, also off the grid.
 
     The first of the seeds is that of the cell (first_row, first_col).
     """
@@ -317,7 +322,7 @@ def _seed(
 
 @kernel
 def _spread(source: Squares, nearest: Squares, stride: int, squares: Squares) -> None:
-    """Write the least sum of a value and the square of its offset, n to both sides.
+    """Write the least sum of a value and its squared offset, up to n to both sides.
 
     Offsets count in strides of the flat source; nearest[0] belongs to
     source[n * stride].
@@ -338,7 +343,7 @@ def _spread(source: Squares, nearest: Squares, stride: int, squares: Squares) ->
 
 @kernel
 def inflate_by_front(layers: Layers, window: Window) -> None:
-    """Recompute costs by a front that spreads from lethal cells to their neighbors.
+    """Recompute the costs of a window by costmap_2d's front, not by exact distances.
 
     Follows costmap_2d's `InflationLayer::updateCosts`. A cell gets the cost of the
     distance to the lethal cell whose front comes first. That is not the nearest one
@@ -398,7 +403,7 @@ def inflate_by_front(layers: Layers, window: Window) -> None:
 def _reach_neighbors(
     front: _Front, count: int, nearest: MediumIntegers, cell: Cell, source: Cell
 ) -> int:
-    """Let the neighbors of a cell wait for the front; return the number of entries."""
+    """Append those of 4 neighbors that `source` is nearest to; return the new count."""
     square = nearest[cell.row, cell.col]
     for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
         side = Cell(cell.row + d_row, cell.col + d_col)
@@ -416,7 +421,7 @@ def _reach_neighbors(
 
 @kernel
 def _append(front: _Front, count: int, square: int, cell: Cell, source: Cell) -> int:
-    """Append a cell to the list of a square; return the number of all entries."""
+    """Append a cell to the front's list of a squared distance; return the new count."""
     entries, first, last = front
     entries[count, 0] = cell.row
     entries[count, 1] = cell.col

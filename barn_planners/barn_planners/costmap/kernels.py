@@ -62,7 +62,7 @@ class Line(NamedTuple):
 
 @kernel
 def cell_at(grid: Grid, x: float, y: float) -> Cell:
-    """Return the cell of a point.
+    """Return the cell (row along y, column along x) of a point, also off the grid.
 
     Args:
         grid: Place of the costmap.
@@ -78,7 +78,7 @@ def cell_at(grid: Grid, x: float, y: float) -> Cell:
 
 @kernel
 def is_on_grid(cell: Cell, shape: tuple[int, int]) -> bool:
-    """Return whether a cell lies on a grid.
+    """Return whether a cell (row, column) lies on a grid of shape (rows, columns).
 
     Args:
         cell: Cell to look at.
@@ -89,7 +89,7 @@ def is_on_grid(cell: Cell, shape: tuple[int, int]) -> bool:
 
 @kernel
 def grow_window(window: Window, margin: int, shape: tuple[int, int]) -> Window:
-    """Return a window with a margin on all sides, cut off at the edges of the grid.
+    """Return a window enlarged by `margin` cells on each side, cut off at the grid.
 
     Args:
         window: Window to enlarge; it may reach beyond the grid.
@@ -105,7 +105,7 @@ def grow_window(window: Window, margin: int, shape: tuple[int, int]) -> Window:
 
 @kernel
 def line_between(start: Cell, end: Cell) -> tuple[Line, Cell]:
-    """Return the line between two cells and its remainders, to walk by `next_cell`.
+    """Return Bresenham's line between two cells, and the remainders for `next_cell`.
 
     Args:
         start: First cell.
@@ -124,7 +124,7 @@ def line_between(start: Cell, end: Cell) -> tuple[Line, Cell]:
 
 @kernel
 def next_cell(cell: Cell, rest: Cell, line: Line) -> tuple[Cell, Cell]:
-    """Return the next cell of a line, and the remainders there.
+    """Return the cell one step further on a line, also beyond its end, and remainders.
 
     Args:
         cell: Present cell of the line.
@@ -147,7 +147,7 @@ def next_cell(cell: Cell, rest: Cell, line: Line) -> tuple[Cell, Cell]:
 
 @kernel
 def corners_at(outline: Points, pose: Pose) -> Points:
-    """Return the corners of an outline at a pose.
+    """Return the corners (n, 2) in m of an outline at a pose, in the frame of the grid.
 
     Args:
         outline: Corners (n, 2) in base_link, in m.
@@ -165,7 +165,7 @@ def corners_at(outline: Points, pose: Pose) -> Points:
 def place_corners(
     corners: Points, x: float, y: float, yaw: float, outline: Points
 ) -> None:
-    """Write the corners of an outline at a pose into an array.
+    """Write into `corners` those of an outline at a pose, in the frame of the grid.
 
     Args:
         corners: Array (n, 2) that receives the corners in the frame of the grid.
@@ -184,7 +184,7 @@ def place_corners(
 
 @kernel
 def footprint_cells(corners: Points, grid: Grid, shape: tuple[int, int]) -> Cells:
-    """Return the cells of a convex footprint, outline and inside.
+    """Return the cells (row, column) on the grid inside and under a convex outline.
 
     Args:
         corners: Corners (n, 2) in the frame of the grid, in m.
@@ -222,7 +222,7 @@ def footprint_cells(corners: Points, grid: Grid, shape: tuple[int, int]) -> Cell
 
 @kernel
 def outline_cells(corners: Cells) -> Cells:
-    """Return the cells (n, 2) along the lines from each corner cell to the next.
+    """Return the cells (n, 2), row and column, of the closed line through corner cells.
 
     Both ends of each line are included, so that corners appear twice.
     """
@@ -246,7 +246,7 @@ def outline_cells(corners: Cells) -> Cells:
 
 @kernel
 def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
-    """Return the highest cost along a line of cells.
+    """Return the highest cost along a line of cells on the grid, -1 if one is lethal.
 
     Args:
         costs: Costs of the cells (rows, columns).
@@ -270,7 +270,7 @@ def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
 
 @kernel
 def edge_cost(costs: Bytes, corners: Points, grid: Grid) -> int:
-    """Return the highest cost along the edges of a footprint, not inside it.
+    """Return the highest cost under a footprint's edges, -1 if lethal or off the grid.
 
     Follows base_local_planner's `CostmapModel::footprintCost` (costmap_model.cpp).
 

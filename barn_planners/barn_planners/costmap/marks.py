@@ -50,7 +50,7 @@ class Readings(NamedTuple):
 
 @kernel
 def touch(bounds: Integers, cell: Cell) -> None:
-    """Extend the bounds of what has changed to a cell.
+    """Extend the bounds of changed cells, in place, so that they include a cell.
 
     Args:
         bounds: Bounds of `Marks`.
@@ -64,7 +64,7 @@ def touch(bounds: Integers, cell: Cell) -> None:
 
 @kernel
 def mark_cell(marks: Marks, cell: Cell) -> None:
-    """Mark a cell as seen by the lidar.
+    """Set the lidar's mark of a cell on the grid; costs wait for `refresh`.
 
     Args:
         marks: Marks of the grid.
@@ -77,7 +77,7 @@ def mark_cell(marks: Marks, cell: Cell) -> None:
 
 @kernel
 def clear_cell(marks: Marks, cell: Cell) -> None:
-    """Clear the lidar's mark of a cell; what the map marks stays.
+    """Clear the lidar's mark of a cell on the grid; a mark of the map stays.
 
     Args:
         marks: Marks of the grid.
@@ -92,7 +92,7 @@ def clear_cell(marks: Marks, cell: Cell) -> None:
 def clear_line(
     cells: Bytes, cols: int, bounds: Integers, start: Cell, end: Cell, limit: int
 ) -> None:
-    """Clear the marks along the line between two cells.
+    """Clear lidar marks along a line between two cells on the grid, ends included.
 
     Args:
         cells: Marks of the grid, flat.
@@ -129,7 +129,7 @@ def clear_line(
 
 @kernel
 def _clear_line_to_edge(marks: Marks, start: Cell, end: Cell) -> None:
-    """Clear the marks along the line between two cells until it leaves the grid."""
+    """Clear lidar marks from `start` to `end`, or until the line leaves the grid."""
     shape = marks.cells.shape
     cell = start
     line, rest = line_between(start, end)
@@ -142,7 +142,7 @@ def _clear_line_to_edge(marks: Marks, start: Cell, end: Cell) -> None:
 
 @kernel
 def clear_outside(marks: Marks, window: Window) -> None:
-    """Clear the marks outside a window.
+    """Clear the lidar's marks outside a half-open window of cells.
 
     Args:
         marks: Marks of the grid.
@@ -160,7 +160,7 @@ def clear_outside(marks: Marks, window: Window) -> None:
 def point_beams(
     directions: Points, yaw: float, angle_min: float, angle_increment: float
 ) -> None:
-    """Write the unit vectors of a scan's beams.
+    """Write the unit vectors of a scan's beams into `directions`.
 
     Args:
         directions: Array (n, 2) that receives the unit vectors.
@@ -183,7 +183,7 @@ def observe(
     readings: Readings,
     outline: Points,
 ) -> None:
-    """Clear along the beams of a scan, mark their hits, clear the robot's footprint.
+    """Clear marks along a scan's beams, mark its hits, clear the footprint; no costs.
 
     Args:
         marks: Marks of the grid.
@@ -206,6 +206,7 @@ def observe(
 def _end_of_beam(
     grid: Grid, sensor: Pose, directions: Points, beam: int, length: float
 ) -> Cell:
+    """Return the cell `length` m along a beam from the lidar, also off the grid."""
     x = sensor.x + length * directions[beam, 0]
     y = sensor.y + length * directions[beam, 1]
     return cell_at(grid, x, y)
@@ -213,7 +214,7 @@ def _end_of_beam(
 
 @kernel
 def _clear_beams(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> None:
-    """Clear along every beam with a return, the last cell included."""
+    """Clear marks along beams with a return, hit included, to the raytrace range."""
     # Beams of a lidar off the grid clear nothing, even where they cross it.
     shape = marks.cells.shape
     start = cell_at(grid, sensor.x, sensor.y)
@@ -245,7 +246,7 @@ def _clear_beams(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> 
 
 @kernel
 def _mark_hits(marks: Marks, grid: Grid, sensor: Pose, readings: Readings) -> None:
-    """Mark the cells of returns nearer than the obstacle range."""
+    """Mark the cells on the grid of valid returns nearer than the obstacle range."""
     shape = marks.cells.shape
     range_end = min(readings.range_max, readings.obstacle_range)
     for i in range(len(readings.ranges)):

@@ -39,7 +39,9 @@ def observe(
     readings: Readings,
     outline: Points,
 ) -> None:
-    """Do what `marks.observe` does, as `ObstacleLayer::updateBounds` does it.
+    """Update marks by a scan, as `marks.observe`, but exactly as costmap_2d does.
+
+    Follows `ObstacleLayer::updateBounds`.
 
     Args:
         marks: Marks of the grid.
@@ -59,7 +61,7 @@ def observe(
 
 @kernel
 def project_scan(sensor: Pose, readings: Readings) -> Singles:
-    """Return the points (n, 2) of all valid ranges, in the order of the beams.
+    """Return the valid hits (n, 2) in m, float32 in the grid's frame, beam by beam.
 
     Follows laser_geometry's `projectLaser` and tf2's rotation by a quaternion, which
     compute in single precision.
@@ -98,7 +100,7 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
 def _end_on_grid(
     grid: Grid, shape: tuple[int, int], sensor: Pose, x: float, y: float
 ) -> tuple[float, float]:
-    """Return a point on the grid, or where the ray to it leaves the grid."""
+    """Return a point (x, y) in m, or where the lidar's ray to it leaves the grid."""
     end_x = grid.x + shape[1] * grid.resolution
     end_y = grid.y + shape[0] * grid.resolution
     dx = x - sensor.x
@@ -128,7 +130,10 @@ def _clear_rays(
     points: Singles,
     raytrace_range: float,
 ) -> None:
-    """Clear the cells from the sensor to each point (`raytraceFreespace`)."""
+    """Clear lidar marks from the sensor to each point (`raytraceFreespace`).
+
+    The range in m, rounded up to cells, limits how far; it counts along the ray.
+    """
     shape = marks.cells.shape
     start = cell_at(grid, sensor.x, sensor.y)
     if not is_on_grid(start, shape):
@@ -165,7 +170,7 @@ def _mark_points(
     points: Singles,
     obstacle_range: float,
 ) -> None:
-    """Mark the cells of points nearer to the sensor than the range."""
+    """Mark the cells on the grid of points nearer to the lidar than the range in m."""
     shape = marks.cells.shape
     for k in range(len(points)):
         x = np.float64(points[k, 0])
@@ -182,7 +187,7 @@ def _mark_points(
 
 @kernel
 def _clear_footprint(marks: Marks, grid: Grid, pose: Pose, outline: Points) -> None:
-    """Clear a footprint, if all its corners are on the grid, column by column.
+    """Clear lidar marks under a footprint; none if a corner lies off the grid.
 
     Follows `Costmap2D::setConvexPolygonCost` and `convexFillCells` with their flaw: a
     column that has only one cell of the outline takes the next column's first one for

@@ -121,7 +121,7 @@ class Fields(NamedTuple):
 
 
 def new_fields(rows: int, cols: int) -> Fields:
-    """Return memory for scenes.
+    """Return uninitialized memory for the scenes on a costmap of rows x cols cells.
 
     Args:
         rows: Number of rows of the costmap.
@@ -138,7 +138,9 @@ def new_fields(rows: int, cols: int) -> Fields:
 
 @kernel
 def even_values(low: float, high: float, count: int, accumulate: bool) -> Floats:
-    """Return values from low to high: bit by bit those of numpy.linspace, or sums.
+    """Return `count` even values, both ends included: those of numpy.linspace, or sums.
+
+    Sums of steps end near `high`, not at it.
 
     Args:
         low: First value.
@@ -162,7 +164,7 @@ def even_values(low: float, high: float, count: int, accumulate: bool) -> Floats
 def sample_table(
     speeds: Floats, turns_ahead: Floats, turns: Floats, slowest: float, fast: float
 ) -> tuple[Floats, int]:
-    """Return the table of samples, and how many of them drive forward.
+    """Return unscored samples (n, COLUMNS), and how many first rows drive forward.
 
     Args:
         speeds: Forward speeds in m/s.
@@ -204,7 +206,7 @@ def prepare(
     outline: Points,
     robot_blocks_goal: bool,
 ) -> bool:
-    """Bring the fields up to date for a control cycle.
+    """Copy costs and start both wavefronts in `fields`; False if the plan lies off.
 
     Args:
         fields: Fields to write.
@@ -243,7 +245,7 @@ def prepare(
 
 @kernel
 def raster_cell(raster: Raster, x: float, y: float) -> Cell:
-    """Return the cell of a point.
+    """Return the cell (row along y, column along x) of a point, also off the grid.
 
     Args:
         raster: Place of the costmap.
@@ -265,7 +267,7 @@ def edges_cost(
     cos_yaw: float,
     sin_yaw: float,
 ) -> int:
-    """Return the highest cost along the edges of the footprint, as `edge_cost` does.
+    """Return the highest cost under a footprint's edges at a pose, as `edge_cost` does.
 
     It takes the parts of `Ground` one by one, because numba counts references to the
     arrays of a tuple each time it takes one out.
@@ -304,7 +306,7 @@ def edges_cost(
 
 @kernel
 def step_count(speed: float, turn: float, motion: Motion) -> int:
-    """Return the number of poses of a rollout.
+    """Return the number of poses of a sample's rollout, at least 1.
 
     As in the original, the distance counts over the whole time, the turn per second.
 
@@ -321,7 +323,7 @@ def step_count(speed: float, turn: float, motion: Motion) -> int:
 
 @kernel
 def approach(velocity: float, target: float, change: float) -> float:
-    """Return a velocity moved towards a target by at most `change`."""
+    """Return `velocity` moved toward `target` by at most `change`, all in one unit."""
     if target >= velocity:
         return min(target, velocity + change)
     return max(target, velocity - change)
@@ -331,7 +333,7 @@ def approach(velocity: float, target: float, change: float) -> float:
 def roll_out(
     start: Start, speed: float, turn: float, motion: Motion, poses: Floats
 ) -> None:
-    """Write the poses of a rollout, the first of them at its start.
+    """Write the rollout of a sample into `poses`, its first row at the start.
 
     Args:
         start: Pose and velocity at the start.
@@ -366,7 +368,7 @@ def roll_out(
 
 @kernel
 def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
-    """Return the poses of rollouts for display.
+    """Return rollouts of samples for display: poses (n, count, 3) in m, m, rad.
 
     Args:
         start: Pose and velocity at their start.
@@ -393,7 +395,7 @@ def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
 def score(
     ground: Ground, path: Wavefront, goal: Wavefront, rules: Rules, table: Floats
 ) -> None:
-    """Fill in the rows of all samples; `search.find_best` does so only for the best.
+    """Score all samples in place, row by row; `search.find_best` does so for the best.
 
     Args:
         ground: What footprints are checked on.

@@ -19,17 +19,18 @@ class GoalTurn:
     """
 
     def __init__(self, config: DwaConfig):
+        """Store the limits; braking comes first."""
         self._config = config
         self._speed_change = config.acceleration_mps2 * config.window_period_s
         self._turn_change = config.turn_acceleration_radps2 * config.window_period_s
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last trial."""
+        """Forget that the robot has begun to turn at the goal."""
         self._is_turning = False
 
     def is_aligned(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Return whether the robot has the goal's heading within the tolerance.
+        """Return whether the robot's yaw is within the tolerance of the goal's.
 
         Args:
             pose: Pose of the robot.
@@ -41,7 +42,9 @@ class GoalTurn:
     def control(
         self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]
     ) -> Control:
-        """Return the command at the goal's position.
+        """Return a command that brakes, then turns in place; STOP once it is aligned.
+
+        There is none, with a reason, if `allows` refuses the command.
 
         Args:
             inputs: Input of the cycle.
@@ -77,7 +80,11 @@ class GoalTurn:
         return Control(command)
 
     def _turn_rate(self, angle: float, present: float) -> float:
-        """Return the yaw rate for a remaining angle, slow enough to stop in time."""
+        """Return the signed yaw rate in rad/s for an angle in rad that remains.
+
+        `present` is the absolute yaw rate now. It is slow enough to stop in time, but
+        not slower than `min_turn_in_place_radps`.
+        """
         config = self._config
         slowest = config.min_turn_in_place_radps
         fastest = config.max_goal_turn_radps
@@ -97,15 +104,17 @@ class DwaMemory:
     """
 
     def __init__(self, config: DwaConfig):
+        """Begin with both turns in place allowed and without an escape."""
         self._config = config
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Allow turns in place to both sides and end any escape."""
         self._escape_start: Pose2D | None = None
         self._allow_both_turns()
 
     def _allow_both_turns(self) -> None:
+        """Forget past turns in place, so that neither side is forbidden."""
         self._last_turn_pose: Pose2D | None = None
         # By side: whether the robot turned in place to it, and whether twice.
         self._turns_once = [False, False]
@@ -113,18 +122,18 @@ class DwaMemory:
 
     @property
     def is_escaping(self) -> bool:
-        """Whether an escape is in progress, so that driving forward is forbidden."""
+        """Whether an escape backwards goes on, so that driving forward is forbidden."""
         return self._escape_start is not None
 
     def allowed_turns(self) -> tuple[bool, bool]:
-        """Return whether turns in place to the left and to the right are allowed.
+        """Return whether turns in place are allowed: (to the left, to the right).
 
         After two to one side the other is forbidden until the robot has moved.
         """
         return not self._turns_twice[RIGHT], not self._turns_twice[LEFT]
 
     def record_sample(self, pose: Pose2D, speed: float, turn: float) -> None:
-        """Record the sample that wins a cycle.
+        """Record a cycle's winner; its pose may allow turns again or end an escape.
 
         Args:
             pose: Pose of the robot.
@@ -140,7 +149,7 @@ class DwaMemory:
         self._record_pose(pose)
 
     def record_escape(self, pose: Pose2D, *, may_begin: bool) -> None:
-        """Record a cycle without an allowed sample.
+        """Record a cycle without an allowed sample, which may begin or end an escape.
 
         Args:
             pose: Pose of the robot.
@@ -151,6 +160,7 @@ class DwaMemory:
         self._record_pose(pose)
 
     def _record_pose(self, pose: Pose2D) -> None:
+        """Allow both turns, and end the escape, once the robot has moved far enough."""
         config = self._config
         turn_pose = self._last_turn_pose
         if turn_pose and pose.distance(turn_pose) > config.oscillation_reset_m:

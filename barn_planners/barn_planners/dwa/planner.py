@@ -46,6 +46,7 @@ class DwaController(Controller):
     """Follows a plan by the dynamic window approach."""
 
     def __init__(self, config: DwaConfig):
+        """Allocate memory for one robot; `reset` begins each trial."""
         self.config = config
         self._memory = DwaMemory(config)
         self._goal_turn = GoalTurn(config)
@@ -60,7 +61,7 @@ class DwaController(Controller):
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Forget the last trial; nothing is random here."""
+        """Forget the last trial; `seed` is ignored, as nothing is random."""
         del seed
         self._memory.reset()
         self._goal_turn.reset()
@@ -71,7 +72,7 @@ class DwaController(Controller):
         self._best = 0
 
     def control(self, inputs: ControlInput) -> Control:
-        """Choose a velocity; at the goal's position, turn to its heading."""
+        """Return the best sample; at the visible plan's end, brake or turn in place."""
         end = Pose2D(*inputs.visible[-1].tolist())
         if inputs.pose.distance(end) > self.config.xy_tolerance_m:
             return self._drive(inputs, end)
@@ -86,7 +87,10 @@ class DwaController(Controller):
         )
 
     def view(self) -> PlannerView:
-        """Return the winning rollout and all samples with their costs."""
+        """Return the winning rollout and all samples, with cost inf if not allowed.
+
+        All samples of the last cycle are scored for that.
+        """
         if self._cycle is None:
             return PlannerView()
 
@@ -110,6 +114,10 @@ class DwaController(Controller):
         )
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
+        """Return the best allowed sample, else an escape, else no command and why.
+
+        Table, command and memory of the cycle are kept.
+        """
         self._command = None
         self._cycle = self._new_cycle(inputs)
         if self._cycle is None:
@@ -145,7 +153,7 @@ class DwaController(Controller):
         return Control(self._command, diagnostics=diagnostics)
 
     def _new_cycle(self, inputs: ControlInput) -> _Cycle | None:
-        """Return what costs depend on, None if the plan lies off the costmap."""
+        """Return scene and rules of a cycle, None if the plan lies off the costmap."""
         config = self.config
         costmap = inputs.costmap
         start = _start(inputs)
@@ -183,7 +191,11 @@ class DwaController(Controller):
         return scene, kernels.Rules(start, self._motion, weights)
 
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
-        """Return whether there is room for a command at the goal."""
+        """Return whether no obstacle forbids a command at the goal.
+
+        Only with `roll_out_goal_turn` is the command rolled out; else the present pose
+        counts.
+        """
         if self.config.roll_out_goal_turn:
             return self._cost(command, _start(inputs)) >= 0.0
 
@@ -191,7 +203,7 @@ class DwaController(Controller):
         return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
 
     def _cost(self, command: Velocity2D, start: kernels.Start) -> float:
-        """Return the cost of a command in this cycle, below 0 if it is not allowed."""
+        """Return the cost of a command's rollout from `start`, TOUCHES or NO_WAY."""
         if self._cycle is None:
             return kernels.NO_WAY
 
@@ -203,7 +215,7 @@ class DwaController(Controller):
         return float(table[0, kernels.COST])
 
     def _escape(self, start: kernels.Start) -> Control:
-        """Drive backwards as no sample is allowed, unless no way leads to the goal."""
+        """Record an escape; return a command backwards, or none and the reason."""
         config = self.config
         command = Velocity2D(max(config.escape_speed_mps, -config.max_speed_mps), 0.0)
         cost = self._cost(command, start)
@@ -217,6 +229,7 @@ class DwaController(Controller):
 
 
 def _start(inputs: ControlInput) -> kernels.Start:
+    """Return the robot's pose and measured velocity, with which rollouts begin."""
     pose = inputs.pose
     velocity = inputs.velocity
     return kernels.Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
@@ -229,7 +242,7 @@ def sample_velocities(
     *,
     is_escaping: bool = False,
 ) -> tuple[Floats, int]:
-    """Return the table of samples, unscored, and how many of them drive forward.
+    """Return the table of samples, unscored, and how many first rows drive forward.
 
     Args:
         config: Limits and numbers of samples.

@@ -81,7 +81,7 @@ def find_best(
     table: Floats,
     choice: Choice,
 ) -> int:
-    """Find the best sample of a table and fill in its row as `score` does.
+    """Return the best sample's row, -1 if none is allowed; fill it in as `score` does.
 
     The first of the cheapest rows that drive forward wins. A turn in place wins over it
     if it costs no more and the goal is nearer ahead of its end than for all turns
@@ -123,7 +123,7 @@ def find_best(
 def _is_reached(
     raster: Raster, path: Wavefront, goal: Wavefront, x: float, y: float
 ) -> bool:
-    """Return whether ways lead from a point on the costmap to the plan and its end."""
+    """Return whether ways lead from a point (m) on the costmap to plan and plan end."""
     cell = padded(raster_cell(raster, x, y), path.columns)
     return steps_to(path, cell) < UNREACHED and steps_to(goal, cell) < UNREACHED
 
@@ -138,7 +138,7 @@ def _best_drive(
     choice: Choice,
     work: _Work,
 ) -> tuple[int, float]:
-    """Return the best row that drives forward, -1 if none may, and its cost."""
+    """Return row and cost of the best forward sample, (-1, inf) if none is allowed."""
     best = -1
     best_cost = math.inf
     for n in range(-1, choice.drives):
@@ -173,7 +173,7 @@ def _best_turn(
     best: int,
     cost: float,
 ) -> tuple[int, float]:
-    """Return the best row and its cost, where `best` is the one to win over."""
+    """Return row and cost of the best turn in place, or `best` and `cost` again."""
     nearest = math.inf
     for k in range(choice.drives, len(table)):
         row = table[k]
@@ -232,7 +232,7 @@ def _cost(
     limit: float,
     work: _Work,
 ) -> float:
-    """Fill in a row as `score` does, but for the cost, and return that.
+    """Return a sample's cost and fill in its row, but for the cost, as `score` does.
 
     It is -1 if the sample is not allowed or costs more than the limit.
     """
@@ -282,7 +282,7 @@ def _least_cost(
     row: Floats,
     start_cost: int,
 ) -> float:
-    """Return what a sample costs at least: its distances where the rollout ends.
+    """Return a lower bound of a sample's cost, from the steps where its rollout ends.
 
     The end is in closed form, which spares the rollout of most samples. Once speed and
     yaw rate are the sample's, the steps of a rollout add up to a geometric series.
@@ -322,7 +322,7 @@ def _least_cost(
 
 @kernel
 def _least_steps(front: Wavefront, low: Cell, high: Cell) -> int:
-    """Return the least steps to the cells of a block, UNREACHED off the costmap."""
+    """Return the least steps to a cell of a block, corners included, or UNREACHED."""
     columns = front.columns
     shape = (len(front.state) // columns - 2, columns - 2)
     steps = UNREACHED

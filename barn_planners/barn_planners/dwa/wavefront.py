@@ -37,7 +37,7 @@ class Wavefront(NamedTuple):
 
 
 def new_wavefront(rows: int, cols: int) -> Wavefront:
-    """Return a wavefront without seeds.
+    """Return memory for a wavefront on rows x cols cells; `start_wavefront` seeds it.
 
     Args:
         rows: Number of rows of the costmap.
@@ -55,7 +55,7 @@ def new_wavefront(rows: int, cols: int) -> Wavefront:
 
 @kernel
 def padded(cell: Cell, columns: int) -> int:
-    """Return the number of a cell in the padded grid.
+    """Return a cell's index in the flat grid that is padded by a cell on each side.
 
     Args:
         cell: Cell of the costmap.
@@ -66,7 +66,7 @@ def padded(cell: Cell, columns: int) -> int:
 
 @kernel
 def block_cells(costs: Bytes, state: Bytes) -> None:
-    """Write which cells block: those where base_link would touch, and the padding.
+    """Write BLOCKED for cells of cost 253 and more and the padding, OPEN for others.
 
     Args:
         costs: Costs of the costmap (rows, columns).
@@ -84,7 +84,9 @@ def block_cells(costs: Bytes, state: Bytes) -> None:
 
 @kernel
 def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
-    """Open the cells that the robot covers, as `MapGrid` sets them within_robot.
+    """Set the cells (row, column) that the robot covers to OPEN, whatever they cost.
+
+    `MapGrid` sets them within_robot.
 
     Args:
         cells: Cells (n, 2) of the costmap.
@@ -99,7 +101,7 @@ def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
 def plan_cells(
     plan: Points, grid: Grid, shape: tuple[int, int], cells: Integers
 ) -> int:
-    """Write the cells under the first part of a plan that lies on the costmap.
+    """Write the padded indices of cells under a plan's first part on the costmap.
 
     Follows `MapGrid::adjustPlanResolution` and `setTargetCells`: long segments are cut
     so that no cell is left out.
@@ -143,7 +145,7 @@ def plan_cells(
 
 @kernel
 def start_wavefront(front: Wavefront, walls: Bytes, seeds: Integers) -> None:
-    """Let a wavefront start anew.
+    """Reset a wavefront in place: cells as in `walls`, but seeds reached in 0 steps.
 
     Args:
         front: Wavefront to start.
@@ -168,7 +170,7 @@ def start_wavefront(front: Wavefront, walls: Bytes, seeds: Integers) -> None:
 
 @kernel
 def steps_to(front: Wavefront, cell: int) -> int:
-    """Return the 4-connected steps from the nearest seed to a cell.
+    """Spread a wavefront to a cell; return its 4-connected steps from the nearest seed.
 
     Args:
         front: Wavefront, which spreads to the cell.
@@ -189,7 +191,7 @@ def steps_to(front: Wavefront, cell: int) -> int:
 
 @kernel
 def is_bordered(front: Wavefront, cell: int) -> bool:
-    """Return whether a cell lies beside one that the wavefront reaches.
+    """Return whether a wavefront, which spreads for that, reaches a neighbor of a cell.
 
     Args:
         front: Wavefront, which spreads as far as necessary.
@@ -206,7 +208,7 @@ def is_bordered(front: Wavefront, cell: int) -> bool:
 
 @kernel
 def _spread(front: Wavefront, goal: np.uint64) -> None:
-    """Continue the wavefront until it reaches a cell or has nowhere to go."""
+    """Continue a wavefront in place until it reaches a padded index or cannot go on."""
     distances = front.distances
     state = front.state
     queue = front.queue
