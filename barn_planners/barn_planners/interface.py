@@ -115,7 +115,7 @@ class Planner(ABC):
 
     @abstractmethod
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial and forget the last one.
+        """Begin a new trial and forget the last one; comes before any `step` of it.
 
         Args:
             task: Goal to reach, and a map if the protocol gives one.
@@ -125,12 +125,15 @@ class Planner(ABC):
 
     @abstractmethod
     def step(self, observation: Observation) -> Decision:
-        """Decide on the command of one control cycle.
+        """Return command and status of one control cycle; must not raise.
 
         Must not raise, whatever the observation contains: answer unusable readings with
         a stop and a reason. The command must be finite.
         """
 
     def view(self) -> PlannerView:
-        """Return what the last cycle considered; called only if someone is watching."""
+        """Return what the last cycle considered, for display; empty by default.
+
+        It is called only if someone is watching.
+        """
         return PlannerView()

@@ -82,12 +82,13 @@ class EBandConfig(Checked):
     capacity: int = quantity(4096, "largest number of bubbles", "", 16, 100_000)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError if `min_speed_mps` exceeds `max_speed_mps`."""
         super().__post_init__()
         slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
         self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
     def gains(self, circumscribed_m: float) -> BandGains:
-        """Return the constants of forces.
+        """Return the constants of forces for kernels; headings count if configured.
 
         Args:
             circumscribed_m: Circumscribed radius of the padded footprint, by which the

@@ -52,7 +52,7 @@ class Vector(NamedTuple):
 
 @kernel
 def _pull(band: Floats, i: int, bubble: Bubble, metres_per_rad: float) -> Vector:
-    """Return the unit vector towards bubble i of the band, zero if it is close."""
+    """Return unit vector and torque toward bubble i of the band, zero within 1 cm."""
     dx = band[i, X] - bubble.x
     dy = band[i, Y] - bubble.y
     distance = math.hypot(dx, dy)
@@ -65,7 +65,7 @@ def _pull(band: Floats, i: int, bubble: Bubble, metres_per_rad: float) -> Vector
 
 @kernel
 def force_on(band: Floats, i: int, bubble: Bubble, context: Context) -> Vector:
-    """Return the force on a bubble in place of bubble i of the band.
+    """Return force and torque on `bubble`, were it in place of bubble i of the band.
 
     Internal force: unit vectors to both neighbors. External force: the central
     difference of the radius over the bubble's own radius. The part along the line
@@ -105,12 +105,13 @@ def force_on(band: Floats, i: int, bubble: Bubble, context: Context) -> Vector:
 
 @kernel
 def _is_reversed(force: Vector, new: Vector) -> bool:
+    """Return whether the product of two forces, torques included, is negative."""
     return force.x * new.x + force.y * new.y + force.turn * new.turn < 0.0
 
 
 @kernel
 def _is_strong(force: Vector, new: Vector, gains: BandGains) -> bool:
-    """Return whether a force that has reversed keeps too much of its strength."""
+    """Return whether `new`, a reversed force, is still strong compared to `force`."""
     # The original takes x twice and no y here.
     other = force.x if gains.weighs_x_twice else force.y
     strength = math.sqrt(force.x * force.x + other * other + force.turn * force.turn)
@@ -123,7 +124,7 @@ def _is_strong(force: Vector, new: Vector, gains: BandGains) -> bool:
 
 @kernel
 def _step(bubble: Bubble, step: Vector, share: float, context: Context) -> Bubble:
-    """Return a bubble moved by a share of a step."""
+    """Return a bubble moved by a share of a step, with the radius at its new center."""
     x = bubble.x + share * step.x
     y = bubble.y + share * step.y
     radius = radius_at(context.clearance, x, y)
@@ -134,7 +135,7 @@ def _step(bubble: Bubble, step: Vector, share: float, context: Context) -> Bubbl
 def _near_balance(
     band: Floats, i: int, force: Vector, step: Vector, context: Context
 ) -> Bubble:
-    """Return the bubble that half of a step reaches, then half as far each, on or back.
+    """Return bubble i moved by bisection of `step` to where its force is almost zero.
 
     Its radius is 0 if the first half step is not possible. Follows
     `EBandPlanner::moveApproximateEquilibrium` without its recursion.
@@ -163,7 +164,7 @@ def _near_balance(
 
 @kernel
 def _is_connected(band: Floats, i: int, context: Context) -> bool:
-    """Return whether bubbles i and i + 1 overlap or a bridge can connect them."""
+    """Return whether bubbles i and i + 1 overlap or could be bridged; adds none."""
     if overlap(band, i, band, i + 1, context.gains.min_overlap):
         return True
 
@@ -175,7 +176,10 @@ def _is_connected(band: Floats, i: int, context: Context) -> bool:
 
 @kernel
 def _move(band: Floats, i: int, context: Context) -> None:
-    """Move bubble i by the force on it (`EBandPlanner::applyForces`)."""
+    """Move bubble i by its force, in place, unless that hits something or tears it off.
+
+    Follows `EBandPlanner::applyForces`.
+    """
     gains = context.gains
     old = Bubble(band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW])
     force = force_on(band, i, old, context)
@@ -203,7 +207,7 @@ def _move(band: Floats, i: int, context: Context) -> None:
 
 @kernel
 def relax(band: Floats, n: int, context: Context) -> int:
-    """Apply the forces to the inner bubbles, and refine.
+    """Move the inner bubbles by their forces and refine, in place; return the length.
 
     Follows `EBandPlanner::modifyBandArtificialForce`.
 
@@ -230,7 +234,7 @@ def relax(band: Floats, n: int, context: Context) -> int:
 
 @kernel
 def renew(band: Floats, n: int, context: Context) -> int:
-    """Recompute radii and refine.
+    """Recompute all radii from the costmap and refine, in place; return the length.
 
     Args:
         band: Band to change.
@@ -249,7 +253,7 @@ def renew(band: Floats, n: int, context: Context) -> int:
 
 @kernel
 def from_plan(band: Floats, poses: Floats, context: Context) -> int:
-    """Make a band from a plan, one bubble per pose, and refine it.
+    """Write a refined band from a plan, one bubble per pose; return the band's length.
 
     Args:
         band: Band to write, with room for the poses.
@@ -265,7 +269,7 @@ def from_plan(band: Floats, poses: Floats, context: Context) -> int:
 
 @kernel
 def optimize(band: Floats, trial: Floats, n: int, context: Context) -> tuple[int, int]:
-    """Renew a band and relax a copy of it (`EBandPlanner::optimizeBand`).
+    """Renew a band in place and write a relaxed copy to `trial`; return both lengths.
 
     Args:
         band: Band to renew; it stays as it is if that fails.
@@ -295,7 +299,7 @@ def advance(
     ahead: Floats,
     context: Context,
 ) -> tuple[int, int, bool]:
-    """Connect a band to the robot, append poses, and optimize it.
+    """Connect a band to the robot, append poses, renew it; relax a copy in `trial`.
 
     What fails leaves the band as the steps before have made it.
 

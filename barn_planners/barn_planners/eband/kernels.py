@@ -74,7 +74,7 @@ class Context(NamedTuple):
 
 
 def new_band_work(capacity: int) -> BandWork:
-    """Return memory for bands of up to `capacity` bubbles."""
+    """Return zeroed memory for bands of up to `capacity` bubbles."""
     return BandWork(
         np.zeros((capacity, 4)),
         np.zeros((capacity, 2), np.int64),
@@ -85,7 +85,7 @@ def new_band_work(capacity: int) -> BandWork:
 
 @kernel
 def radius_at(clearance: Clearance, x: float, y: float) -> float:
-    """Return the radius of a bubble, off the costmap that for the lowest cost.
+    """Return a bubble's radius in m by the cost at its center; off the grid as if free.
 
     Follows `EBandPlanner::calcObstacleKinematicDistance`.
 
@@ -105,7 +105,9 @@ def radius_at(clearance: Clearance, x: float, y: float) -> float:
 def overlap(
     bubbles: Floats, index: int, second: Floats, second_index: int, share: float
 ) -> bool:
-    """Return whether two bubbles overlap (`EBandPlanner::checkOverlap`).
+    """Return whether centers are nearer than `share` of the sum of both radii.
+
+    Follows `EBandPlanner::checkOverlap`.
 
     Args:
         bubbles: Array with the first bubble; a view of its row would take longer.
@@ -122,7 +124,7 @@ def overlap(
 
 @kernel
 def put(bubbles: Floats, index: int, x: float, y: float, r: float, yaw: float) -> None:
-    """Write a bubble.
+    """Write center, radius and yaw of a bubble to row `index` of an array.
 
     Args:
         bubbles: Array to write to.
@@ -140,7 +142,9 @@ def put(bubbles: Floats, index: int, x: float, y: float, r: float, yaw: float) -
 
 @kernel
 def copy(bubbles: Floats, index: int, second: Floats, second_index: int) -> None:
-    """Copy a bubble; numba's assignment of a row takes longer.
+    """Copy row `second_index` of `second` to row `index` of `bubbles`.
+
+    Numba's assignment of a row takes longer.
 
     Args:
         bubbles: Array to write to.
@@ -154,7 +158,7 @@ def copy(bubbles: Floats, index: int, second: Floats, second_index: int) -> None
 
 @kernel
 def place(band: Floats, poses: Floats, gains: BandGains) -> None:
-    """Write the centers and, where they count, the headings of the first bubbles.
+    """Write poses to a band's first rows, yaw 0 if headings do not count; radii stay.
 
     Args:
         band: Band to write to.
@@ -169,7 +173,7 @@ def place(band: Floats, poses: Floats, gains: BandGains) -> None:
 
 @kernel
 def wrap(angle: float) -> float:
-    """Return an angle in (-pi, pi], as the angles package of ROS 1 does."""
+    """Return an angle in rad wrapped to (-pi, pi], as ROS 1's package angles does."""
     # To the last bit what the division gives, which takes longer.
     if abs(angle) < _FULL_TURN:
         angle += _FULL_TURN if angle < 0.0 else 0.0
@@ -180,7 +184,7 @@ def wrap(angle: float) -> float:
 
 @kernel
 def measure(band: Floats, n: int, clearance: Clearance) -> int:
-    """Recompute all radii.
+    """Recompute radii in place; return n, or IN_COLLISION and stop at a radius of 0.
 
     Args:
         band: Band to change.
@@ -199,7 +203,7 @@ def measure(band: Floats, n: int, clearance: Clearance) -> int:
 
 @kernel
 def bridge(context: Context, first: int, last: int, count: int) -> int:
-    """Link two nodes by new ones halfway, until neighbors overlap.
+    """Link two nodes, with new ones halfway until neighbors overlap; return the count.
 
     Follows `EBandPlanner::fillGap` without its recursion.
 
@@ -248,7 +252,7 @@ def bridge(context: Context, first: int, last: int, count: int) -> int:
 
 @kernel
 def _drop_and_fill(context: Context, n: int) -> int:
-    """Refine the first n nodes into linked ones; return how many nodes are in use.
+    """Link the first n nodes so that neighbors overlap; return node count or a code.
 
     If the ends of an interval overlap, all between is dropped. Else it is halved, left
     half first, and its middle is dropped if its neighbors overlap. Neighbors that do
@@ -289,7 +293,9 @@ def _drop_and_fill(context: Context, n: int) -> int:
 
 @kernel
 def refine(band: Floats, n: int, context: Context) -> int:
-    """Drop redundant bubbles and fill gaps (`EBandPlanner::refineBand`).
+    """Drop redundant bubbles and fill gaps, in place; return the new length or a code.
+
+    Follows `EBandPlanner::refineBand`.
 
     Args:
         band: Band to change; it stays as it is on failure.
@@ -325,7 +331,7 @@ def refine(band: Floats, n: int, context: Context) -> int:
 def _write_nodes(
     band: Floats, start: int, work: BandWork, node: int, count: int
 ) -> None:
-    """Write so many linked nodes into a band, from a place on."""
+    """Copy `count` linked nodes, from `node` on, into a band from row `start` on."""
     for k in range(start, start + count):
         copy(band, k, work.nodes, node)
         node = work.links[node, 1]
@@ -333,7 +339,7 @@ def _write_nodes(
 
 @kernel
 def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
-    """Put a bubble at the robot before the last bubble that it overlaps.
+    """Begin a band at the robot, going on with the last bubble that it overlaps.
 
     If there is none, the gap to the first bubble is filled. Follows the front half of
     `EBandPlanner::addFrames` (add_front).
@@ -379,7 +385,7 @@ def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
 
 @kernel
 def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
-    """Append poses after the first bubble that overlaps the first of them.
+    """Append poses after the first bubble that overlaps them; drop what came after it.
 
     If there is none, the gap from the last bubble is filled. Follows the back half of
     `EBandPlanner::addFrames` (add_back).

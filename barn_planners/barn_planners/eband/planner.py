@@ -33,7 +33,7 @@ _FINAL_TURN_SHARE = 0.6
 
 
 def bubble_radii(cost_weight_per_m: float) -> Floats:
-    """Return the radius of a bubble in m by the cost at its center, (256,).
+    """Return the radii (256,) in m of bubbles, indexed by the cost at their centers.
 
     It is 0 for lethal and inscribed cells. Free and unknown cells count as cost 1.
     """
@@ -53,6 +53,7 @@ class ElasticBand:
     """
 
     def __init__(self, config: EBandConfig):
+        """Allocate memory for `capacity` bubbles; the band is empty."""
         self._config = config
         self._radii = bubble_radii(config.cost_weight_per_m)
         self._work = kernels.new_band_work(config.capacity)
@@ -63,15 +64,15 @@ class ElasticBand:
 
     @property
     def bubbles(self) -> Floats:
-        """The bubbles (n, 3): x, y, radius in m, robot first."""
+        """View (n, 3) of the bubbles: x, y and radius in m, robot first."""
         return self._band[: self._count, : kernels.YAW]
 
     def clear(self) -> None:
-        """Forget the band."""
+        """Empty the band."""
         self._count = 0
 
     def follow_plan(self, poses: Floats, costmap: Costmap) -> str:
-        """Make the band from a plan, one bubble per pose, and refine it.
+        """Make a refined band from a plan; return why that fails, else an empty text.
 
         Args:
             poses: Poses (n, 3), x and y in m, yaw in rad, in the frame of the costmap.
@@ -84,7 +85,10 @@ class ElasticBand:
         return self._adopt(forces.from_plan(self._trial, poses, context))
 
     def optimize(self, costmap: Costmap) -> str:
-        """Adapt the band to the costmap; if forces fail, it stays refined."""
+        """Renew and relax the band; return why that fails, else an empty text.
+
+        If only the forces fail, the band is refined; else it stays as it was.
+        """
         count, trial_count = forces.optimize(
             self._band,
             self._trial,
@@ -98,7 +102,7 @@ class ElasticBand:
     def advance(
         self, pose: Pose2D, ahead: Floats, costmap: Costmap
     ) -> tuple[bool, str]:
-        """Connect the band to the robot, append poses and adapt it.
+        """Connect the band to the robot, append poses, and renew and relax it.
 
         Args:
             pose: Pose of the robot in the frame of the costmap.
@@ -120,6 +124,7 @@ class ElasticBand:
         return is_appended, self._adopt(trial_count)
 
     def _context(self, costmap: Costmap) -> kernels.Context:
+        """Return the costmap's radii, the forces' constants and memory for kernels."""
         # The footprint changes only with the costmap's configuration.
         if costmap.config is not self._costmap_config:
             self._costmap_config = costmap.config
@@ -129,7 +134,7 @@ class ElasticBand:
         return kernels.Context(clearance, self._gains, self._work)
 
     def _adopt(self, count: int) -> str:
-        """Take the trial band unless its length is the code of a failure."""
+        """Make the trial band the band, or return the reason of a negative length."""
         if count < 0:
             return kernels.REASONS[count]
 
@@ -143,12 +148,13 @@ class EBandController(Controller):
     """Follows a band: turns towards the next bubble, or drives as fast as is safe."""
 
     def __init__(self, config: EBandConfig):
+        """Allocate an empty band; `reset` begins each trial."""
         self.config = config
         self._band = ElasticBand(config)
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Begin a new trial and forget the last one; nothing is random."""
+        """Forget band and plan of the last trial; `seed` is ignored."""
         del seed
         self._band.clear()
         self._has_band = False
@@ -157,7 +163,7 @@ class EBandController(Controller):
         self._yaw = 0.0
 
     def control(self, inputs: ControlInput) -> Control:
-        """Update the band and steer along it."""
+        """Update the band; return the command along it, or none and the reason."""
         problem = self._update(inputs)
         if problem:
             return Control(None, reason=problem)
@@ -166,7 +172,7 @@ class EBandController(Controller):
         return self._steer(inputs.pose, float(inputs.plan[self._plan_end - 1, 2]))
 
     def view(self) -> PlannerView:
-        """Return the band and, as local plan, its center line."""
+        """Return the band, and its center line as local plan; none below 2 bubbles."""
         bubbles = self._band.bubbles.copy()
         if len(bubbles) < 2:
             return PlannerView()
@@ -181,7 +187,7 @@ class EBandController(Controller):
         return PlannerView(local_plan=local_plan, band=bubbles)
 
     def _update(self, inputs: ControlInput) -> str:
-        """Update the band; return why that fails, else an empty text."""
+        """Take a new plan, advance the band; return why that fails or an empty text."""
         if len(inputs.visible) == 0:
             return "no part of the plan is near the robot"
 
@@ -206,7 +212,10 @@ class EBandController(Controller):
         return problem
 
     def _take_plan(self, inputs: ControlInput, poses: Floats) -> str:
-        """Make a new band; return why that fails, else an empty text."""
+        """Make a new band from poses; return why that fails, else an empty text.
+
+        With `reset_costmap_once` a failure clears the costmap for a second attempt.
+        """
         # A band has two bubbles at least.
         if len(poses) < 2:
             pose = inputs.pose
@@ -223,7 +232,7 @@ class EBandController(Controller):
         return problem
 
     def _steer(self, pose: Pose2D, goal_yaw: float) -> Control:
-        """Return the command along the band.
+        """Return the command along the band: turn, drive, or STOP at the goal.
 
         Follows `EBandTrajectoryCtrl::getTwistDifferentialDrive`
         (eband_trajectory_controller.cpp).
@@ -271,7 +280,7 @@ class EBandController(Controller):
         return Control(command, diagnostics=diagnostics)
 
     def _is_at_end(self, pose: Pose2D, end: Pose2D, distance_m: float) -> bool:
-        """Return whether the robot is at the band's end, so that it turns to the goal.
+        """Return whether the robot is at the band's end, and remember that.
 
         Both coordinates count by themselves, in the robot's frame. Once the robot is
         there, the full tolerance applies.
@@ -286,11 +295,12 @@ class EBandController(Controller):
         return self._is_final_turn
 
     def _turn(self, angle: float) -> Velocity2D:
-        """Return the command that turns in place by an angle."""
+        """Return the command that turns in place by an angle in rad that remains."""
         slowest = self.config.min_turn_in_place_radps
         return Velocity2D(0.0, self._turn_rate(angle, slowest))
 
     def _turn_rate(self, angle: float, slowest: float) -> float:
+        """Return the yaw rate in rad/s for an angle in rad, at least `slowest`."""
         # A proportional law: bearings are small while the robot follows the band.
         rate = self.config.k_prop_per_s * angle
         if abs(rate) < slowest:

@@ -23,7 +23,7 @@ _LARGEST_INTEGER = 2.0**31
 
 @kernel
 def _slope(potential: Potential, cell: int, step: int) -> float:
-    """Return the descent along one axis, whose neighbors are a step away.
+    """Return the descent at a cell, positive toward cell + step; 0 is level.
 
     At an unreached cell it is the price of a blocked one, towards a reached neighbor.
     """
@@ -85,7 +85,10 @@ def _unit_gradient(
 def _direction(
     potential: Potential, columns: int, x: float, y: float
 ) -> tuple[float, float]:
-    """Return the descent (column, row) at a point, bilinear between four cells."""
+    """Return the descent (column, row) at x, y in cells, bilinear between four cells.
+
+    It is not normalized.
+    """
     row = math.floor(y)
     col = math.floor(x)
     fx = x - col
@@ -104,7 +107,7 @@ def _direction(
 
 @kernel
 def _lowest_neighbor(potential: Potential, columns: int, cell: int) -> int:
-    """Return the cell of lowest potential of a cell and its 8 neighbors."""
+    """Return the index of the lowest of a cell and its 8 neighbors, all on the grid."""
     best = cell
     for d_row in (-1, 0, 1):
         for d_col in (-1, 0, 1):
@@ -123,7 +126,7 @@ def descend(
     neutral: float,
     points: Floats,
 ) -> int:
-    """Follow a potential down along its interpolated gradient.
+    """Write the path from goal to start down a potential; return its length or 0.
 
     Beside unreached cells, and where it would go to and fro, the path takes the center
     of the lowest neighbor.
@@ -195,7 +198,7 @@ def descend_as_navfn(
     neutral: float,
     points: Singles,
 ) -> tuple[int, bool]:
-    """Follow a potential down as navfn does, in single precision.
+    """Write the path as navfn does, in single precision; return length and success.
 
     A place is a cell and offsets from its center. Gradients are interpolated, or
     extrapolated where an offset is negative, and only that cell's neighbors are looked
@@ -262,7 +265,7 @@ def _round(offset: np.float32) -> int:
 
 @kernel
 def _split_offset(offset: np.float32) -> tuple[int, np.float32]:
-    """Return how many cells an offset leads on, and what is left of it in [-1, 1]."""
+    """Return the whole cells (-1, 0 or 1) in an offset, and the rest in [-1, 1]."""
     cells = int(offset > 1.0) - int(offset < -1.0)
     return cells, np.float32(np.float64(offset) - cells)
 
@@ -275,7 +278,7 @@ def _direction_as_navfn(
     dx: np.float32,
     dy: np.float32,
 ) -> tuple[np.float32, np.float32]:
-    """Return the gradient at an offset from a cell.
+    """Return the descent (column, row) at offsets dx, dy in cells from a cell's center.
 
     It is between or beyond that cell and those above and to the right.
     """
@@ -288,7 +291,7 @@ def _direction_as_navfn(
 
 @kernel
 def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32:
-    """Return a value between four corners, rounded to single precision as in navfn."""
+    """Return the bilinear value between 4 corners, rounded to float32 as in navfn."""
     unit = np.float64(1.0)
     # In C the double 1.0 widens each term, and the assignment rounds it to a float.
     low = np.float32((unit - dx) * corners[0] + dx * corners[1])
@@ -301,7 +304,7 @@ def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32
 def _unit_gradient_as_navfn(
     potential: Singles, columns: int, cell: int
 ) -> tuple[np.float32, np.float32]:
-    """Return the unit descent (column, row) at a cell, zero off the grid."""
+    """Return the unit descent (column, row), zero in the last rows or on a plateau."""
     zero = np.float32(0.0)
     if cell < columns or cell > potential.size - columns:
         return zero, zero
@@ -319,7 +322,7 @@ def _unit_gradient_as_navfn(
 
 @kernel
 def _length(x: np.float32, y: np.float32) -> np.float32:
-    """Return the length of a vector, rounded to single precision at the end."""
+    """Return the length of a vector in double precision, rounded to float32."""
     # hypot of the original takes doubles.
     square = np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y)
     length: np.float32 = np.float32(math.sqrt(square))
@@ -328,7 +331,7 @@ def _length(x: np.float32, y: np.float32) -> np.float32:
 
 @kernel
 def _lowest_neighbor_as_navfn(potential: Singles, columns: int, cell: int) -> int:
-    """Return the lowest of a cell and its 8 neighbors, as the original compares them.
+    """Return the index of the lowest of a cell and its 8 neighbors as navfn finds it.
 
     It keeps the lowest value so far in an int, so that a value counts as lower only if
     it is below that one rounded down.

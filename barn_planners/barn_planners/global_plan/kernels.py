@@ -96,7 +96,7 @@ class _Extent(NamedTuple):
 
 
 def new_memory(rows: int, cols: int, dtype: type[np.floating]) -> Memory:
-    """Return memory for plans.
+    """Return memory for plans on a grid of rows x cols, whose border never waits.
 
     Args:
         rows: Number of rows of the grid.
@@ -119,7 +119,7 @@ def new_memory(rows: int, cols: int, dtype: type[np.floating]) -> Memory:
 def _propagate(
     along: float, across: float, price: float, number: Callable[[float], float]
 ) -> float:
-    """Return the potential of a cell from the lower neighbor of each axis.
+    """Return a cell's potential from the lower neighbor on each axis and its price.
 
     The polynomial is navfn's approximation of a plane wave.
     """
@@ -143,7 +143,7 @@ def _queue(
     value: float,
     end: np.uint64,
 ) -> np.uint64:
-    """Queue a neighbor if its present potential can gain from a value beside it.
+    """Append `neighbor` to the queue if its potential can fall enough below `present`.
 
     Returns the new end of the queue.
     """
@@ -160,6 +160,7 @@ def _queue(
 def _release(
     pending: Bytes, queue: MediumIntegers, first: np.uint64, end: np.uint64
 ) -> None:
+    """Let the cells of a queue from `first` to before `end` wait no longer."""
     for k in range(first, end):
         pending[np.uint64(queue[k])] = 0
 
@@ -173,7 +174,7 @@ def grow(
     memory: Memory,
     index: int,
 ) -> None:
-    """Grow a potential from the start until it reaches the goal or nothing is left.
+    """Grow a potential in place from the robot until it reaches the goal or runs out.
 
     Cells wait in two queues: those below a rising limit come first, in rounds. A cell
     whose value falls queues the neighbors that could gain from it.
@@ -252,7 +253,7 @@ def _take_round(
     queues: _Queues,
     extent: _Extent,
 ) -> tuple[np.uint64, np.uint64, _Extent]:
-    """Take all cells of the current queue.
+    """Compute potentials of all cells of the current queue, and queue their neighbors.
 
     For speed, indices are unsigned, queueing is inlined, and nothing branches on a
     potential: half of these branches would be mispredicted.
@@ -313,7 +314,7 @@ def _take_round(
 def search(
     terrain: Terrain, ends: Ends, growth: Growth, is_bounded: bool, memory: Memory
 ) -> bool:
-    """Grow potentials[1] of the memory from the start until it reaches the goal.
+    """Grow potentials[1] anew from start to goal; return whether it has arrived there.
 
     Args:
         terrain: What cells cost.
@@ -359,7 +360,7 @@ def search(
 
 @kernel
 def is_same(terrain: Terrain, memory: Memory) -> bool:
-    """Return whether the last search would still find the same.
+    """Return whether no price has changed where the last search came or beside it.
 
     Args:
         terrain: What cells cost now.
@@ -406,7 +407,7 @@ def is_same(terrain: Terrain, memory: Memory) -> bool:
 
 @kernel
 def forget(potential: Potential, columns: int, window: Integers) -> None:
-    """Set the cells of a window back to UNREACHED.
+    """Set a potential back to UNREACHED within a half-open window, in place.
 
     Args:
         potential: Potential by cell.
@@ -423,7 +424,7 @@ def forget(potential: Potential, columns: int, window: Integers) -> None:
 def poses_along(
     points: Floats, grid: Grid, goal_x: float, goal_y: float, half_cell: float
 ) -> tuple[Floats, Floats]:
-    """Return the poses along a path.
+    """Return poses (n + 1, 3) from start to goal without yaws, and steps (n, 2) in m.
 
     Args:
         points: Points (n, 2) from goal to start, column and row.
@@ -449,7 +450,7 @@ def poses_along(
 
 @kernel
 def visible_points(plan: Floats, x: float, y: float, radius: float) -> tuple[int, int]:
-    """Return first and end of the points of a plan within a circle.
+    """Return first and end of the first part of a plan in a circle, (0, 0) if none.
 
     The part begins where the plan first enters the circle and ends where it leaves it.
 
@@ -475,7 +476,7 @@ def visible_points(plan: Floats, x: float, y: float, radius: float) -> tuple[int
 
 @kernel
 def passed_points(plan: Floats, x: float, y: float, distance: float) -> int:
-    """Return the number of points of a plan before the first one near a place.
+    """Return the index of a plan's first point near a place, its length if none is.
 
     Args:
         plan: Points (n, 2 or more), x and y in m.

@@ -68,6 +68,7 @@ class GlobalPlanner:
     """
 
     def __init__(self, config: GlobalPlanConfig):
+        """Compute the prices of costs; the first plan allocates memory."""
         self.config = config
         self._dtype: type[np.floating] = np.float32 if config.as_navfn else np.float64
         # Digits of navfn's INVSQRT2.
@@ -79,7 +80,7 @@ class GlobalPlanner:
         self._shape = (0, 0)
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
-        """Plan from the robot to the goal.
+        """Return a plan to the goal, or none and why; the last plan if nothing changed.
 
         Args:
             costmap: Global costmap.
@@ -119,6 +120,7 @@ class GlobalPlanner:
     def _new_plan(
         self, terrain: kernels.Terrain, ends: kernels.Ends, grid: Grid, goal: Pose2D
     ) -> GlobalPlan:
+        """Search and follow the potential anew; return the plan, or none and why."""
         config = self.config
         count = 0
         is_complete = False
@@ -158,7 +160,7 @@ class GlobalPlanner:
         return GlobalPlan(poses)
 
     def _allocate(self, rows: int, cols: int) -> None:
-        """Allocate memory for plans on a grid of this size."""
+        """Allocate memory for a grid of rows x cols; the last plan no longer counts."""
         self._shape = (rows, cols)
         self._task = None
         self._memory = kernels.new_memory(rows, cols, self._dtype)
@@ -180,7 +182,10 @@ class GlobalPlanner:
 
 
 def cell_prices(config: GlobalPlanConfig) -> Floats:
-    """Return the price of entering a cell by its cost, inf where blocked, (256,)."""
+    """Return the prices (256,) of entering a cell, indexed by its cost.
+
+    Lethal and inscribed cells (254 and 253) have the price inf.
+    """
     costs = np.arange(256, dtype=np.float64)
     prices = np.floor(config.neutral_cost + config.cost_factor * costs)
     prices = np.minimum(prices, _HIGHEST_PRICE)
@@ -191,7 +196,7 @@ def cell_prices(config: GlobalPlanConfig) -> Floats:
 
 
 def transform_plan(plan: Floats, frame: Pose2D) -> Floats:
-    """Return a plan in another frame.
+    """Return a copy of a plan (n, 3) in another frame, yaws in [-pi, pi).
 
     Args:
         plan: Poses (n, 3), x and y in m, yaw in rad.
@@ -204,7 +209,7 @@ def transform_plan(plan: Floats, frame: Pose2D) -> Floats:
 
 
 def visible_slice(plan: Floats, pose: Pose2D, radius_m: float) -> slice:
-    """Return the part of a plan near the robot, up to where the plan leaves it.
+    """Return the slice of a plan's first part near the robot, empty if none is.
 
     Args:
         plan: Points (n, 2 or more), x and y in m.
@@ -215,7 +220,7 @@ def visible_slice(plan: Floats, pose: Pose2D, radius_m: float) -> slice:
 
 
 def count_passed_points(plan: Floats, pose: Pose2D, distance_m: float) -> int:
-    """Return the number of points of a plan before the first one near the robot.
+    """Return the index of a plan's first point near the robot, its length if none.
 
     Args:
         plan: Points (n, 2 or more), x and y in m.

@@ -13,6 +13,7 @@ _MAX_STATES = 10_000_000
 
 
 def _weight(default: float, description: str) -> float:
+    """Return the field of a critic's weight, without unit, from 0 to 1e6."""
     return quantity(default, description, "", 0.0, 1.0e6)
 
 
@@ -134,6 +135,7 @@ class MppiConfig(Checked):
     critics: CriticsConfig = field(default_factory=CriticsConfig)
 
     def __post_init__(self) -> None:
+        """Raise ConfigError if samples, turn per step or reverse speed is too large."""
         super().__post_init__()
         limit = f"must be at most {_MAX_STATES} divided by steps = {self.steps}"
         self.require(self.samples * self.steps <= _MAX_STATES, "samples", limit)

@@ -25,7 +25,10 @@ _USUAL_POINTS = 2
 
 @kernel
 def length(x: float, y: float) -> float:
-    """Return the length of a vector, to the last bit as hypot of glibc since 2.35.
+    """Return a vector's length as hypot of glibc since 2.35, but without its scaling.
+
+    It is the same to the last bit where no square overflows or underflows, that is, for
+    components of zero or of 1e-138 to 1e153. Beyond it is NaN, below imprecise or 0.
 
     Unlike a call of hypot, a loop over this function is vectorized.
 
@@ -64,7 +67,7 @@ def add_obstacle_costs(
     collision_cost: float,
     is_near_goal: bool,
 ) -> int:
-    """Add what trajectories cost on the costmap, and count those that collide.
+    """Add costmap costs of trajectories to `costs`; return how many collide.
 
     A trajectory whose footprint touches a lethal cell costs `collision_cost`. Others
     cost the mean of the cells under their poses, as a share of 254.
@@ -134,7 +137,7 @@ def _find_cells(
     grid: Grid,
     indices: MediumIntegers,
 ) -> None:
-    """Write the index of the cell at each point, row by row; -1 off the grid."""
+    """Write the flat index, row by row, of the cell at each point; -1 off the grid."""
     origin_x, origin_y, resolution = grid
     rows, columns = cells.shape
     for k in range(len(x)):
@@ -147,7 +150,10 @@ def _find_cells(
 
 @kernel
 def _sum_lethal_cells(cells: Bytes) -> MediumIntegers:
-    """Return the lethal cells before each row and column, (rows + 1, columns + 1)."""
+    """Return the count of lethal cells before each row and column, cumulative.
+
+    It is a summed-area table (rows + 1, columns + 1).
+    """
     rows, columns = cells.shape
     counts = np.zeros((rows + 1, columns + 1), np.int32)
     for row in range(rows):
@@ -166,7 +172,7 @@ def _edges_collide(
     lethal_counts: MediumIntegers,
     corners: FloatArray,
 ) -> bool:
-    """Tell whether the edges between corners touch a lethal cell or leave the grid.
+    """Return whether a footprint's edges touch a lethal cell or leave the grid.
 
     Edges are not followed if the box around them holds no lethal cell. Four sums tell.
     """
@@ -195,7 +201,7 @@ def _edges_collide(
 
 @kernel
 def find_furthest_point(path: FloatArray, poses: Singles) -> int:
-    """Return the index of the furthest point of the path that a trajectory reaches.
+    """Return the highest index of a path point that is nearest to a trajectory's end.
 
     Args:
         path: Points (n, 2) in m.
@@ -225,7 +231,7 @@ def find_furthest_point(path: FloatArray, poses: Singles) -> int:
 def add_follow_costs(
     costs: FloatArray, poses: Singles, x: float, y: float, weight: float
 ) -> None:
-    """Add the distance from the end of each trajectory to a point.
+    """Add to `costs` the weighted distance in m from trajectory ends to a point.
 
     Args:
         costs: Costs (samples,).
@@ -248,7 +254,7 @@ def add_angle_costs(
     y: float,
     weight: float,
 ) -> None:
-    """Add the angle between heading and direction of a point, at each trajectory's end.
+    """Add to `costs` the weighted angle at trajectory ends from heading to a point.
 
     Args:
         costs: Costs (samples,).
@@ -277,7 +283,7 @@ def add_align_costs(
     stride: int,
     weight: float,
 ) -> None:
-    """Add the mean distance of trajectories from where the path is as long.
+    """Add to `costs` the weighted mean distance from the path at equal distance driven.
 
     Args:
         costs: Costs (samples,).
@@ -338,7 +344,7 @@ def add_goal_costs(
     position_weight: float,
     yaw_weight: float,
 ) -> None:
-    """Add the mean distance of trajectories from the goal and the mean angle to it.
+    """Add to `costs` the weighted mean distance from the goal and angle to its yaw.
 
     Args:
         costs: Costs (samples,).
@@ -377,7 +383,7 @@ def add_control_costs(
     limit_weight: float,
     forward_weight: float,
 ) -> None:
-    """Add what controls themselves cost.
+    """Add to `costs` the controls' own: deviation, excess over limits, reverse.
 
     That is gamma times control times deviation over variance (Williams 2018), what is
     beyond the limits, and the distance driven in reverse.
@@ -427,7 +433,7 @@ def add_control_costs(
 
 @kernel
 def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
-    """Return points at even spacing along a line.
+    """Return points (m, 2) at even distance along a line, at most `max_points`.
 
     Args:
         points: Corners (n, 2) of the line in m.
@@ -463,4 +469,5 @@ def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
 
 @kernel
 def _wrap_angle(angle: float) -> float:
+    """Return an angle in rad wrapped to [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

@@ -56,6 +56,7 @@ class MppiController(Controller):
     """Follows the plan by sampling; each cycle starts from the last solution."""
 
     def __init__(self, config: MppiConfig):
+        """Allocate the arrays of samples; `reset` begins each trial."""
         self.config = config
         # Allocated once: these arrays have megabytes, and a cycle fills all of them
         # anew.
@@ -77,7 +78,7 @@ class MppiController(Controller):
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Begin a new trial; the noise comes from `seed`."""
+        """Forget the last trial and let the noise begin anew from `seed`."""
         self._random = sampling.noise_state(seed)
         self._progress.reset()
         self._forget_solution()
@@ -86,7 +87,10 @@ class MppiController(Controller):
         self._has_samples = False
 
     def control(self, inputs: ControlInput) -> Control:
-        """Improve the solution and return its first control."""
+        """Sample around the last solution; return the first control of the new one.
+
+        There is none, with a reason, if all samples collide or the robot is stuck.
+        """
         config = self.config
         pose = inputs.pose
         goal_distance_m = pose.distance(inputs.goal)
@@ -124,7 +128,7 @@ class MppiController(Controller):
         return Control(self._pop_command(), diagnostics=figures)
 
     def view(self) -> PlannerView:
-        """Return some of the sampled trajectories, and the solution's trajectory."""
+        """Return some sampled trajectories with costs, and that of the solution."""
         config = self.config
         if not self._has_samples or config.shown == 0:
             return PlannerView()
@@ -147,11 +151,12 @@ class MppiController(Controller):
         )
 
     def _forget_solution(self) -> None:
+        """Set the solution, and the controls sent before it, to zero."""
         self._solution = np.zeros((self.config.steps, 2))
         self._past = np.zeros((_PAST_CONTROLS, 2))
 
     def _pop_command(self) -> Velocity2D:
-        """Return the first control; the solution then begins one step later."""
+        """Return the first control and shift the solution by a step."""
         first = self._solution[0]
         self._past = np.concatenate([self._past[1:], first[None]])
         # The last control is repeated at the end: nothing is known of that step yet.
@@ -180,7 +185,7 @@ class MppiController(Controller):
         return collisions
 
     def _sample(self, inputs: ControlInput) -> None:
-        """Sample trajectories around the solution, with itself as the first."""
+        """Fill controls and poses with samples around the solution, itself first."""
         pose = inputs.pose
         velocity = inputs.velocity
         sampling.fill_normal(self._random, self._noise.reshape(-1, self.config.samples))
@@ -198,7 +203,7 @@ class MppiController(Controller):
         self._has_samples = True
 
     def add_obstacle_costs(self, costmap: Costmap, goal_distance_m: float) -> int:
-        """Add what the sampled trajectories cost on the costmap.
+        """Add costmap costs of the sampled trajectories; return how many collide.
 
         Derived controllers add costs of other obstacles here.
 
@@ -225,6 +230,7 @@ class MppiController(Controller):
         )
 
     def _add_goal_and_control_costs(self, goal: Pose2D, goal_distance_m: float) -> None:
+        """Add to the samples' costs those of goal and controls."""
         config = self.config
         critics = config.critics
         counts_position = goal_distance_m < critics.goal_within_m
@@ -253,6 +259,7 @@ class MppiController(Controller):
     def _add_path_costs(
         self, pose: Pose2D, path: "_Path", goal_distance_m: float
     ) -> None:
+        """Add to the samples' costs those of the path, as far as they apply."""
         critics = self.config.critics
         furthest = kernels.find_furthest_point(path.points, self._poses)
         if goal_distance_m >= critics.goal_within_m:
@@ -292,6 +299,7 @@ class _Path:
     """The part of the plan ahead of the robot, with evenly spaced points."""
 
     def __init__(self, inputs: ControlInput, config: MppiConfig):
+        """Resample the visible plan evenly, from its point nearest to the robot."""
         plan = inputs.visible[:, :2]
         offsets = plan - (inputs.pose.x, inputs.pose.y)
         nearest = (offsets**2).sum(axis=1).argmin()
@@ -307,12 +315,12 @@ class _Path:
         self.is_clear = np.array([(cost or 0) < INSCRIBED for cost in costs])
 
     def point(self, index: int) -> tuple[float, float]:
-        """Return the point with an index; the last one for larger indices."""
+        """Return the point (x, y) in m at an index, the last one if it is larger."""
         x, y = self.points[min(index, len(self.points) - 1)]
         return float(x), float(y)
 
     def blocked_share(self, index: int) -> float:
-        """Return the share of the points up to an index that is not free."""
+        """Return the share (0 to 1) of blocked points up to and including an index."""
         return 1.0 - float(self.is_clear[: index + 1].mean())
 
 

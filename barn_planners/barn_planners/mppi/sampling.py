@@ -31,7 +31,7 @@ _TAIL_START = 3.6541528853610088
 
 
 def _ziggurat_tables() -> tuple[Singles, npt.NDArray[np.uint32], Singles]:
-    """Return the tables of the ziggurat, each (256,).
+    """Return widths, safe positions and densities of the ziggurat's layers, (256,).
 
     Returns:
         The width of each layer divided by 2^23; the positions below which a number lies
@@ -71,7 +71,7 @@ _UNIT_24_BITS = np.float32(1.0 / 16777216.0)
 
 
 def noise_state(seed: int) -> npt.NDArray[np.uint64]:
-    """Return the state (6,) of NumPy's SFC64 for a seed, as `fill_normal` takes it."""
+    """Return the state (6,) of NumPy's SFC64 seeded by `seed`, for `fill_normal`."""
     state = np.random.SFC64(seed).state
     # The order in which the kernel unpacks them.
     words = [*state["state"]["state"], state["has_uint32"], state["uinteger"]]
@@ -104,7 +104,7 @@ def _next_bits(words: _Words) -> tuple[np.uint32, _Words]:
 
 @kernel
 def _to_unit(bits: np.uint32) -> np.float32:
-    """Return random bits as a number in [0, 1)."""
+    """Return 32 random bits as a float32 in [0, 1), by the upper 24 of them."""
     unit: np.float32 = np.float32(bits >> np.uint32(8)) * _UNIT_24_BITS
     return unit
 
@@ -113,7 +113,7 @@ def _to_unit(bits: np.uint32) -> np.float32:
 def _sample_edge(
     words: _Words, x: np.float32, bits: np.uint32, layer: int
 ) -> tuple[bool, np.float32, _Words]:
-    """Decide on a number that may lie above the density.
+    """Return whether a number near the density's edge is accepted, it, and the words.
 
     Returns:
         Whether the number is accepted, the number, and the next words.
@@ -139,7 +139,9 @@ def _sample_edge(
 
 @kernel
 def fill_normal(state: npt.NDArray[np.uint64], numbers: Singles) -> None:
-    """Fill an array with what `Generator(SFC64(seed)).standard_normal` draws.
+    """Fill `numbers` with standard normals of NumPy's SFC64, and advance `state`.
+
+    They are what `Generator(SFC64(seed)).standard_normal` draws in float32.
 
     Args:
         state: State (6,) of the generator, which is advanced.
@@ -176,7 +178,7 @@ def rollout(
     controls: Singles,
     poses: Singles,
 ) -> None:
-    """Sample controls around the nominal ones and integrate a unicycle along them.
+    """Fill `controls` with samples around the nominal ones, `poses` with their drives.
 
     Args:
         nominal: Nominal controls (steps, 2): m/s and rad/s.
@@ -232,7 +234,7 @@ def _step(
     ys: Singles,
     yaws: Singles,
 ) -> None:
-    """Take one step of all samples.
+    """Take one step of all samples: change their state, write controls and poses.
 
     The loop has no branches and each array is an argument of its own, without which the
     compiler does not vectorize it.
@@ -272,7 +274,7 @@ def _step(
 def weighted_mean(
     costs: FloatArray, controls: Singles, temperature: float, mean: FloatArray
 ) -> None:
-    """Average the sampled controls, weighted by exp(-(cost - lowest) / temperature).
+    """Write to `mean` the controls weighted by exp(-(cost - lowest) / temperature).
 
     Args:
         costs: Cost of each sample (samples,).
@@ -303,7 +305,7 @@ def weighted_mean(
 def smooth(
     controls: FloatArray, past_controls: FloatArray, weights: FloatArray
 ) -> FloatArray:
-    """Return controls averaged over time.
+    """Return controls (steps, 2) filtered over time, with past ones before the first.
 
     Args:
         controls: Controls (steps, 2); beyond its end the last one counts.
@@ -332,7 +334,7 @@ def limit_controls(
     change: FloatArray,
     start: tuple[float, float],
 ) -> None:
-    """Limit controls and their changes in place.
+    """Clip controls (steps, 2) and their changes per step, in place.
 
     Args:
         controls: Controls (steps, 2).
