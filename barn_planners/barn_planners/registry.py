@@ -49,12 +49,13 @@ class PlannerEntry:
     """Declared time of a cycle on the reference computer. None: no delay."""
 
     def __post_init__(self) -> None:
+        """Raise ConfigError if there is no preset."""
         if not self.presets:
             raise ConfigError("a planner needs at least one preset")
 
     @property
     def config_class(self) -> type[Checked]:
-        """Class of the planner's configuration."""
+        """Class of the planner's configuration: that of its first preset."""
         return type(next(iter(self.presets.values())))
 
 
@@ -63,7 +64,7 @@ _loaded_entries: dict[str, PlannerEntry] = {}
 
 
 def register(name: str, entry: PlannerEntry) -> None:
-    """Add a planner in this process; packages use the entry point instead.
+    """Add a planner by name to this process; packages use the entry point instead.
 
     Args:
         name: Name that `make_planner` and the option --planner accept from now on.
@@ -78,14 +79,14 @@ def register(name: str, entry: PlannerEntry) -> None:
 
 
 def planner_names() -> list[str]:
-    """Return the names of all planners, sorted."""
+    """Return the names of all planners, built-in, registered and installed, sorted."""
     # Read anew each time: a package may have been installed since.
     external_names = {point.name for point in entry_points(group=GROUP)}
     return sorted({*_BUILT_IN, *_loaded_entries, *external_names})
 
 
 def planner_entry(name: str) -> PlannerEntry:
-    """Return the entry of a planner and load its module if necessary.
+    """Return the entry of a planner, with its module imported if necessary.
 
     Raises:
         ConfigError: If the name is unknown or the module cannot be loaded.
@@ -118,7 +119,7 @@ def planner_entry(name: str) -> PlannerEntry:
 def planner_config(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Any:
-    """Return the configuration of a planner.
+    """Return a planner's preset, changed by `overrides` (values by dotted name).
 
     Args:
         name: Name of the planner.
@@ -146,7 +147,7 @@ def planner_config(
 
 
 def speed_cap_mps(name: str, config: Checked) -> float:
-    """Return the highest speed that a planner declares; 0 if it declares none.
+    """Return the highest speed in m/s that a configuration declares, 0 without any.
 
     Args:
         name: Name of the planner.
@@ -168,7 +169,7 @@ def speed_cap_mps(name: str, config: Checked) -> float:
 def make_planner(
     name: str, preset: str = "challenge", overrides: Mapping[str, Any] | None = None
 ) -> Planner:
-    """Return a new planner; its attribute `config` is the resolved configuration.
+    """Return a new planner, not started; its attribute `config` is its configuration.
 
     Args:
         name: Name of the planner.

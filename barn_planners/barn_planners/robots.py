@@ -46,12 +46,12 @@ _LIDAR_FIELDS = {
 
 
 def robot_scale(robot: Robot) -> float:
-    """Return a robot's circumscribed radius about base_link by the Jackal's."""
+    """Return a robot's circumscribed radius about base_link over the Jackal's."""
     return robot.chassis.circumscribed_m / STANDARD_ROBOT.chassis.circumscribed_m
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return the parameters that a robot changes, apart from the mount of its lidar.
+    """Return the parameters that a robot changes, but for its lidar's mount, by name.
 
     Args:
         config: Configuration of a planner for the Jackal.
@@ -74,7 +74,7 @@ def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
 
 
 def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]:
-    """Return the parameters that must change to match the mount of the lidar.
+    """Return the parameters of a lidar's mount that differ from it, by dotted name.
 
     Args:
         config: Configuration of a planner.
@@ -94,7 +94,7 @@ def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]
 def fit_parameters(
     name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
 ) -> dict[str, Any]:
-    """Return what distinguishes a planner's configuration for a robot from its preset.
+    """Return what differs from a preset, by dotted name: for a robot and by overrides.
 
     Args:
         name: Name of the planner.
@@ -124,11 +124,12 @@ def fit_parameters(
 
 
 def _last_part(name: str) -> str:
-    """Return the last part of a dotted name, which ends in the unit."""
+    """Return the last part of a dotted name, such as "max_speed_mps"."""
     return name.rpartition(".")[2]
 
 
 def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, Any]:
+    """Return all scaled parameters by dotted name, within their allowed ranges."""
     weights = _WEIGHTS_PER_METER
     if getattr(getattr(config, "dwa", None), "distances_in_metres", False):
         weights += _DWA_WEIGHTS
@@ -153,6 +154,7 @@ def _scale_parameters(config: Checked, robot: Robot, scale: float) -> dict[str, 
 
 
 def _scale_by_unit(parameter: str, value: float, scale: float, robot: Robot) -> float:
+    """Return a value scaled as its parameter's unit says, within the robot's limits."""
     drive = robot.drive
     if parameter.endswith("_per_m"):
         return value / scale
@@ -171,7 +173,7 @@ def _scale_by_unit(parameter: str, value: float, scale: float, robot: Robot) -> 
 
 
 def _fit_dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
-    """Return what keeps DWA from turning in place where it could drive."""
+    """Return DWA's window period and obstacle weight for a robot; {} without DWA."""
     dwa = getattr(config, "dwa", None)
     if dwa is None:
         return {}
@@ -193,7 +195,7 @@ def _fit_dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
 def _fit_costmap(
     costmap: CostmapConfig, robot: Robot, scale: float
 ) -> dict[str, float | str]:
-    """Return footprint and inflation of a costmap for a robot.
+    """Return footprint (m) and inflation of a costmap for a robot, by parameter.
 
     The footprint covers the same shares of the robot's length and width as it covers of
     the Jackal's. The inflation beyond the inscribed radius grows with the robot.
@@ -231,7 +233,7 @@ def _fit_costmap(
 
 
 def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
-    """Return the sizes of rectangles and discs of planners without a costmap."""
+    """Return a robot's sizes in m for planners without a costmap, by dotted name."""
     half_x, half_y = _half_sizes(robot.chassis.hull_m)
     inscribed_m = robot.chassis.inscribed_m
     circumscribed_m = robot.chassis.circumscribed_m
@@ -261,6 +263,7 @@ def _half_sizes(corners: Sequence[Corner]) -> tuple[float, float]:
 
 
 def _is_centered_rectangle(corners: Sequence[Corner]) -> bool:
+    """Return whether corners form a rectangle along the axes, centered on 0."""
     half_x, half_y = _half_sizes(corners)
     return len(corners) == 4 and all(
         abs(abs(x) - half_x) < 1e-9 and abs(abs(y) - half_y) < 1e-9 for x, y in corners

@@ -117,14 +117,17 @@ class Controller(ABC):
 
     @abstractmethod
     def reset(self, seed: int) -> None:
-        """Begin a new trial; all randomness comes from `seed`."""
+        """Begin a new trial and forget the last one; `seed` is all randomness."""
 
     @abstractmethod
     def control(self, inputs: ControlInput) -> Control:
-        """Return the command of one cycle; must not raise, whatever the input."""
+        """Return the command of one cycle, or none and why; must not raise."""
 
     def view(self) -> PlannerView:
-        """Return what the last cycle considered, in the frame of the local costmap."""
+        """Return what the last cycle considered, in the frame of the local costmap.
+
+        It is empty by default.
+        """
         return PlannerView()
 
 
@@ -132,6 +135,7 @@ class NavigationPlanner(Planner):
     """Plans with or without a map and lets a controller follow the plan."""
 
     def __init__(self, config: NavigationConfig, controller: Controller):
+        """Make the parts of the loop; `start` begins each trial."""
         self.config = config
         self.controller = controller
         self._global_planner = GlobalPlanner(config.global_plan)
@@ -144,7 +148,7 @@ class NavigationPlanner(Planner):
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial: forget costmaps, plan and recovery.
+        """Begin a new trial: forget costmaps, plan and recovery, reset the controller.
 
         Args:
             task: Goal in the planning frame, and the map to plan on if there is one.
@@ -178,7 +182,10 @@ class NavigationPlanner(Planner):
         self.controller.reset(seed)
 
     def step(self, observation: Observation) -> Decision:
-        """Return the decision for one observation; a stop with a reason if no other."""
+        """Return the decision of a cycle: drive, hold, stop, or recover with a reason.
+
+        Its command is None for further observations within one control period.
+        """
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
         problem = self._check.problem(observation)
@@ -213,7 +220,7 @@ class NavigationPlanner(Planner):
         return self._act(observation, new_plan)
 
     def view(self) -> PlannerView:
-        """Return the plan, the local costmap and what the controller considered."""
+        """Return global plan, local costmap and the controller's view."""
         if self._task is None:
             return PlannerView()
         return replace(
@@ -224,16 +231,16 @@ class NavigationPlanner(Planner):
         )
 
     def control_pose(self, observation: Observation) -> Pose2D:
-        """Return the pose of the robot in the frame of the local costmap."""
+        """Return the robot's pose in the frame of the local costmap, odom or map."""
         if self._controls_in_map:
             return observation.pose
         return observation.odometry.pose
 
     def prepare_control(self, observation: Observation) -> None:
-        """Do nothing; derived planners prepare their controllers here."""
+        """Do nothing; derived planners prepare here, between costmaps and plan."""
 
     def _restart_for_resent_goal(self, stamp_ns: int) -> bool:
-        """Tell whether the goal was sent again since the last cycle, and start over."""
+        """Return whether the goal is due to be sent again; recovery then restarts."""
         if self._goal_period_ns == 0 or self._start_ns is None:
             return False
         count = (stamp_ns - self._start_ns) // self._goal_period_ns
@@ -249,7 +256,7 @@ class NavigationPlanner(Planner):
         return True
 
     def _replan(self, observation: Observation) -> FloatArray | None:
-        """Make a global plan if one is due; return its points (n, 2) or None."""
+        """Make a global plan if one is due; return its points (n, 2) if it is new."""
         stamp_ns = observation.stamp_ns
         if (
             not self._waits_for_plan
@@ -272,7 +279,7 @@ class NavigationPlanner(Planner):
         return result.poses[:, :2]
 
     def _act(self, observation: Observation, new_plan: FloatArray | None) -> Decision:
-        """Follow the plan, or wait or recover where that is not possible."""
+        """Return the controller's command, or what waiting or recovery does instead."""
         stamp_ns = observation.stamp_ns
         if not self._waits_for_plan and not self._recovery.active:
             control = self._run_controller(observation)
@@ -308,6 +315,7 @@ class NavigationPlanner(Planner):
     def _recover(
         self, observation: Observation, new_plan: FloatArray | None
     ) -> Decision:
+        """Return the recovery's command of a cycle; FAILED for good if it gives up."""
         self._recovery_cause = self._problem or self._recovery_cause
         costmap_poses = (
             (self._local_costmap, self.control_pose(observation)),
@@ -323,7 +331,10 @@ class NavigationPlanner(Planner):
         return Decision(command, PlannerStatus.RECOVERING, cause, new_plan)
 
     def _run_controller(self, observation: Observation) -> Control:
-        """Call the controller with the plan in its frame, from the robot on."""
+        """Return the controller's answer to the plan in its own frame, near the robot.
+
+        There is no command, with a reason, without a plan near the robot.
+        """
         plan = self._plan
         if plan is None:
             return Control(None, reason=self._problem)

@@ -28,7 +28,7 @@ class LidarMountConfig(Checked):
 
     @property
     def lidar(self) -> Pose2D:
-        """Pose of the lidar in base_link."""
+        """Pose of the lidar in base_link, in m and rad."""
         return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
 
 
@@ -55,17 +55,18 @@ class ObservationCheck:
     """Finds observations that a planner must not use, over the course of one trial."""
 
     def __init__(self, config: ObservationCheckConfig):
+        """Store the limits; `reset` begins each trial."""
         self.config = config
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last trial."""
+        """Forget the last stamp and the last return of the lidar."""
         self._last_stamp_ns: int | None = None
         self._last_return_ns: int | None = None
         self._nearest_return_m = 0.0
 
     def problem(self, observation: Observation) -> str:
-        """Return in one line why an observation cannot be used, or an empty text."""
+        """Return why an observation is unusable, or an empty text; store its stamp."""
         stamp_ns = observation.stamp_ns
         if self._last_stamp_ns is not None and stamp_ns < self._last_stamp_ns:
             age_ns = self._last_stamp_ns - stamp_ns
@@ -85,6 +86,7 @@ class ObservationCheck:
         return self._scan_problem(stamp_ns, observation.scan)
 
     def _scan_problem(self, stamp_ns: int, scan: Scan) -> str:
+        """Return why a scan is unusable, or an empty text; store its nearest return."""
         if len(scan.ranges) == 0:
             return "the scan is empty"
         geometry = (scan.angle_min, scan.angle_increment, scan.range_min)
@@ -104,7 +106,7 @@ class ObservationCheck:
         return self._blind_problem(stamp_ns)
 
     def _blind_problem(self, stamp_ns: int) -> str:
-        """Decide whether a scan without returns means that the lidar is blind."""
+        """Return why a scan without returns means a blind lidar, or an empty text."""
         if not self.config.stop_when_blind:
             return ""
         if self._last_return_ns is None:
@@ -122,7 +124,7 @@ class ObservationCheck:
 def _nearest_return(
     ranges: npt.NDArray[np.float32], range_min: float, range_max: float
 ) -> tuple[float, bool]:
-    """Return the least valid range (or inf), and whether a beam returned nothing."""
+    """Return the least valid range in m or inf, and whether one reaches `range_max`."""
     # Limits are rounded to the precision of the ranges, so that a range at the limit
     # compares as equal to it.
     lowest = np.float32(range_min)
@@ -137,6 +139,7 @@ def _nearest_return(
 
 
 def _is_usable(pose: Pose2D) -> bool:
+    """Return whether a pose is finite, and within 100 km of the origin in x and y."""
     return (
         abs(pose.x) < _MAX_COORDINATE_M
         and abs(pose.y) < _MAX_COORDINATE_M

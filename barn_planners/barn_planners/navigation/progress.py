@@ -10,18 +10,19 @@ class ProgressCheck:
     """Requires the robot to move a distance again and again within a time."""
 
     def __init__(self, distance_m: float, limit_s: float):
+        """Require a move of `distance_m` within every `limit_s` of simulated time."""
         self._distance_m = distance_m
         self._limit_ns = nanoseconds(limit_s)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last trial."""
+        """Forget the last trial; the next pose starts the clock."""
         self._anchor: Pose2D | None = None
         self._anchor_ns = 0
         self._last_ns = 0
 
     def is_stuck(self, stamp_ns: int, pose: Pose2D) -> bool:
-        """Update with the pose of a cycle and tell whether the robot is stuck.
+        """Record the pose of a cycle; return whether the robot has not moved for long.
 
         Args:
             stamp_ns: Simulated time in ns. A pause of over one second restarts the

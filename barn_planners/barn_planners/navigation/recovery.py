@@ -55,11 +55,12 @@ class Recovery:
     """The recovery of one trial."""
 
     def __init__(self, config: RecoveryConfig):
+        """Store the configuration; patience starts at time 0."""
         self.config = config
         self.restart(0)
 
     def restart(self, stamp_ns: int) -> None:
-        """Restart patience and behaviors, as for a new goal."""
+        """Restart patience at a stamp in ns and end recovery, as for a new goal."""
         self.active = False
         self.aborted = False
         self._behavior = 0
@@ -69,7 +70,10 @@ class Recovery:
         self._last_yaw: float | None = None
 
     def record_plan(self, stamp_ns: int) -> None:
-        """Record that there is a plan."""
+        """Record when a plan was made; its patience, if due also behaviors restart.
+
+        `active` stays as it is.
+        """
         self._plan_ns = stamp_ns
         # move_base starts over only if what it waited for has come: the plan, not a
         # command.
@@ -77,18 +81,21 @@ class Recovery:
             self._behavior = 0
 
     def record_command(self, stamp_ns: int) -> None:
-        """Record a valid command."""
+        """Record when a command was valid; its patience, if due also behaviors restart.
+
+        `active` stays as it is.
+        """
         self._command_ns = stamp_ns
         if not self._is_for_plan:
             self._behavior = 0
 
     def record_missing_plan(self, stamp_ns: int) -> None:
-        """Record a cycle without a plan; start recovery when patience runs out."""
+        """Set `active` if the last plan is longer ago than patience lasts."""
         if stamp_ns - self._plan_ns > nanoseconds(self.config.planner_patience_s):
             self.active = self._is_for_plan = True
 
     def record_missing_command(self, stamp_ns: int) -> None:
-        """Record a cycle without a command; start recovery when patience runs out."""
+        """Set `active` if the last valid command is longer ago than patience lasts."""
         patience_ns = nanoseconds(self.config.controller_patience_s)
         if stamp_ns - self._command_ns > patience_ns:
             self.active = True
@@ -97,7 +104,9 @@ class Recovery:
     def step(
         self, stamp_ns: int, costmap_poses: Sequence[tuple[Costmap, Pose2D]]
     ) -> Velocity2D:
-        """Continue the current behavior for one cycle.
+        """Clear costmaps or turn for one cycle; return the command, STOP if it is done.
+
+        Sets `active` to False at the end of a behavior, and `aborted` after the last.
 
         Args:
             stamp_ns: Simulated time in ns.
@@ -124,6 +133,7 @@ class Recovery:
         return STOP
 
     def _clear(self, costmap_poses: Sequence[tuple[Costmap, Pose2D]]) -> None:
+        """Clear lidar marks beyond a square at the robot, if the behavior does that."""
         if self._behavior == _CONSERVATIVE_CLEARING:
             side_m = self.config.conservative_reset_m
         elif self._behavior == _AGGRESSIVE_CLEARING:
@@ -134,7 +144,7 @@ class Recovery:
             costmap.clear_outside(pose, side_m)
 
     def _turn(self, costmap: Costmap, pose: Pose2D) -> Velocity2D | None:
-        """Return the next command of a full left turn; None if done or blocked."""
+        """Return the next command of a full left turn, None if done or blocked."""
         config = self.config
         if self._last_yaw is None:
             self._last_yaw = pose.yaw

@@ -24,12 +24,13 @@ class ScanPlanner(Planner):
     """Drives to the goal by its scans, without a map or randomness."""
 
     def __init__(self, check: ObservationCheckConfig, goal_tolerance_m: float):
+        """Store the check; the goal is reached within `goal_tolerance_m`."""
         self._check = ObservationCheck(check)
         self._goal_tolerance_m = goal_tolerance_m
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial.
+        """Begin a new trial and forget the last one; map and seed are ignored.
 
         Args:
             task: Goal in the planning frame; its map is ignored.
@@ -40,7 +41,7 @@ class ScanPlanner(Planner):
         self._check.reset()
 
     def step(self, observation: Observation) -> Decision:
-        """Stop at the goal or if the observation cannot be used; otherwise drive."""
+        """Return STOP at the goal or for unusable readings, else what `drive` does."""
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
 
@@ -58,13 +59,13 @@ class ScanPlanner(Planner):
         return self.drive(observation, goal)
 
     def problem(self, scan: Scan) -> str:
-        """Return in one line why this planner cannot use a scan, or an empty text."""
+        """Return why this planner cannot use a scan, an empty text by default."""
         del scan
         return ""
 
     @abstractmethod
     def drive(self, observation: Observation, goal: Pose2D) -> Decision:
-        """Decide on a command toward the goal.
+        """Return the decision that drives toward the goal, after all checks.
 
         Args:
             observation: Readings that passed all checks.
@@ -73,7 +74,7 @@ class ScanPlanner(Planner):
 
 
 def scan_points(scan: Scan, lidar: Pose2D, max_range_m: float) -> FloatArray:
-    """Return the valid returns of a scan as points.
+    """Return a scan's valid returns as points (n, 2) in m in base_link.
 
     Args:
         scan: Scan of any number of beams.

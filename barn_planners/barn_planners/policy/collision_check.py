@@ -46,7 +46,7 @@ class CollisionCheckConfig(LidarMountConfig):
 def avoid_collision(
     command: Velocity2D, velocity: Velocity2D, scan: Scan, config: CollisionCheckConfig
 ) -> Velocity2D:
-    """Return a command if it is safe, and its safe replacement otherwise.
+    """Return the command if it is safe, else the safe one that differs least, or STOP.
 
     Args:
         command: Finite command to check.
@@ -94,7 +94,7 @@ def least_clearance(
     half_length: float,
     half_width: float,
 ) -> float:
-    """Return the least distance between points and the outline along a drive.
+    """Return the least distance in m of points from a rectangular outline on a drive.
 
     Args:
         points: Obstacle points (n, 2) in m in base_link before the drive.

@@ -65,6 +65,7 @@ class Policy:
     where: str = "policy"
 
     def __post_init__(self) -> None:
+        """Raise PolicyError unless choices, layer sizes and numbers are valid."""
         self._check_choice("activation", self.activation, ACTIVATIONS)
         self._check_choice("output", self.output, OUTPUTS)
 
@@ -95,16 +96,18 @@ class Policy:
             )
 
     def _check_choice(self, name: str, value: str, choices: tuple[str, ...]) -> None:
+        """Raise PolicyError unless `value` is one of `choices`."""
         hint = suggest(value, choices)
         self._require(value in choices, f"unknown {name} {value!r:.40}{hint}")
 
     def _require(self, holds: bool, problem: str) -> None:
+        """Raise PolicyError with `problem`, after where it is, unless `holds`."""
         if not holds:
             raise PolicyError(f"{self.where}: {problem}")
 
     @property
     def layers(self) -> list[int]:
-        """Number of inputs, then of outputs of each layer."""
+        """Sizes of the layers: number of inputs, then of outputs of each layer."""
         return [len(self.weights[0]), *(len(biases) for biases in self.biases)]
 
 
@@ -125,6 +128,7 @@ class PolicyNetwork:
     """Evaluates a policy, with the same bits for any number of threads."""
 
     def __init__(self, policy: Policy) -> None:
+        """Copy weights and biases in double precision."""
         self._layers = [
             (np.ascontiguousarray(weights, np.float64), biases.astype(np.float64))
             for weights, biases in zip(policy.weights, policy.biases, strict=True)
@@ -133,7 +137,7 @@ class PolicyNetwork:
         self._squashes_output = policy.output == "tanh"
 
     def act(self, observation: Vector) -> FloatArray:
-        """Return the action (2,) for an encoded observation (size,), before limits."""
+        """Return the action (2,), not yet clipped, for an observation (size,)."""
         values: FloatArray = observation.astype(np.float64)
         last = len(self._layers) - 1
         for k, (weights, biases) in enumerate(self._layers):
@@ -145,7 +149,7 @@ class PolicyNetwork:
 
 @kernel
 def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
-    """Return values @ weights + biases, summed in a fixed order.
+    """Return values @ weights + biases (m,), summed in a fixed order.
 
     The order of summation in BLAS depends on its threads and on the machine.
 
@@ -162,7 +166,7 @@ def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> Float
 
 
 def write_policy(path: Path, policy: Policy) -> None:
-    """Write a policy file atomically.
+    """Write a policy to a .npz file atomically, replacing one that exists.
 
     Args:
         path: File to write or replace.
@@ -191,7 +195,7 @@ def write_policy(path: Path, policy: Policy) -> None:
 
 
 def read_policy(path: Path) -> Policy:
-    """Return the policy of a file.
+    """Return the checked policy of a .npz file that `write_policy` wrote.
 
     Raises:
         PolicyError: If the file is damaged, malformed or of another version.
@@ -232,6 +236,10 @@ def read_policy(path: Path) -> Policy:
 def _read_arrays(
     path: Path, arrays: Arrays, name: str, count: int, *, dimensions: int
 ) -> tuple[npt.NDArray[np.float32], ...]:
+    """Return the float32 arrays `name`_0, `name`_1, ... of a file, `count` in all.
+
+    Raises PolicyError or WorldError if one is missing or of another type.
+    """
     layers = []
     for k in range(count):
         array = FORMAT.array(arrays, f"{name}_{k}", path)

@@ -44,7 +44,7 @@ class PolicyConfig(Checked):
 
     @property
     def path(self) -> Path:
-        """Path of the policy file."""
+        """Path of the policy file (.npz), that of the package if none is set."""
         return Path(self.policy_path) if self.policy_path else shipped_policy()
 
 
@@ -52,7 +52,7 @@ class PolicyPlanner(ScanPlanner):
     """Evaluates the policy in every cycle and checks its command for collisions."""
 
     def __init__(self, config: PolicyConfig):
-        """Read the policy.
+        """Read the policy file and make its network.
 
         Raises:
             PolicyError: If its file cannot be read.
@@ -67,7 +67,7 @@ class PolicyPlanner(ScanPlanner):
         )
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial.
+        """Begin a new trial and forget the last one; map and seed are ignored.
 
         Args:
             task: Goal in the planning frame; its map is ignored.
@@ -77,11 +77,11 @@ class PolicyPlanner(ScanPlanner):
         self._progress.reset()
 
     def problem(self, scan: Scan) -> str:
-        """Return in one line why the policy cannot use a scan, or an empty text."""
+        """Return why the policy cannot use a scan's angles, or an empty text."""
         return self._encoder.problem(scan)
 
     def drive(self, observation: Observation, goal: Pose2D) -> Decision:
-        """Return the command of the policy, checked for collisions if configured.
+        """Return the policy's command, replaced by a safe one if the check is enabled.
 
         Args:
             observation: Readings that passed all checks.
@@ -124,17 +124,21 @@ class PolicyPlanner(ScanPlanner):
 
 
 def shipped_policy() -> Path:
-    """Return the path of the policy that comes with the package."""
+    """Return the path of the policy (.npz) that comes with the package."""
     return Path(str(importlib.resources.files("barn_planners"))) / "data" / "policy.npz"
 
 
 def _speed_cap_mps(config: PolicyConfig) -> float:
+    """Return the highest speed in m/s that a policy commands, read from its file."""
     # The file decides the speed class, not a parameter of the planner.
     return read_policy(config.path).action.cap_mps
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
-    """Return the changes for a robot; what the policy itself sees is in its file."""
+    """Return the parameters that a robot changes, without what the policy file holds.
+
+    Raises ConfigError for the shipped policy, which only drives the Jackal.
+    """
     # A network learns one body: what is narrow for another is not in its weights.
     if not config.policy_path:
         raise ConfigError(

@@ -58,13 +58,14 @@ class PolicyObservation(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless `angle_max_rad` is above `angle_min_rad`."""
         super().__post_init__()
         rule = f"must be above angle_min_rad = {self.angle_min_rad:g}"
         self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", rule)
 
     @property
     def size(self) -> int:
-        """Length of the vector."""
+        """Length of the observation vector: `beams` and five other entries."""
         return self.beams + _EXTRA_ENTRIES
 
     def bounds(self) -> tuple[Vector, Vector]:
@@ -90,13 +91,14 @@ class PolicyAction(Checked):
     )
 
     def __post_init__(self) -> None:
+        """Raise ConfigError unless `max_speed_mps` is above `min_speed_mps`."""
         super().__post_init__()
         rule = f"must be above min_speed_mps = {self.min_speed_mps:g}"
         self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", rule)
 
     @property
     def cap_mps(self) -> float:
-        """Highest speed that it commands, forward or backward."""
+        """Highest speed in m/s that an action commands, forward or backward."""
         return max(abs(self.min_speed_mps), abs(self.max_speed_mps))
 
     def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
@@ -104,7 +106,7 @@ class PolicyAction(Checked):
         return Velocity2D(*self.commands(action[None])[0].tolist())
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
-        """Return the speeds and yaw rates (n, 2) of actions (n, 2)."""
+        """Return (n, 2) speeds in m/s, yaw rates in rad/s of clipped actions (n, 2)."""
         # For a single action np.clip takes longer than the rest of this method.
         values = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
         speed_range = self.max_speed_mps - self.min_speed_mps
@@ -120,6 +122,7 @@ class ObservationEncoder:
     """
 
     def __init__(self, config: PolicyObservation) -> None:
+        """Store the limits; the first scan decides which beams a sector has."""
         self.config = config
         # Number of beams, first angle and increment that the sectors were computed for.
         self._geometry: tuple[int, float, float] | None = None
@@ -134,7 +137,10 @@ class ObservationEncoder:
         )
 
     def problem(self, scan: Scan) -> str:
-        """Return in one line why this policy cannot use a scan, or an empty text."""
+        """Return why the policy cannot use a scan's angles, or an empty text.
+
+        New angles assign the beams to sectors anew.
+        """
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
             self._geometry = geometry
@@ -142,7 +148,7 @@ class ObservationEncoder:
         return self._problem
 
     def encode(self, observation: Observation, goal: Pose2D) -> Vector:
-        """Return the vector of an observation.
+        """Return the vector (size,), float32, of an observation and a goal.
 
         Args:
             observation: Readings of one control cycle.
@@ -179,7 +185,7 @@ class ObservationEncoder:
         rows: Indices,
         vectors: Vector,
     ) -> None:
-        """Fill the vectors of many robots, bit for bit as `encode` does.
+        """Fill the vectors of the robots in `rows`, bit for bit as `encode` does.
 
         Args:
             scan: Any scan with the geometry of all of them.
@@ -210,7 +216,7 @@ class ObservationEncoder:
         )
 
     def _assign_beams(self, scan: Scan) -> str:
-        """Store which beams fall into which sector; return why that is not possible."""
+        """Store which beams each sector has; return why that fails or an empty text."""
         config = self.config
         angles = scan.angles() if scan.angle_increment > 0.0 else scan.angles()[::-1]
         width = (config.angle_max_rad - config.angle_min_rad) / config.beams
@@ -287,7 +293,7 @@ def nearest_returns(
     limit: np.float32,
     shares: Vector,
 ) -> None:
-    """Fill the nearest return of each sector, as a share of the limit.
+    """Write each sector's nearest return to `shares`, as a share (0 to 1) of `limit`.
 
     Invalid returns (NaN), and those that are too near beside valid ones, do not count.
     A sector whose returns are all too near has the share 0.

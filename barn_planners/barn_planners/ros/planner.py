@@ -102,7 +102,7 @@ class NodeConfig(Checked):
 
     @property
     def frames(self) -> Frames:
-        """Names of all frames."""
+        """Names of all frames; planning is in map with `use_map`, else in odom."""
         planning = self.map_frame if self.use_map else self.odom_frame
         return Frames(
             self.map_frame, self.odom_frame, self.base_frame, planning=planning
@@ -113,7 +113,7 @@ class PlannerNode(Node):
     """Passes readings to a planner and sends its commands."""
 
     def __init__(self, planner: str, name: str):
-        """Make the planner and connect it.
+        """Make the planner, compile its kernels and connect it to topics and services.
 
         Args:
             planner: Name of the planner, unless the parameter `planner` is set.
@@ -151,7 +151,7 @@ class PlannerNode(Node):
         )
 
     def stop_robot(self) -> None:
-        """Send a stop and wait until all listeners have it.
+        """Publish a stop and wait up to 20 s until all listeners acknowledge it.
 
         A message that is still on its way when the process ends may be lost.
         """
@@ -162,6 +162,7 @@ class PlannerNode(Node):
         )
 
     def _make_runtime(self) -> PlannerRuntime:
+        """Return a runtime with a new planner, warmed up, without goal and map."""
         config = self._node_config
         runtime = PlannerRuntime(
             self._entry.build(self._planner_config),
@@ -176,6 +177,7 @@ class PlannerNode(Node):
         return runtime
 
     def _connect(self) -> None:
+        """Create all publishers, subscriptions and services."""
         # The message knows whether commands are stamped, and so which topic type they
         # have.
         command_topic = self._messages.command(STOP, 0).topic
@@ -202,9 +204,10 @@ class PlannerNode(Node):
         callback: Callable[[T], None],
         depth: int,
     ) -> None:
-        """Subscribe reliably, or best effort if a publisher offers no more."""
+        """Subscribe reliably, and anew as best effort if a publisher offers no more."""
 
         def on_mismatch(_: QoSRequestedIncompatibleQoSInfo) -> None:
+            """Replace the reliable subscription by a best-effort one."""
             self.get_logger().info(
                 f"{topic.name}: a publisher is best-effort only, "
                 "subscribing as best-effort"
@@ -222,13 +225,16 @@ class PlannerNode(Node):
         )
 
     def _on_odometry(self, odometry: Odometry) -> None:
+        """Store odometry and act on the observation that it completes, if any."""
         self._act(self._synchronizer.add_odometry(odometry))
 
     def _on_pose(self, message: tuple[Header, Pose2D]) -> None:
+        """Store a pose in map and act on the observation that it completes, if any."""
         header, pose = message
         self._act(self._synchronizer.add_pose(header.stamp_ns, pose))
 
     def _on_scan(self, scan: Scan) -> None:
+        """Store a scan, act on what it completes; restart the task if time jumped."""
         # A scan may complete the one before it, whose odometry then no longer can come.
         observations = self._synchronizer.add_scan(scan)
         if self._synchronizer.restarted:
@@ -240,6 +246,7 @@ class PlannerNode(Node):
             self._act(observation)
 
     def _on_goal(self, message: tuple[Header, Pose2D]) -> None:
+        """Set a goal in the planning frame and start its task; log and drop others."""
         header, goal = message
         problem = goal_problem(goal, header.frame, self._planning_frame)
         if problem:
@@ -251,17 +258,22 @@ class PlannerNode(Node):
             self.get_logger().info(f"new goal {pose}")
 
     def _on_map(self, occupancy: OccupancyMap) -> None:
+        """Set the map, which may start a task."""
         self._read_seed()
         self._runtime.set_map(occupancy)
 
     def _read_seed(self) -> None:
-        """Take the seed for the next task; the evaluator sets it before each trial."""
+        """Copy the parameter `seed` to the runtime, for the next task.
+
+        The evaluator sets it before each trial.
+        """
         value = self.get_parameter("seed").get_parameter_value()
         self._runtime.seed = value.integer_value
 
     def _on_ready(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
+        """Answer with success if goal and map are there, else with what is missing."""
         response.message = self._runtime.missing()
         response.success = not response.message
         return response
@@ -269,6 +281,7 @@ class PlannerNode(Node):
     def _on_reset(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
+        """Forget goal, map and readings; make a new planner if parameters changed."""
         config = read_parameters(self, self._planner_config)
         # A new planner has to warm up, so equal parameters keep the old one.
         if config != self._planner_config:
@@ -281,6 +294,11 @@ class PlannerNode(Node):
         return response
 
     def _act(self, observation: Observation | None) -> None:
+        """Step the planner by an observation; publish command, if any, and views.
+
+        Nothing happens without an observation. No command is published if the planner
+        gives none and `repeat_command` is false.
+        """
         if observation is None:
             return
         output = self._runtime.step(observation)
@@ -295,18 +313,21 @@ class PlannerNode(Node):
             self._publish(message)
 
     def _publish(self, message: OutgoingMessage) -> None:
+        """Publish a serialized message on its topic."""
         self._topic_publishers[message.topic.name].publish(message.data)
 
     def _has_listeners(self, topic: Topic) -> bool:
+        """Return whether anyone subscribes to a topic of this node."""
         return self._topic_publishers[topic.name].get_subscription_count() > 0
 
 
 def _with_header(read: Callable[[bytes], T]) -> Callable[[bytes], tuple[Header, T]]:
+    """Return a reader of serialized messages: their header and what `read` returns."""
     return lambda data: (decode.header(data), read(data))
 
 
 def run(planner: str, name: str) -> int:
-    """Run the node until SIGINT or SIGTERM.
+    """Run the node until SIGINT or SIGTERM, then stop the robot; return the exit code.
 
     Args:
         planner: Name of the planner, unless the parameter `planner` is set.
@@ -318,6 +339,7 @@ def run(planner: str, name: str) -> int:
     signals: list[int] = []
 
     def on_signal(number: int, _: FrameType | None) -> None:
+        """Note the signal, which ends the node's loop."""
         signals.append(number)
 
     # Without rclpy's own handlers, so that the node can still send its last command.

@@ -53,7 +53,7 @@ class CandidateLines(NamedTuple):
 def select_candidates(
     candidates: FloatArray, costs: FloatArray | None
 ) -> CandidateLines:
-    """Select at most `MAX_CANDIDATES` trajectories for display, evenly spread.
+    """Return at most 20 candidates of 8 points each, with colors, for display.
 
     The cheapest one is always among them. Of each, at most `MAX_POINTS` points remain,
     including both ends.
@@ -78,6 +78,7 @@ def select_candidates(
 
 
 def _colors(costs: FloatArray) -> FloatArray:
+    """Return colors (k, 4) by cost: cheapest to costliest, gray if not finite."""
     is_valid = np.isfinite(costs)
     shares = np.zeros(len(costs))
     if is_valid.any():
@@ -94,7 +95,7 @@ def _colors(costs: FloatArray) -> FloatArray:
 
 
 def _spread_indices(count: int, limit: int) -> npt.NDArray[np.int64]:
-    """Return at most `limit` of the numbers below `count`, evenly, with both ends."""
+    """Return at most `limit` indices below `count`, evenly spread, with both ends."""
     indices: npt.NDArray[np.int64] = (
         np.linspace(0, count - 1, min(count, limit)).round().astype(np.int64)
     )
@@ -112,7 +113,7 @@ class PlannerMessages:
         stamped: bool = False,
         view_period_s: float = topics.PLAN.period_s,
     ) -> None:
-        """Prepare the encoders.
+        """Prepare the encoders; nothing is sent here or by any method.
 
         Args:
             frames: Names of the frames for the headers.
@@ -136,17 +137,17 @@ class PlannerMessages:
         self.reset()
 
     def reset(self) -> None:
-        """Forget when views were published."""
+        """Forget when views, plans and diagnostics were made: all are due again."""
         self._plan_ns = self._view_ns = self._diagnostics_ns = _NEVER_NS
         self._status: PlannerStatus | None = None
 
     def warm_up(self, planner: Planner) -> None:
-        """Make each message once, so that those of the first cycle are not slower."""
+        """Make display messages once and drop them, so that the first are not slow."""
         list(self.display(planner, Decision(STOP, plan=np.zeros((2, 2))), 0))
         self.reset()
 
     def command(self, velocity: Velocity2D, stamp_ns: int) -> OutgoingMessage:
-        """Return the message of a command.
+        """Return a command as serialized Twist or, if `stamped`, TwistStamped.
 
         Args:
             velocity: Command of the planner.
@@ -164,7 +165,7 @@ class PlannerMessages:
         stamp_ns: int,
         is_wanted: Callable[[Topic], bool] = lambda _: True,
     ) -> Iterator[OutgoingMessage]:
-        """Yield the messages for display that are due after a cycle.
+        """Yield the serialized display messages that are due and wanted after a cycle.
 
         Views are due once per period, diagnostics each second or if the status changes.
 
@@ -202,6 +203,7 @@ class PlannerMessages:
     def _view(
         self, planner: Planner, stamp_ns: int, is_wanted: Callable[[Topic], bool]
     ) -> Iterator[OutgoingMessage]:
+        """Yield local plan, costmap, band and candidates that exist and are wanted."""
         view_topics = (
             topics.LOCAL_PLAN,
             topics.COSTMAP,
@@ -230,7 +232,7 @@ class PlannerMessages:
 
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
-    """Return the MarkerArray of an elastic band: discs and a line through them.
+    """Return an elastic band as serialized MarkerArray: discs and a line through them.
 
     Args:
         band: Bubbles (n, 3): x, y and radius in m.
@@ -250,7 +252,10 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
 
 @cache
 def _band_template(count: int, frame: str) -> Template:
-    """Return the template of a band; bands have a few dozen lengths, which recur."""
+    """Return the template of a band of `count` bubbles, cached by length and frame.
+
+    Bands have a few dozen lengths, which recur.
+    """
     markers: list[_MarkerFields] = []
     for index in range(count):
         disc = encode.make_marker(
@@ -266,7 +271,7 @@ def _band_template(count: int, frame: str) -> Template:
 
 
 def encode_candidates(lines: CandidateLines, stamp_ns: int, frame: str) -> bytes:
-    """Return the MarkerArray of candidates: a line for each.
+    """Return candidates as serialized MarkerArray: a colored line for each.
 
     Args:
         lines: Points and colors.
@@ -283,7 +288,10 @@ def encode_candidates(lines: CandidateLines, stamp_ns: int, frame: str) -> bytes
 
 @cache
 def _candidates_template(count: int, length: int, frame: str) -> Template:
-    """Return the template of some lines; a planner has one or two numbers of them."""
+    """Return the cached template of `count` lines of `length` points each.
+
+    A planner has one or two numbers of them.
+    """
     markers = []
     for index in range(count):
         line = encode.make_marker(frame, "candidates", encode.LINE_STRIP, index=index)
@@ -293,7 +301,7 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
 
 
 def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:
-    """Add points to a line marker; return the names of their coordinates."""
+    """Give a line marker its width and points; return the coordinates' field names."""
     line.scale.x = width_m
     line.points = [make_message("geometry_msgs/msg/Point") for _ in range(count)]
     return tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")
@@ -305,7 +313,7 @@ def _marker_template(
     namespace: str,
     markers: Iterable[_MarkerFields],
 ) -> Template:
-    """Return the template of markers; stamps vary in all of them."""
+    """Return a template of markers that replace all earlier ones; all stamps vary."""
     # Viewers keep markers until told otherwise: the first one deletes those of before.
     delete_all = encode.make_marker(frame, namespace, action=encode.DELETE_ALL)
     messages = [delete_all]
@@ -318,6 +326,7 @@ def _marker_template(
 
 
 def _encode_diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
+    """Return a decision as serialized DiagnosticArray, with its finite figures."""
     status = decision.status
     values = {"status": status.value}
     for key, value in decision.diagnostics.items():

@@ -38,7 +38,7 @@ class PlannerRuntime:
     def __init__(
         self, planner: Planner, *, seed: int, use_map: bool, repeat_command: bool = True
     ):
-        """Wait for goal and map.
+        """Hold a planner without goal, map and task; it is not started yet.
 
         Args:
             planner: Planner to run.
@@ -54,7 +54,7 @@ class PlannerRuntime:
         self.reset()
 
     def reset(self) -> None:
-        """Forget goal, map and task."""
+        """Forget goal, map, task and last command; the planner is not told."""
         self._goal: Pose2D | None = None
         self._map: OccupancyMap | None = None
         self._task: Task | None = None
@@ -64,14 +64,14 @@ class PlannerRuntime:
         self._goal_ns = 0
 
     def missing(self) -> str:
-        """Return what is missing before the planner can drive, or an empty text."""
+        """Return what a task still lacks, goal or map, or an empty text."""
         missing = [] if self._goal is not None else ["no goal yet"]
         if self._use_map and self._map is None:
             missing.append("no map yet")
         return ", ".join(missing)
 
     def set_goal(self, goal: Pose2D) -> bool:
-        """Set the goal and return whether that starts a task.
+        """Set the goal; start a task with it if possible and return whether it started.
 
         An equal goal starts a task only if the last one is over and a pause has passed.
         """
@@ -86,7 +86,10 @@ class PlannerRuntime:
         return self._start_task()
 
     def set_map(self, occupancy: OccupancyMap) -> bool:
-        """Set the map and return whether that starts a task; an equal map does not."""
+        """Set the map; return whether that starts a task. An equal map does not.
+
+        Without `use_map` the map is ignored.
+        """
         if not self._use_map:
             return False
         # A latched map comes again with each new publisher.
@@ -96,12 +99,12 @@ class PlannerRuntime:
         return self._start_task()
 
     def restart(self) -> None:
-        """Restart the task, because time has restarted."""
+        """Start the same task again, because time has restarted at 0."""
         self._now_ns = self._goal_ns = 0
         self._start_task()
 
     def step(self, observation: Observation) -> RuntimeOutput:
-        """Run one control cycle of the planner; stop while there is no task."""
+        """Return command and decision of a control cycle; STOP alone without a task."""
         self._now_ns = observation.stamp_ns
         if self._task is None:
             return RuntimeOutput(STOP)
@@ -115,7 +118,7 @@ class PlannerRuntime:
         return RuntimeOutput(self._command, decision)
 
     def warm_up(self) -> None:
-        """Run the planner on made-up readings, so that its kernels are compiled.
+        """Start the planner and run it on made-up readings, so that kernels compile.
 
         Otherwise the first cycles of the first trial would be much slower than the
         others.
@@ -152,7 +155,7 @@ class PlannerRuntime:
         self.planner.view()
 
     def _start_task(self) -> bool:
-        """Start a task if goal and map are there; return whether they are."""
+        """Start a task on goal and map if they are there; return whether they are."""
         if self._goal is None or (self._use_map and self._map is None):
             return False
         self._task = Task(self._goal, self._map)
@@ -163,7 +166,7 @@ class PlannerRuntime:
 
 
 def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
-    """Return in one line why a goal is refused, or an empty text.
+    """Return why a goal is refused, by its frame or NaN, or an empty text.
 
     Args:
         goal: Goal from a message.
@@ -179,6 +182,7 @@ def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
 
 
 def _are_equal(first: OccupancyMap, second: OccupancyMap) -> bool:
+    """Return whether two maps have equal cells, resolutions and origins."""
     return (
         first.resolution == second.resolution
         and first.origin_x == second.origin_x

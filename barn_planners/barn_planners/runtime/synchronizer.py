@@ -38,6 +38,7 @@ class Synchronizer:
     """
 
     def __init__(self, config: SyncConfig, *, use_pose: bool):
+        """Store the age limits; `use_pose`: each observation needs a pose, too."""
         self.config = config
         self._use_pose = use_pose
         self._odometry_age_ns = nanoseconds(config.odometry_age_s)
@@ -45,7 +46,7 @@ class Synchronizer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all readings."""
+        """Forget all readings, the pending scan and `restarted`."""
         self._odometry: _History[Odometry] = _History()
         self._poses: _History[Pose2D] = _History()
         # The scan that waits for its readings, and the stamp of the last complete one.
@@ -54,12 +55,12 @@ class Synchronizer:
         self.restarted = False
 
     def add_odometry(self, odometry: Odometry) -> Observation | None:
-        """Add odometry; return the observation that it completes."""
+        """Store odometry; return the observation that it completes, None if none."""
         self._odometry.add(odometry.stamp_ns, odometry, self._last_ns)
         return self._complete(is_overtaken=False)
 
     def add_pose(self, stamp_ns: int, pose: Pose2D) -> Observation | None:
-        """Add a pose of the robot; return the observation that it completes.
+        """Store a pose in map; return the observation that it completes, None if none.
 
         Args:
             stamp_ns: Time of the localization in ns.
@@ -69,7 +70,9 @@ class Synchronizer:
         return self._complete(is_overtaken=False)
 
     def add_scan(self, scan: Scan) -> list[Observation]:
-        """Add a scan; return the observations that it completes, oldest first.
+        """Store a scan; return the 0 to 2 observations that it completes, oldest first.
+
+        The scan before it is dropped if it still lacks a reading.
 
         A scan that is older than the last one means that time has restarted: everything
         is forgotten and `restarted` is set.
@@ -86,7 +89,7 @@ class Synchronizer:
         return [item for item in (previous, current) if item is not None]
 
     def _complete(self, *, is_overtaken: bool) -> Observation | None:
-        """Return the observation of the pending scan if it need not wait any longer."""
+        """Return the pending scan's observation and forget it, None if it must wait."""
         scan = self._scan
         if scan is None:
             return None
@@ -108,7 +111,7 @@ class Synchronizer:
         return Observation(stamp_ns, odometry, scan, pose)
 
     def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:
-        """Return the pose in the map frame, extrapolated by odometry if it is older."""
+        """Return the pose in map at a stamp in ns, carried on by odometry, or None."""
         pose_ns = self._poses.latest_stamp(stamp_ns)
         pose = self._poses.latest(stamp_ns, self._pose_age_ns)
         if pose is None or pose_ns is None or stamp_ns == pose_ns == odometry.stamp_ns:
@@ -124,10 +127,12 @@ class _History(Generic[T]):
     """The last readings of one source by stamp, and whether it sends one per scan."""
 
     def __init__(self) -> None:
+        """Begin without readings, expecting one per scan."""
         self._readings: OrderedDict[int, T] = OrderedDict()
         self._sends_per_scan = True
 
     def add(self, stamp_ns: int, reading: T, last_scan_ns: int | None) -> None:
+        """Store a reading by its stamp in ns; beyond 200, drop those stored first."""
         self._readings[stamp_ns] = reading
         if stamp_ns == last_scan_ns:
             self._sends_per_scan = True
@@ -135,7 +140,10 @@ class _History(Generic[T]):
             self._readings.popitem(last=False)
 
     def is_settled(self, stamp_ns: int, is_overtaken: bool) -> bool:
-        """Tell whether there is a reading and no better one is expected."""
+        """Return whether a reading is there for a stamp, and no better one is expected.
+
+        It also updates whether the source sends one reading per scan.
+        """
         if stamp_ns in self._readings:
             self._sends_per_scan = True
             return True
@@ -146,11 +154,12 @@ class _History(Generic[T]):
         return not self._sends_per_scan and self.latest_stamp(stamp_ns) is not None
 
     def latest_stamp(self, stamp_ns: int) -> int | None:
+        """Return the latest stamp in ns not after `stamp_ns`, None if there is none."""
         earlier = [stamp for stamp in self._readings if stamp <= stamp_ns]
         return max(earlier, default=None)
 
     def latest(self, stamp_ns: int, max_age_ns: int) -> T | None:
-        """Return the last reading not after a stamp and not older than the age."""
+        """Return the last reading up to `stamp_ns`, None if older than `max_age_ns`."""
         stamp = self.latest_stamp(stamp_ns)
         if stamp is None or stamp_ns - stamp > max_age_ns:
             return None
