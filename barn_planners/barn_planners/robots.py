@@ -51,7 +51,7 @@ def robot_scale(robot: Robot) -> float:
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return the parameters that a robot changes, but for its lidar's mount, by name.
+    """Return a robot's new parameters by dotted name, but for the mount of its lidar.
 
     Args:
         config: Configuration of a planner for the Jackal.
@@ -74,7 +74,7 @@ def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
 
 
 def lidar_mount_changes(config: Checked, lidar: LidarConfig) -> dict[str, float]:
-    """Return the parameters of a lidar's mount that differ from it, by dotted name.
+    """Return a lidar's mount by dotted parameter name, where `config` differs from it.
 
     Args:
         config: Configuration of a planner.

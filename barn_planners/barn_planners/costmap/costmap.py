@@ -110,7 +110,7 @@ class Costmap:
         return Grid(self.origin_x, self.origin_y, self.resolution)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
-        """Clear along a scan's beams, mark its hits, clear the footprint, renew costs.
+        """Clear along a scan's beams, mark its hits, clear the footprint, update costs.
 
         Nothing changes if a coordinate or an angle is not finite.
 
@@ -155,11 +155,11 @@ class Costmap:
         inflation.refresh(self._layers, by_front)
 
     def reset(self) -> None:
-        """Clear all marks of the lidar and renew costs; obstacles of a map stay."""
+        """Clear all marks of the lidar and update costs; obstacles of a map stay."""
         self._clear_outside(Window(0, 0, 0, 0))
 
     def clear_outside(self, pose: Pose2D, side_m: float) -> None:
-        """Clear the lidar's marks outside a square along the axes, and renew costs.
+        """Clear the lidar's marks outside a square along the axes, and update costs.
 
         Args:
             pose: Center of the square; all marks are cleared if it is not finite.
@@ -176,7 +176,7 @@ class Costmap:
         self._clear_outside(Window(row, last_row + 1, col, last_col + 1))
 
     def _clear_outside(self, window: Window) -> None:
-        """Clear the lidar's marks outside a window of cells, and renew costs."""
+        """Clear the lidar's marks outside a window of cells, and update costs."""
         marks.clear_outside(self._layers.marks, window)
         inflation.refresh(self._layers, self.config.inflates_by_front)
 

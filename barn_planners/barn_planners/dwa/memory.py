@@ -133,7 +133,7 @@ class DwaMemory:
         return not self._turns_twice[RIGHT], not self._turns_twice[LEFT]
 
     def record_sample(self, pose: Pose2D, speed: float, turn: float) -> None:
-        """Record a cycle's winner; its pose may allow turns again or end an escape.
+        """Record a cycle's best sample; its pose may end an escape or a ban on turns.
 
         Args:
             pose: Pose of the robot.

@@ -304,7 +304,7 @@ def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32
 def _unit_gradient_as_navfn(
     potential: Singles, columns: int, cell: int
 ) -> tuple[np.float32, np.float32]:
-    """Return the unit descent (column, row), zero in the last rows or on a plateau."""
+    """Return the unit descent (column, row), zero in outermost rows and on plateaus."""
     zero = np.float32(0.0)
     if cell < columns or cell > potential.size - columns:
         return zero, zero

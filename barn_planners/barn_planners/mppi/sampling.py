@@ -113,7 +113,7 @@ def _to_unit(bits: np.uint32) -> np.float32:
 def _sample_edge(
     words: _Words, x: np.float32, bits: np.uint32, layer: int
 ) -> tuple[bool, np.float32, _Words]:
-    """Return whether a number near the density's edge is accepted, it, and the words.
+    """Return whether a number at the density's edge is accepted, itself, the words.
 
     Returns:
         Whether the number is accepted, the number, and the next words.
@@ -178,7 +178,7 @@ def rollout(
     controls: Singles,
     poses: Singles,
 ) -> None:
-    """Fill `controls` with samples around the nominal ones, `poses` with their drives.
+    """Fill `controls` with samples around the nominal ones, `poses` by driving them.
 
     Args:
         nominal: Nominal controls (steps, 2): m/s and rad/s.

@@ -70,7 +70,7 @@ class Recovery:
         self._last_yaw: float | None = None
 
     def record_plan(self, stamp_ns: int) -> None:
-        """Record when a plan was made; its patience, if due also behaviors restart.
+        """Restart the patience for plans; the behaviors, too, if a plan was missing.
 
         `active` stays as it is.
         """
@@ -81,7 +81,7 @@ class Recovery:
             self._behavior = 0
 
     def record_command(self, stamp_ns: int) -> None:
-        """Record when a command was valid; its patience, if due also behaviors restart.
+        """Restart the patience for commands; behaviors too unless a plan was missing.
 
         `active` stays as it is.
         """

@@ -246,7 +246,7 @@ class PlannerNode(Node):
             self._act(observation)
 
     def _on_goal(self, message: tuple[Header, Pose2D]) -> None:
-        """Set a goal in the planning frame and start its task; log and drop others."""
+        """Set a goal in the planning frame, start a new task; log and drop others."""
         header, goal = message
         problem = goal_problem(goal, header.frame, self._planning_frame)
         if problem:

@@ -166,7 +166,7 @@ class PlannerRuntime:
 
 
 def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
-    """Return why a goal is refused, by its frame or NaN, or an empty text.
+    """Return why a goal is refused (frame, not finite), or an empty text.
 
     Args:
         goal: Goal from a message.
