@@ -86,7 +86,7 @@ def planner_names() -> list[str]:
 
 
 def planner_entry(name: str) -> PlannerEntry:
-    """Return the entry of a planner, with its module imported if necessary.
+    """Return a planner's entry, importing its module; raise ConfigError if unknown.
 
     Raises:
         ConfigError: If the name is unknown or the module cannot be loaded.

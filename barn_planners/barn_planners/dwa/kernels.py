@@ -164,7 +164,7 @@ def even_values(low: float, high: float, count: int, accumulate: bool) -> Floats
 def sample_table(
     speeds: Floats, turns_ahead: Floats, turns: Floats, slowest: float, fast: float
 ) -> tuple[Floats, int]:
-    """Return unscored samples (n, COLUMNS), and how many first rows drive forward.
+    """Return unscored samples (n, COLUMNS), forward ones first, and how many those are.
 
     Args:
         speeds: Forward speeds in m/s.
@@ -206,7 +206,7 @@ def prepare(
     outline: Points,
     robot_blocks_goal: bool,
 ) -> bool:
-    """Copy costs and start both wavefronts in `fields`; False if the plan lies off.
+    """Copy costs and start both wavefronts in `fields`; False if the plan is off it.
 
     Args:
         fields: Fields to write.

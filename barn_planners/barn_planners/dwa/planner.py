@@ -72,7 +72,7 @@ class DwaController(Controller):
         self._best = 0
 
     def control(self, inputs: ControlInput) -> Control:
-        """Return the best sample; at the visible plan's end, brake or turn in place."""
+        """Return the best sample, or brake and turn at the visible plan's end."""
         end = Pose2D(*inputs.visible[-1].tolist())
         if inputs.pose.distance(end) > self.config.xy_tolerance_m:
             return self._drive(inputs, end)
@@ -242,7 +242,7 @@ def sample_velocities(
     *,
     is_escaping: bool = False,
 ) -> tuple[Floats, int]:
-    """Return the table of samples, unscored, and how many first rows drive forward.
+    """Return unscored samples (n, COLUMNS), forward ones first, and how many those are.
 
     Args:
         config: Limits and numbers of samples.

@@ -101,7 +101,7 @@ def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
 def plan_cells(
     plan: Points, grid: Grid, shape: tuple[int, int], cells: Integers
 ) -> int:
-    """Write the padded indices of cells under a plan's first part on the costmap.
+    """Write the padded indices of cells under a plan, on the grid; return how many.
 
     Follows `MapGrid::adjustPlanResolution` and `setTargetCells`: long segments are cut
     so that no cell is left out.

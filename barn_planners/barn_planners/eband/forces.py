@@ -207,7 +207,7 @@ def _move(band: Floats, i: int, context: Context) -> None:
 
 @kernel
 def relax(band: Floats, n: int, context: Context) -> int:
-    """Move the inner bubbles by their forces and refine, in place; return the length.
+    """Move inner bubbles by forces and refine; return the count, below 0 on failure.
 
     Follows `EBandPlanner::modifyBandArtificialForce`.
 
@@ -234,7 +234,7 @@ def relax(band: Floats, n: int, context: Context) -> int:
 
 @kernel
 def renew(band: Floats, n: int, context: Context) -> int:
-    """Recompute all radii from the costmap and refine, in place; return the length.
+    """Recompute radii and refine, in place; return the count, below 0 on failure.
 
     Args:
         band: Band to change.
@@ -253,7 +253,7 @@ def renew(band: Floats, n: int, context: Context) -> int:
 
 @kernel
 def from_plan(band: Floats, poses: Floats, context: Context) -> int:
-    """Write a refined band from a plan, one bubble per pose; return the band's length.
+    """Write a refined band from a plan; return how many bubbles, below 0 on failure.
 
     Args:
         band: Band to write, with room for the poses.
@@ -269,7 +269,7 @@ def from_plan(band: Floats, poses: Floats, context: Context) -> int:
 
 @kernel
 def optimize(band: Floats, trial: Floats, n: int, context: Context) -> tuple[int, int]:
-    """Renew a band in place and write a relaxed copy to `trial`; return both lengths.
+    """Renew a band in place, relax a copy into `trial`; return both bubble counts.
 
     Args:
         band: Band to renew; it stays as it is if that fails.

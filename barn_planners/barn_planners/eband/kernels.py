@@ -293,7 +293,7 @@ def _drop_and_fill(context: Context, n: int) -> int:
 
 @kernel
 def refine(band: Floats, n: int, context: Context) -> int:
-    """Drop redundant bubbles and fill gaps, in place; return the new length or a code.
+    """Drop redundant bubbles, fill gaps in place; return the count, below 0 on failure.
 
     Follows `EBandPlanner::refineBand`.
 

@@ -126,7 +126,7 @@ def descend(
     neutral: float,
     points: Floats,
 ) -> int:
-    """Write the path from goal to start down a potential; return its length or 0.
+    """Write the path from goal to start down a potential; return how many points, or 0.
 
     Beside unreached cells, and where it would go to and fro, the path takes the center
     of the lowest neighbor.
@@ -198,7 +198,7 @@ def descend_as_navfn(
     neutral: float,
     points: Singles,
 ) -> tuple[int, bool]:
-    """Write the path as navfn does, in single precision; return length and success.
+    """Write navfn's path, in single precision; return how many points, and success.
 
     A place is a cell and offsets from its center. Gradients are interpolated, or
     extrapolated where an offset is negative, and only that cell's neighbors are looked

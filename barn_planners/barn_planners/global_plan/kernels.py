@@ -450,7 +450,7 @@ def poses_along(
 
 @kernel
 def visible_points(plan: Floats, x: float, y: float, radius: float) -> tuple[int, int]:
-    """Return first and end of the first part of a plan in a circle, (0, 0) if none.
+    """Return first and end index of a plan's first part in a circle, (0, 0) if none.
 
     The part begins where the plan first enters the circle and ends where it leaves it.
 
@@ -476,7 +476,7 @@ def visible_points(plan: Floats, x: float, y: float, radius: float) -> tuple[int
 
 @kernel
 def passed_points(plan: Floats, x: float, y: float, distance: float) -> int:
-    """Return the index of a plan's first point near a place, its length if none is.
+    """Return how many points of a plan come before the first one near a place, or all.
 
     Args:
         plan: Points (n, 2 or more), x and y in m.

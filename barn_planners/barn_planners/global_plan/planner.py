@@ -220,7 +220,7 @@ def visible_slice(plan: Floats, pose: Pose2D, radius_m: float) -> slice:
 
 
 def count_passed_points(plan: Floats, pose: Pose2D, distance_m: float) -> int:
-    """Return the index of a plan's first point near the robot, its length if none.
+    """Return how many points of a plan come before the first near the robot, or all.
 
     Args:
         plan: Points (n, 2 or more), x and y in m.

@@ -201,7 +201,7 @@ def _edges_collide(
 
 @kernel
 def find_furthest_point(path: FloatArray, poses: Singles) -> int:
-    """Return the highest index of a path point that is nearest to a trajectory's end.
+    """Return the highest index of the path points nearest to the trajectories' ends.
 
     Args:
         path: Points (n, 2) in m.
@@ -433,7 +433,7 @@ def add_control_costs(
 
 @kernel
 def resample(points: FloatArray, spacing: float, max_points: int) -> FloatArray:
-    """Return points (m, 2) at even distance along a line, at most `max_points`.
+    """Return up to `max_points` points at even distance along a line, its start first.
 
     Args:
         points: Corners (n, 2) of the line in m.

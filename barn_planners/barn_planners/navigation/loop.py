@@ -117,7 +117,7 @@ class Controller(ABC):
 
     @abstractmethod
     def reset(self, seed: int) -> None:
-        """Begin a new trial and forget the last one; `seed` is all randomness."""
+        """Begin a new trial, forget the last one; only `seed` makes randomness."""
 
     @abstractmethod
     def control(self, inputs: ControlInput) -> Control:
@@ -240,7 +240,7 @@ class NavigationPlanner(Planner):
         """Do nothing; derived planners prepare here, between costmaps and plan."""
 
     def _restart_for_resent_goal(self, stamp_ns: int) -> bool:
-        """Return whether the goal is due to be sent again; recovery then restarts."""
+        """Return whether the goal counts as sent again now; if so, start over."""
         if self._goal_period_ns == 0 or self._start_ns is None:
             return False
         count = (stamp_ns - self._start_ns) // self._goal_period_ns

@@ -22,7 +22,7 @@ class ProgressCheck:
         self._last_ns = 0
 
     def is_stuck(self, stamp_ns: int, pose: Pose2D) -> bool:
-        """Record the pose of a cycle; return whether the robot has not moved for long.
+        """Record a pose; return whether the robot stayed near one place for too long.
 
         Args:
             stamp_ns: Simulated time in ns. A pause of over one second restarts the

@@ -195,7 +195,7 @@ def write_policy(path: Path, policy: Policy) -> None:
 
 
 def read_policy(path: Path) -> Policy:
-    """Return the checked policy of a .npz file that `write_policy` wrote.
+    """Return the checked policy of a .npz file; raise PolicyError if it is invalid.
 
     Raises:
         PolicyError: If the file is damaged, malformed or of another version.
