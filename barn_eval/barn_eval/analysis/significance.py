@@ -174,7 +174,7 @@ def share_of(values: Floats | Integers, worlds: Integers) -> Share:
 
 
 def proportion(successes: Integers, worlds: Integers) -> Interval:
-    """Return the share of successes, 0 to 1, with Wilson's 95 % interval over worlds.
+    """Return the share of trials with a 1, and Wilson's 95 % interval over worlds.
 
     The quantile is Student's with one degree of freedom less than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex

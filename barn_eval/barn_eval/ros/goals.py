@@ -118,7 +118,7 @@ class ActionGoal:
         return _describe_result(self._result.result())
 
     def begin(self, goal: bytes) -> None:
-        """Send a serialized PoseStamped, again while rejected, until it is accepted.
+        """Send a serialized PoseStamped until accepted, or raise PlannerNotReady.
 
         PlannerNotReady is raised if the action is missing, silent or keeps rejecting.
         """

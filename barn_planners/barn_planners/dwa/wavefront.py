@@ -84,7 +84,7 @@ def block_cells(costs: Bytes, state: Bytes) -> None:
 
 @kernel
 def open_cells(cells: Cells, columns: int, state: Bytes) -> None:
-    """Set the cells (row, column) that the robot covers to OPEN, whatever they cost.
+    """Set cells under the robot to OPEN in the padded `state`, whatever they cost.
 
     `MapGrid` sets them within_robot.
 

@@ -135,7 +135,7 @@ def _speed_cap_mps(config: PolicyConfig) -> float:
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
-    """Return the parameters that a robot changes, without what the policy file holds.
+    """Return a robot's new parameters; ConfigError for the shipped policy.
 
     Raises ConfigError for the shipped policy, which only drives the Jackal.
     """

@@ -78,7 +78,7 @@ def advance_all(
     latency_ns: int,
     left: Integers,
 ) -> None:
-    """Queue a command per robot; advance each until an obstacle is near or ticks end.
+    """Queue commands; advance robots until ticks end or a cylinder or mover is near.
 
     Args:
         fleet: Robots with room for one more command each.
