@@ -94,6 +94,12 @@ def tick(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()
     return Tick(stamp, k, [message(topic, value, k) for topic, value in content])
 
 
+def test_time_is_that_of_the_last_tick_or_of_the_beginning(adapter):
+    assert adapter.now_ns == ORIGIN
+    adapter.take(tick(3, 0.0))
+    assert adapter.now_ns == ORIGIN + 3 * PERIOD
+
+
 def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
     for k in range(5):
         reading = adapter.take(tick(k, 0.03 * k, command=(0.1 * k, 0.2)))

@@ -101,6 +101,19 @@ def test_a_message_belongs_to_its_tick_in_any_order():
     ]
 
 
+def test_messages_sent_at_once_stay_in_the_order_of_arrival():
+    sequencer = TickSequencer("/scan")
+    sequencer.tick(0, 0)
+    sequencer.tick(50, 1000)
+    for topic in ("/odom", "/truth"):
+        sequencer.add(message(topic, 1000))
+        assert list(sequencer.pop_complete()) == []
+    assert sorted_out(sequencer.pop_all()) == [
+        (0, [], set()),
+        (50, ["/odom", "/truth"], {1}),
+    ]
+
+
 def test_what_came_before_the_first_tick_belongs_to_it_alone():
     sequencer = TickSequencer("/scan")
     sequencer.add(message("/map", -500))

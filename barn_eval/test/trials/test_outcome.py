@@ -18,6 +18,10 @@ def verdict(outcome, time_s):
     return Verdict(outcome, "", time_s, 60.0, 0.0)
 
 
+def test_an_outcome_is_told_in_words():
+    assert Outcome.NO_FIRST_MOTION.words == "no first motion"
+
+
 @pytest.mark.parametrize(
     ("time_s", "metric", "metric_2022"),
     [

@@ -75,6 +75,13 @@ def test_a_protocol_that_looks_at_10_hz_sees_all_its_looks():
     assert judge(looking, [0.0] * 4, contacts=(3,)) is None
 
 
+def test_looks_count_from_the_first_reading():
+    referee = Referee(replace(CHALLENGE, look_period_s=0.1), COURSE)
+    for step in (1, 2):
+        assert referee.observe(*reading(step, 0.0, collision=step == 2)) is None
+    assert referee.observe(*reading(3, 0.0)).outcome is Outcome.COLLISION
+
+
 def test_arrival_at_exactly_the_goal_distance_counts():
     protocol = replace(CHALLENGE, goal_distance_m=0.5)
     assert judge(protocol, [0.0, 4.4999]) is None

@@ -53,6 +53,7 @@ def test_the_log_keeps_readings_with_their_commands():
     assert trajectory.truth.tolist() == [[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]]
     assert trajectory.velocity.tolist() == [[0.4, 0.5], [0.6, 0.7]]
     np.testing.assert_array_equal(trajectory.command, [[np.nan, np.nan], [0.3, 0.4]])
+    assert trajectory.command_counts.tolist() == [0, 2]
     assert trajectory.contact.tolist() == [False, True]
 
 
