@@ -145,6 +145,7 @@ def test_an_interval_is_shifted_and_mirrored_with_its_limits():
     assert interval.shift(0.5) == Interval(1.5, 1.0, 2.5)
     assert interval.negate() == Interval(-1.0, -2.0, -0.5)
     assert Interval(1.0).shift(1.0) == Interval(2.0)
+    assert Interval(1.0, 0.5).shift(1.0) == Interval(2.0, 1.5)
     assert Interval(1.0).negate() == Interval(-1.0)
 
 

@@ -77,6 +77,13 @@ def test_paired_comparison_removes_what_the_worlds_share():
     assert paired.improvement.estimate > 0.5
 
 
+def test_a_paired_comparison_gives_the_test_that_it_made():
+    trials = trials_of()
+    other = replace(trials, values=trials.values[::-1].copy())
+    paired = compare_pairs(trials, other, larger_is_better=True)
+    assert paired.test() == difference(trials, other)
+
+
 def test_improvement_is_the_mann_whitney_statistic():
     draw = np.random.default_rng(6)
     worlds = np.repeat(np.arange(8), 6)
@@ -107,6 +114,7 @@ def test_only_shared_worlds_and_repetitions_are_compared():
     assert (none.worlds, none.trials) == (0, 0)
     assert math.isnan(none.p) and math.isnan(none.improvement.estimate)
     assert math.isnan(none.difference.estimate)
+    assert math.isnan(none.mean_a) and math.isnan(none.mean_b)
 
 
 def test_intervals_repeat():
@@ -298,6 +306,13 @@ def test_matched_trials_are_in_the_order_of_worlds():
     trials = TrialValues(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))
     (matched,) = matched_trials([trials])
     assert matched.worlds.tolist() == [0, 1]
+
+
+def test_selected_trials_keep_whether_they_failed():
+    trials = counted([0.1, 0.2, 0.3], [1, 0, 0], range(3), [0.0, 0.5, 0.25])
+    selected = trials.at(np.array([2, 0]))
+    assert selected.failures.tolist() == [0, 1]
+    assert selected.as_failure.tolist() == [0.25, 0.0]
 
 
 def test_success_in_one_world_is_worth_the_best():
