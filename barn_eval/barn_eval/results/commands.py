@@ -103,7 +103,7 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
         raise ConfigError(f"{where}: no commands: {error}") from None
 
 
-def are_kept(row: TrialResult, spec: TrialSpec) -> bool:
+def requires_commands(row: TrialResult, spec: TrialSpec) -> bool:
     """Tell, from its row alone, whether commands.jsonl must have a trial's commands.
 
     Args:

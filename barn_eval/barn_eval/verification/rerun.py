@@ -12,7 +12,11 @@ import numpy as np
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import metadata
-from barn_eval.results.commands import PlannerCycles, are_kept, parse_commands_line
+from barn_eval.results.commands import (
+    PlannerCycles,
+    parse_commands_line,
+    requires_commands,
+)
 from barn_eval.results.tracks import Track, make_track
 from barn_eval.running.pool import Emit, Work
 from barn_eval.trials.outcome import Outcome
@@ -227,7 +231,7 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         if bag_row:
             problems += find_difference(row, bag_row, "in the bag")
     # Older folders have commands in bags only.
-    if not evidence.commands and is_current(row) and are_kept(row, spec):
+    if not evidence.commands and is_current(row) and requires_commands(row, spec):
         problems.append("its commands are missing")
 
     unchecked = ""
