@@ -158,6 +158,13 @@ def test_a_protocol_of_ones_own_is_read(text, tmp_path):
     assert planner_arguments(f"protocol:={path}") == expected
 
 
+@pytest.mark.parametrize("text", ["", "- 1", "a: [1", "base: [a]"])
+def test_a_broken_protocol_is_left_to_the_evaluator(text, tmp_path):
+    path = tmp_path / "broken.yaml"
+    path.write_text(text)
+    assert planner_arguments(f"protocol:={path}") == ("paper2020", True)
+
+
 def test_defaults_are_those_of_a_protocol():
     defaults = vars(Protocol())
     for key, value in constant(FILES["trial"], "PROTOCOL_KEYS").values():

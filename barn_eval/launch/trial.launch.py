@@ -7,6 +7,7 @@ the other launch files, also those that only they declare; `params_file` can hav
 section for each node.
 """
 
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,8 @@ def _apply_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
 def _read_protocol(source: str) -> dict[str, Any]:
     """Return what a protocol and its bases say.
 
-    A protocol that does not exist is empty: the evaluator says what is wrong with it.
+    A protocol that is missing or broken is empty: the evaluator says what is wrong
+    with it.
     """
     # Importing the package would import libraries that this Python lacks.
     package = find_spec("barn_eval")
@@ -81,11 +83,15 @@ def _read_protocol(source: str) -> dict[str, Any]:
     file = Path(package.origin).parent / "data" / "protocols.yaml"
     protocols = yaml.safe_load(file.read_text("utf-8"))
     own_file = Path(source)
-    if source not in protocols and own_file.is_file():
-        protocols[source] = yaml.safe_load(own_file.read_text("utf-8"))
+    if source not in protocols:
+        own = None
+        with suppress(OSError, UnicodeDecodeError, yaml.YAMLError):
+            own = yaml.safe_load(own_file.read_text("utf-8"))
+        if isinstance(own, dict):
+            protocols[source] = own
 
     content: dict[str, Any] = {}
-    while source in protocols:
+    while isinstance(source, str) and source in protocols:
         content = protocols.pop(source) | content
         source = content.pop("base", "")
     return content

@@ -42,18 +42,19 @@ LONGEST = [
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Put the longest files of tests first.
 
     Take a picture again where the browser of a busy machine could not.
     """
     longest_first(items, LONGEST)
-    for item in (
-        test for test in items if "screenshots" in getattr(test, "fixturenames", ())
-    ):
-        item.add_marker(
-            pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot")
-        )
+    # The plugin comes with colcon; an environment with pytest alone lacks it.
+    if not config.pluginmanager.hasplugin("rerunfailures"):
+        return
+    again = pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot")
+    for item in items:
+        if "screenshots" in getattr(item, "fixturenames", ()):
+            item.add_marker(again)
 
 
 @pytest.fixture(scope="session", autouse=True)

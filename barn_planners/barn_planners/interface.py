@@ -125,9 +125,9 @@ class Planner(ABC):
 
     @abstractmethod
     def step(self, observation: Observation) -> Decision:
-        """Return command and status of one control cycle; must not raise.
+        """Return command and status of one control cycle.
 
-        Must not raise, whatever the observation contains: answer unusable readings with
+        It must not raise, whatever the observation contains: answer unusable readings with
         a stop and a reason. The command must be finite.
         """
 

@@ -30,6 +30,7 @@ from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
 from barn_eval.ros.supervision.process import EventChannel
 from barn_eval.ros.trial import RosTrial, RunContext
 from barn_eval.running.reporting import Reporter, RunProgress
+from barn_eval.running.run import describe_unscored
 from barn_eval.trials.outcome import (
     ENVIRONMENT,
     PLANNER,
@@ -161,11 +162,15 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
     ) as folder:
         context = RunContext(node, config, None)
         log = LogReporter(node.get_logger())
+        remaining = folder.remaining
         log.notify(
-            f"{len(folder.remaining)} of {folder.total} trials to do, protocol"
-            f" {protocol.name}; waiting for {config.simulator_node} and for a planner on"
-            f" {context.topics.command}"
+            f"{len(remaining)} of {folder.total} trials to do, protocol {protocol.name}"
         )
+        if remaining:
+            log.notify(
+                f"waiting for {config.simulator_node} and for a planner on"
+                f" {context.topics.command}"
+            )
         progress = RunProgress(folder.total, folder.results(), log)
 
         def keep(record: TrialRecord) -> None:
@@ -173,11 +178,15 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
             folder.append(record)
             progress.take(record.result)
 
-        TrialRunner(context, BagStore(out, config.bags), keep).run(folder.remaining)
-        log.notify(
-            f"{_summarize(folder.complete(), protocol.metric)}; results in {out}"
-        )
-        log.notify(f"for a page with intervals and figures: barn report {out}")
+        TrialRunner(context, BagStore(out, config.bags), keep).run(remaining)
+        results = folder.complete()
+        warning = describe_unscored(results)
+        if warning:
+            log.warn(warning)
+        scored = [row for row in results if row.is_scored]
+        if scored:
+            log.notify(_summarize(scored, protocol.metric))
+        log.notify(f"results in {out}; for a page of them: barn report {out}")
 
 
 def _summarize(results: Rows, metric: str) -> str:
@@ -216,7 +225,7 @@ class TrialRunner:
     # Where bags go.
     store: BagStore
 
-    # Takes row and track of each trial once its bag is in the store.
+    # Takes the record of each trial once its bag is in the store.
     keep: Callable[[TrialRecord], None]
 
     # Whether the planner cannot have ended another process. Nodes that are started by
@@ -280,7 +289,8 @@ class TrialRunner:
     def _must_repeat(self, verdict: Verdict, trial: RosTrial) -> bool:
         """Return whether a trial must run again; count attempts, tell the supervisor.
 
-        A trial that did not begin or failed by another's fault runs up to three times.
+        Under a supervisor, a trial whose planner died before it began, or that failed
+        by another's fault, runs up to three times; by hand, once.
 
         Raises:
             BarnError: If no attempt is left and no trial has driven yet.

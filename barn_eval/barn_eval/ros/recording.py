@@ -239,10 +239,7 @@ def _part_names(field_type: Any) -> list[str]:
 
 
 def common_profile(infos: Collection[TopicEndpointInfo]) -> Qos:
-    """Return a QoS profile for all publishers: reliable or latched only if all are.
-
-    It is reliable and latched if all of them are.
-    """
+    """Return a QoS profile for all publishers: reliable or latched only if all are."""
     profiles = [info.qos_profile for info in infos]
     is_reliable = all(
         profile.reliability is ReliabilityPolicy.RELIABLE for profile in profiles

@@ -272,7 +272,11 @@ class SimulatorClient:
         with suppress(ValueError):
             status = json.loads(text)
             if isinstance(status, dict) and status.get("version") == _STATUS_VERSION:
-                return status
+                return {
+                    name: count
+                    for name, count in status.items()
+                    if isinstance(count, int)
+                }
         return {}
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:

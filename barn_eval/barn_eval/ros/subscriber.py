@@ -318,10 +318,7 @@ class TrialQueue:
             self._clock_lag_ns = lag_ns
 
     def _take_from_dds(self, message: Message) -> None:
-        """Take a message that came by DDS; of /clock, only note how far DDS is.
-
-        A tick only shows how far DDS is.
-        """
+        """Take a message that came by DDS; of /clock, only note how far DDS is."""
         if message.topic != self._topics.clock:
             self._take(message)
             return

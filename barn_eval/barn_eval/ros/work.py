@@ -1,6 +1,5 @@
 """The work of a run's workers: over ROS each keeps its nodes for several trials."""
 
-import os
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -103,9 +102,7 @@ class RosWork(Work):
         if self.workers > 1 or len(planners) > 1:
             logs /= job.key
         with closing(
-            run_ros_trials(
-                self.config, job.trials, self.store, logs, emit, dict(os.environ)
-            )
+            run_ros_trials(self.config, job.trials, self.store, logs, emit)
         ) as records:
             for record in records:
                 emit(record)

@@ -191,7 +191,8 @@ def apply_parameters(
                 f"{where}parameters of planner {format_value(name)}, which is not among"
                 f" them{suggest(name, values_by_planner)}"
             )
-        values_by_planner[name] |= {str(name): item for name, item in values.items()}
+        overrides = {str(parameter): item for parameter, item in values.items()}
+        values_by_planner[name] |= overrides
     return tuple(
         _set_parameters(planner, values_by_planner[planner.name], where)
         for planner in planners

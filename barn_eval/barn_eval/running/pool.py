@@ -87,7 +87,7 @@ class DirectWork(Work):
     planners: Mapping[str, PlannerObject] = field(default_factory=dict)
 
     def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result)
-        """Run the only trial of a job and record its bag; return its row and track."""
+        """Run the only trial of a job and record its bag; return its record."""
         # Only workers need the simulator and the planners.
         from barn_eval.running.direct import run_direct_trial, warm_up  # noqa: PLC0415
 

@@ -145,19 +145,20 @@ def _check_for_ros(execution: ExecutionConfig, where: str) -> ExecutionConfig:
     """Return the execution of trials over ROS, with one worker on a domain of the user.
 
     Raises:
-        ConfigError: If it has other workers than those of mode ros, or several on one
+        ConfigError: If the engine is not local, or if there are several workers on one
             domain, which would hear each other's simulators.
     """
     if execution.engine != "local":
         raise ConfigError(
             f"{where}mode ros needs engine local, got {execution.engine!r}"
         )
-    if not os.environ.get("ROS_DOMAIN_ID"):
+    domain = os.environ.get("ROS_DOMAIN_ID")
+    if not domain:
         return execution
     if execution.workers > 1:
         raise ConfigError(
-            f"{where}workers: must be 1 on one ROS domain, got {execution.workers}: use"
-            " --workers 1, or leave ROS_DOMAIN_ID unset"
+            f"{where}workers: must be 1 with ROS_DOMAIN_ID {domain}, got"
+            f" {execution.workers}: use --workers 1, or leave ROS_DOMAIN_ID unset"
         )
     return replace(execution, workers=1)
 

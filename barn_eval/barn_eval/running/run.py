@@ -2,12 +2,7 @@
 
 import signal
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import (
-    ExitStack,
-    closing,
-    contextmanager,
-    nullcontext,
-)
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 

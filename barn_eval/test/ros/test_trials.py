@@ -366,9 +366,11 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
             for node in nodes:
                 node.stop()
     log = nodes[2].log.read_text()
-    assert "1 of 1 trials to do, protocol challenge; waiting for /jackal" in log
+    assert "1 of 1 trials to do, protocol challenge" in log
+    assert "waiting for /jackal and for a planner on /drive" in log
     assert "[1/1] mine_w0003_r00: success in " in log
-    assert re.search(r"success 100 %, mean challenge 0\.\d+; results in .*/run", log)
+    assert re.search(r"success 100 %, mean challenge 0\.\d+\n", log)
+    assert f"results in {tmp_path}/run; for a page of them: barn report" in log
     (result,) = read_results(tmp_path / "run")
     assert (result.trial_id, result.outcome) == ("mine_w0003_r00", Outcome.SUCCESS)
     # nobody told the evaluator

@@ -137,7 +137,7 @@ def _speed_cap_mps(config: PolicyConfig) -> float:
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
     """Return a robot's new parameters; ConfigError for the shipped policy.
 
-    Raises ConfigError for the shipped policy, which only drives the Jackal.
+    That one only drives the Jackal.
     """
     # A network learns one body: what is narrow for another is not in its weights.
     if not config.policy_path:

@@ -53,7 +53,7 @@ class CandidateLines(NamedTuple):
 def select_candidates(
     candidates: FloatArray, costs: FloatArray | None
 ) -> CandidateLines:
-    """Return at most 20 candidates of 8 points each, with colors, for display.
+    """Return at most `MAX_CANDIDATES` candidates, evenly spread, with colors.
 
     The cheapest one is always among them. Of each, at most `MAX_POINTS` points remain,
     including both ends.

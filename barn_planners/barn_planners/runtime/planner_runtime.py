@@ -15,10 +15,9 @@ from barn_worlds.base.types import (
     Scan,
     Velocity2D,
 )
-
-# After a pause this long, an equal goal is a new task and no repetition of the message.
 from barn_worlds.worlds.cells import OCCUPIED
 
+# After a pause this long, an equal goal is a new task and no repetition of the message.
 _NEW_GOAL_PAUSE_NS = NANOSECONDS_PER_SECOND
 
 

@@ -58,7 +58,6 @@ def run_ros_trials(
     store: BagStore,
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
-    environment: Mapping[str, str] = os.environ,
 ) -> Generator[TrialRecord, None, None]:
     """Run one planner's trials over ROS in three processes, and yield a record of each.
 
@@ -68,13 +67,12 @@ def run_ros_trials(
     Args:
         run: The run.
         trials: Its trials of one planner.
-        store: Folder where trials leave their bags.
+        store: Where trials leave their bags.
         logs: Folder for what the nodes print; by default one in the store's.
         notice: Gets a line about each process that has ended unasked.
-        environment: Variables of the nodes.
 
     Yields:
-        Row and track of each trial.
+        Record of each trial.
 
     Raises:
         ProcessError: If the nodes cannot be run, with the last lines of a log.
@@ -85,8 +83,8 @@ def run_ros_trials(
     logs = logs or store.folder / LOGS
     with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
-    with reserve_domain(environment) as domain, signal_handler(signal.SIGTERM, _exit):
-        node_environment = nodes.environment(environment, domain)
+    with reserve_domain(os.environ) as domain, signal_handler(signal.SIGTERM, _exit):
+        node_environment = nodes.environment(os.environ, domain)
         # Nodes that take part in the domain may be in the way: the evaluator looks.
         look_first = is_domain_in_use(domain)
         supervisor = _Supervisor(
@@ -115,7 +113,7 @@ class _Supervisor:
     def __post_init__(self) -> None:
         """Describe the processes and copy the planner's files; start nothing yet."""
         # Trials without a result.
-        self._trials = {spec.trial_id: spec for spec in self.trials}
+        self._remaining = {spec.trial_id: spec for spec in self.trials}
         planner_name = self.trials[0].planner
         planner = next(
             planner for planner in self.config.planners if planner.name == planner_name
@@ -142,7 +140,7 @@ class _Supervisor:
         self._repeats: dict[str, list[str]] = {}
         if self._driving_file.exists():
             interrupted = self._driving_file.read_text("utf-8")
-            if interrupted in self._trials:
+            if interrupted in self._remaining:
                 self._repeats[interrupted] = ["the run was ended"]
 
         # Both ends stay open here, for a simulator or an evaluator that is started in
@@ -184,7 +182,7 @@ class _Supervisor:
     def _record(self, result: TrialResult, track: str, commands: str) -> TrialRecord:
         """Strike a trial off the list; return its record with its repetitions."""
         self._lost_evaluators = 0
-        del self._trials[result.trial_id]
+        del self._remaining[result.trial_id]
         repeats = self._repeats.pop(result.trial_id, [])
         wall_clock = replace(
             result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats)
@@ -237,10 +235,10 @@ class _Supervisor:
 
     def _start_evaluator(self) -> None:
         """Write assignment.json with the trials left, and start an evaluator."""
-        specs = self._trials.values()
+        specs = self._remaining.values()
         assignment = Assignment(
             self.config,
-            tuple(self._trials),
+            tuple(self._remaining),
             tuple(dict.fromkeys(spec.world_number for spec in specs)),
             str(self.store.folder),
             self._robot,
@@ -374,7 +372,7 @@ class _Supervisor:
         self._lost_evaluators += 1
         may_retry = self._lost_evaluators < _MAX_LOST_EVALUATORS
         reason = f"the evaluator {process.end}"
-        if self._driving and self._trial in self._trials:
+        if self._driving and self._trial in self._remaining:
             if self._isolated and may_retry:
                 self._repeat(reason)
             else:
@@ -385,7 +383,7 @@ class _Supervisor:
                 f" {last_lines(process.log)}"
             )
 
-        if not self._trials:
+        if not self._remaining:
             self._done = True
             return
         for name in (*self._nodes, EVALUATOR):
@@ -398,7 +396,7 @@ class _Supervisor:
             Outcome.INTERFERENCE, f"{reason}; {PLANNER_SUSPECTED}", None, 0.0, 0.0
         )
         return finish_trial(
-            self._trials[self._trial], "ros", verdict, TrajectoryLog().trajectory()
+            self._remaining[self._trial], "ros", verdict, TrajectoryLog().trajectory()
         ).result
 
     def _schedule_start(self, name: str) -> None:
