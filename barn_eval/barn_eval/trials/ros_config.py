@@ -188,7 +188,9 @@ class EvaluatorConfig(PlannerLink):
     """
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
-    worlds: str = quantity("0", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    worlds: str = quantity(
+        "0", "which of its worlds, such as 0, 0-49 or 0:300:6", is_selection=True
+    )
     planner: str = quantity("planner", "name that the planner has in the results")
     protocol: str = quantity("challenge", "name of the protocol, or a YAML file")
     robot: str = quantity("jackal", "name of the robot, or a YAML file")

@@ -331,7 +331,8 @@ def _initial_config(node: Node) -> RunConfig:
     # The robot decides the defaults of other parameters, so it is needed before any
     # is declared, and rclpy has no public way to read it then.
     robot = node._parameter_overrides.get("robot")
-    # A value of another type is refused with a reason when the parameter is declared.
+    # A number becomes text, which names no robot: `begin_trial` refuses it. Values of
+    # other types are refused when the parameter is declared.
     if robot is None or not isinstance(robot.value, str):
         return RunConfig()
     config = with_robot(RunConfig(), load_robot(robot.value))

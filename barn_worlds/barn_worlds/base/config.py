@@ -73,6 +73,9 @@ class Quantity:
     configurations stay the same.
     """
 
+    is_selection: bool = False
+    """Whether the text selects worlds, so that ROS may give a list of their numbers."""
+
     def summary(self, *, unit: bool = True) -> str:
         """Return meaning, unit and limits: "longest range [m] (at least 0 m)"."""
         parts = [self.description]
@@ -108,6 +111,7 @@ def quantity(
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
     optional: bool = False,
+    is_selection: bool = False,
 ) -> T:
     """Return a dataclass field of a `Checked` class, with meaning, unit and limits.
 
@@ -119,11 +123,14 @@ def quantity(
         maximum: Largest value that passes the check. Applies to each item of a tuple.
         choices: Texts that pass the check. By default any text does.
         optional: Leave the field out of plain data while it has its default.
+        is_selection: Take a list of whole numbers for the text where ROS gives one.
 
     Returns:
         The dataclass field, under the type of its default.
     """
-    declaration = Quantity(description, unit, minimum, maximum, choices, optional)
+    declaration = Quantity(
+        description, unit, minimum, maximum, choices, optional, is_selection
+    )
     return field(default=default, metadata={_METADATA_KEY: declaration})
 
 

@@ -4,7 +4,7 @@ They lie beside the source or, if it cannot be written, in a folder of the user.
 
 numba compiles a kernel again when its own file changes, but not when the kernel calls
 one from another file that changed: old code would run on. In a source tree all compiled
-kernels go once any file with kernels changes.
+kernels go once any file with kernels, or with a type of their arguments, changes.
 """
 
 import hashlib
@@ -17,8 +17,8 @@ from pathlib import Path
 
 _PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 _VARIABLE = "NUMBA_CACHE_DIR"
-# What every source file with kernels contains: numba's decorator or one made of it.
-_DECORATORS = (b"njit", b"@kernel")
+# What every source file with kernels, or with a type of their arguments, contains.
+_MARKS = (b"numba", b"barn_worlds.base.kernel", b"NamedTuple")
 
 
 def prepare(package: Path) -> None:
@@ -59,11 +59,11 @@ def prepare(package: Path) -> None:
 
 
 def kernel_digest(packages: list[Path]) -> str:
-    """Return a hex digest of the .py files with kernels below folders of packages."""
+    """Return a hex digest of the .py files with any of `_MARKS` below some folders."""
     digest = hashlib.blake2b(digest_size=8)
     for path in _find_sources(packages):
         content = path.read_bytes()
-        if any(decorator in content for decorator in _DECORATORS):
+        if any(mark in content for mark in _MARKS):
             digest.update(content)
     return digest.hexdigest()
 

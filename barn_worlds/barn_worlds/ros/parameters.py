@@ -43,7 +43,8 @@ def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
                 node.declare_parameter(name, value, descriptor)
             except ParameterException as error:
                 raise ConfigError(f"{where}: {error}") from None
-        changes[name] = _plain(node.get_parameter(name).value, default)
+        value = node.get_parameter(name).value
+        changes[name] = _plain(value, declaration, default)
     return replace_dotted(config, changes, where)
 
 
@@ -93,11 +94,11 @@ def read_parameters(node: Node, config: T) -> T:
 
 def _update(config: T, parameters: Iterable[Parameter]) -> T:
     """Return a checked copy of a configuration with the parameters that it declares."""
-    defaults = {name: value for name, _, value in fields_of(config)}
+    fields = {name: field for name, *field in fields_of(config)}
     changes = {
-        parameter.name: _plain(parameter.value, defaults[parameter.name])
+        parameter.name: _plain(parameter.value, *fields[parameter.name])
         for parameter in parameters
-        if parameter.name in defaults
+        if parameter.name in fields
     }
     return replace_dotted(config, changes, "parameter")
 
@@ -137,17 +138,22 @@ def _descriptor(
     return descriptor
 
 
-def _plain(value: Any, default: Any) -> Any:
+def _plain(value: Any, declaration: Quantity, default: Any) -> Any:
     """Return the value of a parameter as plain data of the type of its default."""
+    # rclpy gives arrays for lists of numbers.
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     if isinstance(default, tuple):
         # A list of one text may be set without brackets.
         if isinstance(value, (str, bool, int, float)):
             return [value]
         return list(value or ())
-    # The command line reads `worlds:=0` and `worlds:=[0,5]` as numbers. A flag stays one,
-    # which is no text.
-    if isinstance(default, str) and not isinstance(value, (str, bool)):
-        values = [value] if isinstance(value, (int, float)) else value
-        return ",".join(map(str, values))
-    # rclpy gives arrays for lists of numbers.
-    return list(value) if hasattr(value, "tolist") else value
+    # The command line reads `worlds:=0` and `worlds:=[0,5]` as numbers. A flag and
+    # other lists stay what they are, which is no text.
+    if isinstance(default, str):
+        if type(value) in (int, float):
+            return str(value)
+        is_list = declaration.is_selection and isinstance(value, list)
+        if is_list and set(map(type, value)) == {int}:
+            return ",".join(map(str, value))
+    return value

@@ -16,7 +16,7 @@ def package(tmp_path, monkeypatch):
     folder = tmp_path / "tree" / "barn_worlds" / "barn_worlds"
     (folder / "__pycache__").mkdir(parents=True)
     (tmp_path / "tree" / "pyproject.toml").touch()
-    (folder / "kernels.py").write_text("@njit")
+    (folder / "kernels.py").write_text("from numba import njit")
     return folder
 
 
@@ -34,17 +34,24 @@ def test_all_kernels_are_compiled_anew_once_one_has_changed(package):
     (package / "plain.py").write_text("pass")
     kernel_cache.prepare(package)
     assert files.exists()
-    (package / "kernels.py").write_text("@njit  # changed")
+    (package / "kernels.py").write_text("from numba import njit  # changed")
     kernel_cache.prepare(package)
     assert not files.exists()
     assert not os.environ["NUMBA_CACHE_DIR"]
 
 
-def test_kernels_of_the_suites_own_decorator_count_too(package):
-    (package / "own.py").write_text("@kernel")
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from barn_worlds.base.kernel import inline_kernel",
+        "class Argument(NamedTuple):",
+    ],
+)
+def test_the_suites_own_decorators_and_types_of_arguments_count_too(package, source):
+    (package / "own.py").write_text(source)
     kernel_cache.prepare(package)
     files = compiled(package)
-    (package / "own.py").write_text("@kernel  # changed")
+    (package / "own.py").write_text(f"{source}  # changed")
     kernel_cache.prepare(package)
     assert not files.exists()
 

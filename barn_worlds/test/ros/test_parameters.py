@@ -50,7 +50,8 @@ def context():
 
 @dataclass(frozen=True)
 class Selection(Checked):
-    worlds: str = quantity("all", "worlds")
+    worlds: str = quantity("all", "worlds", is_selection=True)
+    frame: str = quantity("map", "no list")
 
 
 def make(context, **overrides):
@@ -148,6 +149,25 @@ def test_a_number_serves_where_a_text_is_wanted(context, value, text):
     assert read_parameters(node, Selection()) == Selection(text)
 
 
-def test_a_flag_is_no_text(context, refused):
-    with refused(ConfigError, "worlds must be text, got True"):
-        declare_parameters(make(context, worlds=True), Selection())
+@pytest.mark.parametrize(
+    "overrides, message",
+    [
+        ({"worlds": True}, "worlds must be text, got True"),
+        ({"worlds": [0.5, 5.0]}, r"worlds must be text, got \[0\.5, 5\.0\]"),
+        ({"frame": [1, 2]}, r"frame must be text, got \[1, 2\]"),
+    ],
+)
+def test_a_flag_or_a_list_is_no_text(context, overrides, message, refused):
+    with refused(ConfigError, message):
+        declare_parameters(make(context, **overrides), Selection())
+
+
+def test_a_text_cannot_be_deleted(context):
+    node = make(context)
+    declare_parameters(node, Selection())
+    refuse_invalid_changes(node, Selection())
+    (change,) = node.set_parameters([Parameter("frame", Parameter.Type.NOT_SET)])
+    assert (change.successful, change.reason) == (
+        False,
+        "parameter: frame must be text, got None",
+    )
