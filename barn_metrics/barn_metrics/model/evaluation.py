@@ -116,8 +116,9 @@ def evaluate(
     if find_reserved_world(worlds_driven) is None:
         ridge_score = score_ridge(inputs, trials, config)
 
-    predicted, _ = model.difficulty(inputs)
-    std = np.array([item.std_s_per_m for item in model.predict_inputs(inputs)])
+    predictions = model.predict_inputs(inputs)
+    predicted = np.array([item.difficulty_s_per_m for item in predictions])
+    std = np.array([item.std_s_per_m for item in predictions])
     is_within_std = np.abs(predicted - difficulty) <= std
     trained_in = model.about.get("training_worlds")
     model_score = score_predictions(

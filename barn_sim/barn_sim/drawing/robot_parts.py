@@ -1,6 +1,7 @@
 """What robots look like in three dimensions: primitives in base_link."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from barn_sim.config import LidarConfig
@@ -59,7 +60,7 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
         lidar: Mounting of the lidar in base_link.
     """
     look = read_package_yaml("barn_sim", "jackal.yaml")
-    parts = [RobotPart(**part) for part in look["parts"]]
+    parts = [_read_part(chassis.track_m, **part) for part in look["parts"]]
 
     radius = chassis.wheel_radius_m
     for x, y, z in chassis.wheels_m:
@@ -86,6 +87,21 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
         RobotPart((0.041, 0.034), (lidar_x, 0.0, lidar_z + 0.009), _BLACK),
         RobotPart((0.042, 0.008), (lidar_x, 0.0, lidar_z + 0.030), _METAL),
     ]
+
+
+def _read_part(
+    track_m: float,
+    sizes: Sequence[float],
+    center: Sequence[float],
+    color: str,
+    pitch: float = 0.0,
+    is_fender: bool = False,
+) -> RobotPart:
+    """Return a part from its fields in YAML, a fender over wheels of a track."""
+    x, y, z = center
+    if is_fender:
+        y += math.copysign(0.5 * track_m, y)
+    return RobotPart(tuple(sizes), (x, y, z), color, pitch=pitch)
 
 
 def body_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:

@@ -74,6 +74,9 @@ class MapFile(Checked):
         )
         # `parse_course` counts the numbers of both and cannot tell where one ends.
         self.require(len(self.start) in (0, 3), "start", "must be x, y and yaw")
+        self.require(
+            len(self.goal) in (0, 2, 3), "goal", "must be x and y, or x, y and yaw"
+        )
         self.require("\0" not in self.image, "image", "must be the name of a file")
 
 

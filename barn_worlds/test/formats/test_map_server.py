@@ -132,6 +132,10 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
             "free_thresh must be at most occupied_thresh",
         ),
         (
+            ("negate: 0", "negate: 0\nstart: [0, 0, 0]\ngoal: [1, 2, 3, 4]"),
+            r"goal must be x and y, or x, y and yaw, got \(1\.0, 2\.0, 3\.0, 4\.0\)",
+        ),
+        (
             ("negate: 0", "negate: 0\nmode: scale"),
             "mode must be one of trinary, got 'scale'",
         ),
