@@ -29,10 +29,7 @@ class Interval:
     high: float | None = None
 
     def widen_to(self, *values: float) -> "Interval":
-        """Return the interval with limits that contain some values, if it has limits.
-
-        An estimate without limits stays without.
-        """
+        """Return the interval with limits that contain some values, if it has limits."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))

@@ -106,7 +106,7 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
 
 
 def heading_changes(path: Cells) -> Floats:
-    """Return the turn (n - 2,) in rad at inner path cells, + toward higher rows."""
+    """Return the turn (n - 2,) in rad at inner cells, + from column to row axis."""
     steps = np.diff(path, axis=0)
     headings = np.arctan2(steps[:, 0], steps[:, 1])
     # From -pi to pi.

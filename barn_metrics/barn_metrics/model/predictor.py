@@ -48,7 +48,8 @@ class RouteNetwork:
 
     def __call__(self, inputs: Floats) -> Floats:
         """Return the outputs (n, k) of inputs (n, d + routes * SAMPLES * CHANNELS)."""
-        starts = range(0, len(inputs), _BATCH)
+        starts = range(0, max(len(inputs), 1), _BATCH)
+        # At least one batch, so that no worlds give an array of the right width.
         return np.concatenate(
             [self._evaluate(inputs[start : start + _BATCH]) for start in starts]
         )
@@ -105,8 +106,10 @@ def split_inputs(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Flo
     size = len(mean)
     scores = (inputs[:, :size] - mean) / std
     summary = SUMMARY_SCALE * np.clip(scores, -LARGEST_SCORE, LARGEST_SCORE)
-    strips = inputs[:, size:].reshape(len(inputs), -1, SAMPLES, CHANNELS)
-    return summary, strips
+    strips = inputs[:, size:]
+    # Not -1, which NumPy cannot infer where there are no worlds.
+    routes = strips.shape[1] // (SAMPLES * CHANNELS)
+    return summary, strips.reshape(len(inputs), routes, SAMPLES, CHANNELS)
 
 
 def side_by_side(strips: Floats) -> Floats:

@@ -220,6 +220,7 @@ def test_a_worlds_output_depends_on_that_world_alone(worlds):
     mirrored = mirror_strips(strips.reshape(-1, CHANNELS)).reshape(strips.shape)
     turned = np.hstack([inputs[:, :SUMMED_UP], mirrored])
     assert network(turned) == pytest.approx(together, rel=1e-9)
+    assert network(inputs[:0]).shape == (0, 2)
     nothing = np.zeros_like(inputs[:1])
     assert np.isfinite(network(nothing)).all()
 

@@ -101,7 +101,7 @@ def advance_all(
     _advance_lanes(fleet, segments, cylinders, indices, left, lanes[0], numbers)
 
 
-@njit(**NO_REFERENCES)
+@njit(cache=True, **NO_REFERENCES)
 def _advance_lanes(
     fleet: Fleet,
     segments: Floats,
@@ -151,7 +151,7 @@ def _advance_lanes(
         left[index] = advance(fleet, index, near, left[index] - 1)
 
 
-@njit(**NO_REFERENCES)
+@njit(cache=True, **NO_REFERENCES)
 def _fill_lane(
     fleet: Fleet,
     segments: Floats,
@@ -170,7 +170,7 @@ def _fill_lane(
     return False, waiting
 
 
-@njit(**NO_REFERENCES)
+@njit(cache=True, **NO_REFERENCES)
 def _begin_tick(
     fleet: Fleet,
     segments: Floats,
@@ -206,7 +206,7 @@ def _begin_tick(
     return True
 
 
-@njit(forceinline=True, **NO_REFERENCES)
+@njit(forceinline=True, cache=True, **NO_REFERENCES)
 def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motion:
     """Copy the impulses of a lane to the robot's record; return the lane's motion."""
     for i in range(fixed.grips):
@@ -222,7 +222,7 @@ def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motio
     )
 
 
-@njit(**NO_REFERENCES)
+@njit(cache=True, **NO_REFERENCES)
 def _finish_sweeps(
     robot: Record, fixed: Record, noise: Floats, lanes: Record, lane: int
 ) -> None:
@@ -238,7 +238,7 @@ def _finish_sweeps(
     finish_tick(robot, fixed, noise)
 
 
-@njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
+@njit(error_model="numpy", forceinline=True, cache=True, **NO_REFERENCES)
 def _sweep(lanes: Record, fixed: Record, used: int) -> int:
     """Do a friction sweep in the lanes in use, mark which are done; return how many."""
     # Whole vectors; nobody reads the numbers in the lanes beyond.
@@ -257,7 +257,7 @@ def _sweep(lanes: Record, fixed: Record, used: int) -> int:
     return count
 
 
-@njit(error_model="numpy", forceinline=True, **NO_REFERENCES)
+@njit(error_model="numpy", forceinline=True, cache=True, **NO_REFERENCES)
 def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) -> None:
     """Improve the impulses of one wheel in all lanes, as `sweep_friction` does."""
     rows = lanes.motion

@@ -32,10 +32,10 @@ from barn_worlds.base.kernel import inline_kernel, kernel
 
 # For kernels that neither create nor store arrays: numba need not count references to
 # them, which takes a third of a tick.
-NO_REFERENCES: dict[str, Any] = {"cache": True, "_nrt": False}
+NO_REFERENCES: dict[str, Any] = {"_nrt": False}
 
 
-@njit(**NO_REFERENCES)
+@njit(cache=True, **NO_REFERENCES)
 def advance(fleet: Fleet, index: int, segments: Floats, ticks: int) -> int:
     """Advance a free robot until an obstacle is near; return how many ticks are left.
 

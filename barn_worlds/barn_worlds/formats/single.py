@@ -37,11 +37,12 @@ def ending(path: Path) -> str:
 
 def require_ending(path: Path) -> str:
     """Return which of `ENDINGS` a file name has; WorldError if it has none of them."""
-    if not ending(path):
+    kind = ending(path)
+    if not kind:
         raise WorldError(
             f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}"
         )
-    return ending(path)
+    return kind
 
 
 def number_in(path: Path) -> int | None:

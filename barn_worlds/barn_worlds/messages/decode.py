@@ -76,10 +76,10 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
         """Return the reader with a check of the encoding and its errors converted."""
 
         @wraps(read)
-        # Bytes of others may end anywhere: reading past the end says so.
         def read_checked(data: bytes) -> T:
             """Return what is read, else raise MessageError."""
             _check_encoding(data, type_name)
+            # Foreign bytes may end anywhere; reading past their end raises.
             try:
                 return read(data)
             except _READ_ERRORS as error:

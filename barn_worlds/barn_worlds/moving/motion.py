@@ -82,9 +82,9 @@ class Motion(Checked):
     def pieces(self) -> tuple[Floats, Floats, Floats]:
         """Return the motion as n polynomials: begins, durations and coefficients.
 
-        Returns: Begin (n,) and duration (n,) in s of each piece, and coefficients (n,
-            2, k) in
-            m: of x and y, of the powers 0, 1, ... of the share of the piece that has
+        Returns:
+            Begin (n,) and duration (n,) in s of each piece, and coefficients (n, 2, k)
+            in m: of x and y, of the powers 0, 1, ... of the share of the piece that has
             passed.
         """
         if self.kind == "polynomial":

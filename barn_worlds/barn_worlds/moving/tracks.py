@@ -17,7 +17,7 @@ from barn_worlds.moving.motion import MovingObstacle
 MotionTable = tuple[Integers, Floats, Floats, Floats, Floats, Floats]
 
 # Numbers of an obstacle that do not change with time.
-_NUMBERS = attrgetter(
+_NUMBERS = (
     "radius_m",
     "height_m",
     "yaw_rad",
@@ -49,13 +49,14 @@ class Tracks:
         """Tabulate motions, sizes and top speeds of obstacles, in their order."""
         self.names = tuple(obstacle.name for obstacle in obstacles)
         # Floats, also if all numbers are integers: kernels have one type.
-        numbers = np.array(list(map(_NUMBERS, obstacles)), np.float64)
+        numbers = np.array(list(map(attrgetter(*_NUMBERS), obstacles)), np.float64)
         # Rows of a copy are contiguous, as kernels take them.
-        columns = numbers.reshape(-1, 7).T.copy()
+        columns = numbers.reshape(-1, len(_NUMBERS)).T.copy()
         self.radius_m, self.height_m, self.yaw_rad, period_s, phase_s = columns[:5]
         self.size_m = np.ascontiguousarray(columns[5:].T)
 
-        # No pieces come first, for worlds without moving obstacles.
+        # An empty table of pieces comes first, so that a world without moving obstacles
+        # has arrays too.
         pieces = [(np.empty(0), np.empty(0), np.empty((0, 2, 1)))]
         pieces += [obstacle.motion.pieces() for obstacle in obstacles]
         begins, durations, tables = zip(*pieces, strict=True)

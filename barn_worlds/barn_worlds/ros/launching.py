@@ -14,6 +14,7 @@ import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -70,15 +71,16 @@ class NodeLaunch:
     def description(self) -> LaunchDescription:
         """Return the launch description: all arguments, then the node."""
         arguments = {}
-        for name, (_, default, meaning) in self._parameters().items():
+        for name, (_, default, meaning) in self._parameters.items():
             arguments[name] = (default, meaning)
         for name in self.topics:
             arguments[topic_argument(name)] = (name, f"topic to use for {name}")
         actions = declare_arguments(arguments | COMMON_ARGUMENTS)
         return LaunchDescription([*actions, OpaqueFunction(function=self._make_node)])
 
+    @cached_property
     def _parameters(self) -> dict[str, tuple[Any, str, str]]:
-        """Return type, default, meaning of parameters that are arguments, by name."""
+        """Type, default and meaning of parameters that are arguments, by name."""
         parameters: dict[str, tuple[Any, str, str]] = {}
         share = Path(get_package_share_directory(self.package))
         text = (share / "config" / f"{self.executable}.yaml").read_text("utf-8")
@@ -100,7 +102,7 @@ class NodeLaunch:
         """
         check_environment(self.package, self.executable)
         values = {}
-        for name, (kind, _, _) in self._parameters().items():
+        for name, (kind, _, _) in self._parameters.items():
             argument = LaunchConfiguration(name)
             # An empty argument leaves the parameter to the file or the node.
             if argument.perform(context):
@@ -138,7 +140,7 @@ class NodeLaunch:
 
 
 def check_environment(package: str, executable: str) -> None:
-    """Raise RuntimeError if the Python of a node lacks the libraries of the suite.
+    """Check that the Python of a node has the libraries of the suite.
 
     Raises:
         RuntimeError: If it lacks them, or if there is no such Python anymore.
