@@ -7,6 +7,8 @@ import os
 import re
 import shlex
 import subprocess
+from itertools import chain
+from xml.etree.ElementTree import parse
 
 import pytest
 import yaml
@@ -69,6 +71,12 @@ def test_files_and_targets_that_a_workflow_names_exist(path):
                 assert (ROOT / word).is_file(), word
 
 
+def test_the_suite_is_tested_on_all_its_pythons():
+    jobs = yaml.safe_load(CI.read_text())["jobs"]
+    matrix = jobs["pypi"]["strategy"]["matrix"]
+    assert matrix == {"python": ["3.10", "3.11", "3.12"]}
+
+
 def test_jobs_of_nav2_name_files_and_protocols_that_exist():
     jobs = yaml.safe_load(CI.read_text())["jobs"]
     for job in jobs["nav2"]["strategy"]["matrix"]["include"]:
@@ -117,5 +125,6 @@ def test_the_readme_leads_from_an_empty_machine_to_a_workspace():
         ["bash", "-c", command], cwd=ROOT, check=True, capture_output=True, text=True
     )
     keys = set(shlex.split(done.stdout))
-    files = [path.read_text() for path in ROOT.glob("barn_*/package.xml")]
-    assert keys == set(re.findall(r"python3-[a-z-]+", "".join(files)))
+    nodes = chain(*(parse(path).iter() for path in ROOT.glob("barn_*/package.xml")))
+    texts = {node.text for node in nodes if node.text}
+    assert keys == {text for text in texts if text.startswith("python3-")}

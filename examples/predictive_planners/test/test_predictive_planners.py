@@ -80,8 +80,8 @@ def test_a_circle_is_found_from_an_arc_of_it(seed):
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points = center + radius * directions
-    center, radius_m, roundness = fit_circle(points)
-    assert center == pytest.approx(center, abs=1e-6)
+    fitted_center, radius_m, roundness = fit_circle(points)
+    assert fitted_center == pytest.approx(center, abs=1e-6)
     assert (radius_m, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
 
 
