@@ -82,8 +82,8 @@ def resume(lab: Lab, *options: object) -> str:
 def same(lab: Lab, row_count: int) -> str:
     """Wrong if the tables are not the undisturbed ones to the byte."""
     expect_tables(lab.out)
-    row_count = len(lab.rows())
-    hold(row_count == TRIALS, f"{row_count} rows")
+    total = len(lab.rows())
+    hold(total == TRIALS, f"{total} rows")
     return (
         f"{row_count} rows kept; tables equal to the byte"
         if row_count

@@ -16,8 +16,8 @@ FAMILY = "machine"
 
 
 def _drive(lab: Lab, out: Path | None = None, **how: Any) -> str:
-    *words, usual_out = gap_run(lab)
-    lab.barn(*words, out or usual_out, "--bags", "all", **how)
+    *options, usual_out = gap_run(lab)
+    lab.barn(*options, out or usual_out, "--bags", "all", **how)
     row = lab.rows(out)[0]
     hold(row["outcome"] == "timeout", ending(row))
     return ending(row)
