@@ -10,6 +10,7 @@ from repository import ROOT
 TOOL = ROOT / "qa/checks/house.py"
 UPPER_BOUNDS = {
     "packages": {
+        # The owner's goal is 300,000 tokens; this is what was reached, and may only fall.
         "tokens": 318_500,
         "tuples": 10.0,
         "comprehensions": 30.0,
@@ -26,6 +27,7 @@ UPPER_BOUNDS = {
 LOWER_BOUNDS = {
     "packages": {"functions with Args [%]": 90.0, "comments [% of all lines]": 4.0}
 }
+# The owner's goal is 650,000 tokens; this is what was reached, and may only fall.
 ALL_TOKENS = 680_000
 
 

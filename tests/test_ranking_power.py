@@ -59,12 +59,20 @@ def test_planners_that_do_not_differ_have_no_right_order():
     assert ranking_table([power]).rows[0][-1] == "over 20"
 
 
-def test_the_tool_takes_folders_and_measures(folders):  # noqa: F811 (a fixture)
-    def invoke(*arguments):
-        return CliRunner().invoke(main, [*map(str, arguments)], catch_exceptions=False)
+def invoke(*arguments):
+    return CliRunner().invoke(main, [*map(str, arguments)], catch_exceptions=False)
 
+
+def test_the_tool_takes_folders_and_measures(folders):  # noqa: F811 (a fixture)
     both = folders / "both"
     measures = ("--measure", "success", "--measure", "challenge")
     powers = json.loads(invoke(both, both, *measures, "--json").output)
     assert [entry["measure"] for entry in powers] == ["success", "challenge"] * 2
     assert "DWA and E-Band 0 of 1 over 4" in " ".join(invoke(both).output.split())
+
+
+def test_the_tool_refuses_in_one_line(tmp_path):
+    ended = invoke(tmp_path / "none")
+    assert ended.exit_code == 1
+    (line,) = ended.output.splitlines()
+    assert line.startswith(f"Error: {tmp_path}/none")

@@ -5,13 +5,14 @@
 This is for changes of wording or figures; `barn reproduce` writes the numbers.
 """
 
-import sys
 from pathlib import Path
+
+import click
 
 from barn_eval.studies.reproduction.findings import SCHEMA_VERSION, Findings, Origin
 from barn_eval.studies.reproduction.page import NAME, write_results
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.text_files import read_json
 
 
@@ -33,6 +34,15 @@ def read_results(folder: Path) -> tuple[Findings, Origin]:
     return from_dict(Findings, content, str(path)), origin
 
 
+@click.command()
+@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
+def main(folder: Path) -> None:
+    """Write the page and its figures in FOLDER anew from the numbers in it."""
+    try:
+        write_results(*read_results(folder), folder)
+    except BarnError as error:
+        raise click.ClickException(str(error)) from None
+
+
 if __name__ == "__main__":
-    for argument in sys.argv[1:]:
-        write_results(*read_results(Path(argument)), Path(argument))
+    main()

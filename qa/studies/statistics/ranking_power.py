@@ -25,7 +25,7 @@ from barn_eval.analysis.verdict import rank_results
 from barn_eval.commands.tables import rich_table
 from barn_eval.trials.result import RowsByPlanner
 from barn_metrics.bootstrap import number
-from barn_worlds.base.errors import ConfigError, suggest
+from barn_worlds.base.errors import BarnError, ConfigError, suggest
 
 WORLD_COUNTS = (10, 20, 50, 100, 200, 300)
 # Worlds are enough from this share of draws in the right order on.
@@ -178,9 +178,12 @@ def ranking_table(powers: Sequence[RankingPower]) -> TextTable:
 def main(folders: tuple[Path, ...], measures: tuple[str, ...], as_json: bool) -> None:
     """Say how many worlds bring the planners of FOLDERS into the right order."""
     powers = []
-    for folder in folders:
-        _, rows_by_planner = read_selection(folder)
-        powers += ranking_power(rows_by_planner, measures)
+    try:
+        for folder in folders:
+            _, rows_by_planner = read_selection(folder)
+            powers += ranking_power(rows_by_planner, measures)
+    except BarnError as error:
+        raise click.ClickException(str(error)) from None
     if as_json:
         click.echo(json.dumps([asdict(power) for power in powers], indent=1))
     else:
