@@ -217,8 +217,8 @@ def world_cell_metrics(world: World, formula: Formula | str) -> Floats:
     """
     if world.corner_m is not None:
         raise WorldError(
-            f"{world.name}: is an arena; these metrics are of worlds whose obstacles "
-            "stand on a grid"
+            f"{world.name}: is an arena; metrics and difficulty are of worlds whose "
+            "obstacles stand on a grid"
         )
     try:
         return cell_metrics(world.cspace, world.path, formula)
