@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 
 import yaml
+from repository import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 NODES = {
     "barn_worlds": "map_server",
     "barn_sim": "simulator",

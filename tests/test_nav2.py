@@ -17,6 +17,7 @@ import click
 import pytest
 import yaml
 from launch_files import constant
+from repository import EXAMPLES
 
 from barn_eval.commands import ab
 from barn_eval.trials.protocol import PROTOCOLS
@@ -26,7 +27,7 @@ from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.ros.domain import reserve_domain
 
-FOLDER = Path(__file__).resolve().parents[1] / "examples/nav2"
+FOLDER = EXAMPLES / "nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 # of the paper
 SPEED_MPS = 0.5

@@ -14,13 +14,14 @@ from mcap.reader import make_reader
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from repository import EXAMPLES
 from ros_runs import make_plan, nothing_left, run  # noqa: F401 (a fixture)
 
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig
 
-PARAMETERS = Path(__file__).resolve().parents[1] / "examples/nav2/params"
+PARAMETERS = EXAMPLES / "nav2/params"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 BUILT = [
     str(path)

@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from repository import EXAMPLES
 from ros_runs import drive, make_plan, marked, nothing_left  # noqa: F401 (a fixture)
 from waiting import until
 
@@ -23,7 +24,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 
-LAUNCH_FILE = Path(__file__).resolve().parents[1] / "examples/nav2/nav2.launch.py"
+LAUNCH_FILE = EXAMPLES / "nav2/nav2.launch.py"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 INSTALLED = any(Path(prefix, "share/nav2_bt_navigator").is_dir() for prefix in PREFIXES)
 LAUNCH = os.environ.get("NAV2_LAUNCH") or ("ros2 launch" if INSTALLED else "")

@@ -27,9 +27,11 @@ def barn_words(line):
 def run_python(*arguments, check=True, **options):
     """Run Python to its end and return the process with what it has written."""
     command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(
-        command, check=check, capture_output=True, text=True, **options
+    done = subprocess.run(
+        command, check=False, capture_output=True, text=True, **options
     )
+    assert not check or done.returncode == 0, done.stderr
+    return done
 
 
 def parent(pid):

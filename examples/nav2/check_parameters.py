@@ -76,7 +76,8 @@ def main(arguments):
         expected |= set(Path(path).read_text("utf-8").splitlines())
     surprises = expected.symmetric_difference(failures)
     if expected:
-        print(*(f"not as expected: {line}" for line in sorted(surprises)), sep="\n")
+        for line in sorted(surprises):
+            print(f"not as expected: {line}")
     return 1 if surprises else 0
 
 

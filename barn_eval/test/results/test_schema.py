@@ -185,7 +185,7 @@ def test_settings_of_ros_are_no_identity_in_mode_direct(folder):
     assert (report.problems, report.driven) == ([], 2)
 
 
-def test_results_of_another_physics_are_not_mixed(folder, rejected):
+def test_results_of_another_physics_are_not_mixed(folder):
     rewrite_rows(make_old(folder), lambda rows: rows[:1])
     with refused("physics is not set there, 1 here") as error:
         run_inline("0,120", out=folder)

@@ -2,12 +2,11 @@
 trials.
 """
 
-import subprocess
-import sys
 from unittest.mock import Mock
 
 import pytest
 from planners import Faulty, Straight
+from waiting import run_python
 
 from barn_eval.running import direct as module
 from barn_eval.running.direct import warm_up
@@ -83,6 +82,5 @@ def test_a_foreign_planner_is_not_made_here(spec, monkeypatch):
 
 @pytest.mark.parametrize("planner", ["dwa", "eband", "gap", "mppi", "policy"])
 def test_a_planner_compiles_nothing_in_its_first_trial(planner):
-    words = [sys.executable, "-c", SCRIPT, planner]
-    process = subprocess.run(words, capture_output=True, text=True, check=False)
+    process = run_python("-c", SCRIPT, planner, check=False)
     assert (process.returncode, process.stdout) == (0, ""), process.stderr
