@@ -21,14 +21,11 @@ MISSING = (
     "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
 )
 _PERIOD_S = 0.1
-# One for each path: some topics are in the catalog with two types.
-_TOPICS = {
-    topic.path: topic for topic in vars(topics).values() if isinstance(topic, Topic)
-}
+_CATALOG = [topic for topic in vars(topics).values() if isinstance(topic, Topic)]
+# One for each path: some are in the catalog twice, and the first entry counts.
+_TOPICS = {topic.path: topic for topic in reversed(_CATALOG)}
 _LATCHED_PATHS = {
-    path
-    for path, topic in _TOPICS.items()
-    if topic.qos.durability == LATCHED.durability
+    topic.path for topic in _CATALOG if topic.qos.durability == LATCHED.durability
 }
 
 

@@ -72,15 +72,15 @@ class RunState:
             version = (status.st_size, status.st_mtime_ns)
         # The version is from before the reading, so that rows which come meanwhile are
         # read next time.
-        return self._read_version(version)
+        try:
+            return self._read_version(version)
+        except (BarnError, OSError) as error:
+            # The run goes on, and the next look may succeed: errors are not cached.
+            return {"title": self.folder.resolve().name, "problem": str(error)}
 
     def _read(self, _version: tuple[int, int]) -> dict[str, Any]:
-        """Return the state from files, or title and problem if that fails."""
-        try:
-            return read_state(self.folder)
-        except (BarnError, OSError) as error:
-            # The run goes on, and the next look may succeed.
-            return {"title": self.folder.resolve().name, "problem": str(error)}
+        """Return the state from files, whatever version of the rows they have."""
+        return read_state(self.folder)
 
     def bag(self, trial_id: str) -> Path:
         """Return the bag's folder of a trial; ConfigError if there is none."""

@@ -18,7 +18,13 @@ from barn_eval.results.bags.bagfile import TrialFollower
 from barn_eval.results.bags.recorder import Recorder
 from barn_worlds.base.errors import BagError
 from barn_worlds.messages.encode import encode_number, encode_text
-from barn_worlds.messages.topics import OUTCOME, ROBOT_DESCRIPTION, SCORE
+from barn_worlds.messages.topics import (
+    CMD_VEL,
+    OUTCOME,
+    ROBOT_DESCRIPTION,
+    SCORE,
+    WORLD_PATH,
+)
 
 SECOND = 10**9
 
@@ -133,6 +139,20 @@ def test_viewers_get_messages_and_late_ones_latched_ones(tmp_path):
             live.FoxgloveStream(
                 tmp_path, host="127.0.0.1", port=int(view.url.split(":")[2])
             )
+
+
+def test_a_path_of_two_topics_has_the_first_type_and_is_latched_if_either_is(tmp_path):
+    assert WORLD_PATH.path in live._LATCHED_PATHS
+    assert CMD_VEL.path not in live._LATCHED_PATHS
+    pytest.importorskip(
+        "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
+    )
+    with (
+        closing(live.FoxgloveStream(tmp_path, host="127.0.0.1", port=0)) as view,
+        LiveClient(view.url) as client,
+    ):
+        command = client.channels(len(live._TOPICS))[CMD_VEL.path]
+        assert command["schemaName"] == "geometry_msgs/msg/Twist"
 
 
 def test_a_run_is_watched_as_it_goes(tmp_path):

@@ -90,6 +90,18 @@ def test_a_campaign_without_a_result_and_a_damaged_one_are_shown(folder):
         RunState(folder / "bags")
 
 
+def test_a_file_that_could_not_be_read_once_is_read_again(folder, monkeypatch):
+    def fail(_):
+        raise OSError("too many open files")
+
+    state = RunState(folder)
+    with monkeypatch.context() as patch:
+        patch.setattr("barn_eval.pages.live.server.read_state", fail)
+        assert state.read()["problem"] == "too many open files"
+    second = state.read()
+    assert (second["problem"], second["done"]) == ("", 32)
+
+
 def test_the_page_and_replays_are_served_and_nothing_else(folder):
     outside = folder.parent / "outside"
     shutil.copytree(folder / "bags" / "gap_w0000_r00", outside)
