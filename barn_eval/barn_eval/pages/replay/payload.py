@@ -24,7 +24,7 @@ _COST_LEVELS = 12
 # Ranges are whole centimeters of two bytes; the largest number stands for no range.
 _NO_RANGE = 65535
 # Whole millimeters of two bytes reach this far.
-_MAX_MILLIMETERS_M = 32.0
+MAX_MILLIMETERS_M = 32.0
 # A motion that ends so close to its start is closed.
 _CLOSED_M = 0.01
 _OCCUPIED = 50
@@ -313,7 +313,7 @@ def to_millimeters(values_m: Floats) -> tuple[Packable, float]:
     Returns:
         The values, and what one of them is in meters: 0.001 or 1.
     """
-    if np.abs(values_m).max(initial=0.0) < _MAX_MILLIMETERS_M:
+    if np.abs(values_m).max(initial=0.0) < MAX_MILLIMETERS_M:
         return np.round(1000.0 * values_m).astype("i2"), 0.001
     return values_m, 1.0
 

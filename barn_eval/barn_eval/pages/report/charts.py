@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from barn_eval.analysis.compare import PairedMeasure
-from barn_eval.analysis.difficulty import WorldOrder, results_by_world
+from barn_eval.analysis.difficulty import TIME, WorldOrder, results_by_world
 from barn_eval.analysis.leaderboard import sweep_parameters
 from barn_eval.analysis.measures import (
     MEASURES,
@@ -44,7 +44,6 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK, WHITE
 from barn_worlds.worlds.world import World
 
-_TIME = MEASURES["normalised_time_s_per_m"]
 _RANK_LABEL = "world, from easy to difficult [rank]"
 _DASHES = ("-", "--", "-.", ":")
 # Above so many worlds per inch their numbers do not fit below the axis.
@@ -96,7 +95,7 @@ class ChartData:
     def difference_measures(self) -> list[Measure]:
         """Ranking measure, success and time per meter, each once."""
         ranking_key = ranking_measure(self.entries[0].results).key
-        keys = (ranking_key, "success", _TIME.key)
+        keys = (ranking_key, "success", TIME.key)
         return [MEASURES[key] for key in dict.fromkeys(keys)]
 
     @property
@@ -188,7 +187,7 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
         means: Floats = np.full(len(worlds), np.nan)
         for place, world in enumerate(worlds):
             if world in results:
-                means[place] = _TIME.values(results[world]).mean()
+                means[place] = TIME.values(results[world]).mean()
         axes.plot(rank, means, linestyle="", markeredgewidth=0, **look, **points)
         running_means = _running_means(means, window)
         handles += axes.plot(
@@ -200,7 +199,7 @@ def _worlds(data: ChartData, make_panels: MakePanels) -> Handles:
             markevery=max(1, len(running_means) // 12),
             **look,
         )
-    label_axes(axes, _RANK_LABEL, _TIME.heading)
+    label_axes(axes, _RANK_LABEL, TIME.heading)
     _label_worlds(axes, data.order)
     axes.set_ylim(bottom=0)
     return handles
@@ -389,13 +388,14 @@ def _sweep(data: ChartData, make_panels: MakePanels) -> Handles:
     for axes, measure in zip(panels, measures, strict=True):
         handles = []
         for number, (name, points) in enumerate(lines.items()):
+            ordered = sorted(points)
             means = [
                 measure.in_heading_unit(summaries[position][measure.key])
-                for _, position in sorted(points)
+                for _, position in ordered
             ]
             # A small shift keeps the limits of several lines apart.
             shift = 0.01 * number * np.ptp(ticks)
-            x = ticks[[tick for tick, _ in sorted(points)]] + shift
+            x = ticks[[tick for tick, _ in ordered]] + shift
             # Of the line's entry that was named first.
             color = data.entries[points[0][1]].color
             axes.plot(x, [mean.estimate for mean in means], color=color, linewidth=1.2)
@@ -457,9 +457,9 @@ def _trade(data: ChartData, make_panels: MakePanels) -> Handles:
         handles = []
         for summary, look in zip(summaries, data.looks, strict=True):
             safety = [summary[measure.key]]
-            time = [summary[_TIME.key]]
+            time = [summary[TIME.key]]
             handles.append(draw_estimates(axes, safety, time, 8, **look))
-        y_label = _TIME.heading if axes is panels[0] else ""
+        y_label = TIME.heading if axes is panels[0] else ""
         label_axes(axes, measure.heading, y_label)
         x = 0.01
         side = "left"

@@ -87,10 +87,12 @@ def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     if not data.hardest:
         return ()
     # Maps are as wide as there is room.
+    corners = []
     ratios = []
     for world, trials in data.hardest.values():
         low, high = _map_corners(world, trials)
         width, height = high - low
+        corners.append((low, high))
         ratios.append(height / width)
     rows = -(-len(data.hardest) // _MAPS_PER_ROW)
     height_in = (_MAP_IN * max(ratios) + _MAP_LABELS_IN) * rows + 0.4
@@ -99,11 +101,14 @@ def _hardest(data: ChartData, make_panels: MakePanels) -> Sequence[Line2D]:
     )
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
-    maps = zip(panels, data.hardest.items(), strict=False)
-    for axes, (number, (world, trials)) in maps:
+    maps = zip(panels, corners, data.hardest.items(), strict=False)
+    for axes, (low, high), (number, (world, trials)) in maps:
         # The page hides a map by this identifier if its filters leave the world out.
         axes.set_gid(f"world-{number}")
         _draw_map(axes, world, trials)
+        _show_area(axes, low, high)
+        axes.grid(visible=True)
+        axes.set_axisbelow(True)
         difficulty = data.order.mean_s_per_m[data.order.worlds.index(number)]
         successes = sum(trial.result.scores.success for trial in trials)
         axes.set_title(
@@ -192,9 +197,6 @@ def _draw_map(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:
         # The page hides what its filters leave out by these identifiers.
         for number, mark in enumerate(marks):
             mark.set_gid(f"trial-{trial.position}-{number}")
-    _show_area(axes, *_map_corners(world, trials))
-    axes.grid(visible=True)
-    axes.set_axisbelow(True)
 
 
 def draw_motion(axes: Axes, world: World, trials: Sequence[DrivenTrial]) -> None:

@@ -9,7 +9,12 @@ import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, SHOWN, with_moving_measures
 from barn_eval.analysis.sources import Entry, Source, read_worlds
-from barn_eval.pages.replay.payload import Arrays, motion_arrays, pack_small
+from barn_eval.pages.replay.payload import (
+    MAX_MILLIMETERS_M,
+    Arrays,
+    motion_arrays,
+    pack_small,
+)
 from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.rows import TRACKS_FILE
 from barn_eval.results.tracks import (
@@ -268,8 +273,7 @@ def _world_data(world: World, source: Source | None) -> dict[str, Any]:
         "path": world.path_m().astype("f4"),
     }
     step_m = 1.0
-    # Whole millimeters in two bytes reach almost 33 m.
-    if max(map(abs, world.bounds_m)) < 32.0:
+    if max(map(abs, world.bounds_m)) < MAX_MILLIMETERS_M:
         step_m = 0.001
         for name, values in arrays.items():
             arrays[name] = np.round(1000.0 * values).astype("i2")

@@ -7,6 +7,8 @@ import re
 from collections import Counter
 
 import pytest
+from matplotlib import rcParams
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from refusals import refused
@@ -17,11 +19,19 @@ from barn_eval.pages.report.page import draw, plot
 from barn_eval.pages.template import render
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.drawing.palette import PLANNERS
+from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 SHOWN = [
     chart for chart in CHARTS.values() if chart.name != "sweep"
 ]  # which is of sweeps alone
+INKED = (
+    "text.color",
+    "axes.edgecolor",
+    "axes.labelcolor",
+    "axes.titlecolor",
+    "xtick.color",
+    "ytick.color",
+)
 
 
 def test_trials_without_a_track_say_so(report):
@@ -72,6 +82,12 @@ def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
         (width,), (height,) = across.get_segments(), up.get_segments()
         assert width[:, 0] == pytest.approx([clearance.low, clearance.high])
         assert height[:, 1] == pytest.approx([time.low, time.high])
+
+
+def test_the_style_has_the_colors_of_the_palette():
+    with style():
+        colors = {key: to_hex(rcParams[key]) for key in (*INKED, "grid.color")}
+    assert colors == dict.fromkeys(INKED, INK) | {"grid.color": FAINT}
 
 
 @pytest.mark.parametrize("width_mm", [88.0, 180.0])
