@@ -122,7 +122,10 @@ def read_figures(path: Path) -> list[Measurement]:
     """
     try:
         figures = read_json(path)["figures"]
-        return [from_dict(Measurement, figure, "figures") for figure in figures]
+        return [
+            from_dict(Measurement, figure, f"figures[{number}]")
+            for number, figure in enumerate(figures)
+        ]
     except (ConfigError, KeyError, TypeError) as error:
         raise ConfigError(
             f"--against {path}: not a result of barn bench --json ({error})"

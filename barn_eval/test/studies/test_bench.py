@@ -67,3 +67,10 @@ def test_a_file_of_something_else_is_told(tmp_path, text):
     (tmp_path / "bench.json").write_text(text)
     with refused(r"--against .*bench\.json: not a result of barn bench --json"):
         read_figures(tmp_path / "bench.json")
+
+
+def test_a_wrong_figure_is_named_by_its_place(tmp_path):
+    good = asdict(Measurement("share", 40.0, "%", "lower"))
+    (tmp_path / "bench.json").write_text(json.dumps({"figures": [good, {"name": 3}]}))
+    with refused(r"not a result of barn bench --json \(figures\[1\]"):
+        read_figures(tmp_path / "bench.json")

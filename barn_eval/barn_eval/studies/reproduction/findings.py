@@ -151,7 +151,7 @@ def reproduce(
     findings = Findings(
         scope,
         paper.summarize_metrics(dataset, config.seed),
-        paper.summarize_trials(results, planner_trials, config.seed),
+        paper.summarize_trials(planner_trials, config.seed),
         evaluate(worlds, _model_trials(planner_trials), model, evaluation),
     )
     return findings, Origin.of(RunFile.read(run_folder).sessions)

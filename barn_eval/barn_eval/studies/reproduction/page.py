@@ -1,4 +1,4 @@
-"""The page of a reproduction and its figures, made from the findings and never edited."""
+"""The page of a reproduction and its figures, made from the findings, never edited."""
 
 from pathlib import Path
 

@@ -42,6 +42,8 @@ class PlannerTrials:
     normalised_s_per_m: Floats
     time_s: Floats
     succeeded: Bools
+    # Number of trials by outcome.
+    outcomes: dict[str, int]
 
     @property
     def trial_worlds(self) -> Integers:
@@ -98,7 +100,7 @@ class TrialsFinding:
     steeper_s: Interval
 
     def of(self, planner: str) -> PlannerFinding:
-        """Return the figures of a planner by name; StopIteration for another name."""
+        """Return the figures of a planner by name."""
         return next(finding for finding in self.planners if finding.planner == planner)
 
 
@@ -153,17 +155,17 @@ def _planner_trials(
         grid("normalised_time_s_per_m"),
         grid("scored_time_s"),
         grid("success"),
+        count_outcomes(results),
     )
 
 
 def summarize_trials(
-    results: Rows, planner_trials: Mapping[str, PlannerTrials], seed: int
+    planner_trials: Mapping[str, PlannerTrials], seed: int
 ) -> TrialsFinding:
     """Return figures of DWA and E-Band, of each world, and of their differences.
 
     Args:
-        results: Rows of the run.
-        planner_trials: The same, grouped.
+        planner_trials: Trials of the run by planner.
         seed: Seed of intervals.
 
     Returns:
@@ -176,7 +178,7 @@ def summarize_trials(
     # Equally difficult worlds are in the order of their numbers.
     order = np.lexsort((worlds, both.mean(axis=1)))
     planners = tuple(
-        _summarize_planner(planner, results, trials, order, seed)
+        _summarize_planner(planner, trials, order, seed)
         for planner, trials in planner_trials.items()
     )
 
@@ -202,7 +204,7 @@ def summarize_trials(
 
 
 def _summarize_planner(
-    planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
+    planner: str, trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
     """Return one planner's figures; `order` holds indices of worlds, easiest first."""
     failed = ~trials.succeeded
@@ -218,7 +220,7 @@ def _summarize_planner(
     return PlannerFinding(
         planner=planner,
         trials=times_s.size,
-        outcomes=count_outcomes(group_by_planner(results)[planner]),
+        outcomes=trials.outcomes,
         normalised_s_per_m=mean_interval(per_m.ravel(), worlds),
         spread_s_per_m=mean_interval(per_m.std(axis=1), trials.worlds),
         over_worlds_s_per_m=deviation(per_m.mean(axis=1), seed),

@@ -42,7 +42,7 @@ def results():
 
 @pytest.fixture(scope="module")
 def finding(results):
-    return summarize_trials(results, group_trials(results, "there"), 0)
+    return summarize_trials(group_trials(results, "there"), 0)
 
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
