@@ -109,7 +109,7 @@ class Comparison:
         return self.row(self.metric).paired.worlds
 
     def row(self, key: str) -> PairedMeasure:
-        """Return the row of one measure's key; StopIteration if it was not compared."""
+        """Return the row of one measure's key."""
         return next(row for row in self.rows if row.key == key)
 
     def columns(self) -> list[dict[str, Any]]:
@@ -460,13 +460,13 @@ def describe_parameter_changes(
     values_a = _read_parameters(a, planner_a)
     values_b = _read_parameters(b, planner_b)
     # A key begins with the name of the planner or node that it belongs to.
-    owners_a, owners_b = (
-        {key.partition(" ")[0] for key in values} for values in (values_a, values_b)
-    )
+    owners_a = {key.partition(" ")[0] for key in values_a}
+    owners_b = {key.partition(" ")[0] for key in values_b}
+    shared_owners = owners_a & owners_b
     changes = []
     comparable = []
     for key in values_a | values_b:
-        is_shared = key.partition(" ")[0] in owners_a & owners_b
+        is_shared = key.partition(" ")[0] in shared_owners
         if not is_shared or values_a.get(key) == values_b.get(key):
             continue
         value_a = values_a.get(key, NOT_SET)

@@ -66,11 +66,11 @@ def headline_table(
     rows = []
     for position in sort_positions(measure, summaries):
         summary = summaries[position]
-        cells = [_mean_with_count(measure, summary) for measure in measures]
+        cells = [_mean_with_count(shown, summary) for shown in measures]
         extent = f"{summary.trials} in {summary.worlds}"
         rows.append((summary.label, extent, *cells, _spread_text(summary)))
 
-    headings = [measure.heading for measure in measures]
+    headings = [shown.heading for shown in measures]
     columns = ("planner", "trials in worlds", *headings, SPREAD)
     title = "Success, time and scores with 95 % intervals"
     return TextTable("headline", title, columns, tuple(rows))

@@ -92,7 +92,7 @@ def leaderboard(
     *,
     worlds: str = "all",
 ) -> pd.DataFrame:
-    """Rank the planners of folders in a DataFrame; with `out`, write the boards, too.
+    """Rank planners of folders in a DataFrame; also write the boards if `out` is given.
 
     Each protocol, speed class, compute mode and set of worlds has a board.
 

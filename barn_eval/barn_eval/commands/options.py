@@ -117,7 +117,10 @@ def _parse_run_options(
         # Only these two are nested. Other dots belong to planner parameters.
         if name and group in ("ros", "simulator"):
             if group in parameters:
-                raise ConfigError(f"--run {key}: {group} is given as a whole, too")
+                raise ConfigError(
+                    f"--run {key}: cannot be combined with --run {group}=...; "
+                    f"give either {group}=... or single {group}.KEY=VALUE"
+                )
             options.setdefault(group, {})[name] = value
         else:
             options[key] = value

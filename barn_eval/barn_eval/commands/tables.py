@@ -76,7 +76,7 @@ class FittedTable:
         places: list[int] = []
         for place in range(self.keys, len(self.columns)):
             part = [*range(self.keys), *places, place]
-            total = _total_width([min_widths[place] for place in part])
+            total = _total_width([min_widths[member] for member in part])
             # A table has one column besides the keys, even if it is too wide.
             if places and total > width:
                 yield places

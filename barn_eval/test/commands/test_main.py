@@ -272,7 +272,7 @@ bench --planners daw
 bench --planners=
     unknown planner ''
 tune dwa --run ros=5 --run ros.lockstep=0
-    ros is given as a whole
+    --run ros.lockstep: cannot be combined with --run ros=...
 bench --set world=999
     no world 999
 bench --against nowhere.json

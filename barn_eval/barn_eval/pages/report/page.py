@@ -284,8 +284,8 @@ def replay_links(
 ) -> dict[Path, str]:
     """Return each replay's address relative to the page `out`, by its bag's path.
 
-    With `replays`, the replay of each bag is drawn there first. Pages in the folder replays/
-    of a results folder are linked too.
+    With `replays`, the replay of each bag is drawn there first. Pages in the folder
+    replays/ of a results folder are linked too.
 
     Args:
         report: Its trials are linked if a replay or a bag exists.
