@@ -297,7 +297,9 @@ def find_completed(
                 f"{path}: holds a result of {result.trial_id}, which is no trial of"
                 " this run"
             )
-        require_row_of_trial(result, specs_by_id[result.trial_id], previous)
+        spec = specs_by_id[result.trial_id]
+        require_world_of_trial(result, spec, path)
+        require_row_of_trial(result, spec, previous)
     for planner in previous.config["planners"]:
         # Nothing would show that another planner drove the rest.
         if planner["source"] == UNKNOWN_SOURCE and len(results) < len(specs):
@@ -309,10 +311,19 @@ def find_completed(
     return CompletedTrials(previous.sessions, results, dropped_count)
 
 
+def require_world_of_trial(result: TrialResult, spec: TrialSpec, path: Path) -> None:
+    """Raise ConfigError if a row of the folder `path` was run in another world."""
+    if result.world_checksum != spec.world.checksum:
+        raise ConfigError(
+            f"{path}: world {result.world} is not the one that {result.trial_id} was"
+            " run in"
+        )
+
+
 def require_row_of_trial(
     result: TrialResult, spec: TrialSpec, run_file: RunFile
 ) -> None:
-    """Raise ConfigError if a row has another world, seed, mode or task than its trial.
+    """Raise ConfigError if a row has another number, seed, mode or task than its trial.
 
     The message names the first such field.
 
@@ -322,11 +333,6 @@ def require_row_of_trial(
         run_file: The run.json of its folder.
     """
     path = run_file.path.parent
-    if result.world_checksum != spec.world.checksum:
-        raise ConfigError(
-            f"{path}: world {result.world} is not the one that {result.trial_id} was"
-            " run in"
-        )
     columns = {
         # The mode decides what a trial must have beside its row, such as commands.
         "mode": run_file.config.get("mode"),

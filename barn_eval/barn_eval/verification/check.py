@@ -1,19 +1,19 @@
 """Whether what is in a results folder belongs together and follows from records."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import randbits
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.results.bags import BAGS
-from barn_eval.results.folder import require_row_of_trial
+from barn_eval.results.folder import require_row_of_trial, require_world_of_trial
 from barn_eval.results.rows import (
     COMMANDS_FILE,
     RESULTS,
@@ -40,7 +40,7 @@ from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.verification.rerun import CheckWork, TrialCheck, TrialEvidence
-from barn_worlds.base.errors import BarnError, ConfigError, format_error
+from barn_worlds.base.errors import BarnError, ConfigError, format_error, format_value
 from barn_worlds.base.files import read_at_most
 from barn_worlds.base.text_files import read_lines
 
@@ -96,11 +96,13 @@ class _Checker:
         self._parser = RowParser(folder)
         self._result = FolderCheck()
         self._specs = {spec.trial_id: spec for spec in self._read_specs()}
+        # The trials of a run have one task. Where an older run.json has another, an
+        # earlier version drove them, which may have had other results. What a row says
+        # of itself does not count.
         task = run_file.task_fingerprint
-        # The trials of a run have one task. Where run.json has another, another version
-        # drove them, which may have had other results. What a row says of itself does
-        # not count.
-        self._is_other_task = any(spec.task != task for spec in self._specs.values())
+        self._task = next((spec.task for spec in self._specs.values()), task)
+        is_other_task = self._task != task
+        self._is_older = is_other_task and _is_older(run_file)
 
     def check(self, sample: int | None) -> FolderCheck:
         """Check the whole folder and return the findings; to be called once.
@@ -144,7 +146,7 @@ class _Checker:
         if len(rows) == len(self._specs) and (has_tables or not is_submission):
             ordered_rows = [rows[trial_id] for trial_id in self._specs]
             table_problems = list(_compare_tables(self._folder, ordered_rows))
-            if not self._is_other_task:
+            if not self._is_older:
                 result.problems += table_problems
             elif table_problems:
                 self._report(
@@ -164,22 +166,18 @@ class _Checker:
             return self._config.trials(started_by_hand=True)
 
     def _check_task(self) -> None:
-        """Report a task fingerprint in run.json that is not its configuration's."""
-        if not self._is_other_task:
-            return
+        """Report code versions that never were, and a task that run.json has not."""
         run_file = self._run_file
-        spec = next(iter(self._specs.values()))
-        problem = (
-            f"{run_file.path}: describes task {run_file.task_fingerprint}, which is"
-            f" {spec.task} here"
-        )
-        has_other_versions = run_file.code_versions != CODE_VERSIONS
-        if has_other_versions or run_file.schema_version < SCHEMA_VERSION:
-            self._report(problem)
-        else:
-            # The same version gives the same configuration the same task, so run.json
-            # was changed.
-            self._result.problems.append(problem)
+        if not _are_known(run_file.code_versions):
+            self._result.problems.append(
+                f"{run_file.path}: code_versions {format_value(run_file.code_versions)}"
+                f" are of no version up to this one{run_file.origin_note()}"
+            )
+        if self._task != run_file.task_fingerprint:
+            self._report(
+                f"{run_file.path}: describes task {run_file.task_fingerprint}, which is"
+                f" {self._task} here"
+            )
 
     def _check_worlds(self) -> None:
         """Report worlds whose checksum differs from the one in run.json."""
@@ -202,10 +200,15 @@ class _Checker:
                 self._result.problems.append(
                     f"{where}: trial {trial_id} is there already"
                 )
+            spec = self._specs[trial_id]
+            report = self._result.problems.append
             try:
-                require_row_of_trial(row, self._specs[trial_id], self._run_file)
+                require_row_of_trial(row, spec, self._run_file)
+                # A version may make another world of the same file.
+                report = self._report
+                require_world_of_trial(row, spec, self._folder)
             except BarnError as error:
-                self._report(str(error))
+                report(str(error))
             else:
                 rows[trial_id] = row
         return rows
@@ -250,12 +253,12 @@ class _Checker:
         return is_kept and row.measures.driven_m > 0.0
 
     def _report(self, problem: str) -> None:
-        """Add to `problems`, or to `unchecked` where another version drove the trials.
+        """Add to `problems`, or to `unchecked` where an earlier version drove the trials.
 
         Versions may differ in what they compute, so an old row that differs is no
         forgery.
         """
-        if self._is_other_task:
+        if self._is_older:
             self._result.unchecked.append(f"{problem}{self._run_file.origin_note()}")
         else:
             self._result.problems.append(problem)
@@ -271,11 +274,13 @@ class _Checker:
             trial_id = trial.row.trial_id
             check = checks[trial_id]
             result.driven += check.was_driven
-            if check.problems and self._is_other_task:
+            texts = check.problems
+            if not self._is_older:
+                texts += check.differences
+            elif check.differences:
                 old_count += 1
-            else:
-                where = f"{self._folder}: {trial_id}"
-                result.problems += [f"{where}: {text}" for text in check.problems]
+            where = f"{self._folder}: {trial_id}"
+            result.problems += [f"{where}: {text}" for text in texts]
             if check.bag_problem:
                 result.problems.append(f"{trial.bag}: {check.bag_problem}")
             if check.unchecked:
@@ -288,6 +293,22 @@ class _Checker:
                 f"{old_count} trials: differ from what this version computes, which may"
                 " be the version's doing"
             )
+
+
+def _is_older(run_file: RunFile) -> bool:
+    """Tell whether an earlier version may have written a run.json."""
+    versions = run_file.code_versions
+    is_earlier = versions != CODE_VERSIONS or run_file.schema_version < SCHEMA_VERSION
+    return is_earlier and _are_known(versions)
+
+
+def _are_known(versions: Mapping[str, Any]) -> bool:
+    """Tell whether code versions are those of this version or of an earlier one."""
+    return all(
+        # True and 1.0 are equal to 1, and are none that the suite writes.
+        type(number) is int and 1 <= number <= CODE_VERSIONS.get(key, 0)
+        for key, number in versions.items()
+    )
 
 
 def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:

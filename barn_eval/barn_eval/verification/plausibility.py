@@ -93,8 +93,8 @@ def find_difference(
         yield f"{key} is {value!r} in the row, {other_value!r} {place}"
 
 
-def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
-    """Yield problems of a row by itself: scores that do not follow, impossible numbers.
+def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
+    """Yield at most one text: the first score of a row that does not follow from it.
 
     The track is not needed.
 
@@ -117,6 +117,15 @@ def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     recomputed = recompute_row(row, spec, verdict, no_trajectory).repeatable()
     ignored = ("measures.", "motion")
     yield from find_difference(row, recomputed, "computed again", ROUNDING, ignored)
+
+
+def find_implausible_values(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
+    """Yield problems of a row by itself: numbers and a fault that cannot be.
+
+    Args:
+        row: The row.
+        spec: The trial of its name.
+    """
     if row.fault not in ("", PLANNER, SIMULATOR, ENVIRONMENT):
         yield (
             f"fault is {row.fault!r}, can be {PLANNER}, {SIMULATOR}, {ENVIRONMENT} or"

@@ -35,6 +35,7 @@ from barn_eval.verification.plausibility import (
     compare_with_track,
     find_difference,
     find_implausible_values,
+    find_rescoring_difference,
     recompute_row,
 )
 from barn_sim.contact.scene import ScenePool
@@ -83,7 +84,8 @@ class TrialCheck:
     """What is wrong with a trial."""
 
     trial_id: str
-    problems: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()  # whatever version has driven it
+    differences: tuple[str, ...] = ()  # from what this version computes
     bag_problem: str = ""  # why its bag cannot be read to its end
     unchecked: str = ""  # why something could not be checked
     was_driven: bool = False
@@ -220,16 +222,20 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         *find_implausible_values(row, spec),
         *compare_with_track(row, spec, evidence.track),
     ]
+    differences = list(find_rescoring_difference(row, spec))
     recorded = None
     if evidence.bag is not None:
         bag = BagFile(evidence.bag)
         recorded = read_bag(bag)
         if bag.problem or (bag.is_empty and row.measures.driven_m > 0.0):
             problem = bag.problem or "the bag is empty"
-            return TrialCheck(row.trial_id, tuple(problems), problem)
+            return TrialCheck(
+                row.trial_id, tuple(problems), tuple(differences), problem
+            )
         bag_row = metadata(bag, "barn.result", "result")
         if bag_row:
-            problems += find_difference(row, bag_row, "in the bag")
+            # An older bag may lack keys that its row was given when it was read.
+            differences += find_difference(row, bag_row, "in the bag")
     # Older folders have commands in bags only.
     if not evidence.commands and is_current(row) and requires_commands(row, spec):
         problems.append("its commands are missing")
@@ -242,18 +248,20 @@ def check_trial(evidence: TrialEvidence) -> TrialCheck:
         if commands is not None and evidence.drive and not unchecked:
             simulated = drive_again(spec, commands)
         if recorded is not None and simulated is not None:
-            problems += _compare_readings(recorded, simulated)
+            problems += _compare_commands(recorded, simulated)
+            differences += _compare_readings(recorded, simulated)
         readings = recorded or simulated
         if readings is not None:
-            problems += _judge(row, spec, readings, evidence.track)
+            differences += _judge(row, spec, readings, evidence.track)
     except BarnError as error:
         problems.append(str(error))
     if not unchecked and not row.planner_config:
         unchecked = "parameters and speed cap are not known of their planner"
     return TrialCheck(
         row.trial_id,
-        # Two comparisons may find the same problem.
-        tuple(dict.fromkeys(problems)),
+        tuple(problems),
+        # Two comparisons may find the same one.
+        tuple(dict.fromkeys(differences)),
         unchecked=unchecked,
         was_driven=simulated is not None,
     )
@@ -319,11 +327,16 @@ def _why_not_driven(
     return ""
 
 
-def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
-    """Yield at most one text on how recorded and simulated readings differ."""
+def _compare_commands(recorded: Readings, simulated: Readings) -> Iterator[str]:
+    """Yield a text if recorded and simulated readings have other commands."""
     command = recorded.trajectory.command
     if not np.array_equal(command, simulated.trajectory.command, equal_nan=True):
         yield "its commands are not those of its bag"
+
+
+def _compare_readings(recorded: Readings, simulated: Readings) -> Iterator[str]:
+    """Yield at most one text on how readings after the same commands differ."""
+    if any(_compare_commands(recorded, simulated)):
         return
     difference = np.abs(_reading_table(recorded) - _reading_table(simulated))
     yaws = difference[:, [3, 6]]

@@ -8,7 +8,7 @@ import typing
 from pathlib import Path
 
 import pytest
-from forgery import edit_run, replace_text
+from forgery import edit_run, forge, replace_text
 from planners import run_inline
 from refusals import refused
 from report_work import rewrite_rows
@@ -152,6 +152,55 @@ def test_run_json_cannot_pass_for_another_task(folder):
     report = barn.results.check(folder)
     lines = "\n".join(report.problems + report.unchecked)
     assert f"run.json: describes task {task}, which is {expected} here" in lines
+
+
+def set_versions(folder, versions):
+    """State code versions in run.json, and in rows the task that it then describes."""
+    with edit_run(folder) as content:
+        content["code_versions"] = versions
+    task = RunFile.read(folder).task_fingerprint
+    rewrite_rows(folder, lambda rows: [row | {"task": task} for row in rows])
+
+
+@pytest.mark.parametrize(
+    "versions",
+    [{"physics": 0}, {"physics": True}, {"physics": 99}, {"physics": 1, "x": 1}],
+)
+def test_a_version_that_never_was_excuses_nothing(folder, versions):
+    forge(folder, scores__challenge=0.45)
+    set_versions(folder, versions)
+    problems = barn.results.check(folder).problems
+    for words in ("are of no version up to this one", "challenge is 0.45 in the row"):
+        assert any(words in line for line in problems)
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "value", "words"),
+    [
+        ("measures", "min_clearance_m", 9.0, "m by its track, 9.000 m by its row"),
+        ("measures", "contact_s", 1e6, "measures.contact_s does not fit"),
+        ("measures", "rms_jerk_mps3", -1.0, "rms_jerk_mps3 is -1, can be 0"),
+        ("scores", "traversal_time_s", 0.5, "traversal_time_s is 0.50 in the row"),
+        (None, "planner_seed", 3, "has planner_seed 3, must have"),
+    ],
+)
+def test_no_version_excuses_what_never_can_be(folder, part, key, value, words):
+    def change(row):
+        (row[part] if part else row)[key] = value
+
+    make_old(folder, change)
+    assert any(words in line for line in barn.results.check(folder).problems)
+
+
+def test_tracks_and_commands_are_missing_in_any_version(folder):
+    with edit_run(folder) as content:
+        content["schema_version"] = 2
+    set_versions(folder, {})
+    (folder / "commands.jsonl").unlink()
+    (folder / "tracks.jsonl").unlink()
+    problems = barn.results.check(folder).problems
+    for words in ("its commands are missing", "has no track, though it drove"):
+        assert any(words in line for line in problems)
 
 
 def test_the_commit_in_a_message_is_a_commit(folder, rejected):
