@@ -1,12 +1,12 @@
 """Whether what is in a results folder belongs together and follows from records."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import randbits
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -168,7 +168,7 @@ class _Checker:
     def _check_task(self) -> None:
         """Report code versions that never were, and a task that run.json has not."""
         run_file = self._run_file
-        if not _are_known(run_file.code_versions):
+        if not _has_known_versions(run_file):
             self._result.problems.append(
                 f"{run_file.path}: code_versions {format_value(run_file.code_versions)}"
                 f" are of no version up to this one{run_file.origin_note()}"
@@ -299,11 +299,15 @@ def _is_older(run_file: RunFile) -> bool:
     """Tell whether an earlier version may have written a run.json."""
     versions = run_file.code_versions
     is_earlier = versions != CODE_VERSIONS or run_file.schema_version < SCHEMA_VERSION
-    return is_earlier and _are_known(versions)
+    return is_earlier and _has_known_versions(run_file)
 
 
-def _are_known(versions: Mapping[str, Any]) -> bool:
-    """Tell whether code versions are those of this version or of an earlier one."""
+def _has_known_versions(run_file: RunFile) -> bool:
+    """Tell whether a run.json has code versions of this version or an earlier one."""
+    versions = run_file.code_versions
+    # Schema 2 is from before there were any.
+    if not versions:
+        return run_file.schema_version == 2
     return all(
         # True and 1.0 are equal to 1, and are none that the suite writes.
         type(number) is int and 1 <= number <= CODE_VERSIONS.get(key, 0)

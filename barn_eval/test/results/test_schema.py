@@ -164,7 +164,7 @@ def set_versions(folder, versions):
 
 @pytest.mark.parametrize(
     "versions",
-    [{"physics": 0}, {"physics": True}, {"physics": 99}, {"physics": 1, "x": 1}],
+    [{}, {"physics": 0}, {"physics": True}, {"physics": 99}, {"physics": 1, "x": 1}],
 )
 def test_a_version_that_never_was_excuses_nothing(folder, versions):
     forge(folder, scores__challenge=0.45)
@@ -190,6 +190,19 @@ def test_no_version_excuses_what_never_can_be(folder, part, key, value, words):
 
     make_old(folder, change)
     assert any(words in line for line in barn.results.check(folder).problems)
+
+
+def test_an_older_row_of_another_task_than_run_json_is_named(folder):
+    make_old(folder, lambda row: row.update(task="0" * 12))
+    words = "was run as task 000000000000, but run.json describes"
+    assert any(words in line for line in barn.results.check(folder).problems)
+
+
+def test_only_another_world_may_be_the_doing_of_a_version(folder):
+    make_old(folder, lambda row: row.update(world_checksum="0" * 64))
+    report = barn.results.check(folder)
+    assert report.problems == []
+    assert any("is not the one that gap" in line for line in report.unchecked)
 
 
 def test_tracks_and_commands_are_missing_in_any_version(folder):
