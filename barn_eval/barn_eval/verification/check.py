@@ -34,7 +34,7 @@ from barn_eval.running.pool import (
     JobResult,
     WorkerPool,
 )
-from barn_eval.trials.identity import CODE_VERSIONS
+from barn_eval.trials.identity import CODE_VERSIONS, fingerprint, task_content
 from barn_eval.trials.protocol import check_protocol_name
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
@@ -85,6 +85,22 @@ def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     return _Checker(folder, run_file, config).check(sample)
 
 
+def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
+    """Return a text if run.json describes another task than this version, else "".
+
+    Args:
+        run_file: The folder's run.json.
+        config: Its configuration.
+    """
+    task = fingerprint(task_content(config.protocol, config.simulator))
+    if task == run_file.task_fingerprint:
+        return ""
+    return (
+        f"{run_file.path}: describes task {run_file.task_fingerprint}, which is {task}"
+        " here"
+    )
+
+
 class _Checker:
     """Checks one folder, and collects what is wrong with it."""
 
@@ -99,10 +115,8 @@ class _Checker:
         # The trials of a run have one task. Where an older run.json has another, an
         # earlier version drove them, which may have had other results. What a row says
         # of itself does not count.
-        task = run_file.task_fingerprint
-        self._task = next((spec.task for spec in self._specs.values()), task)
-        is_other_task = self._task != task
-        self._is_older = is_other_task and _is_older(run_file)
+        self._other_task = describe_other_task(run_file, config)
+        self._is_older = self._other_task != "" and _is_older(run_file)
 
     def check(self, sample: int | None) -> FolderCheck:
         """Check the whole folder and return the findings; to be called once.
@@ -173,11 +187,8 @@ class _Checker:
                 f"{run_file.path}: code_versions {format_value(run_file.code_versions)}"
                 f" are of no version up to this one{run_file.origin_note()}"
             )
-        if self._task != run_file.task_fingerprint:
-            self._report(
-                f"{run_file.path}: describes task {run_file.task_fingerprint}, which is"
-                f" {self._task} here"
-            )
+        if self._other_task:
+            self._report(self._other_task)
 
     def _check_worlds(self) -> None:
         """Report worlds whose checksum differs from the one in run.json."""

@@ -23,7 +23,12 @@ from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFil
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import find_parameter_files
 from barn_eval.trials.run_config import RunConfig
-from barn_eval.verification.check import SUBMISSION_FILE, FolderCheck, check_folder
+from barn_eval.verification.check import (
+    SUBMISSION_FILE,
+    FolderCheck,
+    check_folder,
+    describe_other_task,
+)
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import (
     ZIP_ERRORS,
@@ -78,9 +83,13 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     problems = list(check.problems)
     if check.rows != check.trials:
         problems.append(f"has {check.rows} of {check.trials} trials")
+    run_file = RunFile.read(folder)
+    # What an earlier version drove cannot be checked, so it would not be verified.
+    other_task = describe_other_task(run_file, run_file.run_config())
+    if other_task:
+        problems.append(f"{other_task}{run_file.origin_note()}")
     if problems:
         raise ConfigError(f"{folder}: is not to be submitted: {problems[0]}")
-    run_file = RunFile.read(folder)
     _require_available_worlds(run_file)
 
     files = {}

@@ -112,6 +112,13 @@ def test_what_another_version_computes_is_not_called_wrong(folder):
     assert "(written at e6873c24, this is " in line
 
 
+def test_what_another_version_drove_is_not_submitted(folder, rejected):
+    make_old(folder)
+    (folder / "commands.jsonl").touch()
+    error = rejected(f"submit {folder}")
+    assert "is not to be submitted" in error and "run.json: describes task" in error
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
