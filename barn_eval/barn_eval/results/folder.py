@@ -35,7 +35,8 @@ from barn_eval.results.rows import (
     TRACKS_FILE,
     RowFile,
     append_line,
-    arrange_tracks,
+    arrange_trial_lines,
+    drop_trial_lines,
     write_tables,
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
@@ -90,8 +91,9 @@ class ResultsFolder:
     ) -> "Iterator[ResultsFolder]":
         """Begin or resume a run in a folder that is locked while the context lasts.
 
-        It writes run.json and removes rows that do not count. Where none counts, or
-        with `overwrite`, all that an earlier run has written goes.
+        It writes run.json and removes rows that do not count, and tracks and commands
+        of trials without a row. Where none counts, or with `overwrite`, all that an
+        earlier run has written goes.
 
         Args:
             path: Folder, which need not exist.
@@ -128,6 +130,10 @@ class ResultsFolder:
                 _remove_results(path, logs=not is_same_run)
             elif completed.dropped_count:
                 RowFile(path).replace(completed.results)
+            # Trials without a row run again, and may then have no line of their own.
+            completed_ids = {result.trial_id for result in completed.results}
+            for name in (TRACKS_FILE, COMMANDS_FILE):
+                drop_trial_lines(path / name, completed_ids)
 
             if worlds is not None and not (path / WORLDS).exists():
                 write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
@@ -201,7 +207,7 @@ class ResultsFolder:
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
-        arrange_tracks(self.path, self._places)
+        arrange_trial_lines(self.path / TRACKS_FILE, self._places)
         return results
 
 

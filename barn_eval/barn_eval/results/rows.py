@@ -5,7 +5,7 @@ import os
 import re
 import typing
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -126,32 +126,49 @@ class RowParser:
 
 
 def read_tracks(folder: Path) -> dict[str, str]:
-    """Return lines of tracks.jsonl, not parsed, by trial; the last of a trial counts.
+    """Return lines of tracks.jsonl, as `read_trial_lines` does."""
+    return read_trial_lines(folder / TRACKS_FILE)
+
+
+def read_trial_lines(path: Path) -> dict[str, str]:
+    """Return lines of tracks or commands, not parsed, by trial; the last one counts.
 
     A last line that a kill cut off is left out.
     """
-    tracks = {}
-    for where, line in _read_sealed_lines(folder / TRACKS_FILE):
-        # A trial that a kill left without a row was run again: its last track counts.
-        trial_id, _ = parse_trial_line(line, where, "track")
-        tracks[trial_id] = line
-    return tracks
+    what = "track" if path.name == TRACKS_FILE else "commands"
+    lines = {}
+    for where, line in _read_sealed_lines(path):
+        # A trial that a kill left without a row was run again: its last line counts.
+        trial_id, _ = parse_trial_line(line, where, what)
+        lines[trial_id] = line
+    return lines
 
 
-def arrange_tracks(folder: Path, trial_ids: Iterable[str]) -> None:
-    """Rewrite tracks.jsonl in the order of `trial_ids`, one line each, dropping others.
+def arrange_trial_lines(path: Path, trial_ids: Iterable[str]) -> None:
+    """Rewrite tracks or commands in the order of `trial_ids`, one line each, no others.
 
     So the file no longer tells which trial ended when.
 
     Args:
-        folder: Folder of a complete run.
-        trial_ids: Names of its trials in their order.
+        path: tracks.jsonl or commands.jsonl.
+        trial_ids: Names of the trials whose lines stay, in their order.
     """
-    tracks = read_tracks(folder)
-    lines = [seal_line(tracks[name]) for name in trial_ids if name in tracks]
-    path = folder / TRACKS_FILE
+    kept = read_trial_lines(path)
+    lines = [seal_line(kept[name]) for name in trial_ids if name in kept]
     if lines != [line for _, line in read_lines(path)]:
         _write_lines(path, lines)
+
+
+def drop_trial_lines(path: Path, trial_ids: Set[str]) -> None:
+    """Rewrite tracks or commands without trials other than `trial_ids`, if it has any.
+
+    Args:
+        path: tracks.jsonl or commands.jsonl.
+        trial_ids: Names of the trials whose lines stay.
+    """
+    lines = read_trial_lines(path)
+    if not lines.keys() <= trial_ids:
+        arrange_trial_lines(path, [name for name in lines if name in trial_ids])
 
 
 def seal_line(line: str) -> str:

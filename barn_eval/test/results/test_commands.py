@@ -16,11 +16,13 @@ from text_tables import rows_of
 import barn_eval as barn
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.commands import MAX_COMMANDS, commands_line, parse_commands_line
-from barn_eval.results.rows import append_line, seal_line, unseal_line
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.rows import append_line, read_tracks, seal_line, unseal_line
+from barn_eval.results.run_file import RunFile
 from barn_eval.results.store import BagStore
 from barn_eval.results.tracks import pack_arrays
 from barn_eval.running.direct import run_direct_trial
-from barn_eval.trials.run_config import RunConfig
+from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import FinishedTrial
 from barn_eval.verification.rerun import read_bag
@@ -119,9 +121,31 @@ def test_a_trial_that_runs_again_counts_with_its_last_commands(folder):
     expected = lines_of(folder)
     rewrite_rows(folder, lambda rows: rows[:1])
     run_inline("0,120", out=folder)
-    assert len((folder / "commands.jsonl").read_text().splitlines()) == 3
+    assert len((folder / "commands.jsonl").read_text().splitlines()) == 2
     assert lines_of(folder) == expected
     assert barn.results.check(folder).problems == []
+
+
+@pytest.mark.parametrize("left", ["row", "lines"])
+def test_a_second_attempt_has_no_lines_of_the_first(folder, left):
+    """The first one was the environment's failure, or killed before its row."""
+    expected = lines_of(folder)
+    first, second = expected
+    config = RunFile.read(folder).run_config()
+
+    def change(rows):
+        rows[1] |= {"outcome": "environment_failed", "fault": "environment"}
+        return rows if left == "row" else rows[:1]
+
+    rewrite_rows(folder, change)
+    execution = ExecutionConfig(workers=1)
+    with ResultsFolder.open(folder, config, execution, config.trials()) as opened:
+        assert [spec.trial_id for spec in opened.remaining] == [second]
+        assert lines_of(folder) == {first: expected[first]}
+        assert read_tracks(folder).keys() == {first}
+    before = (folder / "commands.jsonl").stat()
+    with ResultsFolder.open(folder, config, execution, config.trials()):
+        assert (folder / "commands.jsonl").stat() == before
 
 
 def test_results_are_compared_and_shown_without_commands(folder, succeed):

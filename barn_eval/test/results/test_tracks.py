@@ -11,7 +11,12 @@ from refusals import refused
 from report_work import recorded_track
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.results.rows import append_line, arrange_tracks, read_tracks, seal_line
+from barn_eval.results.rows import (
+    append_line,
+    arrange_trial_lines,
+    read_tracks,
+    seal_line,
+)
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import (
     LARGEST_COMMAND,
@@ -119,7 +124,7 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
     with path.open("a") as file:
         file.write(lines[1][:50])
     assert read_tracks(tmp_path) == {"b": lines[2], "a": lines[1]}
-    arrange_tracks(tmp_path, ["a", "never", "b"])
+    arrange_trial_lines(path, ["a", "never", "b"])
     assert path.read_text() == f"{seal_line(lines[1])}\n{seal_line(lines[2])}\n"
     append_line(path, lines[0])
     assert read_tracks(tmp_path)["b"] == lines[0]
