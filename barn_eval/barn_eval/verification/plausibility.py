@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -89,8 +90,9 @@ def find_difference(
     """
     difference = first_difference(row.repeatable(), content, tolerance, ignored)
     if difference is not None:
-        key, value, other_value = difference
-        yield f"{key} is {value!r} in the row, {other_value!r} {place}"
+        key, *values = difference
+        shown = [item.value if isinstance(item, Enum) else item for item in values]
+        yield f"{key} is {shown[0]!r} in the row, {shown[1]!r} {place}"
 
 
 def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str]:

@@ -17,6 +17,8 @@ from report_work import change_row
 
 import barn_eval as barn
 from barn_eval.results.bags.recorder import Recorder
+from barn_eval.trials.outcome import Outcome
+from barn_eval.verification.plausibility import find_difference
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import OdometryEncoder
 from barn_worlds.messages.topics import GROUND_TRUTH
@@ -262,6 +264,14 @@ def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
     assert problem.endswith(
         "its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away"
     )
+
+
+def test_an_outcome_that_differs_is_named_by_its_value(collided):
+    row = barn.load(collided).trials[0]
+    content = row.repeatable() | {"outcome": Outcome.TIMEOUT}
+    assert list(find_difference(row, content, "now")) == [
+        "outcome is 'collision' in the row, 'timeout' now"
+    ]
 
 
 def test_so_many_trials_are_driven_again_as_are_asked_for(driven, command):
