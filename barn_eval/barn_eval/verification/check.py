@@ -278,7 +278,7 @@ class _Checker:
         """Check all trials in parallel and add their problems in trial order."""
         result = self._result
         unchecked: Counter[str] = Counter()
-        old_count = 0
+        older: list[str] = []  # trials that differ, each with its first difference
         # Workers end in any order; problems are listed in the order of trials.
         checks = {check.trial_id: check for check in _check_all(trials)}
         for trial in trials:
@@ -289,7 +289,7 @@ class _Checker:
             if not self._is_older:
                 texts += check.differences
             elif check.differences:
-                old_count += 1
+                older.append(f"{trial_id}: {check.differences[0]}")
             where = f"{self._folder}: {trial_id}"
             result.problems += [f"{where}: {text}" for text in texts]
             if check.bag_problem:
@@ -299,10 +299,10 @@ class _Checker:
         result.unchecked += [
             f"{count} trials: {reason}" for reason, count in unchecked.items()
         ]
-        if old_count:
+        if older:
             self._report(
-                f"{old_count} trials: differ from what this version computes, which may"
-                " be the version's doing"
+                f"{len(older)} trials: differ from what this version computes, such as"
+                f" {older[0]}"
             )
 
 

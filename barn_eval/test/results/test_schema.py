@@ -109,6 +109,7 @@ def test_what_another_version_computes_is_not_called_wrong(folder):
     assert report.problems == []
     said = "2 trials: differ from what this version computes"
     (line,) = (line for line in report.unchecked if line.startswith(said))
+    assert "such as gap_w0000_r00: scores.challenge is 0.4 in the row, " in line
     assert "(written at e6873c24, this is " in line
 
 
