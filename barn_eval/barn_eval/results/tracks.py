@@ -287,10 +287,15 @@ def _read_track(content: Mapping[str, Any]) -> Track:
     has_types = samples.dtype == np.int16 and contact.dtype == np.uint8
     if not has_types or samples.size != len(CHANNELS) * contact.size:
         raise ValueError("samples and contact do not fit together")
-    # The bound keeps products with steps finite.
-    steps = np.array(content.get("steps"))
-    are_numbers = steps.shape == (len(CHANNELS),) and steps.dtype.kind in "if"
-    if not contact.size or not are_numbers or np.abs(steps).max() > _LARGEST_STEP:
+    steps = content.get("steps")
+    are_numbers = (
+        isinstance(steps, list)
+        and len(steps) == len(CHANNELS)
+        # The bound keeps products with steps finite; NaN is not within it.
+        and all(type(step) in (int, float) for step in steps)
+        and all(abs(step) <= _LARGEST_STEP for step in steps)
+    )
+    if not contact.size or not are_numbers:
         raise ValueError(
             "there are no samples, or steps are not one finite number per channel of at"
             f" most {_LARGEST_STEP:g}"
@@ -299,7 +304,9 @@ def _read_track(content: Mapping[str, Any]) -> Track:
     differences = samples.reshape(len(CHANNELS), -1)
     # The sums wrap around where the differences did.
     whole = np.cumsum(differences, axis=1, dtype=np.int16).T
-    values = np.where(whole == MISSING_SAMPLE, np.nan, whole * steps.astype(np.float64))
+    values = np.where(
+        whole == MISSING_SAMPLE, np.nan, whole * np.array(steps, np.float64)
+    )
     note = content.get("note")
     if not isinstance(note, str):
         note = ""
