@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from barn_eval.results.run_file import RUN_FILE, RunFile
+from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import parse_trial_line
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Scores
@@ -97,6 +97,14 @@ class RowParser:
         protocol = RunFile.read(self._folder).run_config().protocol
         return max(protocol.failure_time_s, protocol.timeout_time_s)
 
+    @cached_property
+    def _origin_note(self) -> str:
+        """The commits that wrote the folder, empty if run.json cannot be read."""
+        try:
+            return RunFile.read(self._folder).origin_note()
+        except ConfigError:
+            return ""
+
     def parse(self, line: str, where: str) -> TrialResult:
         """Return the row in a line of results.jsonl, whose checksum is removed.
 
@@ -119,10 +127,7 @@ class RowParser:
         try:
             return row_from_plain(content, where)
         except ConfigError as error:
-            note = ""
-            if (self._folder / RUN_FILE).is_file():
-                note = RunFile.read(self._folder).origin_note()
-            raise ConfigError(f"{error}{note}") from None
+            raise ConfigError(f"{error}{self._origin_note}") from None
 
 
 def read_tracks(folder: Path) -> dict[str, str]:
