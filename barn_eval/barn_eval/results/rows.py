@@ -95,7 +95,7 @@ class RowParser:
     def _failure_time_s(self) -> float:
         """The most seconds that a failure counts with, by the protocol in run.json."""
         protocol = RunFile.read(self._folder).run_config().protocol
-        return max(protocol.failure_time_s, protocol.timeout_time_s)
+        return protocol.longest_failure_time_s
 
     @cached_property
     def _origin_note(self) -> str:

@@ -143,7 +143,7 @@ def score_trial(
         optimal_time_s=optimal_s,
         challenge=challenge_metric(verdict, optimal_s, clip),
         challenge_2022=challenge_metric(verdict, optimal_s, CHALLENGE_CLIP_2022),
-        failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
+        failure_time_s=protocol.longest_failure_time_s,
         least_time_s=least_time_s,
         efficiency=efficiency,
     )

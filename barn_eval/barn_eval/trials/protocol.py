@@ -217,6 +217,11 @@ class Protocol(Checked):
             "must be printable text",
         )
 
+    @property
+    def longest_failure_time_s(self) -> float:
+        """The most seconds that a failure counts with."""
+        return max(self.failure_time_s, self.timeout_time_s)
+
     def course(self, world: World) -> Course:
         """Return a world's start and goal in the map frame, lengths and optimal time.
 
