@@ -52,7 +52,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self,
         config: EnvConfig | None = None,
         render_mode: str | None = None,
-        loaded_dataset: Dataset | None = None,
+        fitted_dataset: Dataset | None = None,
         **changes: object,
     ) -> None:
         """Make an environment.
@@ -60,7 +60,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         Args:
             config: What the environment is; the default is `EnvConfig()`.
             render_mode: None, or "rgb_array" for pictures from above.
-            loaded_dataset: The data set of `config` for its robot, if it is open
+            fitted_dataset: The data set of `config`, fitted to its robot, if it is open
                 already.
             **changes: Fields of `config` by dotted name, so that `gymnasium.make` takes
                 them: `make(name, worlds="0:100", **{"reward.success": 20.0})`.
@@ -75,7 +75,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
-        dataset = loaded_dataset or open_dataset(self.config.dataset).for_robot(robot)
+        dataset = fitted_dataset or open_dataset(self.config.dataset).for_robot(robot)
         self._dataset = dataset
         # Numbers of the worlds that episodes are drawn from, evenly.
         self.worlds = tuple(

@@ -17,6 +17,7 @@ from barn_eval.trials.protocol import Course
 from barn_planners.policy.space import Vector
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.kernel import kernel
+from barn_worlds.datasets.dataset import MAX_CACHED_WORLDS
 from barn_worlds.worlds.world import World
 
 # More than the relative error of a squared distance.
@@ -26,8 +27,8 @@ _ROUNDING = 1.0 + 1e-12
 RewardWeights: TypeAlias = tuple[float, float, float, float, float]
 
 
-# Learners meet the same worlds again and again.
-@lru_cache(maxsize=2000)
+# Learners meet the same worlds again and again, as long as their data set keeps them.
+@lru_cache(maxsize=MAX_CACHED_WORLDS)
 def path_points(world: World, course: Course, along: str) -> Floats:
     """Return points (n, 3) of the path to the goal: x, y and the length left, in m.
 

@@ -52,7 +52,7 @@ class JackalVectorEnv(SyncVectorEnv):
         config = replace_dotted(config or EnvConfig(), changes, "environment")
         # All environments share its worlds in memory.
         dataset = open_dataset(config.dataset).for_robot(load_robot(config.robot))
-        make_env = partial(JackalEnv, config, loaded_dataset=dataset)
+        make_env = partial(JackalEnv, config, fitted_dataset=dataset)
         super().__init__([make_env] * num_envs, autoreset_mode=autoreset_mode)
         self._jackals = [cast(JackalEnv, env.unwrapped) for env in self.envs]
         self._episodes = self._jackals[0].make_episodes(num_envs)

@@ -17,7 +17,8 @@ from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
-_MAX_CACHED_WORLDS = 1000
+# Worlds of a data set that stay in memory.
+MAX_CACHED_WORLDS = 2000
 _MAX_QUOTED_CHARACTERS = 300
 # Of a folder with files of several kinds, the first kind that occurs is the worlds.
 _FOLDER_KINDS = (
@@ -61,7 +62,7 @@ class Dataset:
             )
         if world_number not in self._cache:
             # Worlds of a large data set would fill the memory.
-            if len(self._cache) >= _MAX_CACHED_WORLDS:
+            if len(self._cache) >= MAX_CACHED_WORLDS:
                 self._cache.clear()
             self._cache[world_number] = self.readers[world_number]()
         return self._cache[world_number]

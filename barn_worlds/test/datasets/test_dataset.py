@@ -121,7 +121,7 @@ def test_a_world_is_read_once_and_not_handed_to_other_processes():
 
 
 def test_only_so_many_worlds_are_kept(monkeypatch):
-    monkeypatch.setattr("barn_worlds.datasets.dataset._MAX_CACHED_WORLDS", 2)
+    monkeypatch.setattr("barn_worlds.datasets.dataset.MAX_CACHED_WORLDS", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first
