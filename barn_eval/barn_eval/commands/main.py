@@ -1,6 +1,7 @@
 """The `barn` command: subcommands are imported when called, errors take one line.
 
-data/commands.json has a summary, an example and a page for each subcommand.
+data/commands.json has groups of subcommands by purpose, and a summary, an example and a
+page for each subcommand.
 """
 
 import json
@@ -20,7 +21,8 @@ from barn_worlds.base.errors import BarnError, suggest
 from barn_worlds.base.garbage import reduce_garbage_collection
 
 _FILE = Path(__file__).parents[1] / "data" / "commands.json"
-_ENTRIES: dict[str, list[str]] = json.loads(_FILE.read_text("utf-8"))
+_GROUPS: dict[str, dict[str, list[str]]] = json.loads(_FILE.read_text("utf-8"))
+_ENTRIES = {name: entry for group in _GROUPS.values() for name, entry in group.items()}
 
 COMMANDS = {name: summary for name, (summary, _, _) in _ENTRIES.items()}
 """Summary of each subcommand."""
@@ -39,6 +41,9 @@ _MODULES = {
     "reproduce": "suite",
     "bench": "suite",
     "info": "suite",
+    "planners": "catalogs",
+    "protocols": "catalogs",
+    "robots": "catalogs",
 }
 
 
@@ -90,24 +95,32 @@ class LazyGroup(click.Group):
             incomplete: Beginning of a word.
         """
         subcommands = []
-        for name, summary in _summaries():
+        for name, summary in [*COMMANDS.items(), *_plugin_summaries()]:
             if name.startswith(incomplete):
                 subcommands.append(CompletionItem(name, help=summary))
         return subcommands + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(
         self,
-        ctx: click.Context,  # noqa: ARG002
+        ctx: click.Context,
         formatter: click.HelpFormatter,
     ) -> None:
-        """Write names and summaries of all subcommands into a help page.
+        """Write names and summaries of all subcommands into a help page, by purpose.
 
         Args:
             ctx: Context of the call.
             formatter: Takes the list.
         """
-        with formatter.section("Commands"):
-            formatter.write_dl(_summaries())
+        width = max(map(len, self.list_commands(ctx)))
+        for title, group in _GROUPS.items():
+            with formatter.section(title):
+                # Equal widths align the summaries of all groups.
+                formatter.write_dl(
+                    [(name.ljust(width), COMMANDS[name]) for name in group]
+                )
+        if _plugins():
+            with formatter.section("Other packages"):
+                formatter.write_dl(_plugin_summaries())
 
 
 def _plugins() -> dict[str, EntryPoint]:
@@ -115,10 +128,9 @@ def _plugins() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group="barn_eval.commands")}
 
 
-def _summaries() -> list[tuple[str, str]]:
-    """Return name and summary of each subcommand, those of other packages last."""
-    plugins = [(name, f"Of {point.module}.") for name, point in _plugins().items()]
-    return [*COMMANDS.items(), *plugins]
+def _plugin_summaries() -> list[tuple[str, str]]:
+    """Return name and module of each subcommand of other packages."""
+    return [(name, f"Of {point.module}.") for name, point in _plugins().items()]
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, is_requested: bool) -> None:

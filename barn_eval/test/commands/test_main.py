@@ -21,8 +21,10 @@ from barn_eval.commands.main import COMMANDS
 from barn_eval.results.folder import read_results
 from barn_eval.results.provenance import commit
 from barn_eval.results.run_file import RunFile
+from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
+from barn_planners.registry import planner_names
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
 from barn_worlds.datasets.dataset import open_dataset
@@ -267,6 +269,12 @@ worlds lst
     No such command 'lst'. Did you mean
 robots --out x.png
     --out needs ROBOT
+planners dwaa
+    unknown planner 'dwaa'; did you mean 'dwa'?
+planners dwa:fast_dw
+    planner dwa has no preset 'fast_dw'; did you mean 'fast_dwa'?
+protocols chalenge
+    unknown protocol 'chalenge'; did you mean 'challenge'?
 bench --planners daw
     unknown planner 'daw'
 bench --planners=
@@ -323,3 +331,17 @@ def test_a_reader_that_leaves_early_is_no_error(tmp_path):
         child.stdout.close()
         assert child.stderr.read() == b""
         child.wait(timeout=600)
+
+
+def test_every_planner_and_protocol_is_listed_and_shown(succeed):
+    planners = json.loads(succeed("planners --json"))
+    assert [entry["planner"] for entry in planners] == planner_names()
+    for entry in planners:
+        preset = entry["presets"][-1]
+        shown = json.loads(succeed(f"planners {entry['planner']}:{preset} --json"))
+        assert shown["preset"] == preset and shown["parameters"]
+
+    protocols = json.loads(succeed("protocols --json"))
+    assert [entry["protocol"] for entry in protocols] == list(PROTOCOLS)
+    text = succeed("protocols known_map")
+    assert "map_given" in text and "the planner gets a map" in text

@@ -1,0 +1,185 @@
+"""`barn robots`, `barn planners`, `barn protocols`: what there is, and each in detail."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from barn_eval.analysis.planners import spelling
+from barn_eval.api.robots import draw
+from barn_eval.commands.options import (
+    file_option,
+    json_option,
+    print_notes,
+    print_output,
+)
+from barn_eval.commands.tables import FittedTable, table
+from barn_eval.trials.protocol import PROTOCOLS, load_protocol
+from barn_planners.registry import planner_entry, planner_names
+from barn_worlds.base.config import Checked, as_dict, fields_of
+from barn_worlds.base.errors import ConfigError, suggest
+from barn_worlds.robots.files import ROBOTS, load_robot
+
+
+@click.command("robots")
+@click.argument("robot", required=False)
+@file_option("--out", help="Draw it from above, as .png, .svg or .pdf.")
+@json_option
+def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
+    """List the robots that come with the suite, or show all numbers of ROBOT, a name or a YAML file, with sources."""
+    if robot is None:
+        if out is not None:
+            raise click.UsageError("--out needs ROBOT")
+        _print_robots(as_json)
+        return
+
+    # A file of the user is shown like a robot of the suite.
+    details = load_robot(robot)
+    if out is not None:
+        draw(details).save(out)
+        print_notes(out)
+    title = f"{details.name}: {details.summary}"
+    # Name and summary are the title.
+    tables = [_quantities_table(details, title, ("name", "summary"))]
+    if details.sources:
+        tables.append(table(("section", "sources"), details.sources.items()))
+    print_output(as_json, {"name": details.name, **as_dict(details)}, *tables)
+
+
+@click.command("planners")
+@click.argument("planner", required=False, metavar="[NAME[:PRESET]]")
+@json_option
+def planners(planner: str | None, as_json: bool) -> None:
+    """List all planners and their presets, or show the parameters of NAME with units and meanings.
+
+    Without PRESET, the values are those of the first preset. barn run takes parameters
+    with --set NAME.PARAMETER=VALUE.
+    """
+    if planner is None:
+        entries = {name: planner_entry(name) for name in planner_names()}
+        content = [
+            {"planner": name, "presets": list(entry.presets), "summary": entry.summary}
+            for name, entry in entries.items()
+        ]
+        rows = [
+            (name, ", ".join(entry.presets), entry.summary)
+            for name, entry in entries.items()
+        ]
+        print_output(
+            as_json, content, table(("planner", "presets", "what it is"), rows)
+        )
+        return
+
+    name, _colon, preset = planner.partition(":")
+    presets = planner_entry(name).presets
+    preset = preset or next(iter(presets))
+    if preset not in presets:
+        raise ConfigError(
+            f"planner {name} has no preset {preset!r}{suggest(preset, presets)}"
+        )
+    config = presets[preset]
+    title = f"{spelling(name)}, preset {preset}"
+    details = {"planner": name, "preset": preset, "parameters": as_dict(config)}
+    print_output(as_json, details, _quantities_table(config, title))
+
+
+@click.command("protocols")
+@click.argument("protocol", required=False)
+@json_option
+def protocols(protocol: str | None, as_json: bool) -> None:
+    """List the protocols of the suite, or show all rules of PROTOCOL, a name or a YAML file."""
+    if protocol is None:
+        entries = [
+            {
+                "protocol": rules.name,
+                "metric": rules.metric,
+                "limit [s]": rules.limit_s,
+                "map": "given" if rules.map_given else "none",
+                "obstacles": "moving" if rules.arena else "static",
+            }
+            for rules in PROTOCOLS.values()
+        ]
+        print_output(as_json, entries, _entries_table(entries, ("limit [s]",)))
+        return
+
+    details = load_protocol(protocol)
+    title = f"protocol {details.name}"
+    print_output(
+        as_json, as_dict(details), _quantities_table(details, title, ("name",))
+    )
+
+
+def _print_planners(as_json: bool) -> None:
+    """Print all planners with their presets as a table or as JSON."""
+    content = []
+    rows = []
+    for name in planner_names():
+        entry = planner_entry(name)
+        presets = list(entry.presets)
+        content.append({"planner": name, "presets": presets, "summary": entry.summary})
+        rows.append((name, ", ".join(presets), entry.summary))
+    print_output(as_json, content, table(("planner", "presets", "what it is"), rows))
+
+
+def _print_robots(as_json: bool) -> None:
+    """Print the robots of the suite as a table or as JSON."""
+    entries: list[dict[str, Any]] = [
+        {
+            "robot": robot.name,
+            "drive": robot.chassis.kind,
+            "length [m]": robot.length_m,
+            "width [m]": robot.width_m,
+            "mass [kg]": robot.chassis.mass_kg,
+            "speed [m/s]": robot.drive.max_speed_m_s,
+            "yaw rate [rad/s]": robot.drive.max_yaw_rate_rad_s,
+        }
+        for robot in ROBOTS.values()
+    ]
+    numbers = [key for key in entries[0] if key not in ("robot", "drive")]
+    print_output(as_json, entries, _entries_table(entries, numbers))
+
+
+def _entries_table(
+    entries: list[dict[str, Any]], numbers: Iterable[str]
+) -> FittedTable:
+    """Return a table of entries with the same keys; columns of numbers go right."""
+    columns = [f">{key}" if key in numbers else key for key in entries[0]]
+    rows = [list(map(_format, entry.values())) for entry in entries]
+    return table(columns, rows)
+
+
+def _quantities_table(
+    config: Checked, title: str, excluded: Iterable[str] = ()
+) -> FittedTable:
+    """Return a table of all quantities of a configuration but the excluded ones."""
+    columns = ("quantity", "value", "unit", "meaning")
+    return table(columns, _quantities(config, excluded), title=title)
+
+
+def _quantities(
+    config: Checked, excluded: Iterable[str]
+) -> Iterator[tuple[str, str, str, str]]:
+    """Yield dotted name, value, unit and meaning of each quantity of a configuration."""
+    content = as_dict(config)
+    for name, quantity, value in fields_of(config):
+        section: Any = content
+        *section_names, key = name.split(".")
+        for section_name in section_names:
+            section = section[section_name]
+        # Plain data leave out optional quantities that a robot does not have.
+        if key in section and key not in excluded:
+            yield name, _format(value), quantity.unit, quantity.description
+
+
+def _format(value: object) -> str:
+    """Return a value as text: floats with five digits, tuples joined by commas."""
+    if isinstance(value, tuple):
+        parts = []
+        for part in value:
+            text = _format(part)
+            if isinstance(part, tuple):
+                text = f"({text})"
+            parts.append(text)
+        return ", ".join(parts)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
