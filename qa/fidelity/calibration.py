@@ -143,7 +143,7 @@ def _common(
         np.array([result.world for result in entry.results], np.int64),
         np.array([result.scores.scored_time_s for result in entry.results]),
         np.array([not result.scores.success for result in entry.results]),
-        {result.world: result.scores.path_length_m for result in entry.results},
+        {result.world: result.scores.path_length_m or 0.0 for result in entry.results},
     )
     shared = sorted(ours.lengths_m.keys() & published.lengths_m.keys())
     if not shared:

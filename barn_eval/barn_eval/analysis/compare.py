@@ -390,12 +390,15 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
         return TrialValues(values, worlds, repetitions)
 
     failures = [not result.scores.success for result in results]
+    failure_values = np.array(list(map(measure.as_failure, results)), np.float64)
+    if not np.isfinite(failure_values).all():
+        return TrialValues(values, worlds, repetitions)
     return TrialValues(
         values,
         worlds,
         repetitions,
         failures=np.array(failures, np.int64),
-        as_failure=np.array(list(map(measure.as_failure, results)), np.float64),
+        as_failure=failure_values,
         best=measure.best,
     )
 

@@ -48,6 +48,7 @@ class BoardClass(NamedTuple):
     """What all planners of a board share."""
 
     protocol: str
+    system: str
     speed_class_mps: float
     computing: str
 
@@ -113,8 +114,8 @@ def make_boards(
 ) -> list[Board]:
     """Read results folders and rank their planners, one board per comparable group.
 
-    There is a board for each protocol, class of speed caps, way of computing and set of
-    worlds. Planners are in the order of their means. Those without a significant
+    There is a board for each protocol, system, class of speed caps, way of computing
+    and set of worlds. Planners are in the order of their means. Those without a significant
     difference, after Holm for all pairs of the board, share a rank.
 
     Args:
@@ -159,10 +160,11 @@ def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) ->
     They may be of different classes: the name of a protocol means one set of rules.
     """
     # A changed protocol under an old name would look like two comparable boards.
-    entries_by_protocol: dict[str, list[Entry]] = {}
+    entries_by_rules: dict[tuple[str, str], list[Entry]] = {}
     for board_class, entries in classes.items():
-        entries_by_protocol.setdefault(board_class.protocol, []).extend(entries)
-    for entries in entries_by_protocol.values():
+        rules = (board_class.protocol, board_class.system)
+        entries_by_rules.setdefault(rules, []).extend(entries)
+    for entries in entries_by_rules.values():
         for group in group_by_common_trials(entries):
             require_same_task([entry.source.path for entry in group.entries])
 
@@ -273,7 +275,7 @@ def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
 
 
 def _board_class(entry: Entry) -> BoardClass:
-    """Return protocol, speed class and compute class, which decide an entry's board.
+    """Return what decides an entry's board: protocol, system, speed, computing.
 
     Raises:
         ConfigError: Its trials have several protocols.
@@ -285,6 +287,7 @@ def _board_class(entry: Entry) -> BoardClass:
         )
     return BoardClass(
         protocol=protocols.pop(),
+        system=entry.source.system.label,
         speed_class_mps=speed_class_mps(entry),
         computing=computing_of(entry.results).class_name,
     )
@@ -321,6 +324,8 @@ def _title(entry: Entry) -> str:
         parts.append(f"up to {fastest:g} m/s")
     if entry.source.robot:
         parts.append(f"robot {entry.source.robot}")
+    if entry.source.system.is_observed:
+        parts.append(f"{entry.source.system.label}, observed, not driven again")
     parts.append(f"task {results[0].task}")
 
     computing = computing_of(results)

@@ -5,6 +5,7 @@ values as the catalog says.
 """
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,8 @@ _FAILURE_VALUES: dict[str, Callable[[TrialResult], float]] = {
     "success": lambda _: 0.0,
     "scored_time_s": lambda result: result.scores.failure_time_s,
     "normalised_time_s_per_m": lambda result: (
-        result.scores.failure_time_s / result.scores.path_length_m
+        # Where the length is unknown, failures have no value either.
+        result.scores.failure_time_s / (result.scores.path_length_m or math.nan)
     ),
     "challenge": lambda _: 0.0,
     "challenge_2022": lambda _: 0.0,

@@ -24,8 +24,9 @@ from barn_eval.trials.result import (
     describe_computer,
 )
 from barn_eval.trials.run_config import RunConfig
+from barn_eval.trials.system import System, system_in
 from barn_sim.config import chassis_in, robot_of
-from barn_worlds.base.config import from_dict
+from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.datasets.dataset import open_dataset, select_worlds
 from barn_worlds.geometry.footprint import Footprint
@@ -76,6 +77,11 @@ class Source:
     def robot(self) -> str:
         """Name of the robot, empty for the Jackal."""
         return name_unless_standard(self.chassis)
+
+    @property
+    def system(self) -> System:
+        """What its trials ran in; ConfigError if that is invalid."""
+        return system_in(self.configuration)
 
     @cached_property
     def outline(self) -> Footprint:
@@ -162,9 +168,23 @@ def notes_on(source: Source, results: Rows) -> list[str]:
     trials = len(source.results)
     if source.planned and source.planned > trials:
         notes.append(f"{source.path} is partial: {trials} of {source.planned} trials")
+    notes += _describe_observations(source.path, results)
     notes.append("; ".join(_find_disturbances(source.path, results)))
     notes.append(assumption_text(source.path, results))
     return [note for note in notes if note]
+
+
+def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
+    """Yield a sentence per system that was observed, and one on unknown contacts."""
+    observations = [row.observed for row in results if row.observed]
+    for system in sorted({observation.system for observation in observations}):
+        yield f"{path}: trials of {system} were observed, not driven again"
+    unknown = sum(result.measures.contacts is None for result in results)
+    if unknown:
+        yield (
+            f"{path}: contacts of {unknown} of {len(results)} trials are unknown, as"
+            " nobody reported them, so a success may have touched an obstacle"
+        )
 
 
 def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
@@ -347,13 +367,14 @@ def _planner_settings(entry: Entry) -> dict[str, Any]:
 def require_same_task(folders: Sequence[Path]) -> None:
     """Raise ConfigError unless all folders' run.json have one task.
 
-    The task is protocol, simulator and robot.
+    The task is protocol, simulator, robot and system.
 
     Raises:
         ConfigError: Two tasks differ; the message names the first key that does.
     """
     first, *others = folders
     task = RunFile.read(first).task()
+    system = as_dict(system_in(task))
     # Robots first: a message about one of their dimensions would not name them.
     robot = chassis_in(task["simulator"]).name
     for folder in others:
@@ -363,6 +384,14 @@ def require_same_task(folders: Sequence[Path]) -> None:
             raise ConfigError(
                 f"different robots cannot be compared: {robot} in {first}, "
                 f"{other_robot} in {folder}"
+            )
+        # A system before the rest: all keys of the suite's own are left out.
+        change = first_difference(system, as_dict(system_in(other_task)))
+        if change is not None:
+            key, value, other_value = change
+            raise ConfigError(
+                f"different systems cannot be compared: {key} is {value!r} in {first}, "
+                f"{other_value!r} in {folder}"
             )
         change = first_difference(task, other_task)
         if change is not None:

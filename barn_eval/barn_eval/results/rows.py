@@ -26,6 +26,7 @@ from barn_eval.trials.result import (
     row_from_plain,
     to_json_line,
 )
+from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
@@ -259,7 +260,7 @@ def _drop_torn_line(file: io.FileIO) -> int:
 
 
 # Fields of a result that are no columns of the table of results.
-_NO_COLUMNS = ("wall_clock", "motion", "delays")
+_NO_COLUMNS = ("wall_clock", "motion", "observed", "delays")
 
 _COLUMN_TYPES: dict[type, pa.DataType] = {
     bool: pa.bool_(),
@@ -275,6 +276,8 @@ def results_table(results: Rows) -> pa.Table:
     # Runs in worlds where nothing moves have the columns that they always had.
     if any(result.motion is not None for result in results):
         columns += _columns(Encounters)
+    if any(result.observed is not None for result in results):
+        columns += _columns(ObservedTrial)
 
     rows = []
     for result in results:

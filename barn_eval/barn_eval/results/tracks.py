@@ -193,7 +193,7 @@ def thin_samples(samples: Floats, contact: Bools) -> Track:
     first = np.arange(0, count, stride)
     last = np.minimum(first + stride - 1, count - 1)
     thinned = samples[last]
-    thinned[:, _CLEARANCE] = np.minimum.reduceat(samples[:, _CLEARANCE], first)
+    thinned[:, _CLEARANCE] = np.fmin.reduceat(samples[:, _CLEARANCE], first)
     touched = np.logical_or.reduceat(contact, first)
     # A first group of several samples was kept as its last one, too late for the start.
     if last[0]:
@@ -213,7 +213,9 @@ def make_track(trajectory: Trajectory, spec: TrialSpec) -> Track | None:
     if not len(stamps_ns):
         return None
     times_s = (stamps_ns - stamps_ns[0]) / NANOSECONDS_PER_SECOND
-    clearance = spec.clearances(trajectory.truth)
+    clearance = trajectory.clearance_m
+    if clearance is None:
+        clearance = spec.clearances(trajectory.truth)
     if not len(clearance):
         clearance = np.full(len(times_s), np.nan)
 

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from barn_eval.trials.protocol import Protocol
+from barn_eval.trials.system import SUITE, System
 from barn_sim.body.model import description_text
 from barn_sim.config import PHYSICS_VERSION, SimulatorConfig
 from barn_worlds.base.config import as_dict
@@ -27,14 +28,19 @@ def robot_sha256(chassis: Chassis) -> str:
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
-def task_content(protocol: Protocol, simulator: SimulatorConfig) -> dict[str, Any]:
+def task_content(
+    protocol: Protocol, simulator: SimulatorConfig, system: System = SUITE
+) -> dict[str, Any]:
     """Return what a task fingerprint hashes: protocol, simulator, robot, code versions.
 
     Args:
         protocol: Rules of the trials.
         simulator: Configuration of the simulator.
+        system: What trials run in. The suite's own simulator adds nothing.
     """
     config = {"protocol": as_dict(protocol), "simulator": as_dict(simulator)}
+    if system.is_observed:
+        config["system"] = as_dict(system)
     return plain_task(config, robot_sha256(simulator.chassis), CODE_VERSIONS)
 
 
@@ -46,8 +52,8 @@ def plain_task(
     Nothing is checked.
 
     Args:
-        config: Configuration with protocol and simulator; what else it has does not
-            decide the task.
+        config: Configuration with protocol and simulator, and the system if it is not
+            the suite's; what else it has does not decide the task.
         robot: SHA-256 of the robot's description.
         code_versions: `CODE_VERSIONS` of the suite that drove the trials.
     """
@@ -56,6 +62,8 @@ def plain_task(
         "simulator": config.get("simulator"),
         "robot": robot,
     }
+    if "system" in config:
+        content["system"] = config["system"]
     # The versions come from a file: a key among them must not stand for the protocol.
     return dict(code_versions) | content
 

@@ -86,13 +86,13 @@ class Scores:
     traversal_time_s: float | None  # on the protocol's clock, None if it never started
     scored_time_s: float  # of a success; of a failure, what the protocol counts
     duration_s: float
-    path_length_m: float  # arc length of the world's path
-    normalised_time_s_per_m: float  # scored time by the path's length
-    optimal_time_s: float
+    path_length_m: float | None  # arc length of the world's path, None if unknown
+    normalised_time_s_per_m: float | None  # scored time by the path's length
+    optimal_time_s: float | None
     # Metric with the clip of today, at most 0.5; unclipped under a protocol without
     # clip.
-    challenge: float
-    challenge_2022: float  # with the clip of 2022, at most 0.25
+    challenge: float | None
+    challenge_2022: float | None  # with the clip of 2022, at most 0.25
     failure_time_s: float  # the most that a failure would count with
     # No time on the clock can be below it (`TrialSpec.least_time_s`); None: not
     # computed.
@@ -131,6 +131,7 @@ def score_trial(
             # The clock may start at the very reading that shows the arrival.
             efficiency = least_time_s / time_s if time_s > 0.0 else 1.0
 
+    length_m = course.path_length_m
     optimal_s = course.optimal_time_s
     clip = CHALLENGE_CLIP if protocol.clipped else UNCLIPPED
     return Scores(
@@ -138,8 +139,8 @@ def score_trial(
         traversal_time_s=verdict.traversal_time_s,
         scored_time_s=scored_time_s,
         duration_s=verdict.duration_s,
-        path_length_m=course.path_length_m,
-        normalised_time_s_per_m=scored_time_s / course.path_length_m,
+        path_length_m=length_m,
+        normalised_time_s_per_m=None if length_m is None else scored_time_s / length_m,
         optimal_time_s=optimal_s,
         challenge=challenge_metric(verdict, optimal_s, clip),
         challenge_2022=challenge_metric(verdict, optimal_s, CHALLENGE_CLIP_2022),
@@ -150,18 +151,24 @@ def score_trial(
 
 
 def challenge_metric(
-    verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP
-) -> float:
+    verdict: Verdict,
+    optimal_time_s: float | None,
+    clip: tuple[float, float] = CHALLENGE_CLIP,
+) -> float | None:
     """Return the optimal over the clipped traversal time; 0 for anything but a success.
+
+    None for a success where the optimal time is unknown.
 
     Args:
         verdict: How the trial ended.
-        optimal_time_s: Length of the course at the reference speed.
+        optimal_time_s: Length of the course at the reference speed, None if unknown.
         clip: Shortest and longest time that count, in multiples of the optimal time.
     """
     time_s = verdict.success_time_s
     if time_s is None:
         return 0.0
+    if optimal_time_s is None:
+        return None
     shortest, longest = clip
     time_s = max(time_s, shortest * optimal_time_s)
     return optimal_time_s / min(time_s, longest * optimal_time_s)

@@ -123,10 +123,13 @@ class Course:
 
     start: Pose2D
     goal: Pose2D
-    path_length_m: float  # arc length of the world's path
+    # Arc length of the world's path; None of a world that is unknown, with a path of
+    # one cell.
+    path_length_m: float | None
     # Start, path in the historical conversion, goal: as the challenge measures it.
     reference_length_m: float
-    optimal_time_s: float  # the reference length at the protocol's reference speed
+    # The reference length at the protocol's reference speed; None with the path's.
+    optimal_time_s: float | None
 
 
 @dataclass(frozen=True)
@@ -275,6 +278,8 @@ class Protocol(Checked):
         points = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         dx, dy = np.diff(points, axis=0).T
         reference_m = float(np.hypot(dx, dy).sum())
+        if not world.path_length_m:
+            return Course(start, goal, None, start.distance(goal), None)
         optimal_s = reference_m / self.reference_speed_mps
         return Course(start, goal, world.path_length_m, reference_m, optimal_s)
 

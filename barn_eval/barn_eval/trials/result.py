@@ -12,6 +12,7 @@ import numpy as np
 
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome, Scores
+from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
@@ -36,8 +37,8 @@ MAX_MISSED_SHARE = 0.02
 
 # Of rows and run.json. It rises whenever their keys change, as a test holds. Rows of
 # earlier schemas lack some keys of later ones.
-SCHEMA_VERSION = 3
-READABLE_SCHEMAS = (2, 3)
+SCHEMA_VERSION = 4
+READABLE_SCHEMAS = (2, 3, 4)
 _MAX_DELAY_BYTES = 1 << 24
 
 
@@ -174,13 +175,15 @@ class TrialResult:
     )
     remarks: str = ""  # what else matters, such as who subscribed to the truth
     # The highest speed that the robot took from the planner: what that declared, or
-    # else the robot's own limit.
+    # else the robot's own limit. None if unknown.
     speed_cap_mps: float | None = None
     compute: str = ""  # the compute mode
     # Delays that were measured, as `pack_delays` packs them.
     delays: str = field(default="", metadata=OPTIONAL)
     # Of worlds in which obstacles move, whose rows alone have it.
     motion: Encounters | None = field(default=None, metadata=OPTIONAL)
+    # Of trials that the suite observed and did not drive, whose rows alone have it.
+    observed: ObservedTrial | None = field(default=None, metadata=OPTIONAL)
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
 
@@ -193,9 +196,10 @@ class TrialResult:
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
     @property
-    def path_ratio(self) -> float:
-        """Length driven over the length of the world's path."""
-        return self.measures.driven_m / self.scores.path_length_m
+    def path_ratio(self) -> float | None:
+        """Length driven over the length of the world's path, None if unknown."""
+        length_m = self.scores.path_length_m
+        return None if length_m is None else self.measures.driven_m / length_m
 
     def repeatable(self) -> dict[str, Any]:
         """Return the row as nested plain data that a rerun repeats: no `wall_clock`."""

@@ -16,6 +16,7 @@ from barn_eval.trials.protocol import CHALLENGE, Protocol
 from barn_eval.trials.result import DECLARED, FREE, MEASURED, REAL_TIME
 from barn_eval.trials.ros_config import BAGS, ENGINES, MODES, RosConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.system import System
 from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
 from barn_planners.robots import fit_parameters, lidar_mount_changes
 from barn_sim.config import SimulatorConfig, robot_of
@@ -160,6 +161,7 @@ class RunConfig(Checked):
         "start x, y, yaw and goal x, y of all its worlds, in m and rad, in place of"
         " their own",
     )
+    system: System = field(default_factory=System, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         """Raise ConfigError for no or equal planners, or settings not for the mode."""
@@ -306,6 +308,7 @@ class RunConfig(Checked):
                         simulator=self.simulator,
                         run_seed=self.seed,
                         repetition=repetition,
+                        system=self.system,
                         compute_mode=self.compute_mode(setup.compute),
                         **vars(setup),
                     )

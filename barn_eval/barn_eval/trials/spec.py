@@ -11,6 +11,7 @@ import numpy as np
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import FREE, format_trial_id
+from barn_eval.trials.system import SUITE, System
 from barn_eval.trials.trajectory import compute_clearances
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
@@ -58,6 +59,7 @@ class TrialSpec:
     compute_mode: str = FREE
     # Delays of a trial that was measured, which are charged again.
     recorded_ns: tuple[int, ...] = ()
+    system: System = SUITE
 
     @property
     def trial_id(self) -> str:
@@ -84,8 +86,8 @@ class TrialSpec:
 
     @property
     def task(self) -> str:
-        """Task fingerprint: a hash of protocol, simulator, robot, code versions."""
-        return _task_fingerprint(self.protocol, self.simulator)
+        """Task fingerprint: a hash of protocol, simulator, robot, system, versions."""
+        return _task_fingerprint(self.protocol, self.simulator, self.system)
 
     @cached_property
     def scaled_protocol(self) -> Protocol:
@@ -98,10 +100,18 @@ class TrialSpec:
         return _course(self.scaled_protocol, self.world)
 
     @property
-    def speed_cap_mps(self) -> float:
-        """Speed cap: what the planner declares, at most what the robot can drive."""
+    def speed_cap_mps(self) -> float | None:
+        """Speed cap: what the planner declares, at most what the robot can drive.
+
+        None if unknown: of a planner that declares none and that the suite neither
+        configures nor holds to the robot's limit.
+        """
         limit = self.simulator.drive.max_speed_m_s
-        return min(self.declared_mps, limit) if self.declared_mps > 0.0 else limit
+        if self.declared_mps > 0.0:
+            return min(self.declared_mps, limit)
+        if self.system.is_observed or not self.planner_config:
+            return None
+        return limit
 
     @property
     def outline(self) -> Footprint:
@@ -123,8 +133,10 @@ class TrialSpec:
         )
 
     @cached_property
-    def least_time_s(self) -> float:
+    def least_time_s(self) -> float | None:
         """Lower bound, in s, of the time on the clock of any success; it is searched.
+
+        None if speed cap or path are unknown.
 
         docs/efficiency.md has the proof. From the reading before the one that starts
         the clock to the one that ends the trial, the robot goes from the disc around
@@ -134,6 +146,8 @@ class TrialSpec:
         more than its speed.
         """
         chassis = self.simulator.chassis
+        if self.speed_cap_mps is None or self.course.path_length_m is None:
+            return None
         max_speed_mps = self.speed_cap_mps * (1.0 + WHEEL_SLIP[chassis.kind])
         if max_speed_mps <= 0.0:
             return 0.0
@@ -205,9 +219,11 @@ class TrialSpec:
 
 
 @lru_cache(maxsize=64)
-def _task_fingerprint(protocol: Protocol, simulator: SimulatorConfig) -> str:
+def _task_fingerprint(
+    protocol: Protocol, simulator: SimulatorConfig, system: System
+) -> str:
     """Return the task fingerprint of trials under protocol and simulator; cached."""
-    return identity.fingerprint(identity.task_content(protocol, simulator))
+    return identity.fingerprint(identity.task_content(protocol, simulator, system))
 
 
 _course = lru_cache(maxsize=512)(Protocol.course)

@@ -34,6 +34,8 @@ class Trajectory:
     contact: Bools  # (n,)
     off_plan_m: Floats  # (n,) from the planner's last plan, NaN without one
     command_counts: Integers  # (n,) commands that answer each reading
+    # (n,) as measured, NaN where unknown; None to compute it from truth and world.
+    clearance_m: Floats | None = None
 
 
 class TrajectoryLog:
@@ -126,8 +128,8 @@ class Measures:
     mean_speed_mps: float | None
     min_clearance_m: float | None
     mean_clearance_m: float | None  # over time
-    contact_s: float
-    contacts: int
+    contact_s: float | None  # None, as `contacts`, where nobody reports contacts
+    contacts: int | None
     rms_jerk_mps3: float | None  # of the forward speed
     rotation_rad: float  # sum of absolute turns
     unanswered_cycles: int  # readings that no command answered
@@ -141,7 +143,12 @@ class Measures:
 
 
 def measure_trajectory(
-    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
+    trajectory: Trajectory,
+    cylinders_m: Floats,
+    radius_m: float,
+    outline: Footprint,
+    *,
+    reports_contacts: bool = True,
 ) -> Measures:
     """Return a trajectory's length, clearances, contacts, jerk and command steps.
 
@@ -150,6 +157,7 @@ def measure_trajectory(
         cylinders_m: Centers (k, 2) of the cylinders in m, in the map frame.
         radius_m: Their radius in m.
         outline: What can touch of the robot, in base_link.
+        reports_contacts: Whether contacts are known; else they are None.
     """
     truth = trajectory.truth
     contact = trajectory.contact
@@ -165,18 +173,25 @@ def measure_trajectory(
     periods_ns = np.diff(trajectory.stamps_ns)
     duration_s = float(periods_ns.sum()) / NANOSECONDS_PER_SECOND
     contact_ns = periods_ns[contact[1:]].sum()
-    contact_s = float(contact_ns) / NANOSECONDS_PER_SECOND
     contact_began = contact & ~np.concatenate(([False], contact[:-1]))
+    contact_s = None
+    contacts = None
+    if reports_contacts:
+        contact_s = float(contact_ns) / NANOSECONDS_PER_SECOND
+        contacts = int(contact_began.sum())
 
-    clearance = compute_clearances(truth, cylinders_m, radius_m, outline)
-    near_s = 0.0
+    clearance = trajectory.clearance_m
+    near_s = None
+    if clearance is None:
+        clearance = compute_clearances(truth, cylinders_m, radius_m, outline)
+        near_s = 0.0
     min_clearance_m = None
     mean_clearance_m = None
-    if clearance.size:
+    if np.isfinite(clearance).any():
         near_ns = periods_ns[clearance[1:] < NEAR_CONTACT_M].sum()
         near_s = float(near_ns) / NANOSECONDS_PER_SECOND
-        min_clearance_m = float(clearance.min())
-        mean_clearance_m = float(clearance.mean())
+        min_clearance_m = float(np.nanmin(clearance))
+        mean_clearance_m = float(np.nanmean(clearance))
 
     command = trajectory.command
     # Readings without an answer are skipped: a step leads to the next command.
@@ -196,7 +211,7 @@ def measure_trajectory(
         min_clearance_m=min_clearance_m,
         mean_clearance_m=mean_clearance_m,
         contact_s=contact_s,
-        contacts=int(contact_began.sum()),
+        contacts=contacts,
         rms_jerk_mps3=_rms_jerk(trajectory, 0),
         rotation_rad=float(turns.sum()),
         # The last reading usually ends the trial, so it needs no answer.

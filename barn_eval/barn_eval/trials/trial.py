@@ -328,7 +328,11 @@ def finish_trial(
         detail=verdict.detail[:MAX_TEXT_LENGTH],
         scores=scores,
         measures=measure_trajectory(
-            trajectory, world.cylinders_m, world.cylinder_radius_m, outline
+            trajectory,
+            world.cylinders_m,
+            world.cylinder_radius_m,
+            outline,
+            reports_contacts=spec.system.reports_contacts,
         ),
         task=spec.task,
         planner_config=spec.planner_config,

@@ -92,7 +92,7 @@ def describe_other_task(run_file: RunFile, config: RunConfig) -> str:
         run_file: The folder's run.json.
         config: Its configuration.
     """
-    task = fingerprint(task_content(config.protocol, config.simulator))
+    task = fingerprint(task_content(config.protocol, config.simulator, config.system))
     if task == run_file.task_fingerprint:
         return ""
     return (

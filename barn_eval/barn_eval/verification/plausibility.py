@@ -63,6 +63,7 @@ def recompute_row(
         planner_verdict=row.planner_verdict,
         remarks=row.remarks,
         delays=row.delays,
+        observed=row.observed,
         schema_version=row.schema_version,
     )
     # Another version may call the same task otherwise; run.json decides which it was.
@@ -112,7 +113,7 @@ def find_rescoring_difference(row: TrialResult, spec: TrialSpec) -> Iterator[str
         row.detail,
         scores.traversal_time_s,
         scores.duration_s,
-        measures.contact_s,
+        measures.contact_s or 0.0,
         culprit,
     )
     no_trajectory = TrajectoryLog().trajectory()
@@ -166,7 +167,7 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     limits = (
         ("scores.duration_s", duration_s, longest_s),
         ("scores.traversal_time_s", time_s, duration_s),
-        ("measures.contact_s", measures.contact_s, duration_s),
+        ("measures.contact_s", measures.contact_s or 0.0, duration_s),
         ("measures.near_contact_s", measures.near_contact_s or 0.0, duration_s),
         ("measures.driven_m", measures.driven_m, longest_m),
         ("measures.mean_speed_mps", speed_error_m, 0.0),
@@ -224,7 +225,10 @@ def compare_with_track(
     if abs(end_s - duration_s) > step["time"]:
         yield f"lasted {end_s:.2f} s by its track, {duration_s:.2f} s by its row"
 
-    gaps = spec.clearances(poses)
+    # By scans, clearances do not follow from poses.
+    gaps = np.empty(0)
+    if row.observed is None or row.observed.clearance_by == "world":
+        gaps = spec.clearances(poses)
     # Steps of x, y and yaw move an outline whose points lie up to a meter from
     # base_link.
     rounding_m = 3.0 * step["x"] + step["yaw"] + step["clearance"]

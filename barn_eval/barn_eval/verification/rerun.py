@@ -311,6 +311,8 @@ def _why_not_driven(
     row: TrialResult, recorded: Readings | None, commands: Floats | None
 ) -> str:
     """Return why a trial's commands cannot be driven again, empty if they can."""
+    if row.observed is not None:
+        return f"observed in {row.observed.system}, not driven again"
     if not row.is_scored:
         return "not driven again, as they are not scored"
     is_inexact = row.mode == "ros" and (recorded is not None or is_current(row))

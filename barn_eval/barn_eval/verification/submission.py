@@ -85,7 +85,10 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         problems.append(f"has {check.rows} of {check.trials} trials")
     run_file = RunFile.read(folder)
     # What an earlier version drove cannot be checked, so it would not be verified.
-    other_task = describe_other_task(run_file, run_file.run_config())
+    config = run_file.run_config()
+    if config.system.is_observed:
+        problems.append(f"{config.system.label}: observed, not driven again")
+    other_task = describe_other_task(run_file, config)
     if other_task:
         problems.append(f"{other_task}{run_file.origin_note()}")
     if problems:

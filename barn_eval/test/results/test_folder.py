@@ -15,6 +15,7 @@ from running.test_runner import record
 
 from barn_eval.results.folder import ResultsFolder, read_results
 from barn_eval.results.run_file import RunFile
+from barn_eval.trials.result import SCHEMA_VERSION
 from barn_eval.trials.run_config import (
     UNKNOWN_SOURCE,
     ExecutionConfig,
@@ -86,7 +87,10 @@ def test_sessions_are_kept_one_after_the_other(tmp_path):
     for count in (1, 1, None):
         keep(tmp_path, GAP, count)
     run_file = content(tmp_path)
-    assert (run_file["schema_version"], len(run_file["sessions"])) == (3, 3)
+    assert (run_file["schema_version"], len(run_file["sessions"])) == (
+        SCHEMA_VERSION,
+        3,
+    )
     keys = {"started_at", "execution", "versions", "commit", "machine"}
     assert all(keys <= session.keys() for session in run_file["sessions"])
 
@@ -112,8 +116,8 @@ def test_another_robot_is_not_mixed_in(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "schema_version must be 2 or 3, got None"),
-        ('{"schema_version": 4, "experiment": {}}', "must be 2 or 3, got 4"),
+        ("{}", "schema_version must be 2 or 3 or 4, got None"),
+        ('{"schema_version": 5, "experiment": {}}', "must be 2 or 3 or 4, got 5"),
         ('{"schema_version": 2, "experiment": 3}', "describes no run"),
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],

@@ -148,6 +148,8 @@ class ScoreReporter:
 def running_score(standing: Standing, course: Course) -> float:
     """Return the challenge metric of the verdict, or as if the goal were reached now.
 
+    0 where the optimal time is unknown.
+
     Args:
         standing: How the trial stands.
         course: Start, goal and lengths of its world.
@@ -158,7 +160,7 @@ def running_score(standing: Standing, course: Course) -> float:
         # A robot at the goal before its clock starts has taken no time.
         clock_s = clock_s or 0.0
     verdict = Verdict(outcome, "", clock_s, 0.0, 0.0)
-    return challenge_metric(verdict, course.optimal_time_s)
+    return challenge_metric(verdict, course.optimal_time_s) or 0.0
 
 
 # Announced at the start, so that every bag lists them; what a planner shows is

@@ -1,0 +1,120 @@
+"""What a trial ran in: the suite's own simulator, or one or a robot that it observes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from barn_worlds.base.config import Checked, from_dict, quantity
+
+SUITE_NAME = "barn"
+NO_CONTACT = "none"  # nobody reports contacts
+
+
+@dataclass(frozen=True)
+class System(Checked):
+    """What trials run in and what is known of them; by default the suite's simulator.
+
+    It is part of the task: results of two systems are never compared as one.
+    """
+
+    name: str = quantity(
+        SUITE_NAME, "name of the simulator or robot; barn is the suite's simulator"
+    )
+    kind: str = quantity("simulator", "what it is", choices=("simulator", "robot"))
+    pose: str = quantity(
+        "truth",
+        "source of poses: a topic without its namespace, such as /odom, or frames of"
+        " tf, such as /tf:odom.base_link; truth is what the suite's simulator knows",
+    )
+    frame: str = quantity(
+        "world",
+        "frame of poses: the world's, or one that begins anywhere",
+        choices=("world", "odom"),
+    )
+    clock: str = quantity(
+        "simulation",
+        "source of times: the suite's simulation, stamps of messages, or the log",
+        choices=("simulation", "stamps", "log"),
+    )
+    contact: str = quantity(
+        "simulation", "who reports contacts: a topic, operator, or none"
+    )
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for a bad value, or the suite's name for another system."""
+        super().__post_init__()
+        is_name = self.name.strip() != "" and self.name.isprintable()
+        self.require(is_name, "name", "must be printable text")
+        for item in fields(self):
+            self.require(
+                self.is_observed or getattr(self, item.name) == item.default,
+                "name",
+                f"is that of the suite's own simulator, whose {item.name} is"
+                f" {item.default}; name another",
+            )
+
+    @property
+    def is_observed(self) -> bool:
+        """Whether somebody else runs it, so that no trial can be driven again."""
+        return self.name != SUITE_NAME
+
+    @property
+    def label(self) -> str:
+        """What of it decides whether results are comparable, as text; "" for the suite."""
+        if not self.is_observed:
+            return ""
+        return (
+            f"{self.kind} {self.name} (pose {self.pose} in frame {self.frame}, clock"
+            f" {self.clock}, contact {self.contact})"
+        )
+
+    @property
+    def reports_contacts(self) -> bool:
+        """Whether contacts are known; else they are None in rows, not zero."""
+        return self.contact != NO_CONTACT
+
+
+SUITE = System()
+
+
+def system_in(config: Mapping[str, Any]) -> System:
+    """Return the system in a plain configuration or task; the suite's if none is named.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    return from_dict(System, config.get("system") or {}, "system")
+
+
+@dataclass(frozen=True)
+class ObservedTrial:
+    """What a row says of a trial that was observed and not driven by the suite."""
+
+    system: str
+    pose_source: str
+    clock: str
+    contact_source: str
+    clearance_by: str  # "world", "scans", or empty where clearances are unknown
+    time_uncertainty_s: float | None  # how far times may be off, None if unknown
+
+    @classmethod
+    def of(
+        cls, system: System, clearance_by: str, time_uncertainty_s: float | None
+    ) -> "ObservedTrial | None":
+        """Return what a row says of a trial of the system; None for the suite's own.
+
+        Args:
+            system: What the trial ran in.
+            clearance_by: What clearances are measured by: "world", "scans" or "".
+            time_uncertainty_s: How far times may be off.
+        """
+        if not system.is_observed:
+            return None
+        return cls(
+            system.name,
+            system.pose,
+            system.clock,
+            system.contact,
+            clearance_by,
+            time_uncertainty_s,
+        )
