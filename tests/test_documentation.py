@@ -5,6 +5,7 @@ docs/campaigns.md says what there is.
 
 import re
 import shutil
+from dataclasses import fields
 from pathlib import Path
 
 import figures as tool
@@ -15,6 +16,7 @@ from barn_eval.results.rows import results_table, timing_table
 from barn_eval.running.request import read_request
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import RunConfig
+from barn_eval.trials.system import ObservedTrial
 from barn_metrics.bootstrap import RESAMPLES
 
 CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
@@ -61,6 +63,8 @@ def test_every_column_is_described_in_its_order():
     results, timing = rest.split("`timing.*`:\n")
     assert columns_of(results) == results_table([]).column_names
     assert columns_of(timing) == timing_table([]).column_names
+    observed = (DOCS / "outdoors.md").read_text("utf-8").split("| unknown |")[0]
+    assert columns_of(observed) == [item.name for item in fields(ObservedTrial)]
 
 
 def test_the_file_that_is_shown_is_a_campaign(tmp_path):
@@ -72,7 +76,7 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
     assert [planner.name for planner in campaign.config.planners] == ["dwa", "eband"]
     assert campaign.config.protocol == PAPER_2020
     keys = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
-    assert set(RunConfig.__dataclass_fields__) - keys == {"ros"}
+    assert set(RunConfig.__dataclass_fields__) - keys == {"ros", "system"}
 
 
 def test_the_number_of_resamples_is_the_codes():
