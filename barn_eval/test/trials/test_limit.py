@@ -101,7 +101,7 @@ def test_a_command_above_the_declared_cap_ends_the_trial(open_world):
 
 
 def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
-    spec = spec_of(open_world, declared_mps=0.0)
+    spec = spec_of(open_world, declared_mps=0.0, planner_config="abc")
     assert spec.speed_cap_mps == spec.simulator.drive.max_speed_m_s == 2.0
     assert spec_of(open_world, declared_mps=9.0).least_time_s == spec.least_time_s
     assert spec.least_time_s < 0.26 * spec_of(open_world, declared_mps=0.5).least_time_s
