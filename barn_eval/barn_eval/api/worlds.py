@@ -4,19 +4,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import pandas as pd
 
 from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages.figures import Plot
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.studies.survey import Survey, survey_course
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as make_metrics_table
-from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.config import from_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
-from barn_worlds.base.files import create_folder
+from barn_worlds.base.files import create_folder, write_bytes
+from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import (
     Dataset,
     dataset_files,
@@ -39,6 +42,7 @@ from barn_worlds.datasets.generate_motion import (
     motion_class,
 )
 from barn_worlds.drawing.files import write_png
+from barn_worlds.drawing.plan import CoursePlan, PlanConfig
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import write_map
@@ -46,6 +50,7 @@ from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.single import plan_grid_path
 from barn_worlds.formats.world_yaml import write_world_yaml
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import fit_to_robot
@@ -58,8 +63,10 @@ __all__ = [
     "generate_moving",
     "load",
     "metrics",
+    "plan",
     "resize",
     "save",
+    "survey",
     "write_figure",
 ]
 
@@ -375,8 +382,9 @@ def _with_footprint(world: World, robot: Robot) -> World:
 
 
 def _has_metric_content(world: World) -> bool:
-    """Tell whether a world has walls, moving obstacles or a corner in meters."""
-    return bool(world.moving or world.walls or world.corner_m is not None)
+    """Tell whether a world has anything in meters, beside its cells."""
+    in_cells = world.corner_m is None and world.built_m is None
+    return bool(world.moving or world.walls or not in_cells)
 
 
 def metrics(
@@ -464,12 +472,72 @@ def draw(
         if course:
             raise ConfigError("a course is drawn in one world, not in several")
         return Plot(sheet_figure(worlds), f"{len(worlds)} worlds")
-    world = fit_to_robot(worlds, load_robot(robot), course)
+    world, start, goal, distance_m = _with_course(worlds, load_robot(robot), course)
+    return Plot(world_figure(world, start, goal, distance_m), worlds.name)
+
+
+def _with_course(
+    world: World, robot: Robot, course: Sequence[float]
+) -> tuple[World, Pose2D, Pose2D, float]:
+    """Return a world as a robot drives it: start, goal and distance of arrival in m."""
+    world = fit_to_robot(world, robot, course)
     # A corner in meters makes a world an arena, whose course is DynaBARN's.
     protocol = DYNABARN if world.corner_m is not None else CHALLENGE
+    protocol = protocol.scaled_to(world, robot.chassis)
     ends = protocol.course(world)
-    figure = world_figure(world, ends.start, ends.goal, protocol.goal_distance_m)
-    return Plot(figure, worlds.name)
+    return world, ends.start, ends.goal, protocol.goal_distance_m
+
+
+def plan(
+    world: World,
+    out: str | Path,
+    *,
+    robot: str | Path = "jackal",
+    course: Sequence[float] = (),
+    **config: Any,
+) -> None:
+    """Write a plan (PDF) to build a world by: coordinates, counts, tiles to scale.
+
+    Args:
+        world: What is built.
+        out: The PDF.
+        robot: Robot that is to drive there.
+        course: As for `draw`.
+        **config: Fields of `barn_worlds.drawing.plan.PlanConfig`: what it is built of,
+            and how the plan is printed.
+
+    Raises:
+        BarnError: If the world cannot be built of that.
+    """
+    details = load_robot(robot)
+    outline_m = contact_footprint(details.chassis).corners_m
+    parts = from_dict(PlanConfig, config, "plan")
+    ends = _with_course(world, details, course)
+    write_bytes(Path(out), CoursePlan(*ends, outline_m, parts).pdf())
+
+
+def survey(
+    bag: str | Path,
+    world: World,
+    *,
+    robot: str | Path = "jackal",
+    course: Sequence[float] = (),
+    tolerance_m: float = 0.02,
+) -> Survey:
+    """Return where a built world's obstacles stand, by the scans of a drive in it.
+
+    Args:
+        bag: The drive, with scans and odometry.
+        world: The plan.
+        robot: Robot that drove.
+        course: As for `draw`; its start counts where the bag has no true poses.
+        tolerance_m: Standard deviation of misplacements, as expected.
+
+    Raises:
+        BarnError: If the bag cannot be read, or its scans do not fit the plan.
+    """
+    _, start, _, _ = _with_course(world, load_robot(robot), course)
+    return survey_course(read_recorded_trial(Path(bag)), world, start, tolerance_m)
 
 
 def write_figure(

@@ -205,9 +205,15 @@ def write_dataset_file(
         extra_entries: Further entries of the manifest, such as generator parameters.
 
     Raises:
-        WorldError: If a file cannot be written.
+        WorldError: If a file cannot be written, or a world was surveyed.
     """
     ordered = list(worlds.values())
+    for world in ordered:
+        if world.built_m is not None:
+            raise WorldError(
+                f"{path}: a data set has no place for {world.name} as built; write it"
+                " as yaml"
+            )
     arrays: Arrays = {
         "index": np.array(list(worlds), np.int32),
         "shape": np.array([world.grid.shape for world in ordered], np.int32),

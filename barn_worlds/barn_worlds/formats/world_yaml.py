@@ -1,7 +1,7 @@
 """One world as YAML that people write: cells, path, walls, moving obstacles."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,7 +9,14 @@ import numpy as np
 import yaml
 
 from barn_worlds.base.arrays import BoolGrid, Cells
-from barn_worlds.base.config import Checked, as_dict, from_dict, optional, quantity
+from barn_worlds.base.config import (
+    OPTIONAL,
+    Checked,
+    as_dict,
+    from_dict,
+    optional,
+    quantity,
+)
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
@@ -52,6 +59,9 @@ class WorldFile(Checked):
     walls: tuple[Wall, ...] = ()
     moving: tuple[MovingObstacle, ...] = ()
 
+    # Where a survey saw the cylinders (`World.built_m`).
+    built_m: tuple[tuple[float, float], ...] = field(default=(), metadata=OPTIONAL)
+
     def world(self, where: str) -> World:
         """Return the world that the fields describe; WorldError if they make none.
 
@@ -85,6 +95,7 @@ class WorldFile(Checked):
                 self.corner_m,
                 start,
                 goal,
+                np.array(self.built_m) if self.built_m else None,
             )
         except WorldError as error:
             raise WorldError(f"{where}: {error}") from None
@@ -142,6 +153,9 @@ def world_yaml(world: World) -> str:
         walls=world.walls,
         moving=world.moving,
     )
+    if world.built_m is not None:
+        built_m = tuple((x, y) for x, y in world.built_m.tolist())
+        world_file = replace(world_file, built_m=built_m)
     # JSON turns tuples into lists and copies what is in it twice: the reader refuses
     # aliases.
     plain = json.loads(json.dumps(as_dict(world_file)))

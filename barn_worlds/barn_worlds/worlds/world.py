@@ -74,6 +74,9 @@ class World:
     # and end (`worlds.course`).
     start: Pose2D | None = None
     goal: Pose2D | None = None
+    # (n + m, 2) where a survey saw the cylinders of a world that was built for real, in
+    # the order of `planned_m`. The grid is still the plan.
+    built_m: Points | None = None
 
     def __post_init__(self) -> None:
         """Replace arrays by read-only copies; WorldError for a bad field."""
@@ -110,6 +113,8 @@ class World:
                 )
         if (self.start is None) != (self.goal is None):
             raise WorldError(f"{self.name}: start and goal must both be given, or none")
+        if self.built_m is not None:
+            object.__setattr__(self, "built_m", self._check_built(self.built_m))
 
     @property
     def rows(self) -> int:
@@ -139,21 +144,50 @@ class World:
     @cached_property
     def obstacles_m(self) -> Points:
         """Centers (n, 2) in m of the grid's cylinders, hollow cells left out."""
-        cells = np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
-        return _read_only(self.cell_centers_m(cells))
+        return self.cylinders_m[: len(self._visible_cells)]
 
     @cached_property
     def containment_m(self) -> Points:
         """Centers (m, 2) in m of the containment's cylinders; (0, 2) in an arena."""
-        if self.corner_m is not None:
-            return _read_only(np.empty((0, 2)))
-        cells = geometry.containment_cells(self.rows, self.resolution_m)
-        return _read_only(geometry.cell_centers(cells, self.rows, self.resolution_m))
+        return self.cylinders_m[len(self._visible_cells) :]
 
     @cached_property
     def cylinders_m(self) -> Points:
         """Centers (n + m, 2) in m of the grid's, then the containment's cylinders."""
-        return _read_only(np.concatenate([self.obstacles_m, self.containment_m]))
+        return self.planned_m if self.built_m is None else self.built_m
+
+    @cached_property
+    def planned_m(self) -> Points:
+        """Centers (n + m, 2) in m of the cells of `cylinders_m`."""
+        obstacles_m = self.cell_centers_m(self._visible_cells)
+        if self.corner_m is not None:
+            return _read_only(obstacles_m)
+        cells = geometry.containment_cells(self.rows, self.resolution_m)
+        containment_m = geometry.cell_centers(cells, self.rows, self.resolution_m)
+        return _read_only(np.concatenate([obstacles_m, containment_m]))
+
+    @cached_property
+    def _visible_cells(self) -> Cells:
+        """Filled cells (n, 2), hollow ones left out."""
+        cells: Cells = np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
+        return cells
+
+    def _check_built(self, built_m: object) -> Points:
+        """Return a read-only copy of surveyed centers; WorldError if they do not fit."""
+        centers_m: Points = np.array(built_m, np.float64)
+        if centers_m.shape != self.planned_m.shape:
+            raise WorldError(
+                f"{self.name}: built_m must have x and y of {len(self.planned_m)}"
+                f" cylinders, got an array {centers_m.shape}"
+            )
+        farthest_m = np.abs(centers_m - self.planned_m).max(initial=0.0)
+        # Written so that NaN is refused as well.
+        if not farthest_m <= self.resolution_m:
+            raise WorldError(
+                f"{self.name}: built_m must be within a cell of the plan,"
+                f" got {farthest_m:g} m"
+            )
+        return _read_only(centers_m)
 
     @property
     def bounds_m(self) -> tuple[float, float, float, float]:
@@ -248,7 +282,7 @@ class World:
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 (hex) of grid, path, course, walls and motions, without any names."""
+        """SHA-256 (hex) of grid, path, course, walls, motions, built; no names."""
         digest = hashlib.sha256(
             np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes()
         )
@@ -261,6 +295,8 @@ class World:
         digest.update(np.array(places, "<f8").tobytes())
         if self.walls or self.moving:
             digest.update(scene_content(self.walls, self.moving))
+        if self.built_m is not None:
+            digest.update(self.built_m.astype("<f8").tobytes())
         return digest.hexdigest()
 
 

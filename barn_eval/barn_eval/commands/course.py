@@ -1,0 +1,144 @@
+"""`barn course`: plans of courses that are built for real, and where they stand."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import click
+
+from barn_eval.api import worlds as api_worlds
+from barn_eval.commands.options import (
+    course_option,
+    file_option,
+    json_option,
+    parameters_option,
+    path_argument,
+    print_notes,
+    print_output,
+)
+from barn_eval.commands.tables import table
+from barn_worlds.drawing.plan import PlanConfig
+from barn_worlds.formats.world_yaml import ENDING, write_world_yaml
+from barn_worlds.worlds.world import World
+
+_MOST_ROWS = 10
+
+dataset_option = click.option(
+    "--dataset", default="barn300", help="Data set, or file, that has the world."
+)
+robot_option = click.option(
+    "--robot", default="jackal", help="A name (see barn robots) or a YAML file."
+)
+
+
+@click.group("course")
+def command() -> None:
+    """Build a world for real: a plan of it, and where its obstacles truly stand."""
+
+
+def _load(dataset: str, number: int) -> World:
+    """Return the world of that number in a data set."""
+    return api_worlds.load(dataset, str(number))[number]
+
+
+@command.command()
+@click.argument("world", type=int)
+@dataset_option
+@file_option("--out", default="plan.pdf", help="The plan (PDF).")
+@click.option("--box", type=float, help="Build it of boxes with sides of so many m.")
+@click.option("--post", type=float, help="Build it of posts, so many m in diameter.")
+@parameters_option("--set", "config", "Of the plan", PlanConfig())
+@course_option
+@robot_option
+def plan(
+    world: int,
+    dataset: str,
+    out: Path,
+    box: float | None,
+    post: float | None,
+    config: dict[str, Any],
+    course: tuple[float, ...] | None,
+    robot: str,
+) -> None:
+    """Write a plan to build WORLD by: coordinates, counts, tapes, tiles to scale."""
+    if box is not None and post is not None:
+        raise click.UsageError("--box and --post exclude each other")
+    if box is not None:
+        config |= {"shape": "box", "size_m": box}
+    if post is not None:
+        config |= {"shape": "post", "size_m": post}
+    details = _load(dataset, world)
+    api_worlds.plan(details, out, robot=robot, course=course or (), **config)
+    print_notes(out)
+
+
+@command.command()
+@path_argument("bag")
+@click.option("--world", "number", type=int, required=True, help="What was built.")
+@dataset_option
+@file_option("--out", help=f"Write the world as built (NAME{ENDING}), for barn run.")
+@course_option
+@robot_option
+@click.option(
+    "--tolerance",
+    default=0.02,
+    type=click.FloatRange(0.001, 0.1),
+    help="Standard deviation of misplacements that is expected [m].",
+)
+@json_option
+def survey(
+    bag: Path,
+    number: int,
+    dataset: str,
+    out: Path | None,
+    course: tuple[float, ...] | None,
+    robot: str,
+    tolerance: float,
+    as_json: bool,
+) -> None:
+    """Say where the obstacles of a built world truly stand, by the scans of a drive in BAG.
+
+    Positions are relative to each other; the course as a whole lies where the bag's true
+    poses say, or else where it fits the plan best. What is unsure is named, and stands
+    as planned in the world that --out writes.
+    """
+    if out is not None and not out.name.endswith(ENDING):
+        raise click.UsageError(f"--out must end in {ENDING}, got {out}")
+    world = _load(dataset, number)
+    result = api_worlds.survey(
+        bag, world, robot=robot, course=course or (), tolerance_m=tolerance
+    )
+    entries = result.entries()
+    unsure = [entry for entry in entries if entry["unsure"]]
+    sure = [entry for entry in entries if not entry["unsure"]]
+    sure.sort(key=lambda entry: entry["off_mm"], reverse=True)
+    # Once more in detail: a plan's numbers are in its tables and on its tiles.
+    farthest = [list(map(_format, entry.values()))[:-1] for entry in sure[:_MOST_ROWS]]
+    headings = ("number", ">x [m]", ">y [m]", ">dx [mm]", ">dy [mm]", ">off [mm]")
+    reasons = Counter(entry["unsure"] for entry in unsure)
+    doubts = []
+    for reason, count in reasons.items():
+        numbers = [
+            str(entry["number"]) for entry in unsure if entry["unsure"] == reason
+        ]
+        doubts.append((reason, str(count), ", ".join(numbers)))
+    print_output(
+        as_json,
+        {"world": world.name, "datum": result.datum, "obstacles": entries},
+        table(
+            (*headings, ">error [mm]", ">returns"),
+            farthest,
+            title=f"{world.name}: {len(sure)} of {len(entries)} located",
+            caption=f"the {len(farthest)} farthest off; the course as a whole is placed"
+            f" by the {result.datum}",
+        ),
+        table(("unsure", ">count", "numbers"), doubts),
+    )
+    if out is not None:
+        write_world_yaml(result.built_world(), out)
+        print_notes(out)
+
+
+def _format(value: object) -> str:
+    """Return a float as text with two decimals, any other value as it is."""
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

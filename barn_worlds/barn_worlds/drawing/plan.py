@@ -1,0 +1,211 @@
+"""A world as a plan to build it by: overview, coordinates, and tiles to scale as PDF."""
+
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import jinja2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.base.types import Pose2D
+from barn_worlds.drawing.palette import FAINT, INK, OBSTACLE, START, WHITE
+from barn_worlds.drawing.scene import draw_discs, draw_outlines, draw_scene
+from barn_worlds.worlds.scene import scene_of
+from barn_worlds.worlds.world import World
+
+# Width and height in m.
+PAPERS = {"a4": (0.210, 0.297), "letter": (0.2159, 0.2794)}
+_INCH_M = 0.0254
+_MARGIN_M = 0.012
+_HEADER_M = 0.010
+_OVERLAP_M = 0.01
+_BAR_M = 0.1
+_MOST_TILES = 1000
+# Of a page of coordinates.
+_ROWS = 56
+_COLUMNS = 5
+
+
+@dataclass(frozen=True)
+class PlanConfig(Checked):
+    """What a course is built of, and how its plan is printed."""
+
+    shape: str = quantity("post", "what stands in a cell", choices=("post", "box"))
+    size_m: float = quantity(
+        0.15, "diameter of a post or side of a box", "m", 0.01, 10.0
+    )
+    tolerance_m: float = quantity(
+        0.01, "how far each may stand from its place", "m", 0.001, 0.1
+    )
+    scale: int = quantity(10, "scale of the tiles, 10 for 1:10", "", 1, 100)
+    paper: str = quantity("a4", "size of the pages", choices=tuple(PAPERS))
+
+
+@dataclass(frozen=True, eq=False)
+class CoursePlan:
+    """The plan of a world with a course, for a robot."""
+
+    world: World
+    start: Pose2D
+    goal: Pose2D
+    goal_distance_m: float
+    outline_m: Points  # corners (k, 2) of the robot in base_link
+    config: PlanConfig
+
+    def __post_init__(self) -> None:
+        """Raise WorldError for a world that cannot be built of such parts."""
+        world = self.world
+        if world.moving:
+            raise WorldError(f"{world.name}: what moves in it cannot be built")
+        if self.config.size_m > world.resolution_m:
+            raise WorldError(
+                f"{world.name}: size_m must be at most a cell, {world.resolution_m:g} m,"
+                f" got {self.config.size_m:g}: neighbors would overlap"
+            )
+
+    def pdf(self) -> bytes:
+        """Return all pages as PDF, the same bytes every time.
+
+        Raises:
+            ConfigError: If the scale needs too many tiles.
+        """
+        content = io.BytesIO()
+        with PdfPages(content, metadata={"CreationDate": None}) as pages:
+            # The tiles first say whether they are too many.
+            for figures in (self._tiles(), [self._overview()], self._tables()):
+                for figure in figures:
+                    pages.savefig(figure)
+        return content.getvalue()
+
+    def _page(self, title: str) -> Figure:
+        """Return an empty page with a title."""
+        width_m, height_m = PAPERS[self.config.paper]
+        figure = Figure(figsize=(width_m / _INCH_M, height_m / _INCH_M))
+        top = 1.0 - _MARGIN_M / height_m
+        figure.text(0.06, top, title, va="top", size=8, parse_math=False)
+        return figure
+
+    def _draw(self, axes: Axes, low: Floats, high: Floats) -> None:
+        """Draw the course between two corners (2,) onto axes."""
+        scene = scene_of(self.world, self.start, self.goal, self.goal_distance_m)
+        size_m = self.config.size_m
+        if self.config.shape == "box":
+            square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+            squares = scene.cylinders_m[:, None] + square * size_m
+            axes.add_collection(
+                PolyCollection(list(squares), facecolor=OBSTACLE, edgecolor=WHITE)
+            )
+        else:
+            draw_discs(axes, scene.cylinders_m, 0.5 * size_m, facecolor=OBSTACLE)
+        empty = np.empty((0, 2))
+        draw_scene(axes, scene._replace(obstacles_m=empty, walls_m=empty))
+        start = np.array([(self.start.x, self.start.y, self.start.yaw)])
+        draw_outlines(axes, start, self.outline_m, START)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.grid(linewidth=0.3, color=FAINT)
+
+    def _overview(self) -> Figure:
+        """Return the first page: the whole course, its parts and what to do."""
+        figure = self._page(f"{self.world.name}: plan of the course")
+        axes = figure.add_axes((0.07, 0.05, 0.5, 0.87))
+        self._draw(axes, *self._extent())
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        cylinders_m = self.world.cylinders_m
+        span_m = np.ptp(cylinders_m, axis=0).tolist()
+        between_m = self.world.path_m()[:, None] - cylinders_m
+        distances_m = np.hypot(*between_m.T)
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("barn_worlds", "data/formats"),
+            trim_blocks=True,
+            autoescape=False,  # it is drawn, not parsed  # noqa: S701  # nosec B701
+        )
+        text = environment.get_template("plan.txt.jinja").render(
+            vars(self),
+            degrees=math.degrees,
+            span_m=span_m,
+            diagonal_m=math.hypot(*span_m),
+            nearest_m=distances_m.min(initial=math.inf) - 0.5 * self.config.size_m,
+            half_width_m=0.5 * np.ptp(self.outline_m[:, 1]),
+            corners=self.start.transform(self.outline_m).tolist(),
+        )
+        figure.text(0.6, 0.92, text, va="top", size=7.5, parse_math=False)
+        return figure
+
+    def _tables(self) -> Iterator[Figure]:
+        """Yield pages with number, x and y of each center."""
+        lines = []
+        for number, (x, y) in enumerate(self.world.cylinders_m.tolist()):
+            lines.append(f"{number:4d} {x:7.3f} {y:7.3f}")
+        first = len(self.world.obstacles_m)
+        title = (
+            f"{self.world.name}: number, x and y of each center in m; containment"
+            f" from {first} on"
+        )
+        for begin in range(0, len(lines), _ROWS * _COLUMNS):
+            figure = self._page(title)
+            for column in range(_COLUMNS):
+                top = begin + column * _ROWS
+                text = "\n".join(lines[top : top + _ROWS])
+                left = 0.06 + column * 0.18
+                figure.text(left, 0.93, text, va="top", size=7, family="monospace")
+            yield figure
+
+    def _extent(self) -> tuple[Floats, Floats]:
+        """Return lower left and upper right corner (2,) in m of all that is built."""
+        goal_m = np.array([(self.goal.x, self.goal.y)])
+        start_m = self.start.transform(self.outline_m)
+        radius_m = self.goal_distance_m
+        low_x, low_y, high_x, high_y = self.world.bounds_m
+        bounds_m = [(low_x, low_y), (high_x, high_y)]
+        points_m = np.concatenate(
+            [bounds_m, start_m, goal_m - radius_m, goal_m + radius_m]
+        )
+        return points_m.min(axis=0) - 0.2, points_m.max(axis=0) + 0.2
+
+    def _tiles(self) -> Iterator[Figure]:
+        """Yield tiles to scale that have something on them, from above; may raise."""
+        scale = self.config.scale
+        paper_m = np.array(PAPERS[self.config.paper])
+        area_m = paper_m - (2.0 * _MARGIN_M, 2.0 * _MARGIN_M + _HEADER_M)
+        step_m = (area_m - _OVERLAP_M) * scale
+        low, high = self._extent()
+        across, down = np.ceil((high - low) / step_m).astype(int).tolist()
+        if across * down > _MOST_TILES:
+            raise ConfigError(
+                f"scale {scale}: the plan would have {across * down} tiles, at most"
+                f" {_MOST_TILES} are allowed; take a larger number"
+            )
+        frame = np.concatenate([(_MARGIN_M, _MARGIN_M), area_m])
+        left, bottom, width, height = (frame / np.tile(paper_m, 2)).tolist()
+        centers_m = self.world.cylinders_m
+        for place in range(across * down):
+            row, column = divmod(place, across)
+            corner = low + step_m * (column, down - 1 - row)
+            inside = (centers_m > corner) & (centers_m < corner + area_m * scale)
+            numbers = np.flatnonzero(inside.all(axis=1)).tolist()
+            figure = self._page(
+                f"{self.world.name}, 1:{scale}, row {row + 1} of {down}, column"
+                f" {column + 1} of {across}. Print at 100 %: the bar is"
+                f" {1000.0 * _BAR_M:g} mm. Tiles overlap by {1000.0 * _OVERLAP_M:g} mm."
+            )
+            axes = figure.add_axes((left, bottom, width, height))
+            self._draw(axes, corner, corner + area_m * scale)
+            for number in numbers:
+                x, y = centers_m[number]
+                axes.text(
+                    x, y, str(number), size=7, color=WHITE, ha="center", va="center"
+                )
+            # Above the frame, where nothing else is drawn.
+            bar_x, bar_y = corner + (0.0, area_m[1] * scale + 0.003 * scale)
+            bar = [bar_x, bar_x + _BAR_M * scale]
+            axes.plot(bar, [bar_y, bar_y], color=INK, clip_on=False)
+            axes.tick_params(direction="in", labelsize=6, pad=-12)
+            yield figure
