@@ -1,8 +1,10 @@
-"""Train a policy by PPO in generated worlds and test it in those of barn300.
+"""Train a policy by PPO in generated worlds and test it in others.
 
     python examples/train_policy.py --out out/policy
+    python examples/train_policy.py --task moving --out out/movers
 
-writes into that folder
+The task is `static`, worlds as those of barn300, or `moving`, arenas as those of
+dynabarn60. The script writes into the folder
 
     training.npz                   worlds of the training
     policy.npz, untrained.npz      policies after and before it, for
@@ -16,6 +18,9 @@ and prints the success rates of both policies in the held-out worlds, in trials 
 import csv
 import time
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,8 +32,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
 
+import barn_eval as barn
 from barn_eval.analysis.summary import Summary, summarize
-from barn_eval.learning.config import EnvConfig
+from barn_eval.learning.config import EnvConfig, RewardConfig
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
@@ -37,8 +43,49 @@ from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import DatasetParameters, write_dataset
 
+
+@dataclass(frozen=True)
+class Task:
+    """What is trained, and where it is judged."""
+
+    protocol: str
+    held_out: str
+    """Data set to judge in."""
+
+    held_out_worlds: str
+    steps: int
+    observation: PolicyObservation
+    action: PolicyAction
+
+
+TASKS = {
+    "static": Task(
+        "challenge",
+        "barn300",
+        "0:300:6",
+        5_000_000,
+        # Five frames, 0.4 s apart, are a memory of a dead end.
+        PolicyObservation(beams=40, frames=5, frame_steps=4),
+        PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.2, repeat=2),
+    ),
+    "moving": Task(
+        "dynabarn",
+        "dynabarn60",
+        "all",
+        5_000_000,
+        # Three frames, 0.2 s apart, show how obstacles move.
+        PolicyObservation(
+            beams=60, range_limit_m=8.0, goal_limit_m=20.0, frames=3, frame_steps=2
+        ),
+        PolicyAction(min_speed_mps=-1.0, max_speed_mps=2.0, repeat=2),
+    ),
+}
+# An action holds for 0.1 s, so rewards of ten seconds ahead count.
+DISCOUNT = 0.99
 # Episodes that the curve is averaged over.
 WINDOW = 400
+# Rollouts after which the policy is saved.
+SAVING_PERIOD = 20
 # Learning rate at first, and the share of it that remains at the end.
 LEARNING_RATE = 5e-4
 FINAL_SHARE = 0.05
@@ -58,9 +105,11 @@ class CurveRow(NamedTuple):
 class Curve(BaseCallback):
     """Prints and collects the results of the last episodes after every rollout."""
 
-    def __init__(self) -> None:
+    def __init__(self, save: Callable[[], object]) -> None:
+        """Keep what writes the policy, so that a training that is broken off has one."""
         super().__init__()
         self.rows: list[CurveRow] = []
+        self._save = save
         self._successes: deque[bool] = deque(maxlen=WINDOW)
         self._returns: deque[float] = deque(maxlen=WINDOW)
         self._lengths: deque[int] = deque(maxlen=WINDOW)
@@ -89,6 +138,8 @@ class Curve(BaseCallback):
             sum(self._lengths) / count,
         )
         self.rows.append(row)
+        if len(self.rows) % SAVING_PERIOD == 0:
+            self._save()
         click.echo(
             f"{row.steps:8d} steps {row.wall_s:5.0f} s {row.episodes:6d} episodes: "
             f"success {row.success_rate:.2f}, return {row.mean_return:7.2f}, "
@@ -122,32 +173,36 @@ def train(
         seed=seed,
         n_steps=8192 // environments,
         batch_size=2048,
-        n_epochs=8,
-        # Rewards of ten seconds ahead count.
-        gamma=0.995,
+        n_epochs=6,
+        # The discount by which progress is shaped must be the learner's own.
+        gamma=config.reward.discount,
         learning_rate=lambda remaining: LEARNING_RATE * max(remaining, FINAL_SHARE),
         policy_kwargs={"net_arch": [128, 128], "log_std_init": -0.5},
         device="cpu",
     )
     description = {"trained_in": open_dataset(config.dataset).checksum, "seed": seed}
     export_policy(model, config, out / "untrained.npz", description)
-    curve = Curve()
+    save = partial(export_policy, model, config, out / "policy.npz", description)
+    curve = Curve(save)
     model.learn(steps, callback=curve)
-    export_policy(model, config, out / "policy.npz", description)
+    save()
     batch.close()
     return curve
 
 
-def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
+def evaluate(
+    protocol_name: str, dataset: str, worlds: str, policy: Path, safety: bool
+) -> Summary:
     """Return the summary of one trial per world, as `barn run` makes them.
 
     Args:
+        protocol_name: Rules of the trials.
         dataset: Data set of the worlds.
         worlds: Which of its worlds, such as "0:300:6".
         policy: Policy file.
         safety: Whether the collision check is on.
     """
-    protocol = load_protocol("challenge")
+    protocol = load_protocol(protocol_name)
     overrides = {"policy_path": str(policy), "safety.enabled": safety}
     run_config = RunConfig(
         dataset=dataset,
@@ -178,6 +233,22 @@ def draw(curve: Curve, path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
+def generate_worlds(path: Path, task: str, seed: int, per_set: int) -> None:
+    """Write a data set of worlds to train in.
+
+    Args:
+        path: File to write.
+        task: Name of the task.
+        seed: Seed of the worlds.
+        per_set: Worlds for each of the twelve sets of Table I, or each class of speed.
+    """
+    if task == "static":
+        write_dataset(path, DatasetParameters("training", seed, per_set))
+        return
+    classes = ["easy", "medium", "hard"]
+    barn.worlds.generate_moving(path, classes, seed=seed, per_class=per_set)
+
+
 def checksums(name: str | Path) -> set[str]:
     """Return the checksums of the worlds of a data set."""
     dataset = open_dataset(name)
@@ -186,11 +257,18 @@ def checksums(name: str | Path) -> set[str]:
 
 @click.command()
 @click.option(
-    "--steps",
-    default=3_000_000,
+    "--task",
+    "task_name",
+    default="static",
     show_default=True,
+    type=click.Choice(list(TASKS)),
+    help="What to train.",
+)
+@click.option(
+    "--steps",
+    default=None,
     type=click.IntRange(1),
-    help="Steps to train for.",
+    help="Steps to train for; by default as many as the recipe says.",
 )
 @click.option(
     "--seed",
@@ -204,14 +282,10 @@ def checksums(name: str | Path) -> set[str]:
     default=100,
     show_default=True,
     type=click.IntRange(1, 1000),
-    help="Of Table I, to train in.",
+    help="Worlds to train in, of each set of Table I or each class of speed.",
 )
-@click.option(
-    "--dataset", default="barn300", show_default=True, help="Data set to judge in."
-)
-@click.option(
-    "--held-out", default="0:300:6", show_default=True, help="Which of its worlds."
-)
+@click.option("--dataset", default=None, help="Data set to judge in.")
+@click.option("--held-out", default=None, help="Which of its worlds.")
 @click.option(
     "--environments",
     default=64,
@@ -226,27 +300,34 @@ def checksums(name: str | Path) -> set[str]:
     type=click.Path(path_type=Path, file_okay=False),
 )
 def main(
-    steps: int,
+    task_name: str,
+    steps: int | None,
     seed: int,
     worlds_per_set: int,
-    dataset: str,
-    held_out: str,
+    dataset: str | None,
+    held_out: str | None,
     environments: int,
     out: Path,
 ) -> None:
     """Train a policy and compare it with the untrained one."""
+    task = TASKS[task_name]
+    dataset = dataset or task.held_out
+    held_out = held_out or task.held_out_worlds
+    out.mkdir(parents=True, exist_ok=True)
     training = out / "training.npz"
-    write_dataset(training, DatasetParameters("training", seed, worlds_per_set))
+    generate_worlds(training, task_name, seed, worlds_per_set)
     if checksums(training) & checksums(dataset):
         raise click.UsageError(
             f"--seed {seed} generates worlds of {dataset} itself; take another"
         )
     config = EnvConfig(
         dataset=str(training),
-        observation=PolicyObservation(beams=40),
-        action=PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0),
+        protocol=task.protocol,
+        observation=task.observation,
+        action=task.action,
+        reward=RewardConfig(discount=DISCOUNT),
     )
-    curve = train(config, steps, seed, environments, out)
+    curve = train(config, steps or task.steps, seed, environments, out)
     with (out / "curve.csv").open("w", newline="") as file:
         csv.writer(file).writerows([CurveRow._fields, *curve.rows])
     # A short training may end before its first episode does.
@@ -254,7 +335,8 @@ def main(
         draw(curve, out / "curve.png")
 
     for name, safety in (("untrained", False), ("policy", False), ("policy", True)):
-        summary = evaluate(dataset, held_out, out / f"{name}.npz", safety)
+        policy = out / f"{name}.npz"
+        summary = evaluate(task.protocol, dataset, held_out, policy, safety)
         counts = [f"{outcome} {count}" for outcome, count in summary.outcomes.items()]
         check = "with" if safety else "without"
         success = summary["success"].text(3)

@@ -153,7 +153,7 @@ def test_rooms_import_only_rooms_below_them():
 
 # The parts of barn_sim, likewise.
 SIMULATOR_PARTS = (
-    *("seeds", "config", "body", "contact", "sensors", "motion", "simulator"),
+    *("config", "seeds", "body", "contact", "sensors", "motion", "simulator"),
     *("batch", "messages", "drawing", "ros"),
 )
 

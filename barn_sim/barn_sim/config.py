@@ -168,6 +168,14 @@ class ObstacleConfig(Checked):
     random_phase: bool = optional(
         True, "moving obstacles begin at a time drawn from the seed, not at 0"
     )
+    clear_start_s: float = optional(
+        0.0,
+        "time for which they leave a robot alone that stays at its start; other times"
+        " are not drawn",
+        "s",
+        0.0,
+        1000.0,
+    )
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ class Simulator:
             seed: Seed of all noise.
         """
         config = self.config
-        self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
+        self.phase_s = phase_s(world, config, start, seed)
         self.motion.begin(world, start, self.phase_s, generator(seed, seeds.ODOMETRY))
         if config.odometry.gyro_bias_rad_s or config.odometry.wheel_radius_error:
             # A child of its own: a robot without these errors draws the same noise as

@@ -15,8 +15,15 @@ ALONG_PATH = "path"
 class RewardConfig(Checked):
     """What a step is worth; the terms are added up."""
 
+    discount: float = quantity(
+        0.995,
+        "the learner's own discount per step, by which progress is shaped",
+        "",
+        0.0,
+        1.0,
+    )
     progress_per_m: float = quantity(
-        1.0, "for every meter nearer to the goal, as negative for every meter back"
+        1.0, "for every meter nearer to the goal than the start, lost on the way back"
     )
     progress_along: str = quantity(
         ALONG_PATH,
@@ -33,9 +40,14 @@ class RewardConfig(Checked):
     shielded_per_second: float = quantity(
         -1.0, "for every second in which the collision check changes the command"
     )
+    shielded_limit: float = quantity(
+        5.0, "the most that this adds up to in an episode", minimum=0.0
+    )
     success: float = quantity(10.0, "for reaching the goal")
     collision: float = quantity(
-        -10.0, "for a contact that ends the trial, or a command that is not a number"
+        -10.0,
+        "for a contact that ends the trial, leaving the world beyond its edge, or a"
+        " command that is not a number",
     )
     out_of_time: float = quantity(
         -10.0, "for the end of the time that the protocol gives"

@@ -28,7 +28,12 @@ from barn_worlds.robots.files import load_robot
 
 RENDER_MODES = ("rgb_array",)
 # Outcomes that the learner's actions cause. All others truncate an episode.
-_TERMINAL_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
+_TERMINAL_OUTCOMES = (
+    Outcome.SUCCESS,
+    Outcome.COLLISION,
+    Outcome.LEFT_WORLD,
+    Outcome.INVALID_COMMAND,
+)
 _RESET_OPTIONS = ("world", "campaign_seed", "repetition")
 _FIRST = np.arange(1)
 
@@ -38,7 +43,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
     Observations and actions are those of `barn_planners.policy.space`. An episode is a
     trial of the benchmark. It terminates at a success, a collision (if the protocol
-    checks collisions) or a command that is not a number. It is truncated by the time
+    checks collisions), beyond the world's edge, or a command that is not a number. It is truncated by the time
     limits.
 
     `info` holds the world's number, the time in s and the distance left to the goal in

@@ -20,7 +20,7 @@ from barn_eval.trials import rules
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
 from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
-from barn_planners.policy.space import ObservationEncoder
+from barn_planners.policy.space import FrameStack, ObservationEncoder
 from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
 from barn_sim.simulator import Simulator
@@ -69,6 +69,15 @@ class Episodes:
         self._period_s = simulator.control_period_s
         self._reward_weights = reward_weights(config.reward)
         self._encoder = ObservationEncoder(config.observation)
+        self._stack = FrameStack(count, config.observation)
+        self._frames = np.zeros((count, config.observation.frame_size), np.float32)
+        # Poses in the planning frame, x and y in m, yaw in rad.
+        self._poses = np.zeros((count, 3))
+        # Of the episode: the distance to the goal at its start, which the first
+        # observation shows, and what the collision check has cost.
+        self._is_new = np.zeros(count, np.bool_)
+        self._start_m = np.zeros(count)
+        self._shielded = np.zeros(count)
         self._trials: dict[int, RunningTrial] = {}
         self._simulators: dict[int, Simulator] = {}
         # Any scan: all robots have the same lidar.
@@ -137,6 +146,10 @@ class Episodes:
         self.worlds[index] = spec.world_number
         self._goals[index] = spec.goal.x, spec.goal.y
 
+        self._is_new[index] = True
+        self._shielded[index] = 0.0
+        self._stack.clear(index)
+
         # Paths share one array, as wide as the longest of them.
         missing = len(path) - self._paths.shape[1]
         if missing > 0:
@@ -159,38 +172,47 @@ class Episodes:
                 "of one size"
             )
 
-    def observe(self, rows: Integers) -> Floats:
-        """Read sensors of `rows`, update what they observe; return the old distances.
+    def observe(self, rows: Integers) -> None:
+        """Read the sensors of `rows` and update what they observe.
 
         Args:
             rows: Robots to read.
-
-        Returns:
-            Distances (n,) of all robots to the goal as they were before.
         """
-        # A copy, since the distances are updated in place below.
-        before_m: Floats = self.distances_left_m.copy()
-        if len(rows) == 0:
-            return before_m
+        self._read(rows)
+        self._encode(rows)
 
+    def _read(self, rows: Integers) -> None:
+        """Read sensors and poses of `rows`."""
+        if len(rows) == 0:
+            return
         self.batch.read(rows)
+        self._poses[rows] = self.readings.odometry[rows]
+        if not self._trials[int(rows[0])].spec.protocol.map_given:
+            return
+        for index in rows.tolist():
+            odometry_pose = Pose2D(*self._poses[index].tolist())
+            pose = self._simulators[index].read_localization(odometry_pose)
+            self._poses[index] = pose.x, pose.y, pose.yaw
+
+    def _encode(self, rows: Integers) -> None:
+        """Update observations and distances of `rows` by their last readings."""
+        if len(rows) == 0:
+            return
         readings = self.readings
-        first = int(rows[0])
-        poses = readings.odometry
-        if self._trials[first].spec.protocol.map_given:
-            poses = self._localized_poses(rows)
         if self._sample_scan is None:
+            first = int(rows[0])
             lidar = self._simulators[first].lidar
             self._sample_scan = lidar.scan_of(0, readings.ranges[first])
         self._encoder.encode_all(
             self._sample_scan,
             readings.ranges,
-            poses,
+            self._poses,
             self._goals,
             readings.velocities,
             rows,
-            self.observations,
+            self._frames,
         )
+        self._stack.push(rows, self._frames, self.observations)
         measure_distances_left(
             self._paths,
             self._path_lengths,
@@ -198,16 +220,9 @@ class Episodes:
             rows,
             self.distances_left_m,
         )
-        return before_m
-
-    def _localized_poses(self, rows: Integers) -> Floats:
-        """Return poses (n, 3): localized in the map for `rows`, odometry for others."""
-        poses: Floats = self.readings.odometry.copy()
-        for index in rows.tolist():
-            odometry_pose = Pose2D(*poses[index].tolist())
-            pose = self._simulators[index].read_localization(odometry_pose)
-            poses[index] = pose.x, pose.y, pose.yaw
-        return poses
+        new = rows[self._is_new[rows]]
+        self._start_m[new] = self.distances_left_m[new]
+        self._is_new[new] = False
 
     def judge(self, rows: Integers) -> list[int]:
         """Judge the last readings of some robots; return the rows whose episodes ended.
@@ -234,7 +249,10 @@ class Episodes:
     def step(
         self, is_resting: Bools, actions: npt.NDArray[np.floating]
     ) -> tuple[Floats, list[int]]:
-        """Drive all robots for one period and judge; return rewards and ended rows.
+        """Drive all robots for one step and judge; return rewards and ended rows.
+
+        A step is as many control periods as an action holds for, or fewer where an
+        episode ends before.
 
         Args:
             is_resting: Robots (n,) that stand still because their episode begins now.
@@ -243,31 +261,48 @@ class Episodes:
         Returns:
             Rewards (n,), and the robots whose episodes have ended.
         """
-        policy_commands = self._config.action.commands(actions)
-        commands, is_changed = self._check_commands(is_resting, policy_commands)
+        commands = self._config.action.commands(actions)
         is_finite = np.isfinite(commands).all(axis=1)
-        moving = np.flatnonzero(is_finite & ~is_resting)
-        self.batch.advance(moving, commands)
-
         # A command that is not a number ends the episode before the robot moves.
         is_refused = ~(is_finite | is_resting)
+        driving = np.flatnonzero(is_finite & ~is_resting)
         # Robots that rest are read as well: it is the first look of their episodes.
-        before_m = self.observe(np.flatnonzero(~is_refused))
+        observed = np.flatnonzero(~is_refused)
+
+        before_m = self.distances_left_m.copy()
+        driven_s = np.zeros(len(actions))
+        changed_s = np.zeros(len(actions))
+        ended: list[int] = []
+        read = observed
+        for _ in range(self._config.action.repeat):
+            checked = self._check_commands(driving, commands)
+            self.batch.advance(driving, checked)
+            self._read(read)
+            driven_s[driving] += self._period_s
+            is_changed = (checked[driving] != commands[driving]).any(axis=1)
+            changed_s[driving[is_changed]] += self._period_s
+            ended += self.judge(driving)
+            driving = driving[self.running[driving]]
+            read = driving
+        driven_s[is_refused] = self._period_s
+
+        self._encode(observed)
         rewards = np.empty(len(actions))
         observation = self._config.observation
         reward_steps(
             self._reward_weights,
+            self._start_m,
             before_m,
             self.distances_left_m,
-            self._period_s,
+            driven_s,
+            changed_s,
             self.observations[:, : observation.beams],
             observation.range_limit_m,
-            is_changed,
+            self._shielded,
             rewards,
         )
         rewards[is_resting] = 0.0
 
-        ended = self.judge(moving)
         for index in np.flatnonzero(is_refused).tolist():
             command = Velocity2D(*commands[index].tolist())
             self._trials[index].command(command)
@@ -279,16 +314,13 @@ class Episodes:
             rewards[index] += final_reward(self._config.reward, verdict)
         return rewards, ended
 
-    def _check_commands(
-        self, is_resting: Bools, commands: Floats
-    ) -> tuple[Floats, Bools]:
-        """Return commands (m/s, rad/s) after the collision check, and which changed."""
+    def _check_commands(self, driving: Integers, commands: Floats) -> Floats:
+        """Return commands (m/s, rad/s), those of `driving` after the collision check."""
         if not self._safety.enabled:
-            return commands, np.zeros(len(commands), np.bool_)
+            return commands
 
-        checked = commands.copy()
-        is_moving = ~is_resting & np.isfinite(commands).all(axis=1)
-        for index in np.flatnonzero(is_moving).tolist():
+        checked: Floats = commands.copy()
+        for index in driving.tolist():
             command = avoid_collision(
                 Velocity2D(*commands[index].tolist()),
                 Velocity2D(*self.readings.velocities[index].tolist()),
@@ -296,9 +328,7 @@ class Episodes:
                 self._safety,
             )
             checked[index] = command.linear, command.angular
-        # NaN differs from itself, so a command that was not checked would seem changed.
-        is_changed: Bools = ((checked != commands) & ~np.isnan(commands)).any(axis=1)
-        return checked, is_changed
+        return checked
 
     def close(self) -> None:
         """Close the physics clients of all robots."""

@@ -1,8 +1,11 @@
 """Rewards, and the distance left to the goal that they are computed from.
 
-The reward for progress is a difference of potentials. That leaves the best policy as it
-is (Ng, Harada and Russell, "Policy invariance under reward transformations", ICML
-1999); exactly so for discount factors near 1.
+Progress is a potential: the meters by which the robot is nearer to the goal than at the
+start, and never below 0. A step earns the potential after it, discounted, less that
+before it. A discounted sum of such differences depends only on where an episode ends,
+so the best policy stays what it is (Ng, Harada and Russell, "Policy invariance under
+reward transformations", ICML 1999). That holds only with the learner's own discount:
+without it, driving to and fro would earn something, or resting would.
 """
 
 import math
@@ -15,16 +18,17 @@ from barn_eval.learning.config import STRAIGHT, RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
 from barn_planners.policy.space import Vector
-from barn_worlds.base.arrays import Bools, Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.kernel import kernel
 from barn_worlds.datasets.dataset import MAX_CACHED_WORLDS
 from barn_worlds.worlds.world import World
 
 # More than the relative error of a squared distance.
 _ROUNDING = 1.0 + 1e-12
-# Rewards per m of progress, per s, per s at an obstacle; range in m from which on
-# nothing is near; reward per s in which the collision check changes the command.
-RewardWeights: TypeAlias = tuple[float, float, float, float, float]
+# Discount; rewards per m of progress, per s, per s at an obstacle; range in m from which
+# on nothing is near; reward per s in which the collision check changes the command, and
+# the most that this adds up to.
+RewardWeights: TypeAlias = tuple[float, float, float, float, float, float, float]
 
 
 # Learners meet the same worlds again and again, as long as their data set keeps them.
@@ -90,50 +94,66 @@ def measure_distances_left(
 
 
 def reward_weights(config: RewardConfig) -> RewardWeights:
-    """Return the five weights of `reward_steps`, in the order of `RewardWeights`."""
+    """Return the weights of `reward_steps`, in the order of `RewardWeights`."""
     return (
+        config.discount,
         config.progress_per_m,
         config.per_second,
         config.near_per_second,
         config.near_m,
         config.shielded_per_second,
+        config.shielded_limit,
     )
 
 
 @kernel
 def reward_steps(
     weights: RewardWeights,
+    start_m: Floats,
     before_m: Floats,
     after_m: Floats,
-    period_s: float,
+    driven_s: Floats,
+    changed_s: Floats,
     shares: Vector,
     range_m: float,
-    is_changed: Bools,
+    shielded: Floats,
     rewards: Floats,
 ) -> None:
     """Fill `rewards` for one step of all robots, without what an episode's end adds.
 
     Args:
         weights: As of `reward_weights`.
-        before_m: Distances (n,) to the goal before the step.
+        start_m: Distances (n,) to the goal at the start of the episodes.
+        before_m: Distances (n,) before the step.
         after_m: Distances (n,) after it.
-        period_s: Time of the step.
-        shares: Nearest returns (n, beams) as shares of `range_m`.
+        driven_s: Time (n,) of the step.
+        changed_s: How much of it (n,) the collision check changed the command.
+        shares: Nearest returns (n, beams) after the step, as shares of `range_m`.
         range_m: Range limit of the observation.
-        is_changed: Whether the collision check changed the command, (n,).
+        shielded: What the collision check has cost (n,) in the episodes so far, at
+            least 0; changed in place.
         rewards: Rewards (n,), filled.
     """
-    progress_per_m, per_second, near_per_second, near_m, changed_per_second = weights
+    discount, progress_per_m, per_second, near_per_second = weights[:4]
+    near_m, changed_per_second, changed_limit = weights[4:]
     for i in range(len(rewards)):
         nearest = shares[i, 0]
         for beam in range(1, shares.shape[1]):
             nearest = min(nearest, shares[i, beam])
         # Observations are of 32 bits, in which the product would be rounded.
         nearness = max(0.0, 1.0 - np.float64(nearest) * range_m / near_m)
-        rate = (
-            per_second + near_per_second * nearness + changed_per_second * is_changed[i]
-        )
-        rewards[i] = progress_per_m * (before_m[i] - after_m[i]) + rate * period_s
+        rate = per_second + near_per_second * nearness
+
+        # A check that works all the time must not outweigh how the episode ends.
+        changed = changed_per_second * changed_s[i]
+        left = max(changed_limit - shielded[i], 0.0)
+        changed = min(max(changed, -left), left)
+        shielded[i] += abs(changed)
+
+        before = max(start_m[i] - before_m[i], 0.0)
+        after = max(start_m[i] - after_m[i], 0.0)
+        progress = progress_per_m * (discount * after - before)
+        rewards[i] = progress + rate * driven_s[i] + changed
 
 
 def final_reward(config: RewardConfig, verdict: Verdict) -> float:
@@ -145,6 +165,7 @@ def final_reward(config: RewardConfig, verdict: Verdict) -> float:
     """
     if verdict.outcome is Outcome.SUCCESS:
         return config.success
-    if verdict.outcome in (Outcome.COLLISION, Outcome.INVALID_COMMAND):
+    failures = (Outcome.COLLISION, Outcome.LEFT_WORLD, Outcome.INVALID_COMMAND)
+    if verdict.outcome in failures:
         return config.collision
     return config.out_of_time

@@ -40,6 +40,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 OUTCOME_COLORS = dict.fromkeys(Outcome, palette.BROKEN) | {
     Outcome.SUCCESS: palette.SUCCEEDED,
     Outcome.COLLISION: palette.COLLIDED,
+    Outcome.LEFT_WORLD: palette.TIMED_OUT,
     Outcome.TIMEOUT: palette.TIMED_OUT,
     Outcome.NO_FIRST_MOTION: palette.UNMOVED,
 }

@@ -272,18 +272,22 @@ _COLUMN_TYPES: dict[type, pa.DataType] = {
 
 def results_table(results: Rows) -> pa.Table:
     """Return an Arrow table of the rows in their order, without wall-clock figures."""
-    columns = list(_columns(TrialResult))
+    columns = [*_columns(TrialResult), ("waited_s", pa.float64())]
     # Runs in worlds where nothing moves have the columns that they always had.
     if any(result.motion is not None for result in results):
         columns += _columns(Encounters)
+        columns += [("hit_at_rest", pa.bool_()), ("not_at_fault", pa.bool_())]
     if any(result.observed is not None for result in results):
         columns += _columns(ObservedTrial)
 
     rows = []
     for result in results:
-        row: dict[str, Any] = {}
+        row: dict[str, Any] = {"waited_s": result.waited_s}
         for name, value in result.repeatable().items():
             row |= value if isinstance(value, dict) else {name: value}
+        if result.motion is not None:
+            row["hit_at_rest"] = result.motion.hit_at_rest
+            row["not_at_fault"] = result.motion.not_at_fault
         rows.append(row)
     # With a schema, a column has its type even where no row has a value.
     return pa.Table.from_pylist(rows, pa.schema(columns))

@@ -15,6 +15,10 @@ from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.worlds.world import World
 
 NEAR_M = 0.5  # from a moving obstacle
+# A robot this slow is at rest; one with no more than this share of the closing speed
+# has not caused the contact.
+AT_REST_MPS = 0.05
+INNOCENT_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,21 @@ class Encounters:
     hit_closing_mps: float | None = None  # at which the two approached each other
     # Of the robot in that: 1 against one at rest, 0 if it was run over.
     hit_robot_share: float | None = None
+
+    @property
+    def hit_at_rest(self) -> bool:
+        """Whether a moving obstacle touched the robot while that was at rest."""
+        return self.hit_robot_mps is not None and self.hit_robot_mps < AT_REST_MPS
+
+    @property
+    def not_at_fault(self) -> bool:
+        """Whether a moving obstacle touched the robot by no fault of the robot's.
+
+        It was at rest, or had less than a tenth of the closing speed. False also
+        without a contact.
+        """
+        share = self.hit_robot_share
+        return self.hit_at_rest or (share is not None and share < INNOCENT_SHARE)
 
 
 def measure_encounters(

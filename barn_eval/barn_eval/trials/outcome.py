@@ -12,6 +12,7 @@ class Outcome(str, Enum):
 
     SUCCESS = "success"
     COLLISION = "collision"
+    LEFT_WORLD = "left_world"
     TIMEOUT = "timeout"
     NO_FIRST_MOTION = "no_first_motion"
     PLANNER_NOT_READY = "planner_not_ready"

@@ -130,6 +130,13 @@ class Course:
     reference_length_m: float
     # The reference length at the protocol's reference speed; None with the path's.
     optimal_time_s: float | None
+    # x_min, y_min, x_max, y_max in m that the robot may not leave.
+    bounds_m: tuple[float, float, float, float] = (
+        -math.inf,
+        -math.inf,
+        math.inf,
+        math.inf,
+    )
 
 
 @dataclass(frozen=True)
@@ -140,7 +147,11 @@ class Protocol(Checked):
     start: PoseRule = field(default_factory=PoseRule)
     goal: PoseRule = field(default_factory=PoseRule)
     clock_start_distance_m: float = quantity(
-        math.sqrt(0.1), "motion that starts the clock", "m", 0.0, 100.0
+        math.sqrt(0.1),
+        "motion that starts the clock; 0: it starts with the goal",
+        "m",
+        0.0,
+        100.0,
     )
     clock_start_source: str = quantity(
         "odometry", "what that motion is measured by", choices=SOURCES
@@ -205,10 +216,25 @@ class Protocol(Checked):
     arena: bool = optional(
         False, "made for arenas, worlds without the containment of BARN"
     )
+    edge_m: float = optional(
+        _UNLIMITED_M,
+        "how far the robot may drive beyond the cells of the world",
+        "m",
+        0.0,
+        _UNLIMITED_M,
+    )
     random_phase: bool = optional(
         True,
         "moving obstacles begin at a time of their motions drawn from the trial's seed,"
         " not at 0",
+    )
+    clear_start_s: float = optional(
+        0.0,
+        "time for which moving obstacles leave a robot alone that stays at its start;"
+        " other times of their motions are not drawn",
+        "s",
+        0.0,
+        1000.0,
     )
 
     def __post_init__(self) -> None:
@@ -281,7 +307,20 @@ class Protocol(Checked):
         if not world.path_length_m:
             return Course(start, goal, None, start.distance(goal), None)
         optimal_s = reference_m / self.reference_speed_mps
-        return Course(start, goal, world.path_length_m, reference_m, optimal_s)
+        return Course(
+            start,
+            goal,
+            world.path_length_m,
+            reference_m,
+            optimal_s,
+            self._bounds_m(world),
+        )
+
+    def _bounds_m(self, world: World) -> tuple[float, float, float, float]:
+        """Return the world's bounds, wider by the edge on each side."""
+        left, bottom, right, top = world.bounds_m
+        edge_m = self.edge_m
+        return left - edge_m, bottom - edge_m, right + edge_m, top + edge_m
 
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the protocol with lengths and reference speed scaled to world cells.
@@ -318,6 +357,7 @@ class Protocol(Checked):
             goal=self.goal.scaled_to(scale, first_column_m),
             clock_start_distance_m=scale * self.clock_start_distance_m,
             goal_distance_m=scale * self.goal_distance_m,
+            edge_m=min(scale * self.edge_m, _UNLIMITED_M),
             reference_speed_mps=scale * self.reference_speed_mps,
         )
 
@@ -390,6 +430,13 @@ PROTOCOLS = {
     ).items()
 }
 # In the order of the file.
-CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = (
-    PROTOCOLS.values()
-)
+(
+    CHALLENGE,
+    DYNABARN,
+    DYNABARN_CLOCK,
+    DYNABARN_CLEAR,
+    KNOWN_MAP,
+    PAPER_2020,
+    CHALLENGE_2022,
+    CHALLENGE_2022_03,
+) = PROTOCOLS.values()

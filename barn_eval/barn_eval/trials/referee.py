@@ -166,6 +166,12 @@ class Referee:
             case rules.COLLISION:
                 detail = f"contact at ({state['x']:.2f}, {state['y']:.2f}) m"
                 return Outcome.COLLISION, detail
+            case rules.LEFT_WORLD:
+                detail = (
+                    f"at ({state['x']:.2f}, {state['y']:.2f}) m, more than"
+                    f" {protocol.edge_m:g} m outside"
+                )
+                return Outcome.LEFT_WORLD, detail
             case rules.TIMEOUT:
                 detail = (
                     f"{state['left_m']:.2f} m from the goal after"
@@ -178,15 +184,18 @@ class Referee:
                     f" {protocol.first_motion_limit_s:g} s"
                 )
                 return Outcome.NO_FIRST_MOTION, detail
-            case rules.CLOCK_BACK:
-                detail = (
-                    f"the clock ran back from {state['last_ns']} to"
-                    f" {state['stamp_ns']} ns"
-                )
-                return Outcome.SIMULATOR_DIED, detail
             case code:
-                pose = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
-                return Outcome.SIMULATOR_DIED, f"the {pose} is not finite"
+                return Outcome.SIMULATOR_DIED, self._explain_fault(code)
+
+    def _explain_fault(self, code: int) -> str:
+        """Return the detail text of a trial that a faulty reading has ended."""
+        state = self._state
+        if code == rules.CLOCK_BACK:
+            return (
+                f"the clock ran back from {state['last_ns']} to {state['stamp_ns']} ns"
+            )
+        pose = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
+        return f"the {pose} is not finite"
 
     def _bind(self, states: rules.States) -> None:
         """Use the array `states` (1,) as the trial's state; nothing is copied."""

@@ -19,6 +19,7 @@ NO_FIRST_MOTION = 4
 CLOCK_BACK = 5
 ODOMETRY_LOST = 6
 TRUTH_LOST = 7
+LEFT_WORLD = 8
 
 # A trial in numbers, by their type. The first of each follow from protocol and course.
 _FLOATS = (
@@ -26,6 +27,10 @@ _FLOATS = (
     "goal_m",  # and end the trial
     "goal_x",
     "goal_y",
+    "x_min",  # bounds of the true position
+    "y_min",
+    "x_max",
+    "y_max",
     # From reading to reading:
     "from_x",  # where the motion that starts the clock begins
     "from_y",
@@ -80,6 +85,10 @@ def initial_states(protocol: Protocol, course: Course) -> States:
     states["contact_ends"] = protocol.collision_ends_trial
     states["clock_by_truth"] = protocol.clock_start_source == "truth"
     states["goal_by_truth"] = protocol.goal_source == "truth"
+
+    bounds = zip(("x_min", "y_min", "x_max", "y_max"), course.bounds_m, strict=True)
+    for name, bound_m in bounds:
+        states[name] = bound_m
 
     # The odometry frame starts at the start pose.
     goal = course.goal
@@ -154,7 +163,9 @@ def _observe(
         state.next_look_ns += state.look_ns
 
     moved_m = math.hypot(clock_pose[0] - state.from_x, clock_pose[1] - state.from_y)
-    if not state.clock_started and moved_m > state.clock_start_m:
+    starts_with_goal = state.clock_start_m == 0.0
+    is_moving = moved_m > state.clock_start_m or starts_with_goal
+    if not state.clock_started and is_moving:
         state.clock_started = True
         state.clock_ns = now_ns
     state.code = _judge(state)
@@ -165,6 +176,10 @@ def _judge(state: np.record) -> int:
     """Return RUNNING or the code by which the last reading ends the trial."""
     if state.touched and state.contact_ends:
         return COLLISION
+    is_inside_x = state.x_min <= state.x <= state.x_max
+    is_inside_y = state.y_min <= state.y <= state.y_max
+    if not (is_inside_x and is_inside_y):
+        return LEFT_WORLD
     if not state.clock_started:
         waited_ns = state.last_ns - state.first_ns
         return NO_FIRST_MOTION if waited_ns >= state.first_motion_ns else RUNNING

@@ -78,11 +78,11 @@ class TrialSpec:
             self.run_seed, self.world_number, self.repetition, self.planner
         )
 
-    @property
+    @cached_property
     def phase_s(self) -> float:
         """Seconds into the motions of moving obstacles at which the trial begins."""
-        random_phase = self.simulator.obstacles.random_phase
-        return phase_s(self.world, random_phase, self.simulator_seed)
+        start = self.course.start
+        return phase_s(self.world, self.simulator, start, self.simulator_seed)
 
     @property
     def task(self) -> str:
@@ -347,6 +347,7 @@ def simulator_config(
         "control_period_s": protocol.control_period_s,
         "obstacles.movable": protocol.movable_obstacles,
         "obstacles.random_phase": protocol.random_phase,
+        "obstacles.clear_start_s": protocol.clear_start_s,
     }
     overrides = overrides or {}
     for parameter in sorted(fixed.keys() & overrides.keys()):

@@ -24,6 +24,7 @@ ROUNDING = 1e-6
 JUDGED_OUTCOMES = (
     Outcome.SUCCESS,
     Outcome.COLLISION,
+    Outcome.LEFT_WORLD,
     Outcome.TIMEOUT,
     Outcome.NO_FIRST_MOTION,
 )
@@ -274,6 +275,8 @@ def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[s
     dx, dy = (positions - positions[0]).T
     # The odometry may start the clock 5 cm before or after the true motion does.
     excess_m = np.hypot(dx, dy) - protocol.clock_start_distance_m
+    if protocol.clock_start_distance_m == 0.0:
+        excess_m = np.full(len(times_s), np.inf)
     earliest_s = float(times_s[excess_m > -0.05].min(initial=math.inf))
     latest_s = float(times_s[excess_m > 0.05].min(initial=math.inf))
     period_s = float(np.diff(times_s).max(initial=0.0))

@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 import warnings
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -122,12 +122,29 @@ def steering_policy():
     return Policy(observation, action, (weights,), (np.array([-0.3, 0.0], np.float32),))
 
 
+def with_memory(policy):
+    """Return the policy with further frames, which it ignores, and held actions."""
+    observation = replace(policy.observation, frames=3, frame_steps=2)
+    (weights,) = policy.weights
+    padded = np.zeros((observation.size, 2), np.float32)
+    padded[: len(weights)] = weights
+    # What was seen four steps before turns it as well.
+    padded[-policy.observation.size + 3, 1] = 0.2
+    action = replace(policy.action, repeat=3)
+    return replace(policy, observation=observation, action=action, weights=(padded,))
+
+
+@pytest.mark.parametrize("memory", [False, True], ids=["frame", "frames"])
 @pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
 @pytest.mark.parametrize(
     "protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda make_one: make_one.name
 )
-def test_an_episode_is_the_trial_of_the_benchmark(make, tmp_path, protocol, shield):
+def test_an_episode_is_the_trial_of_the_benchmark(
+    make, tmp_path, protocol, shield, memory
+):
     policy = steering_policy()
+    if memory:
+        policy = with_memory(policy)
     world = 12
     write_policy(tmp_path / "policy.npz", policy)
     spaces = {"observation": policy.observation, "action": policy.action}
@@ -148,7 +165,10 @@ def test_an_episode_is_the_trial_of_the_benchmark(make, tmp_path, protocol, shie
         observation, _, terminated, truncated, info = env.step(network.act(observation))
         poses.append(truths[0].copy())
         ended = terminated or truncated
-    np.testing.assert_array_equal(finished.trajectory.truth, poses)
+    expected = finished.trajectory.truth
+    repeat = policy.action.repeat
+    np.testing.assert_array_equal(expected[:-1:repeat], poses[:-1])
+    np.testing.assert_array_equal(expected[-1], poses[-1])
     assert info["outcome"] == finished.result.outcome.value
     scores = asdict(finished.result.scores)
     if not scores["success"]:
@@ -210,7 +230,11 @@ def test_a_success_terminates_and_the_progress_adds_up(
 ):
     np.save(tmp_path / "world_0.npy", open_world.grid)
     reward = RewardConfig(
-        per_second=0.0, near_per_second=0.0, progress_per_m=2.0, progress_along=along
+        discount=1.0,
+        per_second=0.0,
+        near_per_second=0.0,
+        progress_per_m=2.0,
+        progress_along=along,
     )
     env = make(config=EnvConfig(dataset=str(tmp_path / "world_0.npy"), reward=reward))
     _, info = env.reset(seed=0)
@@ -224,23 +248,96 @@ def test_a_success_terminates_and_the_progress_adds_up(
 
 
 def test_the_reward_of_a_step():
-    config = RewardConfig(2.0, "path", -0.1, -0.5, 0.6, -1.0, 10.0, -20.0, -5.0)
-    left_m = np.array([1.0, 1.0, 1.0])
-    nearest_m = np.array([[5.0, 5.0], [4.0, 0.3], [5.0, 5.0]], np.float32)
-    rewards = np.zeros(3)
-    shielded = np.array([False, False, True])
-    before_m = left_m + [0.05, -0.05, 0.05]
-    weights = reward_weights(config)
-    scan = (nearest_m / 5.0, 5.0)
-    reward_steps(weights, before_m, left_m, 0.05, *scan, shielded, rewards)
-    expected = [0.1 - 0.005, -0.1 - 0.005 - 0.0125, 0.1 - 0.005 - 0.05]
-    assert rewards == pytest.approx(expected)
+    config = RewardConfig(
+        discount=0.9,
+        progress_per_m=2.0,
+        shielded_limit=0.06,
+        collision=-20.0,
+        out_of_time=-5.0,
+    )
+    after_m = np.array([1.0, 1.0, 1.0, 3.5])
+    before_m = after_m + [0.05, -0.05, 0.05, 0.1]
+    start_m = np.full(4, 3.0)
+    nearest_m = np.array([[5.0, 5.0], [4.0, 0.3], [5.0, 5.0], [5.0, 5.0]], np.float32)
+    changed_s = np.array([0.0, 0.0, 0.05, 0.05])
+    shielded = np.array([0.0, 0.0, 0.04, 0.0])
+    rewards = np.zeros(4)
+    reward_steps(
+        reward_weights(config),
+        start_m,
+        before_m,
+        after_m,
+        np.full(4, 0.05),
+        changed_s,
+        nearest_m / 5.0,
+        5.0,
+        shielded,
+        rewards,
+    )
+    nearer = 2.0 * (0.9 * 2.0 - 1.95) - 0.005
+    back = 2.0 * (0.9 * 2.0 - 2.05) - 0.005 - 0.0125
+    # The check costs no more than is left to its limit; behind the start there is no
+    # progress to lose.
+    assert rewards == pytest.approx([nearer, back, nearer - 0.02, -0.005 - 0.05])
+    assert shielded == pytest.approx([0.0, 0.0, 0.06, 0.05])
     for outcome, extra in (
         (Outcome.SUCCESS, 10.0),
         (Outcome.COLLISION, -20.0),
         (Outcome.TIMEOUT, -5.0),
     ):
         assert final_reward(config, Verdict(outcome, "", 1.0, 1.0, 0.0)) == extra
+
+
+@pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
+@pytest.mark.parametrize("discount", [0.99, 1.0])
+def test_driving_earns_more_than_getting_nowhere(
+    make, open_world, tmp_path, shield, discount
+):
+    np.save(tmp_path / "world_0.npy", open_world.grid)
+    env = make(
+        dataset=str(tmp_path / "world_0.npy"),
+        **{
+            "action.repeat": 4,
+            "reward.discount": discount,
+            "safety.enabled": shield,
+        },
+    )
+    limit = int(CHALLENGE.limit_s / 0.2)
+    # Of -0.5 to 2 m/s, and shares of 2 rad/s. Standing ends with the time for a motion.
+    ways = {
+        "drive": [FORWARD] * limit,
+        "stand": [STILL] * limit,
+        "circle": [np.array([-0.2, 0.5])] * limit,
+        "shuttle": ([np.array([0.0, 0.0])] * 10 + [np.array([-1.0, 0.0])] * 15)
+        * (limit // 25),
+        "back": [np.array([-0.65, 0.0])] * 5 + [STILL] * limit,
+    }
+    returns = {}
+    for name, actions in ways.items():
+        env.reset(seed=0)
+        rewards = []
+        for action in actions:
+            _, reward, terminated, truncated, info = env.step(action)
+            rewards.append(reward)
+            if terminated or truncated:
+                break
+        assert info.get("outcome") != "collision", name
+        powers = discount ** np.arange(len(rewards))
+        returns[name] = (sum(rewards), float(np.dot(powers, rewards)))
+    for name in ways.keys() - {"drive"}:
+        assert returns["drive"][0] > returns[name][0] + 5.0, name
+        assert returns["drive"][1] > returns[name][1] + 1.0, name
+
+
+def test_a_check_that_always_works_costs_no_more_than_its_limit(make):
+    config = EnvConfig(worlds="150", safety=CollisionCheckConfig())
+    free = replace(config, reward=RewardConfig(shielded_per_second=0.0))
+    sums = []
+    for one in (config, free):
+        env = make(config=one)
+        env.reset(seed=0)
+        sums.append(sum(env.step(FORWARD)[1] for _ in range(400)))
+    assert sums[1] - sums[0] == pytest.approx(RewardConfig().shielded_limit)
 
 
 def test_a_shield_keeps_from_a_collision_and_costs(make):

@@ -97,8 +97,26 @@ def test_so_to_the_goal(pair, open_world, tmp_path):
                 **SHORT,
             },
         ),
+        (
+            60,
+            True,
+            {
+                "protocol": "known_map",
+                "action.repeat": 3,
+                "observation.frames": 3,
+                "observation.frame_steps": 2,
+                "safety.enabled": True,
+                "safety.margin_m": 0.0,
+                **SHORT,
+            },
+        ),
     ],
-    ids=["a pose in a map", "obstacles that can be pushed", "moving obstacles"],
+    ids=[
+        "a pose in a map",
+        "obstacles that can be pushed",
+        "moving obstacles",
+        "frames and actions that hold",
+    ],
 )
 def test_so_with(pair, steps, collides, changes):
     assert ("collision" in drive(pair(**changes), steps, forward(steps))) is collides

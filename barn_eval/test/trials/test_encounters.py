@@ -9,7 +9,7 @@ import pytest
 from text_tables import rows_of
 from trials.test_trajectory import EXTENT, drive, still
 
-from barn_eval.trials.encounters import measure_encounters
+from barn_eval.trials.encounters import Encounters, measure_encounters
 from barn_eval.trials.protocol import DYNABARN
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import open_dataset
@@ -51,9 +51,29 @@ def test_an_obstacle_runs_a_standing_robot_over():
     assert encounters.moving_clearance_m == 0.0
     assert encounters.hit_closing_mps == pytest.approx(1.0)
     assert encounters.hit_robot_share == pytest.approx(0.0)
+    assert encounters.hit_at_rest and encounters.not_at_fault
     # readings from 0.3 s to 0.85 s, each for the 0.05 s before it
     assert encounters.near_s == pytest.approx(0.6)
     assert encounters.time_to_collision_s == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "share", "at_rest", "innocent"),
+    [
+        (None, None, False, False),
+        (0.049, 1.0, True, True),
+        (0.05, 0.099, False, True),
+        (0.05, 0.1, False, False),
+        (0.5, None, False, False),
+    ],
+)
+def test_a_contact_is_no_fault_of_who_rests_or_hardly_approaches(
+    speed_mps, share, at_rest, innocent
+):
+    hit = Encounters(
+        0.0, 0.0, 0.0, 0.0, None, None, hit_robot_mps=speed_mps, hit_robot_share=share
+    )
+    assert (hit.hit_at_rest, hit.not_at_fault) == (at_rest, innocent)
 
 
 FRAME = Pose2D(2.0, -1.0, 0.6)  # so that x and y of the map are not those of the robot

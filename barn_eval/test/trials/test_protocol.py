@@ -17,6 +17,7 @@ from barn_eval.trials.protocol import (
     CHALLENGE_2022,
     CHALLENGE_2022_03,
     DYNABARN,
+    DYNABARN_CLEAR,
     KNOWN_MAP,
     PAPER_2020,
     PROTOCOLS,
@@ -25,9 +26,11 @@ from barn_eval.trials.protocol import (
     load_protocol,
 )
 from barn_eval.trials.spec import simulator_config
+from barn_sim.seeds import phase_s, time_until_hit
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.world import World
 
@@ -96,6 +99,32 @@ def test_the_phase_belongs_to_protocol_and_fingerprint(tmp_path):
     assert len(fingerprints) == 2
     with refused(r"'obstacles\.random_phase' is given by protocol dynabarn"):
         simulator_config(DYNABARN, {"obstacles.random_phase": False})
+
+
+def test_an_arena_has_an_edge_and_other_worlds_have_none(open_world):
+    arena = open_dataset("dynabarn60").load(0)
+    assert DYNABARN.course(arena).bounds_m == (-13.25, -13.25, 15.25, 13.25)
+    assert min(map(abs, CHALLENGE.course(open_world).bounds_m)) > 900.0
+
+
+def test_a_phase_that_clears_the_start_lets_a_robot_wait_there():
+    world = open_dataset("dynabarn60").load(49)
+    outline = contact_footprint(load_robot("jackal").chassis)
+    start = DYNABARN.course(world).start
+    hit_s = {}
+    for protocol in (DYNABARN, DYNABARN_CLEAR):
+        config = simulator_config(protocol)
+        phases = [phase_s(world, config, start, seed) for seed in range(20)]
+        hit_s[protocol.name] = [
+            time_until_hit(world, outline, start, phase, 30.0) for phase in phases
+        ]
+    assert np.isfinite(hit_s["dynabarn"]).sum() > 5
+    assert np.isinf(hit_s["dynabarn_clear"]).all()
+
+    always = replace(simulator_config(DYNABARN).obstacles, clear_start_s=1000.0)
+    config = replace(simulator_config(DYNABARN), obstacles=always)
+    with refused("an obstacle reaches the start within 1000 s"):
+        phase_s(world, config, start, 0)
 
 
 @pytest.mark.parametrize(
@@ -323,6 +352,8 @@ failure_time_s | 0.0 | inf
 timeout_time_s | 0.0 | inf
 reference_speed_mps | 0.01 | 100.0
 look_period_s | 0.0 | 10.0
+edge_m | 0.0 | 1000.0
+clear_start_s | 0.0 | 1000.0
 """
 
 
@@ -395,7 +426,7 @@ MISTAKES = r"""
 {schema_version: 1, base: challenge, name: paper2020}
     'paper2020' is built in with another start; give
 {schema_version: 1, name: x}
-    missing key 'goal' (or a base: challenge, dynabarn, known_map, paper2020,
+    missing key 'goal' (or a base: challenge, dynabarn, dynabarn_clock, dynabarn_clear, known_map
 {schema_version: 1, name: x, goal: {}}
     missing key 'start'
 {schema_version: 1, name: x, base: [a]}

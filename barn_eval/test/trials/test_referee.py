@@ -195,6 +195,27 @@ def test_no_first_motion():
     assert verdict.duration_s == CHALLENGE.first_motion_limit_s
 
 
+def test_a_clock_of_no_distance_starts_with_the_goal():
+    protocol = replace(CHALLENGE, clock_start_distance_m=0.0)
+    verdict = judge(protocol, [0.0] * 100 + [4.5])
+    assert (verdict.outcome, verdict.traversal_time_s) == (Outcome.SUCCESS, 5.0)
+    verdict = judge(protocol, [0.0] * 10_000)
+    assert verdict.outcome is Outcome.TIMEOUT
+    assert verdict.duration_s == protocol.limit_s
+
+
+@pytest.mark.parametrize(("x_m", "y_m"), [(-2.1, 0.0), (2.1, 0.0), (0.0, -1.1)])
+def test_the_edge_of_the_world_ends_a_trial(x_m, y_m):
+    course = replace(COURSE, bounds_m=(-2.0, -1.0, 2.0, 6.0))
+    referee = Referee(replace(CHALLENGE, edge_m=1.0), course)
+    inside = Pose2D(2.0, -1.0, 0.0)
+    assert referee.observe(0, inside, inside, False) is None
+    outside = Pose2D(x_m, y_m, 0.0)
+    verdict = referee.observe(PERIOD_NS, inside, outside, False)
+    assert (verdict.outcome, verdict.fault) == (Outcome.LEFT_WORLD, "planner")
+    assert verdict.detail == f"at ({x_m:.2f}, {y_m:.2f}) m, more than 1 m outside"
+
+
 def test_timeout_counts_from_the_first_motion():
     verdict = judge(CHALLENGE, [0.0] * 100 + [1.0] * 10_000)
     times = (verdict.traversal_time_s, verdict.duration_s)

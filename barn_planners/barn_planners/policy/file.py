@@ -9,7 +9,8 @@ A policy file is a .npz. For each layer k it holds float32 arrays `weights_k.npy
 - layers: number of inputs, then of outputs of each layer.
 - activation: follows every layer but the last.
 - output: "tanh" follows the last layer; "clip" only limits the action.
-- observation, action: the configurations in `barn_planners.policy.space`.
+- observation, action: the configurations in `barn_planners.policy.space`. Several frames,
+  or actions that hold for several control periods, make it schema 2.
 - about: notes for people.
 """
 
@@ -38,6 +39,8 @@ FORMAT = NpzFormat(
     schema=1,
     largest_file=64 * 1024 * 1024,
     largest=64 * 1024 * 1024,
+    # Of policies with more than one frame, or whose actions hold longer than a period.
+    newer=(2,),
 )
 
 
@@ -175,8 +178,11 @@ def write_policy(path: Path, policy: Policy) -> None:
     Raises:
         PolicyError: If the file cannot be written.
     """
+    schema = FORMAT.schema
+    if policy.observation.frames > 1 or policy.action.repeat > 1:
+        schema = FORMAT.newer[0]
     header = _PolicyHeader(
-        FORMAT.schema,
+        schema,
         policy.layers,
         policy.activation,
         policy.output,

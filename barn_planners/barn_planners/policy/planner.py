@@ -9,20 +9,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from barn_planners.interface import Decision, Observation, PlannerStatus, Task
 from barn_planners.navigation.observation_check import ObservationCheckConfig
 from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.navigation.scan_planner import ScanPlanner
 from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
 from barn_planners.policy.file import PolicyNetwork, read_policy
-from barn_planners.policy.space import ObservationEncoder
+from barn_planners.policy.space import FrameStack, ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import STOP, Pose2D, Scan
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 from barn_worlds.robots.robot import Robot
+
+# The planner's own robot, in arrays of many.
+_ONLY = np.zeros(1, np.intp)
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,10 @@ class PolicyPlanner(ScanPlanner):
         self.policy = read_policy(config.path)
         self._network = PolicyNetwork(self.policy)
         self._encoder = ObservationEncoder(self.policy.observation)
+        self._stack = FrameStack(1, self.policy.observation)
+        # The command that holds, and for how many more cycles.
+        self._command = STOP
+        self._cycles_left = 0
         self._progress = ProgressCheck(
             config.progress_distance_m, config.progress_limit_s
         )
@@ -75,6 +84,8 @@ class PolicyPlanner(ScanPlanner):
         """
         super().start(task, seed)
         self._progress.reset()
+        self._stack.clear(0)
+        self._cycles_left = 0
 
     def problem(self, scan: Scan) -> str:
         """Return why the policy cannot use a scan's angles, or an empty text."""
@@ -88,9 +99,13 @@ class PolicyPlanner(ScanPlanner):
             goal: Goal in the planning frame.
         """
         config = self.config
-        action = self._network.act(self._encoder.encode(observation, goal))
+        if self._cycles_left == 0:
+            self._command = self._ask_policy(observation, goal)
+            self._cycles_left = self.policy.action.repeat
+        self._cycles_left -= 1
+
         # Files come from anybody: an answer that is not a number must stop the robot.
-        policy_command = self.policy.action.command(action)
+        policy_command = self._command
         if not policy_command.is_finite():
             reason = "the policy's answer is not a number"
             return Decision(STOP, PlannerStatus.BLOCKED, reason)
@@ -121,6 +136,14 @@ class PolicyPlanner(ScanPlanner):
                 "wanted_radps": policy_command.angular,
             },
         )
+
+    def _ask_policy(self, observation: Observation, goal: Pose2D) -> Velocity2D:
+        """Return the policy's command; its numbers may be NaN."""
+        frame = self._encoder.encode(observation, goal)
+        vectors = np.empty((1, self.policy.observation.size), np.float32)
+        self._stack.push(_ONLY, frame[None], vectors)
+        action = self._network.act(vectors[0])
+        return self.policy.action.command(action)
 
 
 def shipped_policy() -> Path:

@@ -8,8 +8,11 @@ The observation is one vector of float32. All entries lie in [-1, 1]:
     2       cosine and sine of the goal's bearing in base_link
     2       forward speed and yaw rate of the odometry, as shares of their limits
 
+With `frames` above 1 the vector holds as many of these frames, `frame_steps` steps of the
+policy apart, the newest first. At the start of a trial all are the first one.
+
 The action is two numbers in [-1, 1]: the speed from the lowest to the highest, and the
-share of the highest yaw rate.
+share of the highest yaw rate. It holds for `repeat` control periods.
 """
 
 import math
@@ -20,7 +23,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.interface import FloatArray, Observation
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
@@ -56,6 +59,10 @@ class PolicyObservation(Checked):
     yaw_rate_limit_radps: float = quantity(
         4.0, "yaw rate that counts as 1", "rad/s", minimum=0.01
     )
+    frames: int = optional(1, "frames in a vector, the newest first", "", 1, 64)
+    frame_steps: int = optional(
+        1, "steps of the policy from one frame to the next", "", 1, 100
+    )
 
     def __post_init__(self) -> None:
         """Raise ConfigError unless `angle_max_rad` is above `angle_min_rad`."""
@@ -64,16 +71,21 @@ class PolicyObservation(Checked):
         self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", rule)
 
     @property
-    def size(self) -> int:
-        """Length of the observation vector: `beams` and five other entries."""
+    def frame_size(self) -> int:
+        """Length of one frame: `beams` and five other entries."""
         return self.beams + _EXTRA_ENTRIES
+
+    @property
+    def size(self) -> int:
+        """Length of the observation vector: all of its frames."""
+        return self.frames * self.frame_size
 
     def bounds(self) -> tuple[Vector, Vector]:
         """Return the lowest and the highest value of each entry, both (size,)."""
-        low = np.zeros(self.size, np.float32)
+        low = np.zeros(self.frame_size, np.float32)
         # Ranges and the goal's distance are not negative, all others have a sign.
         low[self.beams + 1 :] = -1.0
-        return low, np.ones(self.size, np.float32)
+        return np.tile(low, self.frames), np.ones(self.size, np.float32)
 
 
 @dataclass(frozen=True)
@@ -89,6 +101,7 @@ class PolicyAction(Checked):
     max_yaw_rate_radps: float = quantity(
         2.0, "yaw rate of action 1, to the left", "rad/s", 0.0, 20.0
     )
+    repeat: int = optional(1, "control periods that an action holds for", "", 1, 100)
 
     def __post_init__(self) -> None:
         """Raise ConfigError unless `max_speed_mps` is above `min_speed_mps`."""
@@ -115,8 +128,44 @@ class PolicyAction(Checked):
         return values
 
 
+class FrameStack:
+    """The last frames of some robots, from which their observations are made."""
+
+    def __init__(self, count: int, config: PolicyObservation) -> None:
+        """Prepare for the first frames of `count` robots."""
+        self._config = config
+        # As far back as a vector reaches, the newest first.
+        depth = (config.frames - 1) * config.frame_steps + 1
+        self._last = np.zeros((count, depth, config.frame_size), np.float32)
+        self._is_empty = np.ones(count, np.bool_)
+
+    def clear(self, row: int) -> None:
+        """Forget the frames of robot `row`: a new trial begins."""
+        self._is_empty[row] = True
+
+    def push(self, rows: Indices, frames: Vector, vectors: Vector) -> None:
+        """Add the newest frames of some robots and fill in their vectors.
+
+        Args:
+            rows: Robots that have a new frame, (k,).
+            frames: Frames (n, frame_size) of all robots.
+            vectors: Vectors (n, size), changed in place.
+        """
+        last = self._last
+        last[rows, 1:] = last[rows, :-1]
+        last[rows, 0] = frames[rows]
+
+        # Nothing came before the first frame, so it fills the whole memory.
+        empty = rows[self._is_empty[rows]]
+        last[empty] = frames[empty, None]
+        self._is_empty[rows] = False
+
+        chosen = last[:, :: self._config.frame_steps]
+        vectors[rows] = chosen[rows].reshape(len(rows), -1)
+
+
 class ObservationEncoder:
-    """Makes the vectors of a `PolicyObservation`.
+    """Makes the frames of a `PolicyObservation`.
 
     It stores which beams fall into which sector, as that is the same for all scans.
     """
@@ -148,21 +197,21 @@ class ObservationEncoder:
         return self._problem
 
     def encode(self, observation: Observation, goal: Pose2D) -> Vector:
-        """Return the vector (size,), float32, of an observation and a goal.
+        """Return the frame (frame_size,), float32, of an observation and a goal.
 
         Args:
             observation: Readings of one control cycle.
             goal: Goal in the planning frame.
 
         Returns:
-            Vector (size,).
+            Frame (frame_size,).
 
         Raises:
             ConfigError: If the scan has a `problem`.
         """
         pose = observation.pose
         velocity = observation.odometry.velocity
-        vectors = np.empty((1, self.config.size), np.float32)
+        frames = np.empty((1, self.config.frame_size), np.float32)
         self.encode_all(
             observation.scan,
             observation.scan.ranges[None],
@@ -170,10 +219,10 @@ class ObservationEncoder:
             np.array([[goal.x, goal.y]]),
             np.array([[velocity.linear, velocity.angular]]),
             np.zeros(1, np.intp),
-            vectors,
+            frames,
         )
-        vector: Vector = vectors[0]
-        return vector
+        frame: Vector = frames[0]
+        return frame
 
     def encode_all(
         self,
@@ -183,9 +232,9 @@ class ObservationEncoder:
         goals: FloatArray,
         velocities: FloatArray,
         rows: Indices,
-        vectors: Vector,
+        frames: Vector,
     ) -> None:
-        """Fill the vectors of the robots in `rows`, bit for bit as `encode` does.
+        """Fill the frames of the robots in `rows`, bit for bit as `encode` does.
 
         Args:
             scan: Any scan with the geometry of all of them.
@@ -193,8 +242,8 @@ class ObservationEncoder:
             poses: Poses (n, 3) in the planning frame: x and y in m, yaw in rad.
             goals: Goals (n, 2) in the planning frame, in m.
             velocities: Speeds in m/s and yaw rates in rad/s, (n, 2).
-            rows: Robots whose vectors are filled, (k,).
-            vectors: Vectors (n, size), changed in place.
+            rows: Robots whose frames are filled, (k,).
+            frames: Frames (n, frame_size), changed in place.
 
         Raises:
             ConfigError: If the scan has a `problem`.
@@ -212,7 +261,7 @@ class ObservationEncoder:
             self._beam_bounds,
             np.float32(scan.range_min),
             self._limits,
-            vectors,
+            frames,
         )
 
     def _assign_beams(self, scan: Scan) -> str:
@@ -257,13 +306,13 @@ def _encode(
     beam_bounds: Indices,
     range_min: np.float32,
     limits: tuple[np.float32, float, float, float],
-    vectors: Vector,
+    frames: Vector,
 ) -> None:
-    """Fill the rows of `vectors`; limits: range, goal distance, speed, yaw rate."""
+    """Fill the rows of `frames`; limits: range, goal distance, speed, yaw rate."""
     range_limit, goal_limit, speed_limit, rate_limit = limits
     count = len(beam_bounds) - 1
     for i in rows:
-        shares = vectors[i, :count]
+        shares = frames[i, :count]
         nearest_returns(ranges[i], beam_bounds, range_min, range_limit, shares)
 
         # The same operations as `pose.inverse() @ goal`, so that the bits are the same.
@@ -278,11 +327,11 @@ def _encode(
         left = s * x - c * y + inverse_s * goal_x + inverse_c * goal_y
 
         bearing = math.atan2(left, ahead)
-        vectors[i, count] = min(math.hypot(ahead, left) / goal_limit, 1.0)
-        vectors[i, count + 1] = math.cos(bearing)
-        vectors[i, count + 2] = math.sin(bearing)
-        vectors[i, count + 3] = min(max(velocities[i, 0] / speed_limit, -1.0), 1.0)
-        vectors[i, count + 4] = min(max(velocities[i, 1] / rate_limit, -1.0), 1.0)
+        frames[i, count] = min(math.hypot(ahead, left) / goal_limit, 1.0)
+        frames[i, count + 1] = math.cos(bearing)
+        frames[i, count + 2] = math.sin(bearing)
+        frames[i, count + 3] = min(max(velocities[i, 0] / speed_limit, -1.0), 1.0)
+        frames[i, count + 4] = min(max(velocities[i, 1] / rate_limit, -1.0), 1.0)
 
 
 @kernel

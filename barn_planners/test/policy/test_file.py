@@ -111,9 +111,9 @@ DAMAGED = {
     "header no JSON": (with_member("policy.json", b"{"), "policy.json: not JSON"),
     "header a list": (
         with_member("policy.json", b"[]"),
-        "schema version must be 1, got None",
+        "schema version must be 1 or 2, got None",
     ),
-    "other version": (header_with(schema=2), "schema version must be 1, got 2"),
+    "other version": (header_with(schema=3), "schema version must be 1 or 2, got 3"),
     "key too many": (header_with(color="red"), "'color'"),
     "unknown activation": (
         header_with(activation="tanhh"),

@@ -181,14 +181,15 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulator):
 
 def test_the_phase_is_drawn_from_the_seed_and_can_be_zero(simulators):
     world = open_dataset("dynabarn60").load(50)
-    phases = [phase_s(world, True, seed) for seed in range(200)]
+    config = replace(SimulatorConfig(), lidar=QUIET)
+    start = Pose2D(11.0, 0.0, math.pi)
+    phases = [phase_s(world, config, start, seed) for seed in range(200)]
     longest = max(obstacle.motion.period_s for obstacle in world.moving)
     assert len(set(phases)) == 200
     assert 0.0 <= min(phases) < 0.1 * longest
     assert 0.9 * longest < max(phases) <= longest
-    assert phase_s(world, False, 3) == 0.0
-    config = replace(SimulatorConfig(), lidar=QUIET)
-    start = Pose2D(11.0, 0.0, math.pi)
+    from_zero = replace(config, obstacles=ObstacleConfig(random_phase=False))
+    assert phase_s(world, from_zero, start, 3) == 0.0
     robots = [simulators(world, config, start, seed) for seed in (3, 3, 4)]
     assert [robot.phase_s for robot in robots] == [phases[k] for k in (3, 3, 4)]
     first, again, other = (robot.sense().scan.ranges.tobytes() for robot in robots)
