@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,10 @@ from barn_eval.analysis.measures import (
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import (
+    Entry,
     Source,
     group_by_planner,
-    notes_on,
+    list_notes,
     read_source,
     require_same_task,
     select_planners,
@@ -161,15 +162,19 @@ def compare(
     # Conclusions rest on it, whatever else is asked for.
     if measure.key not in keys:
         keys = (measure.key, *keys)
+    nobody_failed = all(result.scores.success for result in (*a, *b))
     rows = []
     for key in with_moving_measures(keys, a, b):
         compared = MEASURES[key]
         larger = compared.better == "larger"
         # Pairs of the same world and noise: what worlds have in common cancels.
+        tested = compared
+        # Without a failure, times of successes are the counted times: equal figures
+        # must not have two p-values.
+        if key == "traversal_time_s" and nobody_failed:
+            tested = MEASURES["scored_time_s"]
         paired = compare_pairs(
-            trial_values(a, compared),
-            trial_values(b, compared),
-            larger_is_better=larger,
+            trial_values(a, tested), trial_values(b, tested), larger_is_better=larger
         )
         rows.append(
             PairedMeasure(
@@ -265,28 +270,27 @@ def compare_folders(
     place_a, place_b = _name_folders(source_a.path, source_b.path)
 
     comparisons = []
+    entries: dict[str, Entry] = {}
     for done, (planner_a, planner_b) in enumerate(pairs, 1):
         label_a = planner_a
         label_b = planner_b
         if planner_a == planner_b:
             label_a = f"{spelling(planner_a)} ({place_a})"
             label_b = f"{spelling(planner_b)} ({place_b})"
-        comparison = compare(
-            groups_a[planner_a], groups_b[planner_b], label_a, label_b, keys
-        )
+        rows_a = groups_a[planner_a]
+        rows_b = groups_b[planner_b]
+        entries[label_a] = Entry(label_a, "", source_a, planner_a, tuple(rows_a))
+        entries[label_b] = Entry(label_b, "", source_b, planner_b, tuple(rows_b))
+        comparison = compare(rows_a, rows_b, label_a, label_b, keys)
         parameters = describe_parameter_changes(
             source_a, planner_a, source_b, planner_b
         )
         comparisons.append(replace(comparison, parameters=parameters))
         progress(done / len(pairs))
 
-    notes = []
-    for source, groups in ((source_a, groups_a), (source_b, groups_b)):
-        notes += notes_on(source, list(chain.from_iterable(groups.values())))
-    # Both may be one folder.
-    unique_notes = tuple(dict.fromkeys(notes))
+    notes = tuple(list_notes(list(entries.values())))
     return [
-        replace(comparison, notes=unique_notes, robot=source_a.robot)
+        replace(comparison, notes=notes, robot=source_a.robot)
         for comparison in adjust_by_holm(comparisons)
     ]
 
@@ -345,7 +349,8 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
         path = Path(folder)
         planners = names.split(",")
     source = read_source(path, read_results(path))
-    return source, select_planners(path, group_by_planner(source.results), planners)
+    groups = group_by_planner(source.comparable_results)
+    return source, select_planners(path, groups, planners)
 
 
 def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:

@@ -1,18 +1,18 @@
 """Planners of many runs, or settings of a sweep, in one order; ties share a rank."""
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, SCORED, Measure, ranking_measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import (
+    BoardClass,
     Entry,
     Source,
-    computing_of,
+    board_class,
     label_entries,
     planner_choices,
     read_entries,
@@ -34,23 +34,14 @@ RANKINGS = {
     "success": "success",
     "time": "normalised_time_s_per_m",
 }
-# The slowest class of speed caps; each class is twice as fast as the one before.
-_SLOWEST_CLASS_MPS = 0.5
+# A run may lack a tenth of a board's trials; the board then ranks the rest of them.
+_LEAST_SHARE = 0.9
 _SWEEP_MEASURES = ("success", "normalised_time_s_per_m")
 
 
 # What is equal for trials that can be compared.
 TrialKey = tuple[int, str, int, int]
 _trial_key = attrgetter("world", "world_checksum", "campaign_seed", "repetition")
-
-
-class BoardClass(NamedTuple):
-    """What all planners of a board share."""
-
-    protocol: str
-    system: str
-    speed_class_mps: float
-    computing: str
 
 
 @dataclass(frozen=True)
@@ -97,9 +88,15 @@ class TrialGroup:
     entries: list[Entry]
     common_trials: set[TrialKey]
 
-    def accepts(self, trials: set[TrialKey]) -> bool:
-        """Tell whether any of these trials is a common one; adds nothing."""
-        return bool(self.common_trials & trials)
+    def accepts(self, trials: set[TrialKey], least_share: float) -> bool:
+        """Tell whether enough of the largest entry's trials stay common; adds nothing.
+
+        Args:
+            trials: Trials of another entry.
+            least_share: Share of the largest entry's that is to stay, at least one.
+        """
+        shared = len(self.common_trials & trials)
+        return shared >= max(1, least_share * len(self.entries[0].results))
 
     def common_entries(self) -> list[Entry]:
         """Return copies of the entries with only the results that all of them have."""
@@ -139,10 +136,10 @@ def make_boards(
     for entry in entries:
         selection = entry.where(lambda result: result.world in selected_worlds)
         if selection.results:
-            classes.setdefault(_board_class(entry), []).append(selection)
+            classes.setdefault(board_class(entry), []).append(selection)
     _require_one_task_per_protocol(classes)
 
-    boards = []
+    boards: list[Board] = []
     # Sorted, so that the order of boards does not depend on that of the folders.
     for _, class_entries in sorted(classes.items()):
         for group in group_by_common_trials(class_entries):
@@ -151,7 +148,24 @@ def make_boards(
             if ranking:
                 measure = MEASURES[RANKINGS[ranking]]
             boards.append(make_board(label_entries(group.common_entries()), measure))
-    return boards
+    return [
+        replace(board, notes=(*board.notes, *_name_other_boards(board, boards)))
+        for board in boards
+    ]
+
+
+def _name_other_boards(board: Board, boards: Sequence[Board]) -> Iterator[str]:
+    """Yield a sentence that names the planners of all other boards, if any."""
+    classes = board_class(board.places[0].entry)
+    planners = []
+    for other in boards:
+        if other is board:
+            continue
+        labels = join_names([place.entry.label for place in other.places])
+        difference = board_class(other.places[0].entry).difference(classes)
+        planners.append(f"{labels} ({difference or 'other trials'})")
+    if planners:
+        yield f"On other boards: {'; '.join(planners)}."
 
 
 def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) -> None:
@@ -161,11 +175,11 @@ def _require_one_task_per_protocol(classes: Mapping[BoardClass, list[Entry]]) ->
     """
     # A changed protocol under an old name would look like two comparable boards.
     entries_by_rules: dict[tuple[str, str], list[Entry]] = {}
-    for board_class, entries in classes.items():
-        rules = (board_class.protocol, board_class.system)
+    for shared, entries in classes.items():
+        rules = (shared.protocol, shared.system)
         entries_by_rules.setdefault(rules, []).extend(entries)
     for entries in entries_by_rules.values():
-        for group in group_by_common_trials(entries):
+        for group in group_by_common_trials(entries, least_share=0.0):
             require_same_task([entry.source.path for entry in group.entries])
 
 
@@ -223,8 +237,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
             )
         )
 
-    sources = dict.fromkeys(entry.source for entry in entries)
-    notes = list(list_cautions(ranking.worlds, sources))
+    notes = list(list_cautions(ranking.worlds, entries))
     larger = []
     for entry in entries:
         trials = [r for r in entry.source.results if r.planner == entry.planner]
@@ -235,7 +248,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
         notes.insert(
             0, f"Ranked on the {worlds} that all have; {join_names(larger)} have more."
         )
-    return Board(_title(entries[0]), measure, tuple(places), ranking, tuple(notes))
+    return Board(_title(entries), measure, tuple(places), ranking, tuple(notes))
 
 
 def configuration_hash(source: Source, planner: str) -> str:
@@ -250,22 +263,25 @@ def configuration_hash(source: Source, planner: str) -> str:
     return fingerprint({**source.configuration, "planners": choices})
 
 
-def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
+def group_by_common_trials(
+    entries: Iterable[Entry], least_share: float = _LEAST_SHARE
+) -> list[TrialGroup]:
     """Group entries so that all entries of a group have some trial in common.
 
     Args:
         entries: Results of one planner each, under one protocol.
+        least_share: Share of a group's largest entry that must stay common to all.
 
     Returns:
-        Groups in order of their largest entries. An entry joins the first group whose
-        common trials it shares in part; those then shrink to what it has of them.
+        Groups in order of their largest entries. An entry joins the first group of
+        which it leaves enough trials, so that a small run shrinks no board.
     """
     groups: list[TrialGroup] = []
     # Largest first, so that a group's common trials start as wide as possible.
     for entry in sorted(entries, key=lambda entry: -len(entry.results)):
         trials: set[TrialKey] = set(map(_trial_key, entry.results))
         for group in groups:
-            if group.accepts(trials):
+            if group.accepts(trials, least_share):
                 group.entries.append(entry)
                 group.common_trials &= trials
                 break
@@ -274,43 +290,10 @@ def group_by_common_trials(entries: Iterable[Entry]) -> list[TrialGroup]:
     return groups
 
 
-def _board_class(entry: Entry) -> BoardClass:
-    """Return what decides an entry's board: protocol, system, speed, computing.
-
-    Raises:
-        ConfigError: Its trials have several protocols.
-    """
-    protocols = {result.protocol for result in entry.results}
-    if len(protocols) > 1:
-        raise ConfigError(
-            f"{entry.source.path}: {entry.planner} has trials of several protocols"
-        )
-    return BoardClass(
-        protocol=protocols.pop(),
-        system=entry.source.system.label,
-        speed_class_mps=speed_class_mps(entry),
-        computing=computing_of(entry.results).class_name,
-    )
-
-
-def speed_class_mps(entry: Entry) -> float:
-    """Return the upper end [m/s] of the speed class of an entry's highest speed cap.
-
-    The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
-    it. Rows of versions without caps are in class 0.
-    """
-    # A planner that is faster in some worlds belongs among the faster ones.
-    cap_mps = max(result.speed_cap_mps or 0.0 for result in entry.results)
-    if not cap_mps:
-        return 0.0
-    # A cap at the end of a class belongs to it in spite of rounding.
-    doublings = math.ceil(math.log2(cap_mps / _SLOWEST_CLASS_MPS) - 1e-9)
-    return _SLOWEST_CLASS_MPS * 2.0**doublings
-
-
-def _title(entry: Entry) -> str:
-    """Return a board's title: protocol, worlds, seed, speed class, robot and task."""
-    results = entry.results
+def _title(entries: Sequence[Entry]) -> str:
+    """Return a board's title: protocol, worlds, seed, classes, robot and task."""
+    first = entries[0]
+    results = first.results
     worlds = count_noun(len({result.world for result in results}), "world")
     datasets = ", ".join(sorted({result.dataset for result in results}))
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
@@ -319,20 +302,15 @@ def _title(entry: Entry) -> str:
         f"{worlds} of {datasets}",
         f"seed {seeds}",
     ]
-    fastest = speed_class_mps(entry)
-    if fastest:
-        parts.append(f"up to {fastest:g} m/s")
-    if entry.source.robot:
-        parts.append(f"robot {entry.source.robot}")
-    if entry.source.system.is_observed:
-        parts.append(f"{entry.source.system.label}, observed, not driven again")
+    # The settings of a sweep may be of several classes.
+    classes = sorted({board_class(entry) for entry in entries})
+    parts += dict.fromkeys(item.speed_text for item in classes if item.speed_text)
+    if first.source.robot:
+        parts.append(f"robot {first.source.robot}")
+    if first.source.system.is_observed:
+        parts.append(f"{first.source.system.label}, observed, not driven again")
     parts.append(f"task {results[0].task}")
-
-    computing = computing_of(results)
-    if computing.is_too_slow:
-        parts.append("computing on a faster computer")
-    elif computing.text:
-        parts.append(computing.text)
+    parts += dict.fromkeys(item.computing for item in classes if item.computing)
     return ", ".join(parts)
 
 
@@ -355,7 +333,7 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
 def make_sweep_board(folder: Path) -> Board:
     """Read the folder of a sweep and rank its settings on one board.
 
-    Settings of different speed caps share the board.
+    Settings of different speed caps share the board, which then says so.
 
     Raises:
         BarnError: As for `read_entries`.

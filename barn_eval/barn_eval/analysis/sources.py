@@ -1,18 +1,24 @@
 """Results folders, and the planners in them with their labels and colors."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.results.bags import BAGS
+from barn_eval.results.commands import parse_commands_line
 from barn_eval.results.folder import read_results, select_scored
-from barn_eval.results.rows import read_tracks
+from barn_eval.results.rows import COMMANDS_FILE, read_tracks, read_trial_lines
 from barn_eval.results.run_file import RunFile
+from barn_eval.results.tracks import SPEEDS, parse_track_line
 from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import (
@@ -25,7 +31,9 @@ from barn_eval.trials.result import (
 )
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.system import System, system_in
+from barn_planners.registry import planner_names
 from barn_sim.config import chassis_in, robot_of
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.datasets.dataset import open_dataset, select_worlds
@@ -37,6 +45,8 @@ from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 _MAX_NAMED_TRIALS = 5
+# The slowest class of speed caps; each class is twice as fast as the one before.
+_SLOWEST_CLASS_MPS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +82,39 @@ class Source:
     def chassis(self) -> Chassis:
         """Body of the robot, from the configuration; ConfigError if that is invalid."""
         return chassis_in(self.configuration.get("simulator"))
+
+    @cached_property
+    def commanded_mps(self) -> Mapping[str, float]:
+        """Fastest command of each planner that declares no speed cap, in m/s."""
+        return _fastest_commands(self)
+
+    def describe_commanded(self, planner: str) -> str:
+        """Return a sentence on an undeclared speed cap, and how to declare it."""
+        # Rounded up: a planner is held to what it declares.
+        cap_mps = math.ceil(1000.0 * self.commanded_mps[planner]) / 1000.0
+        declaration = f"--set {planner}.max_speed_mps={cap_mps:g} declares it"
+        if planner in planner_names():
+            declaration = "speed_cap of its PlannerEntry declares it"
+        return (
+            f"{planner} declares no top speed: its fastest command counts, {cap_mps:g}"
+            f" m/s; {declaration}."
+        )
+
+    @cached_property
+    def comparable_results(self) -> tuple[TrialResult, ...]:
+        """The trials; those without a declared speed cap as if it were the fastest command.
+
+        Rows have the robot's limit there, by which a slow robot looks inefficient.
+        """
+        results = []
+        for result in self.results:
+            if result.planner not in self.commanded_mps:
+                results.append(result)
+                continue
+            period_s = self.run_config.protocol.control_period_s
+            cap_mps = self.commanded_mps[result.planner]
+            results.append(cap_result(result, cap_mps, period_s))
+        return tuple(results)
 
     @property
     def robot(self) -> str:
@@ -111,6 +154,102 @@ class Entry:
     def where(self, holds: Callable[[TrialResult], bool]) -> "Entry":
         """Return a copy of the entry with the results for which `holds` is true."""
         return replace(self, results=tuple(filter(holds, self.results)))
+
+
+class BoardClass(NamedTuple):
+    """What planners must share, beside their task, to be ranked together."""
+
+    protocol: str
+    system: str
+    speed_class_mps: float
+    computing: str
+
+    @property
+    def speed_text(self) -> str:
+        """The speed class in words; empty for rows of versions without caps."""
+        if not self.speed_class_mps:
+            return ""
+        return f"up to {self.speed_class_mps:g} m/s"
+
+    def difference(self, other: "BoardClass") -> str:
+        """Return how this class differs from another, in words; empty if equal."""
+        if self.protocol != other.protocol:
+            return f"{self.protocol} protocol"
+        if self.system != other.system:
+            return self.system or "the suite's simulator"
+        if self.speed_class_mps != other.speed_class_mps:
+            return self.speed_text or "unknown speed"
+        if self.computing != other.computing:
+            return self.computing or "unknown computing"
+        return ""
+
+
+def board_class(entry: Entry) -> BoardClass:
+    """Return what decides with whom an entry can be ranked.
+
+    Raises:
+        ConfigError: Its trials have several protocols.
+    """
+    protocols = {result.protocol for result in entry.results}
+    if len(protocols) > 1:
+        raise ConfigError(
+            f"{entry.source.path}: {entry.planner} has trials of several protocols"
+        )
+    return BoardClass(
+        protocol=protocols.pop(),
+        system=entry.source.system.label,
+        speed_class_mps=_speed_class_mps(entry.results),
+        computing=computing_of(entry.results).class_name,
+    )
+
+
+def _speed_class_mps(results: Rows) -> float:
+    """Return the upper end [m/s] of the speed class of one planner's highest cap.
+
+    The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
+    it. Rows of versions without caps are in class 0.
+    """
+    # A planner that is faster in some worlds belongs among the faster ones.
+    cap_mps = max(result.speed_cap_mps or 0.0 for result in results)
+    if not cap_mps:
+        return 0.0
+    # A cap at the end of a class belongs to it in spite of rounding.
+    doublings = math.ceil(math.log2(cap_mps / _SLOWEST_CLASS_MPS) - 1e-9)
+    return _SLOWEST_CLASS_MPS * 2.0**doublings
+
+
+def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield sentences on what entries that are compared do not have in common.
+
+    That is their class and the suite's commit; their tasks are equal.
+    """
+    classes = {entry.label: board_class(entry) for entry in entries}
+    if len(set(classes.values())) > 1:
+        texts = []
+        for label, shared in classes.items():
+            words = filter(None, (shared.speed_text, shared.computing))
+            texts.append(f"{label} {', '.join(words)}")
+        yield f"Compared across classes that boards rank apart: {'; '.join(texts)}."
+
+    folders: dict[str, Path] = {}
+    for entry in entries:
+        for session in entry.source.sessions:
+            commit = str(session.get("commit") or "unknown")
+            folders.setdefault(commit, entry.source.path)
+    if len(folders) > 1:
+        texts = [f"{commit[:12]} in {path}" for commit, path in folders.items()]
+        yield f"Commits differ: {', '.join(texts)}."
+
+
+def list_notes(entries: Sequence[Entry]) -> list[str]:
+    """Return all warnings on entries that are compared."""
+    notes = list(find_mixture(entries))
+    results: dict[Source, list[TrialResult]] = {}
+    for entry in entries:
+        results.setdefault(entry.source, []).extend(entry.results)
+    for source, rows in results.items():
+        notes += notes_on(source, rows)
+    return notes
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
@@ -170,6 +309,9 @@ def notes_on(source: Source, results: Rows) -> list[str]:
         notes.append(f"{source.path} is partial: {trials} of {source.planned} trials")
     notes += _describe_observations(source.path, results)
     notes.append("; ".join(_find_disturbances(source.path, results)))
+    for planner in group_by_planner(results):
+        if planner in source.commanded_mps:
+            notes.append(source.describe_commanded(planner))
     notes.append(assumption_text(source.path, results))
     return [note for note in notes if note]
 
@@ -185,6 +327,66 @@ def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
             f"{path}: contacts of {unknown} of {len(results)} trials are unknown, as"
             " nobody reported them, so a success may have touched an obstacle"
         )
+
+
+def cap_result(
+    result: TrialResult, cap_mps: float, control_period_s: float
+) -> TrialResult:
+    """Return a row with another speed cap, and with the efficiency that follows.
+
+    Args:
+        result: The row.
+        cap_mps: The speed cap, above 0.
+        control_period_s: Control period of its protocol.
+    """
+    scores = result.scores
+    least_s = scores.least_time_s
+    if not (result.speed_cap_mps and least_s):
+        return replace(result, speed_cap_mps=cap_mps)
+    # The least time is a length by the cap, less a period that is not on the clock.
+    at_limit_s = least_s + control_period_s
+    least_s = at_limit_s * result.speed_cap_mps / cap_mps - control_period_s
+    efficiency = scores.efficiency
+    if scores.success and scores.traversal_time_s:
+        efficiency = least_s / scores.traversal_time_s
+    scores = replace(scores, least_time_s=least_s, efficiency=efficiency)
+    return replace(result, speed_cap_mps=cap_mps, scores=scores)
+
+
+def _fastest_commands(source: Source) -> dict[str, float]:
+    """Return the fastest command [m/s] by planner without a declared speed cap.
+
+    Planners without kept commands, or with none but 0, are left out.
+    """
+    speeds_mps: dict[str, float] = {}
+    # Of trials that the suite only observed, nobody knows who held what speed.
+    if source.system.is_observed:
+        return speeds_mps
+    # Folders of other versions, and of planners that are not installed, keep their caps.
+    with suppress(BarnError):
+        for choice in source.run_config.planners:
+            if not source.run_config.resolve_planner(choice).declared_mps:
+                speeds_mps[choice.name] = 0.0
+    if not speeds_mps:
+        return {}
+
+    lines = read_trial_lines(source.path / COMMANDS_FILE)
+    tracks = source.tracks or read_tracks(source.path)
+    for result in source.results:
+        trial_id = result.trial_id
+        if result.planner not in speeds_mps:
+            continue
+        speeds: Floats = np.zeros(1)
+        if trial_id in lines:
+            _, commands = parse_commands_line(lines[trial_id], trial_id)
+            speeds = commands[:, 0]
+        elif trial_id in tracks:
+            # Free-running trials keep samples only, so the motion counts as well.
+            _, track = parse_track_line(tracks[trial_id], trial_id)
+            speeds = track.samples[:, SPEEDS]
+        fastest_mps = float(np.nanmax(np.abs(speeds), initial=0.0))
+        speeds_mps[result.planner] = max(speeds_mps[result.planner], fastest_mps)
+    return {planner: speed for planner, speed in speeds_mps.items() if speed > 0.0}
 
 
 def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
@@ -243,8 +445,10 @@ class Computing:
 
     @property
     def class_name(self) -> str:
-        """Class of a board: "too slow", or the compute modes in words."""
-        return "too slow" if self.is_too_slow else self.text
+        """Class of a board: a faster computer, or the compute modes in words."""
+        if self.is_too_slow:
+            return "computing on a faster computer"
+        return self.text
 
 
 def computing_of(results: Rows) -> Computing:
@@ -303,7 +507,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
     """Return an entry per planner of each folder, with distinct labels and colors."""
     entries = []
     for source in sources:
-        for planner, results in group_by_planner(source.results).items():
+        for planner, results in group_by_planner(source.comparable_results).items():
             entries.append(Entry("", "", source, planner, tuple(results)))
     return label_entries(entries)
 

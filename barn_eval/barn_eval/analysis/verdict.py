@@ -26,7 +26,7 @@ from barn_eval.analysis.significance import (
     p_text,
     worlds_for_difference,
 )
-from barn_eval.analysis.sources import Source, notes_on
+from barn_eval.analysis.sources import Entry, list_notes
 from barn_eval.analysis.statistics import TrialValues, difference, matched_trials
 from barn_eval.analysis.text_table import count_noun, join_names
 from barn_eval.trials.result import RowsByPlanner
@@ -239,48 +239,65 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
             f"{names[0]} is the only planner: {best}.", f"Over {worlds}, {trials}."
         )
 
-    extent = f"{worlds}, {count_noun(ranking.trials, 'pair')} of trials"
-    # Two equal planners get their interval below; of many no pair is special.
-    if len(names) > 2 and len(set(ranking.means)) == 1:
-        mean = _value_text(measure, ranking.means[0])
-        return Conclusion(
-            f"{names[0]}, {join_names(names[1:])} have the same {measure.title}, "
-            f"{mean}: they cannot be told apart.",
-            f"Over {extent}.",
-        )
-
     leaders = ranking.leaders
     # The rival that is level with the first, or else the best that is not.
     next_place = leaders[1] if len(leaders) > 1 else 1
     next_name = names[next_place]
     next_mean = ranking.means[next_place]
-    means = f"{best} against {_value_text(measure, next_mean)}"
-    if len(names) == 2 and len(leaders) == 1:
-        short = f"{names[0]} is better than {next_name}: {means}."
-    elif len(names) == 2:
-        short = f"{names[0]} and {next_name} cannot be told apart: {means}."
-    elif len(leaders) == 1:
-        short = (
-            f"{names[0]} is better than all others: {means} of {next_name}, the next."
-        )
-    else:
-        rest = join_names([names[place] for place in leaders[1:]])
-        if len(leaders) - 1 > _MAX_NAMED_PLANNERS:
-            rest = f"{len(leaders) - 1} others"
-        short = (
-            f"{names[0]} is ahead, but {rest} cannot be told apart from it: "
-            f"{means} of {next_name}."
-        )
-
     test = ranking.differences[0, next_place]
+    means = f"{best} against {_value_text(measure, next_mean)} of {next_name}"
+    if len(leaders) == 1:
+        p = p_text(max(ranking.p[0, place] for place in range(1, len(names))))
+        rivals = next_name if len(names) == 2 else "all others"
+        short = f"{names[0]} is better than {rivals} ({p}, {worlds}): {means}."
+    else:
+        p = p_text(min(ranking.p[0, place] for place in leaders[1:]))
+        if len(leaders) > 2:
+            p = f"smallest {p}"
+        short = _describe_lead(ranking, measure, f"{p}, {worlds}")
+
     size = _difference_text(measure, test.interval, next_name, next_mean)
-    p = p_text(ranking.p[0, next_place])
-    after_holm = " after Holm" if ranking.tests > 1 else ""
-    details = f"The difference is {size} ({p}{after_holm}, {extent})."
+    after_holm = ", p after Holm" if ranking.tests > 1 else ""
+    pairs = count_noun(ranking.trials, "pair")
+    details = f"The difference is {size} ({pairs} of trials{after_holm})."
+    if len(leaders) > 1:
+        details = f"{means[0].upper()}{means[1:]}. {details}"
     details += _possible_failures(ranking, (0, next_place))
     if len(leaders) > 1:
         details += _needed_worlds(test, ranking)
     return Conclusion(short, details)
+
+
+def _describe_lead(ranking: Ranking, measure: Measure, certainty: str) -> str:
+    """Return a sentence on who ranks first where others are level with it.
+
+    Args:
+        ranking: Planners, of which at least two are level with the first.
+        measure: What they are ranked by.
+        certainty: P-value and number of worlds, as text.
+    """
+    first = ranking.names[0]
+    value = _value_text(measure, ranking.means[0])
+    equal = [first]
+    behind = []
+    for place in ranking.leaders[1:]:
+        # What reads alike is no lead.
+        if _value_text(measure, ranking.means[place]) == value:
+            equal.append(ranking.names[place])
+        else:
+            behind.append(ranking.names[place])
+    rivals = join_names(behind)
+    if len(behind) > _MAX_NAMED_PLANNERS:
+        rivals = f"{len(behind)} others"
+
+    if len(equal) == 1:
+        lead = f"{first} ranks first; its lead over"
+    else:
+        lead = f"{join_names(equal)} are equal, {measure.title} {value}"
+        if not behind:
+            return f"{lead} ({certainty})."
+        lead += "; their lead over"
+    return f"{lead} {rivals} is not significant ({certainty})."
 
 
 def conclude_results(
@@ -328,16 +345,14 @@ def conclude_comparison(comparison: Comparison) -> Conclusion:
     return conclude_ranking(ranking, MEASURES[comparison.metric])
 
 
-def list_cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
-    """Return warning sentences: few worlds, unfinished runs, late commands.
+def list_cautions(worlds: int, entries: Sequence[Entry] = ()) -> tuple[str, ...]:
+    """Return warning sentences: few worlds, mixtures, unfinished runs, late commands.
 
     Args:
         worlds: Number of worlds that conclusions rest on.
-        sources: Folders that the results come from.
+        entries: Planners that are compared.
     """
-    notes = [warn_of_few_worlds(worlds)]
-    for source in sources:
-        notes += notes_on(source, source.results)
+    notes = [warn_of_few_worlds(worlds), *list_notes(entries)]
     return tuple(note for note in notes if note)
 
 

@@ -155,7 +155,7 @@ class Results:
         """
         return pandas_table(
             {"planner": name} | summarize(rows).columns()
-            for name, rows in group_by_planner(self.trials).items()
+            for name, rows in group_by_planner(self._source.comparable_results).items()
         )
 
     def trial(self, trial: str | int) -> Trial:
@@ -185,7 +185,7 @@ class Results:
         """
         if other is not None:
             return compare(self, other)
-        comparisons = summarize_run(self.trials).comparisons
+        comparisons = summarize_run(self._source.comparable_results).comparisons
         if not comparisons:
             raise ConfigError(
                 f"{self.folder}: has one planner only; give other results to compare"
@@ -200,7 +200,7 @@ class Results:
         significant, about how many worlds would decide.
         """
         world_count = len({row.world for row in self.trials})
-        notes = list_cautions(world_count, [self._source])
+        notes = list_cautions(world_count, entries_of([self._source]))
         return " ".join((str(conclude_results(self._rows_by_spelling())), *notes))
 
     def precision(
@@ -233,7 +233,7 @@ class Results:
         """
         # Before the estimate, which takes one planner or two.
         rows_by_planner = select_planners(
-            self.folder, group_by_planner(self.trials), planners
+            self.folder, group_by_planner(self._source.comparable_results), planners
         )
         estimate = estimate_precision(
             rows_by_planner,
@@ -458,7 +458,8 @@ class Results:
     def _rows_by_spelling(self) -> RowsByPlanner:
         """Return the rows by the display names of planners, such as "DWA"."""
         return {
-            spelling(name): rows for name, rows in group_by_planner(self.trials).items()
+            spelling(name): rows
+            for name, rows in group_by_planner(self._source.comparable_results).items()
         }
 
     def __len__(self) -> int:
@@ -478,7 +479,7 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows: verdict, table and figure."""
-        groups = group_by_planner(self.trials).values()
+        groups = group_by_planner(self._source.comparable_results).values()
         summaries = [summarize(rows) for rows in groups]
         table = headline_table(summaries, ranking_measure(self.trials))
         return render(

@@ -9,6 +9,7 @@ import click
 
 from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import entries_of, list_notes, read_source
 from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.analysis.verdict import conclude_ranking
@@ -206,8 +207,9 @@ def _run_settings(
     conclusion = conclude_ranking(board.ranking, board.measure)
     print_output(
         as_json,
-        {"verdict": conclusion, "settings": sweep_rows(board)},
+        {"verdict": conclusion, "settings": sweep_rows(board), "notes": board.notes},
         str(conclusion),
+        *board.notes,
         rich_table(sweep_table(board)),
     )
     print_notes(f"folders of settings in {folder}; barn report {folder} draws them")
@@ -217,9 +219,14 @@ def _run_settings(
 def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
     """Print trials unless they are over 100, tables and conclusion, or all as JSON."""
     # A trial that failed by no fault of its planner says nothing about it.
-    scored = [row for row in results if row.is_scored]
+    scored: Rows = []
+    notes: list[str] = []
+    if any(row.is_scored for row in results):
+        source = read_source(request.out)
+        scored = source.comparable_results
+        notes = list_notes(entries_of([source]))
     summary = summarize_run(scored) if scored else None
-    renderables: list[object] = []
+    renderables: list[object] = list(notes)
     # A table of thousands of trials would push the summary away.
     if len(results) <= MAX_TRIAL_LINES:
         renderables.append(rich_table(trials_table(results, _title(request))))
@@ -233,7 +240,8 @@ def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
         else:
             renderables.append(rich_table(summary_table([summarize(scored)])))
     rows = [as_dict(row) for row in results]
-    print_output(as_json, {"results": rows} | content, *renderables)
+    content |= {"results": rows, "notes": notes}
+    print_output(as_json, content, *renderables)
 
     if not as_json:
         note = f"tables in {request.out}"

@@ -42,7 +42,7 @@ def paper_table(
     """Return LaTeX of a table that compares planners by their means on common trials.
 
     The best planner by each measure is bold, and so are those that are not
-    significantly worse, as rankings judge it.
+    significantly worse, as rankings judge it; none is where no planner is.
 
     Args:
         results: Results by planner.
@@ -99,7 +99,8 @@ def _find_best(
         # Planners ahead in the ranking's trials are no worse than the best by the mean.
         if place <= best_place or not ranking.is_clear(best_place, place):
             best.add(name)
-    return best
+    # Where no planner is clearly worse, bold would make a difference that is none.
+    return set() if len(best) == len(groups) else best
 
 
 def _default_caption(groups: RowsByPlanner) -> str:

@@ -116,6 +116,7 @@ _STEPS = {
 }
 CHANNELS = tuple(_STEPS)
 _COMMANDS = slice(6, 8)
+SPEEDS = [CHANNELS.index("speed"), CHANNELS.index("command_speed")]
 _CLEARANCE = -1
 
 MISSING_SAMPLE = -32768  # NaN as a whole number

@@ -3,9 +3,11 @@
 import resource
 import time
 import timeit
+from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from barn_eval.trials.trial import (
     RunningTrial,
     describe_error,
     finish_trial,
+    processor_wait_s,
 )
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
@@ -45,6 +48,7 @@ STALL_LIMIT_S = 30.0
 # Time of `reference_loop` on the reference computer, whose cores run at 2 to 3 GHz [s].
 NOMINAL_S = 0.006
 _REPEATS = 7
+_THREAD = "thread-self"  # in /proc
 
 
 def run_direct_trial(
@@ -68,10 +72,10 @@ def run_direct_trial(
 
     duration_s = time.perf_counter() - start_s
     real_time_factor = None
-    if driver.answer_times_s:
+    if driver.cycle_times:
         real_time_factor = verdict.duration_s / duration_s
     wall_clock = WallClock.from_answer_times(
-        duration_s, real_time_factor, driver.answer_times_s
+        duration_s, real_time_factor, [sum(taken) for taken in driver.cycle_times]
     )
     trial = driver.trial
     is_measured = spec.compute_mode == MEASURED
@@ -82,6 +86,7 @@ def run_direct_trial(
         trial.log.trajectory(),
         wall_clock=wall_clock.with_pace(
             pace(),
+            [taken.reference_s(pace()) for taken in driver.cycle_times],
             max(spec.protocol.control_period_s, spec.compute.charged_s),
             spec.compute_mode,
         ),
@@ -130,7 +135,7 @@ class _DirectTrial:
     def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
         """Prepare referee, timer and planner; the simulator is made in `run`."""
         self.trial = RunningTrial(spec)
-        self.answer_times_s: list[float] = []
+        self.cycle_times: list[CycleTime] = []
         self.cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self.cylinders_m = spec.world.cylinders_m.copy()
         self._spec = spec
@@ -199,7 +204,7 @@ class _DirectTrial:
         )
 
         def run_cycle() -> RuntimeOutput:
-            """Run a cycle of the planner and keep the time it took [s]."""
+            """Run a cycle of the planner and keep the time it took."""
             stopwatch = Stopwatch()
             try:
                 answer = self._runtime.step(observation)
@@ -210,14 +215,15 @@ class _DirectTrial:
                 return answer
             # A cycle that raises has taken its time as well.
             finally:
-                self.answer_times_s.append(stopwatch.elapsed_s())
+                self.cycle_times.append(stopwatch.elapsed())
 
-        limit_s = STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S
+        limit_s = STALL_LIMIT_S if self.cycle_times else FIRST_LIMIT_S
         answer = self.trial.ask(run_cycle, limit_s)
         measured_ns = None
         if self._spec.compute_mode == MEASURED:
             # Rows keep delays in whole microseconds.
-            measured_ns = 1000 * round(1e6 * pace() * self.answer_times_s[-1])
+            delay_s = self.cycle_times[-1].reference_s(pace())
+            measured_ns = 1000 * round(1e6 * delay_s)
         delay_ns = self.cycle_timer.start_cycle(sensors.stamp_ns, measured_ns)
         if answer is None or answer.decision is None:
             return None, 0
@@ -266,34 +272,62 @@ def pace() -> float:
 
     A faster processor has a pace above 1.
     """
+    return measure_pace(time.thread_time)
+
+
+def measure_pace(clock: Callable[[], float]) -> float:
+    """Return reference seconds per second of `clock`, of several reference loops.
+
+    Args:
+        clock: Returns seconds of processor time: what other processes take from a
+            planner is not charged, so it must not make the processor look slow.
+    """
     # The minimum has the least interference from other processes.
-    times_s = timeit.repeat(reference_loop, time.thread_time, number=1, repeat=_REPEATS)
+    times_s = timeit.repeat(reference_loop, timer=clock, number=1, repeat=_REPEATS)
     return NOMINAL_S / max(min(times_s), 1e-6)
+
+
+class CycleTime(NamedTuple):
+    """What a cycle of a planner took, in s."""
+
+    processor_s: float
+    waited_s: float  # by its own doing: a sleep, a graphics card, another thread
+
+    def reference_s(self, pace: float) -> float:
+        """Return what it would take on the reference computer, in s.
+
+        A sleep is as long on any processor, so waiting is not scaled.
+
+        Args:
+            pace: Reference seconds per second of this processor.
+        """
+        return pace * self.processor_s + self.waited_s
 
 
 class Stopwatch:
     """Measures what this thread does from the moment of construction.
 
-    It takes the processor's time, so that other work on the machine costs nothing. If
-    the thread waits (for a graphics card, another thread, a sleep), it takes the wall
-    clock's time.
+    It takes the processor's time, and the time in which the thread waits by its own
+    doing. What other work on the machine takes from it costs nothing.
     """
 
     def __init__(self) -> None:
         """Start to measure this thread's processor time and the wall clock's."""
         self._wait_count = _count_waits()
+        self._withheld_s = processor_wait_s(_THREAD)
         self._processor_s = time.thread_time()
         # Reading the other clock takes microseconds, so this one is read last here and
         # first in `elapsed_s`.
         self._wall_s = time.perf_counter()
 
-    def elapsed_s(self) -> float:
-        """Return the time since construction [s]: processor's, or wall if it waited."""
+    def elapsed(self) -> CycleTime:
+        """Return the processor's and the waited time since construction."""
         wall_s = time.perf_counter() - self._wall_s
-        processor_s = time.thread_time() - self._processor_s
-        if _count_waits() > self._wait_count:
-            return wall_s
-        return min(processor_s, wall_s)
+        processor_s = min(time.thread_time() - self._processor_s, wall_s)
+        if _count_waits() == self._wait_count:
+            return CycleTime(processor_s, 0.0)
+        withheld_s = processor_wait_s(_THREAD) - self._withheld_s
+        return CycleTime(processor_s, max(0.0, wall_s - processor_s - withheld_s))
 
 
 def _count_waits() -> int:

@@ -15,6 +15,7 @@ from typing import Any
 from barn_eval.analysis.compare import Comparison, compare, trial_values
 from barn_eval.analysis.measures import MEASURES, SHOWN, ranking_measure
 from barn_eval.analysis.sequential import Decision, decide, plan_looks
+from barn_eval.analysis.sources import find_mixture, read_entries
 from barn_eval.pages.template import render
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE
@@ -129,13 +130,16 @@ def ab(
             if decision != "continue":
                 break
 
+    base_entry, head_entry = read_entries([side.out for side in sides])
+    entries = [replace(base_entry, label="BASE"), replace(head_entry, label="HEAD")]
+    comparison = compare(head_results, base_results, "HEAD", "BASE", SHOWN["ab"])
     return AbResult(
         decision,
         look,
         len(worlds),
         (base, head),
         (sides[0].out, sides[1].out),
-        compare(head_results, base_results, "HEAD", "BASE", SHOWN["ab"]),
+        replace(comparison, notes=tuple(find_mixture(entries))),
     )
 
 

@@ -55,8 +55,8 @@ class WallClock:
     compute_p95_ms: float | None = None
     compute_max_ms: float | None = None
 
-    # By which these become times on the reference computer
-    # (`barn_eval.running.direct.pace`).
+    # By which processor time becomes that of the reference computer
+    # (`barn_eval.running.direct.pace`); waiting is as long there.
     pace: float | None = None
 
     # How fast a computer the score of a direct trial assumes that charges nothing or
@@ -100,7 +100,11 @@ class WallClock:
         return cls(duration_s, real_time_factor, *times_ms, **missed)
 
     def with_pace(
-        self, pace: float, allowed_s: float, compute_mode: str
+        self,
+        pace: float,
+        reference_times_s: Sequence[float],
+        allowed_s: float,
+        compute_mode: str,
     ) -> "WallClock":
         """Return a copy with `pace`, and the computer that the score assumes.
 
@@ -108,12 +112,14 @@ class WallClock:
 
         Args:
             pace: Reference seconds per second of this machine.
+            reference_times_s: What each cycle takes on the reference computer, which is
+                what the mode MEASURED charges.
             allowed_s: Time that a cycle may take.
             compute_mode: How the planner's computing is charged.
         """
-        if compute_mode not in (FREE, DECLARED) or self.compute_p95_ms is None:
+        if compute_mode not in (FREE, DECLARED) or not reference_times_s:
             return replace(self, pace=pace)
-        computer = 1e-3 * self.compute_p95_ms * pace / allowed_s
+        computer = float(np.percentile(reference_times_s, 95.0)) / allowed_s
         note = describe_computer(computer)
         return replace(self, pace=pace, computer=computer, note=note)
 

@@ -74,7 +74,8 @@ class _StallError(BaseException):
 def processor_wait_s(process: str | int = "self") -> float:
     """Return for how many s a process's main thread has waited for a CPU so far.
 
-    `process` is a process id, or "self". 0 where the system does not say.
+    `process` is a process id, "self", or "thread-self" for the thread that calls. 0
+    where the system does not say.
     """
     try:
         schedule = Path(f"/proc/{process}/schedstat").read_text("ascii")

@@ -275,6 +275,15 @@ def folders(tmp_path):
     return tmp_path
 
 
+def test_equal_figures_have_equal_p_values():
+    """Without a failure, times of successes are the times as counted."""
+    comparison = compare(results(worlds=5), results("eband", 2.0, worlds=5, seed=1))
+    of_successes = comparison.row("traversal_time_s")
+    counted = comparison.row("scored_time_s")
+    assert of_successes.paired.mean_a == counted.paired.mean_a
+    assert of_successes.paired == counted.paired
+
+
 def test_command_compares_folders(folders, command, printed):
     (pair,) = printed(f"compare {folders}/a {folders}/b")
     assert (pair["a"], pair["b"]) == ("dwa", "eband")
@@ -292,7 +301,7 @@ def test_command_compares_folders(folders, command, printed):
     assert "same worlds and seeds" in text
     assert text.startswith(
         "protocol paper2020, task not recorded "
-        "DWA and E-Band cannot be told apart: time per meter as counted"
+        "DWA ranks first; its lead over E-Band is not significant (p = 0.935"
     )
     assert "Only 4 worlds: with fewer than 10" in text
 

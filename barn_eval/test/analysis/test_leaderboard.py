@@ -9,6 +9,7 @@ import pytest
 import yaml
 from campaign_runs import tables
 from forgery import edit_run
+from planners import run_inline
 from refusals import refused
 from report_work import EVIL, campaign, rewrite_rows
 from text_tables import answers_of
@@ -26,7 +27,8 @@ from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.running.request import read_request
 from barn_eval.running.setting_folders import find_setting_folders, parse_folder_name
 from barn_eval.running.settings import grid, parse_sweep
-from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
+from barn_planners.gap.planner import ENTRY
 from barn_worlds.base.errors import BarnError
 
 
@@ -57,17 +59,47 @@ def test_a_clear_difference_ranks_and_equal_results_tie(write_rows):
 def test_boards_use_common_worlds_or_stand_apart(write_rows):
     first = write_rows("one", "gap")
     two = write_rows("two", "twin")
-    fewer = write_rows("fewer", "dwa", worlds=4)
+    fewer = write_rows("fewer", "dwa")
+    rewrite_rows(fewer, lambda rows: rows[:-1])
     (board,) = make_boards([first, fewer, two], "time")
-    worlds = {row.entry.planner: row.summary.worlds for row in board.places}
-    assert worlds == dict.fromkeys(("gap", "twin", "dwa"), 4)
-    assert "4 worlds" in board.title
-    note = "Ranked on the 4 worlds that all have; gap and twin have more."
+    trials = {row.entry.planner: row.summary.trials for row in board.places}
+    assert trials == dict.fromkeys(("gap", "twin", "dwa"), 15)
+    note = "Ranked on the 8 worlds that all have; gap and twin have more."
     assert board.notes[0] == note
     change_rows(fewer, lambda row: {"campaign_seed": row["campaign_seed"] + 1})
     both, alone = make_boards([first, fewer, two], "time")
     assert planners_of(both) == ["gap", "twin"]
     assert planners_of(alone) == ["dwa"]
+
+
+def test_a_small_run_shrinks_no_board_unless_asked(write_rows):
+    large = write_rows("large", "gap", "dwa")
+    small = write_rows("small", "twin", worlds=3)
+    both, alone = make_boards([small, large])
+    assert planners_of(both) == ["gap", "dwa"] and "8 worlds" in both.title
+    assert both.notes[-1] == "On other boards: twin (other trials)."
+    assert alone.notes[-1] == "On other boards: gap and DWA (other trials)."
+    (board,) = make_boards([small, large], worlds="0-2")
+    assert set(planners_of(board)) == {"gap", "dwa", "twin"}
+
+
+def test_a_planner_without_declaration_is_classed_by_its_commands(tmp_path):
+    def drive(name, planners):
+        return run_inline("0", planners, CHALLENGE, out=tmp_path / name)
+
+    plain = drive("plain", "gap")
+    mine = drive("mine", {"mine": ENTRY.build(ENTRY.presets["default"])})
+    # The row keeps what the suite knew as it drove.
+    assert mine.trials[0].speed_cap_mps == 2.0
+    (board,) = make_boards([plain.folder, mine.folder])
+    first, other = (place.summary["efficiency"].estimate for place in board.places)
+    assert first == pytest.approx(other)
+    assert "up to 0.5 m/s" in board.title
+    (note,) = (note for note in board.notes if "mine" in note)
+    assert note.endswith("counts, 0.5 m/s; --set mine.max_speed_mps=0.5 declares it.")
+    assert note in mine.verdict()
+    efficiency = mine.summary["efficiency"].iloc[0]
+    assert efficiency == pytest.approx(plain.trials[0].scores.efficiency)
 
 
 def test_another_speed_class_has_a_board_of_its_own(write_rows):
@@ -77,6 +109,8 @@ def test_another_speed_class_has_a_board_of_its_own(write_rows):
     change_rows(folder, lambda row: {"speed_cap_mps": caps[row["planner"]]})
     boards = make_boards([folder])
     expected = [{"unknown"}, {"creeper"}, {"gap", "dwa"}, {"racer"}]
+    others = "unknown (unknown speed); gap and DWA (up to 0.5 m/s); racer (up to 2 m/s)"
+    assert boards[1].notes[-1] == f"On other boards: {others}."
     assert [set(planners_of(board)) for board in boards] == expected
     assert ["m/s" in board.title for board in boards] == [False, True, True, True]
     assert "up to 0.25 m/s" in boards[1].title and "up to 2 m/s" in boards[3].title
@@ -102,7 +136,7 @@ def test_a_board_may_be_of_some_worlds_alone(write_rows, printed):
     assert [place["planner"] for place in places] == ["gap", "DWA"]
     for place in places:
         assert (place["tied"], place["worlds"]) == (True, 4)
-    assert "cannot be told apart" in content["verdicts"][0]
+    assert "is not significant" in content["verdicts"][0]
     assert "4 worlds" in places[0]["board"]
     with refused("no world 900 among the 8", BarnError):
         make_boards([folder], worlds="900")
@@ -110,8 +144,8 @@ def test_a_board_may_be_of_some_worlds_alone(write_rows, printed):
 
 def test_planners_are_told_apart_within_a_board_alone(write_rows):
     first = write_rows("one")
-    fewer = write_rows("fewer", "dwa", worlds=4)
-    (board,) = make_boards([fewer, first])
+    other = write_rows("other", "dwa")
+    (board,) = make_boards([other, first])
     colors = {place.entry.label: place.entry.color for place in board.places}
     gap, dwa = assign_colors(["gap", "dwa"])
     assert colors["gap"] == gap
@@ -144,7 +178,7 @@ def test_the_terminal_gets_a_conclusion_and_a_table(write_rows, succeed):
     folder = write_rows("one_two", faster=2.0)
     output = succeed(f"leaderboard {folder}")
     assert "Only 8 worlds" in output and "rank" in output
-    sentence = "gap and DWA cannot be told apart: challenge metric 0."
+    sentence = "gap ranks first; its lead over DWA is not significant (p = 0."
     assert " ".join(output.split()).count(sentence) == 1
     assert not set("\\|#") & set(output)
 
@@ -184,7 +218,7 @@ def test_a_board_begins_with_its_conclusion_and_cautions(write_rows):
     (board,) = make_boards([folder])
     text = markdown([board])
     short, verdict, few, caption = text.split("\n\n")[2:6]
-    assert short.startswith("gap and DWA cannot be told apart: challenge metric 0.")
+    assert re.fullmatch(r"gap ranks first; .* \(p = 0\.\d+, 8 worlds\)\.", short)
     failures = r"Failures in up to \d+\.\d % of gap's and \d+\.\d % of DWA's trials cannot be ruled out\."
     assert re.search(failures, verdict)
     assert few.startswith("Only 8 worlds: with fewer than 10")

@@ -34,6 +34,10 @@ def test_the_best_and_what_is_not_clearly_worse_is_bold():
         "twin": True,
         "slow": False,
     }
+    # Where nothing is significant, nothing is bold.
+    groups = {"fast": fast, "twin": even}
+    bold_cells = cells(paper_table(groups, ["normalised_time_s_per_m"]))
+    assert not any(r"\textbf" in cell for (cell,) in bold_cells.values())
     bold_cells = cells(paper_table({"fast": fast}, ["normalised_time_s_per_m"]))
     assert r"\textbf" not in bold_cells["fast"][0]
 

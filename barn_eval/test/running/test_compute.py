@@ -2,6 +2,7 @@
 nothing.
 """
 
+import itertools
 import time
 from dataclasses import replace
 from itertools import product
@@ -17,7 +18,7 @@ from barn_eval.analysis.sources import assumption_text
 from barn_eval.pages.report.page import build_report, plot
 from barn_eval.results.run_file import RunFile
 from barn_eval.running import direct
-from barn_eval.running.direct import Stopwatch
+from barn_eval.running.direct import NOMINAL_S, Stopwatch, measure_pace
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import WallClock, pack_delays, unpack_delays
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
@@ -167,19 +168,27 @@ def test_delays_are_kept_in_whole_microseconds():
         unpack_delays("no")
 
 
-def test_a_planner_that_waits_is_charged_the_wait():
+def test_a_wait_is_charged_as_it_is_at_any_pace():
     stopwatch = Stopwatch()
     time.sleep(0.02)
-    assert stopwatch.elapsed_s() >= 0.02
+    taken = stopwatch.elapsed()
+    assert taken.waited_s > 0.01
+    assert taken.reference_s(3.0) == 3.0 * taken.processor_s + taken.waited_s
+
+
+def test_the_pace_is_that_of_the_processors_clock():
+    readings = itertools.count(step=NOMINAL_S / 2.0)
+    assert measure_pace(readings.__next__) == pytest.approx(2.0)
 
 
 def test_a_faster_machine_finds_the_same_planner_too_slow():
     clock = WallClock.from_answer_times(1.0, None, [0.04] * 20)
+    slow = [0.08] * 20
     note = "its score assumes a computer 1.6 times as fast"
-    assert clock.with_pace(2.0, 0.05, "free").note == note
-    assert clock.with_pace(1.0, 0.05, "free").note == ""
-    assert clock.with_pace(2.0, 0.1, "declared").computer == pytest.approx(0.8)
-    assert clock.with_pace(2.0, 0.05, "measured") == replace(clock, pace=2.0)
+    assert clock.with_pace(2.0, slow, 0.05, "free").note == note
+    assert clock.with_pace(1.0, [0.04] * 20, 0.05, "free").note == ""
+    assert clock.with_pace(2.0, slow, 0.1, "declared").computer == pytest.approx(0.8)
+    assert clock.with_pace(2.0, slow, 0.05, "measured") == replace(clock, pace=2.0)
 
 
 def test_latency_drives_each_planner_at_each_delay(command, printed, tmp_path):

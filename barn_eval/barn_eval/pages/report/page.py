@@ -339,7 +339,7 @@ def report_page(
         first=results[0],
         leaders=bars,
         metric=ranking_measure(results).heading,
-        notes=list_cautions(bars.worlds, sources),
+        notes=list_cautions(bars.worlds, report.entries),
         tracks=sum(trial.track is not None for trial in report.trials),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         data=data,

@@ -10,7 +10,8 @@ KIND says what the command is:
 - "suite": a process of the suite.
 - "planner": a planner under test; the kernel ends it first when memory runs out.
 - "isolated:FOLDER": a planner in a user, PID and mount namespace of its own. It can
-  neither see nor signal any process but its own, nor write into the folder of results.
+  neither see nor signal any process but its own, nor see the folder of results or move
+  a folder above it.
 
 `probe` prints whether the kernel allows the last.
 
@@ -69,6 +70,8 @@ _MS_REC = 0x4000
 _MS_PRIVATE = 0x40000
 # nosuid, nodev and noexec: an unprivileged remount must keep them.
 _LOCKED_MOUNT_FLAGS = 2 | 4 | 8
+# Below /proc, where the user root may write.
+_KERNEL_FOLDERS = ("/proc/sys", "/proc/sysrq-trigger", "/proc/irq", "/proc/bus")
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -103,7 +106,11 @@ def _probe() -> int:
         _enter_namespaces()
         child = os.fork()
         if not child:
-            os.write(writer, b"apart" if _mount_views("") else b"visible")
+            # Any folder shows whether one can be hidden.
+            is_apart = False
+            with suppress(OSError):
+                is_apart = _mount_views(str(Path(__file__).parent), [])
+            os.write(writer, b"apart" if is_apart else b"visible")
             os._exit(0)
         os.waitpid(child, 0)
     except OSError as error:
@@ -138,11 +145,12 @@ def _enter_namespaces() -> None:
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1", "ascii")
 
 
-def _mount_views(results: str) -> bool:
-    """Mount a /proc of this PID namespace, and make the folder of results read-only.
+def _mount_views(results: str, command: list[str]) -> bool:
+    """Mount a /proc of this PID namespace, and hide the folder of results.
 
     Args:
         results: The folder, empty for none.
+        command: Words of the command. Files of the folder that they name stay.
 
     Returns:
         Whether a /proc of its own is allowed: in many containers it is not.
@@ -153,23 +161,66 @@ def _mount_views(results: str) -> bool:
     if _LIBC.mount(None, b"/", None, _MS_REC | _MS_PRIVATE, None):
         return False
 
-    folder = os.fsencode(results)
-    if results and _LIBC.mount(folder, folder, None, _MS_BIND, None) == 0:
-        # A bind mount becomes read-only only when it is mounted again.
-        flags = (
-            _MS_BIND
-            | _MS_REMOUNT
-            | _MS_RDONLY
-            | (os.statvfs(results).f_flag & _LOCKED_MOUNT_FLAGS)
-        )
-        _require_success(
-            _LIBC.mount(None, folder, None, flags, None),
-            f"{results} cannot be made read-only",
-        )
-        # Enter the working directory anew: it may be below the new mount.
-        with suppress(OSError):
-            os.chdir(Path.cwd())
-    return bool(_LIBC.mount(b"proc", b"/proc", b"proc", 0, None) == 0)
+    if results:
+        _hide(Path(results).absolute(), command)
+    if _LIBC.mount(b"proc", b"/proc", b"proc", 0, None):
+        return False
+    # The user root could otherwise change settings of the kernel.
+    for name in _KERNEL_FOLDERS:
+        if Path(name).exists():
+            _bind(Path(name), _MS_RDONLY)
+    return True
+
+
+def _bind(path: Path, flags: int = 0) -> None:
+    """Mount a path onto itself, with all mounts below; OSError if that fails.
+
+    Args:
+        path: The path. Nobody can move or replace it while it is a mount.
+        flags: Flags that the mount gets, such as that of read-only.
+    """
+    name = os.fsencode(path)
+    problem = f"{path} cannot be mounted"
+    _require_success(_LIBC.mount(name, name, None, _MS_BIND | _MS_REC, None), problem)
+    if flags:
+        # A bind mount gets flags only when it is mounted again.
+        flags |= os.statvfs(path).f_flag & _LOCKED_MOUNT_FLAGS
+        remount = _MS_BIND | _MS_REMOUNT | flags
+        _require_success(_LIBC.mount(None, name, None, remount, None), problem)
+
+
+def _hide(folder: Path, command: list[str]) -> None:
+    """Put an empty mount over a folder, and mount each folder above onto itself.
+
+    Bags would tell the true pose while the robot drives. A folder that another takes
+    the place of would give the planner a second try.
+
+    Args:
+        folder: The folder, absolute.
+        command: Words of a command, such as one of a file of parameters below.
+    """
+    contents = {}
+    for word in command:
+        path = Path(word.rpartition(":=")[2]).absolute()
+        if folder in path.parents and path.is_file():
+            contents[path] = path.read_bytes()
+
+    for parent in reversed(folder.resolve().parents[:-1]):
+        _bind(parent)
+    name = os.fsencode(folder)
+    problem = f"{folder} cannot be hidden"
+    _require_success(_LIBC.mount(b"none", name, b"tmpfs", 0, None), problem)
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    flags = _MS_REMOUNT | _MS_RDONLY
+    _require_success(_LIBC.mount(None, name, None, flags, None), problem)
+
+    # A working directory from before the mounts would lead around them.
+    try:
+        os.chdir(Path.cwd())
+    except OSError:
+        os.chdir("/")
 
 
 class _IsolatedProcess:
@@ -248,7 +299,7 @@ def _lead_namespace(
     # The socket is the launcher's, which a signal to this process must not wake.
     signal.set_wakeup_fd(-1)
     try:
-        _mount_views(results)
+        _mount_views(results, command)
         child = _start_command(command, output, prepare)
     except OSError as error:
         os.write(writer, f"-{error.strerror or error}".encode())

@@ -53,7 +53,7 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
     assert state.read() is first
     assert sum(count for _, count in first["outcomes"]) == 20
     assert first["verdict"].startswith(
-        "gap and DWA cannot be told apart: challenge metric 0."
+        "gap ranks first; its lead over DWA is not significant"
     )
     assert [bar["label"] for bar in first["bars"]] == ["gap", "DWA"]
     assert first["notes"][0].startswith("Only 5 worlds")

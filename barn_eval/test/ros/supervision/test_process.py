@@ -263,3 +263,32 @@ def test_an_isolated_planner_sees_only_its_own_processes(tmp_path):
             process.log.read_text()
             == f"sees 2 has the user {os.getuid()} writes False\n"
         )
+
+
+@pytest.mark.skipif(probe_isolation() != "apart", reason="nothing can be hidden here")
+def test_an_isolated_planner_neither_sees_nor_moves_the_results(tmp_path, monkeypatch):
+    results = tmp_path / "above" / "out"
+    parameters = results / "logs" / "planner.yaml"
+    parameters.parent.mkdir(parents=True)
+    parameters.write_text("named")
+    (results / "bag.partial").write_text("true pose")
+    # A working directory from before would lead around what hides the folder.
+    monkeypatch.chdir(tmp_path)
+    script = """
+    import os, sys
+    print(sorted(os.listdir("above/out")), open(sys.argv[1]).read())
+    for name in ("above", "above/out", os.getcwd()):
+        try:
+            os.rename(name, name + "_moved")
+        except OSError as error:
+            print(error.strerror)
+    print(os.access("/proc/sys/kernel/panic", os.W_OK))
+    """
+    command = [sys.executable, "-c", textwrap.dedent(script), str(parameters)]
+    process = ended(
+        tmp_path / "apart.log", *command, kind=f"{launcher.ISOLATED}:{results}"
+    )
+    lines = process.log.read_text().splitlines()
+    assert lines[0] == "['logs'] named"
+    assert lines[1:] == ["Device or resource busy"] * 3 + ["False"]
+    assert (results / "bag.partial").exists()
