@@ -21,6 +21,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 demo: $(VENV)/installed
 	$(BIN)/barn demo --out $(OUT)
+	$(BIN)/barn report $(OUT)
 
 test: extras lint docs
 	PATH=$(BIN):$$PATH ./qa/checks/colcon_test.sh $(PACKAGES)

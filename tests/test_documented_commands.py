@@ -313,11 +313,6 @@ def python_examples():
     for path in PAGES:
         text = path.read_text("utf-8")
         blocks = re.findall(r"(?ms)^```python\n(.*?)^```", text)
-        if (
-            path == ROOT / "README.md"
-        ):  # which shows a whole node as well; test_ros_trials.py drives by its file
-            node = (ROOT / "examples" / "simple_planner.py").read_text("utf-8")
-            blocks = [block for block in blocks if block != node]
         shown = "\n".join(blocks)
         runs = re.findall(r"(?m)^    (barn run .*)$", text)
         before = runs[:1] if "out/bag/" in shown else []
@@ -362,8 +357,6 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
 
 
 def test_python_examples_are_found():
-    source = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
-    assert source in (ROOT / "README.md").read_text("utf-8")
     ids = {parameters.id for parameters in python_examples()}
     pages = "README.md docs/python.md docs/tutorials/reading_a_bag.md"
     assert {*pages.split(), "barn_eval", "barn_eval.run"} <= ids

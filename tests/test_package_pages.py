@@ -64,6 +64,6 @@ def test_every_service_and_topic_with_its_type_is_on_the_page(page):
     assert {name for name in services_of(package) if f"`{name}`" not in text} == set()
 
 
-def test_the_first_page_names_all_topics_and_no_other():
-    rows = rows_of((ROOT / "README.md").read_text("utf-8"))
+def test_the_page_of_topics_names_all_and_no_other():
+    rows = rows_of((ROOT / "docs/topics.md").read_text("utf-8"))
     assert set(rows) == {topic.path for topic in CATALOGUE.values()}

@@ -27,7 +27,12 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, group_by_planner
 from barn_eval.analysis.statistics import repetition_spread
-from barn_eval.analysis.verdict import conclude_results
+from barn_eval.analysis.verdict import (
+    Conclusion,
+    Ranking,
+    conclude_ranking,
+    rank_results,
+)
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
 from barn_metrics.bootstrap import Interval
@@ -104,8 +109,18 @@ class RunSummary:
     planners: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
 
-    verdict: str
-    """The conclusion about all planners in a sentence or two."""
+    measure: Measure
+    """What planners are ranked by."""
+
+    ranking: Ranking
+    """Planners by label."""
+
+    conclusion: Conclusion
+
+    @property
+    def verdict(self) -> str:
+        """The conclusion about all planners in a sentence or two."""
+        return str(self.conclusion)
 
     def as_json(self) -> dict[str, Any]:
         """Return nested dicts and lists for JSON: planners, comparisons, verdict."""
@@ -168,8 +183,10 @@ def summarize_run(results: Rows) -> RunSummary:
         replace(comparison, a=spelling(comparison.a), b=spelling(comparison.b))
         for comparison in comparisons
     ]
-    conclusion = conclude_results(labeled_groups, labeled_comparisons)
-    return RunSummary(summaries, comparisons, str(conclusion))
+    measure = ranking_measure(results)
+    ranking = rank_results(labeled_groups, measure, labeled_comparisons)
+    conclusion = conclude_ranking(ranking, measure)
+    return RunSummary(summaries, comparisons, measure, ranking, conclusion)
 
 
 class Bars(NamedTuple):

@@ -3,6 +3,7 @@
 Names and digits of measures are those of the catalog.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 
 from barn_eval.analysis.compare import Comparison
@@ -15,6 +16,7 @@ from barn_eval.analysis.measures import (
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.summary import (
+    RunSummary,
     Summary,
     finite_keys,
     sort_positions,
@@ -22,10 +24,20 @@ from barn_eval.analysis.summary import (
 from barn_eval.analysis.text_table import (
     TextTable,
     count_noun,
+    one_line,
 )
 from barn_eval.analysis.verdict import warn_of_few_worlds
+from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows
 from barn_metrics.bootstrap import number
+
+FEWEST_WORLDS = 6
+"""With fewer worlds, no test could be significant: a table has no intervals."""
+
+MAX_RANKED = 20
+"""Most planners of a table of ranks."""
+
+_MAX_DETAIL_CHARACTERS = 160
 
 SPREAD = "spread over a world's trials [s/m]"
 
@@ -45,6 +57,88 @@ def trials_table(results: Rows, title: str) -> TextTable:
     headings = [measure.trial_heading for measure in measures]
     columns = ("trial", "outcome", *headings)
     return TextTable("trials", title, columns, tuple(rows), texts=2)
+
+
+def ranked_table(run: RunSummary) -> TextTable:
+    """Return a text table of rank, success, time and score, a planner per row.
+
+    Planners that no test separates share a rank. Of over `MAX_RANKED` planners, the
+    best are listed and the rest counted.
+
+    Args:
+        run: Planners of one run.
+    """
+    ranking = run.ranking
+    summaries = {summary.label: summary for summary in run.planners}
+    has_intervals = ranking.worlds >= FEWEST_WORLDS
+    rows = []
+    for rank, name in zip(ranking.ranks[:MAX_RANKED], ranking.names, strict=False):
+        summary = summaries[name]
+        cells = [str(rank), name]
+        # Few digits, so that all fits 80 columns.
+        for measure, digits, may_have_interval in (
+            (MEASURES["success"], 0, True),
+            (MEASURES["traversal_time_s"], 1, False),
+            (run.measure, run.measure.digits, True),
+            (MEASURES["min_clearance_m"], 2, False),
+        ):
+            interval = measure.in_heading_unit(summary[measure.key])
+            if has_intervals and may_have_interval:
+                cells.append(interval.text(digits))
+            else:
+                cells.append(number(interval.estimate, digits))
+        rows.append(tuple(cells))
+
+    headings = ("rank", "planner", "success [%]", "time [s]", run.measure.heading)
+    notes = []
+    if has_intervals:
+        notes.append("[low, high]: 95 % interval")
+    notes.append("time: mean of successes; clearance: mean of each trial's smallest")
+    rest = len(ranking.names) - len(rows)
+    if rest:
+        notes.append(f"and {count_noun(rest, 'more planner')}")
+    trials = count_noun(sum(summary.trials for summary in run.planners), "trial")
+    return TextTable(
+        "ranked",
+        f"{trials} in {count_noun(ranking.worlds, 'world')}",
+        (*headings, "clearance [m]"),
+        tuple(rows),
+        texts=2,
+        caption=". ".join(notes),
+    )
+
+
+def describe_failures(results: Rows) -> str:
+    """Return a line on each planner's failures by outcome; empty without any.
+
+    Further lines give an example of each outcome that does not explain itself.
+
+    Args:
+        results: Results of any planners.
+    """
+    counts: dict[str, Counter[str]] = {}
+    details: dict[str, str] = {}
+    for result in results:
+        if result.scores.success:
+            continue
+        outcome = result.outcome.value
+        counts.setdefault(spelling(result.planner), Counter())[outcome] += 1
+        # One detail of each kind is enough to go by; these two need none.
+        if result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION):
+            continue
+        if result.detail and outcome not in details:
+            details[outcome] = one_line(result.detail)[:_MAX_DETAIL_CHARACTERS]
+
+    planners = []
+    for planner, outcomes in counts.items():
+        parts = [f"{count} {outcome}" for outcome, count in outcomes.most_common()]
+        planners.append(f"{planner} {', '.join(parts)}")
+    if not planners:
+        return ""
+    line = f"failures: {'; '.join(planners)}"
+    for outcome, detail in details.items():
+        line += f"\n  {outcome}, for example: {detail}"
+    return line
 
 
 def headline_table(

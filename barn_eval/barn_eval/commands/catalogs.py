@@ -85,11 +85,11 @@ def planners(planner: str | None, as_json: bool) -> None:
 
 
 @click.command("protocols")
-@click.argument("protocol", required=False)
+@click.argument("name", required=False)
 @json_option
-def protocols(protocol: str | None, as_json: bool) -> None:
-    """List the protocols of the suite, or show all rules of PROTOCOL, a name or a YAML file."""
-    if protocol is None:
+def protocols(name: str | None, as_json: bool) -> None:
+    """List the protocols of the suite, or show all rules of one by its NAME or from a YAML file."""
+    if name is None:
         entries = [
             {
                 "protocol": rules.name,
@@ -103,7 +103,7 @@ def protocols(protocol: str | None, as_json: bool) -> None:
         print_output(as_json, entries, _entries_table(entries, ("limit [s]",)))
         return
 
-    details = load_protocol(protocol)
+    details = load_protocol(name)
     title = f"protocol {details.name}"
     print_output(
         as_json, as_dict(details), _quantities_table(details, title, ("name",))

@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from barn_eval.running.reporting import ConsoleReporter
+from barn_eval.running.reporting import ConsoleReporter, Verbosity
 from barn_eval.running.request import parse_parameters
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, format_value
@@ -38,19 +38,24 @@ flag_option = partial(click.option, is_flag=True)
 count_option = partial(click.option, type=click.IntRange(1))
 folder_argument = path_argument("folder")
 folders_argument = path_argument("folders", nargs=-1, required=True)
+quiet_option = flag_option("-q", "--quiet", help="Show no progress, only warnings.")
+verbose_option = flag_option("-v", "--verbose", help="Show a line for each trial.")
 json_option = flag_option("--json", "as_json", help="Print JSON instead of tables.")
 worlds_option = click.option(
     "--worlds", "select", default="all", help="Which, such as 0-49."
 )
 
 
-def field_option(config: object, name: str, default: str = "") -> Decorator[Any]:
+def field_option(
+    config: object, name: str, default: str = "", short: str = ""
+) -> Decorator[Any]:
     """Return click's option --NAME for a configuration's field: type, limits, help.
 
     Args:
         config: A configuration with its default values.
         name: Name of the field and, with two dashes, of the option.
         default: How the help names the default, unless by its value.
+        short: Another name of the option, of one letter, such as "-w".
     """
     quantity, value = next(
         (quantity, value)
@@ -66,7 +71,8 @@ def field_option(config: object, name: str, default: str = "") -> Decorator[Any]
     # Descriptions also end sentences of other tables, so they begin small.
     meaning = quantity.description[:1].upper() + quantity.description[1:]
     help_text = f"{meaning} [default: {default or value}]."
-    return click.option(f"--{name}", type=kind, help=help_text)
+    names = filter(None, (short, f"--{name}"))
+    return click.option(*names, type=kind, help=help_text)
 
 
 def parameters_option(
@@ -166,6 +172,21 @@ course_option = click.option(
     help="Start and goal in every world, in m and rad [default: the world's own, else"
     " the protocol's].",
 )
+
+
+def make_console_reporter(quiet: bool, verbose: bool) -> ConsoleReporter:
+    """Return a reporter to standard error for -q, -v or neither.
+
+    Raises:
+        click.UsageError: If both are set.
+    """
+    if quiet and verbose:
+        raise click.UsageError("--quiet excludes --verbose")
+    if quiet:
+        return ConsoleReporter(notes, Verbosity.QUIET)
+    if verbose:
+        return ConsoleReporter(notes, Verbosity.VERBOSE)
+    return reporter
 
 
 def split_names(text: str) -> tuple[str, ...]:

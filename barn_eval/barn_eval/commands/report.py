@@ -1,5 +1,6 @@
 """`barn report`: runs as one page."""
 
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,12 @@ class ReportSettings(Checked):
 
 @click.command("report")
 @folders_argument
-@path_option("--out", default="report.html", help="The page.")
+@path_option(
+    "-o",
+    "--out",
+    help="The page [default: report.html in FOLDER; of several, in this folder].",
+)
+@flag_option("--open", "is_opened", help="Show the page in a browser.")
 @click.option(
     "--assets/--no-assets",
     default=True,
@@ -51,7 +57,8 @@ class ReportSettings(Checked):
 )
 def command(
     folders: tuple[Path, ...],
-    out: Path,
+    out: Path | None,
+    is_opened: bool,
     assets: bool,
     replays: bool,
     parameters: dict[str, Any],
@@ -61,6 +68,10 @@ def command(
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set
     width_mm=88 fits a column.
     """
+    if out is None:
+        out = Path("report.html")
+        if len(folders) == 1 and folders[0].is_dir():
+            out = folders[0] / out
     # Before the report is computed, which takes minutes for a large run.
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
@@ -87,3 +98,5 @@ def command(
     print_notes(out)
     if assets:
         print_notes(f"figures and tables in {assets_folder}")
+    if is_opened and not webbrowser.open(out.absolute().as_uri()):
+        print_notes(f"no browser to show {out} in")

@@ -1,5 +1,6 @@
 """`barn run`, also called `barn campaign`, and `barn demo`: they execute trials."""
 
+import shlex
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,8 +11,16 @@ import click
 from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import entries_of, list_notes, read_source
-from barn_eval.analysis.summary import summarize, summarize_run
-from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
+from barn_eval.analysis.summary import RunSummary, summarize_run
+from barn_eval.analysis.tables import (
+    FEWEST_WORLDS,
+    comparison_table,
+    describe_failures,
+    ranked_table,
+    summary_table,
+    trials_table,
+)
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     FILE,
@@ -20,16 +29,20 @@ from barn_eval.commands.options import (
     flag_option,
     folder_option,
     json_option,
+    make_console_reporter,
     parameters_option,
+    print_json,
     print_notes,
     print_output,
+    quiet_option,
     reporter,
+    verbose_option,
 )
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import serve_view
 from barn_eval.ros.work import run_request
 from barn_eval.running.dry_run import DryRun, estimate_run
-from barn_eval.running.reporting import MAX_TRIAL_LINES, format_duration
+from barn_eval.running.reporting import Reporter, format_duration
 from barn_eval.running.request import RunRequest, read_request
 from barn_eval.running.setting_folders import LATENCY
 from barn_eval.running.settings import Setting, grid, read_sweep
@@ -103,9 +116,10 @@ _EXECUTION = ExecutionConfig()
     "How it is run, which changes no result but by compute (declared or measured)",
     _EXECUTION,
 )
-@field_option(_EXECUTION, "workers", default="as processors")
+@field_option(_EXECUTION, "workers", default="as processors", short="-w")
 @field_option(_RUN, "bags")
 @folder_option(
+    "-o",
     "--out",
     help="Folder of the results [default: a new one under out/, named by the time].",
 )
@@ -118,6 +132,9 @@ _EXECUTION = ExecutionConfig()
     "--dry-run",
     help="Say what would run, how long and how large; run nothing.",
 )
+@flag_option("--all", "show_all", help="Print trials and all measures as well.")
+@quiet_option
+@verbose_option
 @json_option
 def command(
     file: Path | None,
@@ -127,6 +144,9 @@ def command(
     dry_run: bool,
     as_json: bool,
     view: bool,
+    show_all: bool,
+    quiet: bool,
+    verbose: bool,
     **values: Any,
 ) -> int:
     """Run trials of one or several planners in worlds and score them.
@@ -136,6 +156,7 @@ def command(
     OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the end; bags
     to OUT/bags.
     """
+    run_reporter = make_console_reporter(quiet, verbose)
     # click gives all options; those that the user left out must not replace the file's.
     options = {
         name: value for name, value in values.items() if value not in (None, (), {})
@@ -153,18 +174,34 @@ def command(
         if dry_run or view:
             raise click.UsageError("a sweep is run without --dry-run and --view")
         return _run_settings(
-            grid(request, parameters), overwrite=overwrite, as_json=as_json
+            grid(request, parameters),
+            run_reporter,
+            overwrite=overwrite,
+            as_json=as_json,
         )
 
     if dry_run:
         estimate = estimate_run(request, overwrite=overwrite)
         print_output(as_json, as_dict(estimate), _dry_run_table(estimate))
         return 0
-    return execute(request, overwrite=overwrite, as_json=as_json, view=view)
+    return execute(
+        request,
+        run_reporter,
+        overwrite=overwrite,
+        as_json=as_json,
+        view=view,
+        show_all=show_all,
+    )
 
 
 def execute(
-    request: RunRequest, *, overwrite: bool, as_json: bool, view: bool = False
+    request: RunRequest,
+    reporter: Reporter,
+    *,
+    overwrite: bool,
+    as_json: bool,
+    view: bool = False,
+    show_all: bool = False,
 ) -> int:
     """Run the missing trials of a run, print all results and return exit code 0 or 3.
 
@@ -172,9 +209,11 @@ def execute(
 
     Args:
         request: The run and its folder.
+        reporter: Receives notices and progress.
         overwrite: Delete the results of a different run in the same folder.
         as_json: Print JSON instead of tables.
         view: Serve the trials to viewers, from a process beside the run.
+        show_all: Print trials, all measures and all pairs of planners as well.
     """
     # The viewer starts before the run, so it shows the first trial.
     viewer = serve_view(request.out, request.config.bags) if view else nullcontext()
@@ -186,14 +225,14 @@ def execute(
             f"stopped; finished trials are in {request.out}, the same command resumes"
         )
         raise
-    _print_results(request, results, as_json)
+    _print_results(request, results, as_json, show_all)
     is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
     is_complete = all(row.is_scored for row in results)
     return 0 if is_complete and is_driven else NOT_SCORED
 
 
 def _run_settings(
-    settings: Sequence[Setting], *, overwrite: bool, as_json: bool
+    settings: Sequence[Setting], reporter: Reporter, *, overwrite: bool, as_json: bool
 ) -> int:
     """Run all settings in turn, print them, the best first, and return exit code 0."""
     for number, setting in enumerate(settings, 1):
@@ -216,8 +255,10 @@ def _run_settings(
     return 0
 
 
-def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
-    """Print trials unless they are over 100, tables and conclusion, or all as JSON."""
+def _print_results(
+    request: RunRequest, results: Rows, as_json: bool, show_all: bool
+) -> None:
+    """Print ranks, verdict, failures and the next command; or all tables, or JSON."""
     # A trial that failed by no fault of its planner says nothing about it.
     scored: Rows = []
     notes: list[str] = []
@@ -226,29 +267,44 @@ def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
         scored = source.comparable_results
         notes = list_notes(entries_of([source]))
     summary = summarize_run(scored) if scored else None
-    renderables: list[object] = list(notes)
-    # A table of thousands of trials would push the summary away.
-    if len(results) <= MAX_TRIAL_LINES:
-        renderables.append(rich_table(trials_table(results, _title(request))))
-    content: dict[str, Any] = {"planners": [], "comparisons": [], "verdict": ""}
-    if summary is not None:
-        content = summary.as_json()
-        if summary.comparisons:
-            renderables.append(summary.verdict)
-            renderables.append(rich_table(summary_table(summary.planners)))
-            renderables += map(rich_table, map(comparison_table, summary.comparisons))
-        else:
-            renderables.append(rich_table(summary_table([summarize(scored)])))
-    rows = [as_dict(row) for row in results]
-    content |= {"results": rows, "notes": notes}
-    print_output(as_json, content, *renderables)
+    if as_json:
+        content: dict[str, Any] = {"planners": [], "comparisons": [], "verdict": ""}
+        if summary is not None:
+            content = summary.as_json()
+        rows = [as_dict(row) for row in results]
+        print_json(content | {"results": rows, "notes": notes})
+        return
 
-    if not as_json:
-        note = f"tables in {request.out}"
-        bags = request.out / "bags"
-        if bags.is_dir():
-            note += f", bags in {bags}"
-        print_notes(note)
+    lines: list[object] = list(notes)
+    if show_all:
+        lines.append(rich_table(trials_table(results, _title(request))))
+    if summary is not None:
+        lines.append(rich_table(ranked_table(summary)))
+        if show_all:
+            lines.append(rich_table(summary_table(summary.planners)))
+            lines += map(rich_table, map(comparison_table, summary.comparisons))
+        lines.append(_verdict(summary, show_all))
+    lines.append(describe_failures(results))
+    print_output(False, None, *filter(None, lines))
+
+    note = f"results in {request.out}"
+    bags = request.out / "bags"
+    if bags.is_dir():
+        note += f", bags in {bags}"
+    print_notes(note, f"next: barn report {shlex.quote(str(request.out))}")
+
+
+def _verdict(summary: RunSummary, show_all: bool) -> str:
+    """Return the conclusion, or that there are too few worlds for one."""
+    worlds = summary.ranking.worlds
+    if worlds < FEWEST_WORLDS:
+        return (
+            f"{count_noun(worlds, 'world')}: too few to compare planners (at least"
+            f" {FEWEST_WORLDS}, better 20)"
+        )
+    if len(summary.planners) == 1:
+        return ""
+    return summary.verdict if show_all else summary.conclusion.short
 
 
 def _title(request: RunRequest) -> str:
@@ -320,4 +376,4 @@ def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
             "trial_limit_s": 0.0,
         },
     )
-    return execute(request, overwrite=True, as_json=as_json)
+    return execute(request, reporter, overwrite=True, as_json=as_json)

@@ -1,18 +1,29 @@
 """What a run tells its user while it goes on: to a logger, or on a console."""
 
 import logging
+import math
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import Enum
 from importlib.util import find_spec
+from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.table import Column
+from rich.console import Console, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+)
+from rich.table import Column, Table
 
 from barn_eval.running.pool import Notice
 from barn_eval.running.runner import Event, TrialLoss
+from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 
 logger = logging.getLogger(__name__)
@@ -20,12 +31,29 @@ logger = logging.getLogger(__name__)
 LINE_PERIOD_S = 30.0
 """Time between two lines on the state of a run that nobody watches [s]."""
 
-MAX_TRIAL_LINES = 100
-"""Most trials of a run for which each trial has a line of its own."""
+_MAX_TALLIES = 12  # planners in the live table
+
+
+class Verbosity(Enum):
+    """What a console shows of a run."""
+
+    QUIET = "warnings only"
+    NORMAL = "progress, and the trials of a run of at most ten"
+    VERBOSE = "progress and all trials"
+
+
+_MAX_TRIAL_LINES = {
+    Verbosity.QUIET: 0,
+    Verbosity.NORMAL: 10,
+    Verbosity.VERBOSE: math.inf,
+}
 
 
 class Reporter:
     """Receives the notices and the progress of runs, and logs them."""
+
+    max_trial_lines: float = 100
+    """Most trials of a run for which each trial has a line."""
 
     def notify(self, text: str) -> None:
         """Log a line of text at level INFO."""
@@ -41,7 +69,9 @@ class Reporter:
         try:
             yield
         finally:
-            self.notify(progress.line())
+            # After the last trial, `update` may just have logged it.
+            if progress.count != progress.last_line_count:
+                self.notify(progress.line())
 
     def update(self, progress: "RunProgress") -> None:
         """Log the state of a run if the last line is `LINE_PERIOD_S` old."""
@@ -50,11 +80,15 @@ class Reporter:
 
 
 class ConsoleReporter(Reporter):
-    """Prints notices and, on a terminal or in a notebook, a progress bar."""
+    """Prints notices and, on a terminal or in a notebook, a table with a bar."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(
+        self, console: Console, verbosity: Verbosity = Verbosity.NORMAL
+    ) -> None:
         """Print to a console of rich; there is no bar before `show_progress`."""
         self._console = console
+        self._verbosity = verbosity
+        self.max_trial_lines = _MAX_TRIAL_LINES[verbosity]
         self._bar: Progress
 
     @property
@@ -67,21 +101,23 @@ class ConsoleReporter(Reporter):
         return self._console.is_terminal
 
     def notify(self, text: str) -> None:
+        """Print a line of text to the console unless it is quiet."""
+        if self._verbosity is not Verbosity.QUIET:
+            self.warn(text)
+
+    def warn(self, text: str) -> None:
         """Print a line of text to the console, brackets as they are."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
-    def warn(self, text: str) -> None:
-        """Print a line of text to the console, as any notice."""
-        self.notify(text)
-
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
-        """Show a bar while the context lasts; without a terminal, print lines."""
-        if not self._shows_bar:
+        """Show planners and a bar until the context ends; or lines, if no terminal."""
+        if not self._shows_bar or self._verbosity is Verbosity.QUIET:
             with super().show_progress(progress):
                 yield
             return
-        with Progress(
+        with _LiveTable(
+            progress,
             BarColumn(bar_width=20),
             MofNCompleteColumn(table_column=Column(no_wrap=True)),
             TextColumn("{task.description}", table_column=Column(ratio=1)),
@@ -96,13 +132,37 @@ class ConsoleReporter(Reporter):
 
     def update(self, progress: "RunProgress") -> None:
         """Move the bar; without a terminal, print a line every `LINE_PERIOD_S`."""
-        if not self._shows_bar:
+        if not self._shows_bar or self._verbosity is Verbosity.QUIET:
             super().update(progress)
             return
         for task in self._bar.task_ids:
             self._bar.update(
                 task, completed=progress.count, description=progress.text()
             )
+
+
+class _LiveTable(Progress):
+    """A bar below a table of the planners so far."""
+
+    def __init__(
+        self, progress: "RunProgress", *columns: ProgressColumn, **options: Any
+    ) -> None:
+        """Show the tallies of `progress`; the rest is as for `Progress`."""
+        self._progress = progress
+        super().__init__(*columns, **options)
+
+    def get_renderables(self) -> Iterator[RenderableType]:
+        """Yield a table of two planners or more, and the bar."""
+        tallies = self._progress.tallies
+        if 1 < len(tallies) <= _MAX_TALLIES:
+            grid = Table.grid(padding=(0, 2))
+            grid.add_row("planner", "trials", "success", "score")
+            for name, tally in tallies.items():
+                success = f"{100.0 * tally.successes / tally.trials:.0f} %"
+                score = f"{tally.score_sum / tally.trials:.3f}"
+                grid.add_row(name, str(tally.trials), success, score)
+            yield grid
+        yield from super().get_renderables()
 
 
 def make_reporter(progress: "bool | Reporter") -> Reporter:
@@ -118,6 +178,25 @@ def make_reporter(progress: "bool | Reporter") -> Reporter:
     if progress and (console.is_terminal or console.is_jupyter):
         return ConsoleReporter(console)
     return Reporter()
+
+
+@dataclass
+class Tally:
+    """Figures of a planner's trials so far."""
+
+    trials: int = 0
+    successes: int = 0
+
+    score_sum: float = 0.0
+    """Of the measure that the protocol ranks by."""
+
+    def add(self, result: TrialResult) -> None:
+        """Count a result."""
+        self.trials += 1
+        self.successes += result.scores.success
+        # Rows of schema 1 do not name the measure.
+        score = getattr(result.scores, result.metric or "challenge", None)
+        self.score_sum += math.nan if score is None else score
 
 
 class RunProgress:
@@ -137,10 +216,14 @@ class RunProgress:
         self.count = len(completed)
         self.reporter = reporter
         self._earlier_count = len(completed)
-        self._outcomes = Counter(result.outcome for result in completed)
+        self._outcomes: Counter[Outcome] = Counter()
+        self.tallies: defaultdict[str, Tally] = defaultdict(Tally)
+        for result in completed:
+            self._count(result)
         self._simulated_s = 0.0
         self._start_s = time.monotonic()
         self._last_line_s = self._start_s
+        self.last_line_count = -1
         self._last_notice = ""
 
     def take(self, event: Event) -> None:
@@ -160,24 +243,30 @@ class RunProgress:
             self._take_result(event)
 
     def _take_result(self, result: TrialResult) -> None:
-        """Count a result; tell it in a line unless the run has over 100 trials."""
+        """Count a result; tell it in a line unless the run has too many trials."""
         self.count += 1
         self._simulated_s += result.scores.duration_s
-        self._outcomes[result.outcome] += 1
-        if self.total <= MAX_TRIAL_LINES:
+        self._count(result)
+        if self.total <= self.reporter.max_trial_lines:
             self.reporter.notify(
                 f"[{self.count}/{self.total}] {result.trial_id}:"
                 f" {_describe_end(result)}"
             )
         self.reporter.update(self)
 
+    def _count(self, result: TrialResult) -> None:
+        """Count the outcome of a result, of this session or an earlier one."""
+        self._outcomes[result.outcome] += 1
+        self.tallies[result.planner].add(result)
+
     def is_line_due(self) -> bool:
         """Return whether the last line is at least `LINE_PERIOD_S` old."""
         return time.monotonic() - self._last_line_s >= LINE_PERIOD_S
 
     def line(self) -> str:
-        """Return the state of the run in a line, and note now as its time."""
+        """Return the state of the run in a line, and note its time and count."""
         self._last_line_s = time.monotonic()
+        self.last_line_count = self.count
         return f"{self.count}/{self.total} trials, {self.text()}"
 
     def text(self) -> str:

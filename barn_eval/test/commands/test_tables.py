@@ -17,7 +17,14 @@ from rich.console import Console
 
 import barn_eval
 from barn_eval.analysis.summary import summarize_run
-from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
+from barn_eval.analysis.tables import (
+    MAX_RANKED,
+    comparison_table,
+    describe_failures,
+    ranked_table,
+    summary_table,
+    trials_table,
+)
 from barn_eval.commands import options
 from barn_eval.commands.main import main
 from barn_eval.commands.tables import FittedTable, rich_table, table
@@ -25,10 +32,10 @@ from barn_eval.results.folder import read_results
 from barn_eval.running import reporting
 from barn_eval.running.pool import Notice
 from barn_eval.running.reporting import (
-    MAX_TRIAL_LINES,
     ConsoleReporter,
     Reporter,
     RunProgress,
+    Verbosity,
     format_duration,
 )
 from barn_eval.running.runner import TrialLoss
@@ -111,11 +118,70 @@ def test_tables_of_runs_and_campaigns_are_whole(folder):
     summary = summarize_run(results)
     tables = [
         trials_table(results, "all"),
+        ranked_table(summary),
         summary_table(summary.planners),
         *map(comparison_table, summary.comparisons),
     ]
     for fitted in tables:
         check_whole(rich_table(fitted))
+
+
+def results_of(planners, worlds, step=0.01):
+    """Return a success of each planner in each world, the first planner the fastest."""
+    results = []
+    for place, planner in enumerate(planners):
+        for world in range(worlds):
+            row = result(world)
+            score = 0.4 - step * place
+            scores = replace(row.scores, challenge=score)
+            results.append(
+                replace(row, planner=planner, protocol="challenge", scores=scores)
+            )
+    return results
+
+
+def test_twenty_planners_fit_a_screen():
+    names = [f"planner{number:02d}" for number in range(MAX_RANKED + 3)][::-1]
+    lines = draw_table(
+        rich_table(ranked_table(summarize_run(results_of(names, 8)))), 80
+    ).splitlines()
+    assert len(lines) < 40
+    rows = [line.split() for line in lines if "planner" in line]
+    assert [row[1] for row in rows[1:-1]] == names[:MAX_RANKED]
+    assert "and 3 more planners" in " ".join(lines)
+
+
+def test_planners_that_a_test_separates_have_ranks_of_their_own():
+    rows = ranked_table(summarize_run(results_of(["b", "a"], 12, 0.3))).rows
+    assert [row[:2] for row in rows] == [("1", "b"), ("2", "a")]
+
+
+@pytest.mark.parametrize(("worlds", "has_intervals"), [(5, False), (6, True)])
+def test_few_worlds_have_no_intervals(worlds, has_intervals):
+    table = ranked_table(summarize_run(results_of(["a", "b"], worlds)))
+    assert any("[" in cell for cell in table.rows[0]) == has_intervals
+
+
+def test_failures_take_a_line_and_explain_themselves():
+    assert describe_failures([result(0)]) == ""
+    crash = Outcome.PLANNER_DIED
+    failures = [
+        replace(
+            row,
+            outcome=outcome,
+            detail=detail,
+            scores=replace(row.scores, success=False),
+        )
+        for row, outcome, detail in (
+            (result(0), Outcome.TIMEOUT, "2 m from the goal"),
+            (result(1), crash, "KeyError: 'x'"),
+            (result(2), crash, "KeyError: 'y'"),
+        )
+    ]
+    assert describe_failures(failures).splitlines() == [
+        "failures: DWA 2 planner_died, 1 timeout",
+        "  planner_died, for example: KeyError: 'x'",
+    ]
 
 
 def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
@@ -206,7 +272,7 @@ def test_progress_figures_are_those_of_the_session(time):
 
 
 def test_lines_come_now_and_then_and_at_the_end(time):
-    total = MAX_TRIAL_LINES + 1
+    total = 101
     output_lines, _ = show(
         total,
         [result(0)] * (total - 31),
@@ -232,6 +298,33 @@ def test_trials_of_a_small_experiment_have_a_line_each(time):
     first, second, _ = output_lines.splitlines()
     assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
     assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
+
+
+@pytest.mark.parametrize(
+    ("verbosity", "trial_lines", "progress_lines"),
+    [(Verbosity.QUIET, 0, 0), (Verbosity.NORMAL, 0, 1), (Verbosity.VERBOSE, 11, 1)],
+)
+def test_trials_of_a_larger_run_have_lines_if_asked_for(
+    time, verbosity, trial_lines, progress_lines
+):
+    file = io.StringIO()
+    reporter = ConsoleReporter(Console(file=file, width=200), verbosity)
+    progress = RunProgress(11, [], reporter)
+    take(progress, [result(number) for number in range(11)], time, file)
+    lines = file.getvalue().splitlines()
+    assert sum(line.startswith("[") for line in lines) == trial_lines
+    assert sum("real time" in line for line in lines) == progress_lines
+
+
+def test_a_terminal_shows_the_planners_as_they_drive(time):
+    file = io.StringIO()
+    reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=80))
+    events = results_of(["dwa", "gap"], 6)
+    take(RunProgress(12, [], reporter), events, time, file)
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", file.getvalue())
+    rows = [line.split() for line in shown.splitlines()]
+    assert ["dwa", "6", "100", "%", "0.400"] in rows
+    assert ["gap", "6", "100", "%", "0.390"] in rows
 
 
 def test_what_is_waited_for_is_said_once(time):
