@@ -71,7 +71,9 @@ def field_option(
     # Descriptions also end sentences of other tables, so they begin small.
     meaning = quantity.description[:1].upper() + quantity.description[1:]
     help_text = f"{meaning} [default: {default or value}]."
-    names = filter(None, (short, f"--{name}"))
+    if not (default or value):
+        help_text = f"{meaning}."
+    names = filter(None, (short, f"--{name.replace('_', '-')}"))
     return click.option(*names, type=kind, help=help_text)
 
 

@@ -225,7 +225,7 @@ def execute(
             f"stopped; finished trials are in {request.out}, the same command resumes"
         )
         raise
-    _print_results(request, results, as_json, show_all)
+    print_results(request, results, as_json, show_all)
     is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
     is_complete = all(row.is_scored for row in results)
     return 0 if is_complete and is_driven else NOT_SCORED
@@ -255,7 +255,7 @@ def _run_settings(
     return 0
 
 
-def _print_results(
+def print_results(
     request: RunRequest, results: Rows, as_json: bool, show_all: bool
 ) -> None:
     """Print ranks, verdict, failures and the next command; or all tables, or JSON."""

@@ -8,6 +8,7 @@ from barn_worlds.base.config import Checked, from_dict, quantity
 
 SUITE_NAME = "barn"
 NO_CONTACT = "none"  # nobody reports contacts
+OPERATOR = "operator"  # who stands beside the robot reports them
 
 
 @dataclass(frozen=True)

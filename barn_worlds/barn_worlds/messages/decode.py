@@ -54,6 +54,7 @@ class Transform(NamedTuple):
     parent: str
     child: str
     pose: Pose2D
+    stamp_ns: int
 
 
 class Markers(NamedTuple):
@@ -256,7 +257,9 @@ def transforms(data: bytes) -> list[Transform]:
     for stamped in decode_message(data, "tf2_msgs/msg/TFMessage").transforms:
         pose = _planar(stamped.transform.translation, stamped.transform.rotation)
         parent = stamped.header.frame_id
-        transforms.append(Transform(parent, stamped.child_frame_id, pose))
+        stamp = stamped.header.stamp
+        stamp_ns = stamp.sec * NANOSECONDS_PER_SECOND + stamp.nanosec
+        transforms.append(Transform(parent, stamped.child_frame_id, pose, stamp_ns))
     return transforms
 
 

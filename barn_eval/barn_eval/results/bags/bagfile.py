@@ -1,27 +1,49 @@
-"""Reading of bags: rosbag2 folders (MCAP, SQLite) and MCAP files."""
+"""Reading of bags: rosbag2 (MCAP, SQLite; folders and files) and ROS 1."""
 
 import re
 import sqlite3
 from collections.abc import Collection, Iterator
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-import apsw  # with which rosbags reads SQLite
 from mcap.exceptions import EndOfFile, InvalidMagic
-from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.rosbag1 import Reader, ReaderError
+from rosbags.serde import SerdeError
+from zstandard import ZstdDecompressor
 
 from barn_eval.results.bags import BAGS
-from barn_eval.results.bags.mcap_file import DAMAGE, McapFile, RawMessage
+from barn_eval.results.bags.mcap_file import (
+    DAMAGE,
+    LARGEST_RECORD,
+    McapFile,
+    RawMessage,
+)
 from barn_eval.results.bags.recorder import PARTIAL
 from barn_worlds.base.errors import BagError, convert_os_errors, format_error
 from barn_worlds.base.files import open_regular
 from barn_worlds.base.types import seconds
+from barn_worlds.messages.cdr import jazzy_types
 
 # Bytes of all messages of a bag, and what each takes in memory beside its data.
 LARGEST_BAG = 1 << 29
 MESSAGE_BYTES = 256
 
 _LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
+_BLOCK = 1 << 20
+
+# Endings of files and of files compressed as a whole, in the order of preference.
+_ENDINGS = (".mcap", ".mcap.zstd", ".db3", ".db3.zstd", ".bag")
+_ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
+_MESSAGES = (
+    "SELECT name, type, serialization_format, timestamp, data"
+    " FROM messages JOIN topics ON messages.topic_id = topics.id"
+    " ORDER BY timestamp, messages.id"
+)
+# Names that types had in ROS 1, of the same content.
+_ROS1_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
 
 class BagFile:
@@ -34,11 +56,10 @@ class BagFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Find the files of a bag (folder or .mcap) and open none; else BagError."""
+        """Find the files of a bag (folder or file) and open none; else BagError."""
         self.path = path
         self.metadata: dict[str, dict[str, str]] = {}
         self.problem = ""
-        self._sqlite = False
         self._files = self._find(path)
         self._first_ns: int | None = None
         self._last_ns = 0
@@ -47,6 +68,11 @@ class BagFile:
     def is_empty(self) -> bool:
         """Whether no message has been read so far, so also before `messages`."""
         return self._first_ns is None
+
+    @cached_property
+    def types(self) -> dict[str, str]:
+        """Type of each topic; the bag is read to its end."""
+        return {message.topic: message.type_name for message in self.messages()}
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
         """Yield undecoded messages in the order of the file, up to any damage.
@@ -60,7 +86,8 @@ class BagFile:
             BagError: The bag is of no format that can be read.
         """
         size = 0
-        for message in self._read():
+        for packed in self._read():
+            message = _unpack(packed)
             size += len(message.data) + MESSAGE_BYTES
             if size > LARGEST_BAG:
                 reason = f"it has more than {LARGEST_BAG} bytes of messages"
@@ -75,7 +102,7 @@ class BagFile:
                 yield message
 
     def _find(self, path: Path) -> list[Path]:
-        """Return a bag's .mcap files in order of their parts, [] for SQLite.
+        """Return a bag's files in order of their parts.
 
         Raises:
             BagError: There is no bag.
@@ -87,43 +114,32 @@ class BagFile:
                 hint = f"; an unfinished one is there: {partial}"
             raise BagError(f"{path}: no such bag{hint}")
         if path.is_file():
-            if path.suffix == ".db3":
-                raise BagError(
-                    f"{path}: give the folder of the bag, which has its metadata.yaml"
-                )
             return [path]
-        files = sorted(path.glob("*.mcap"), key=_part_key)
-        if not files:
-            self._sqlite = any(path.glob("*.db3"))
-            if not self._sqlite:
-                raise BagError(f"{path}: holds no bag (no .mcap or .db3 file)")
-        return files
+        for ending in _ENDINGS:
+            files = sorted(path.glob(f"*{ending}"), key=_part_key)
+            if files:
+                return files
+        raise BagError(f"{path}: holds no bag (no {', '.join(_ENDINGS)} file)")
 
     def _read(self) -> Iterator[RawMessage]:
-        """Yield messages of all files, MCAP or SQLite, up to the first problem."""
-        if self._sqlite:
-            yield from self._sqlite_messages()
+        """Yield messages of all files of any format, up to the first problem."""
         for path in self._files:
-            yield from self._mcap_messages(path)
+            try:
+                with _decompressed(path) as plain:
+                    if plain.suffix not in (".db3", ".bag"):
+                        yield from self._mcap_messages(plain)
+                    elif plain.suffix == ".bag":
+                        yield from _ros1_messages(plain)
+                    else:
+                        yield from _sqlite_messages(plain)
+            except (*_DATABASE_DAMAGE, *DAMAGE) as error:
+                if self.is_empty:
+                    raise BagError(
+                        f"{path}: not a bag that can be read: {format_error(error)}"
+                    ) from None
+                self._note("damaged", str(error) and format_error(error))
             if self.problem:
                 return
-
-    def _sqlite_messages(self) -> Iterator[RawMessage]:
-        """Yield messages of .db3 files; note damage, BagError before the first one."""
-        try:
-            for file in self.path.glob("*.db3"):
-                # Before rosbags opens it, which would run the code of views.
-                _require_plain(file)
-            with Reader(self.path) as reader:
-                for connection, stamp_ns, data in reader.messages():
-                    topic = connection.topic
-                    yield RawMessage(topic, connection.msgtype, stamp_ns, bytes(data))
-        except (ReaderError, sqlite3.Error, apsw.Error, OSError, *DAMAGE) as error:
-            if self.is_empty:
-                raise BagError(
-                    f"{self.path}: not a bag that can be read: {format_error(error)}"
-                ) from None
-            self._note("damaged", str(error) and format_error(error))
 
     def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
         """Yield messages of an .mcap file; note damage, BagError if it has no record.
@@ -213,12 +229,76 @@ class TrialFollower:
         return max(written_ns, key=written_ns.__getitem__, default=None)
 
 
+@contextmanager
+def _decompressed(path: Path) -> Iterator[Path]:
+    """Yield a file, or a temporary one of what a file compressed as a whole holds.
+
+    Raises:
+        ValueError: It holds too much.
+    """
+    if path.suffix != ".zstd":
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        plain = Path(folder) / path.stem
+        with (
+            open_regular(path) as packed,
+            ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream,
+            plain.open("wb") as file,
+        ):
+            while block := stream.read(_BLOCK):
+                file.write(block)
+                if file.tell() > LARGEST_BAG:
+                    raise ValueError(f"it unpacks to more than {LARGEST_BAG} bytes")
+        yield plain
+
+
+def _unpack(message: RawMessage) -> RawMessage:
+    """Return a message, decompressed if it is compressed by itself."""
+    # CDR never begins like this, so no metadata has to say so.
+    if message.data[:4] != _ZSTD:
+        return message
+    with ZstdDecompressor().stream_reader(message.data) as stream:
+        data = stream.read(LARGEST_RECORD)
+    return replace(message, data=data)
+
+
+def _sqlite_messages(path: Path) -> Iterator[RawMessage]:
+    """Yield messages of a .db3 file; an error of `_DATABASE_DAMAGE` if damaged."""
+    _require_plain(path)
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    with closing(sqlite3.connect(uri, uri=True)) as database:
+        for topic, type_name, encoding, stamp_ns, data in database.execute(_MESSAGES):
+            if not isinstance(data, bytes) or not isinstance(stamp_ns, int):
+                raise ValueError(f"a message of {topic!r:.40} that is no message")
+            known_type = str(type_name) if encoding == "cdr" else ""
+            yield RawMessage(str(topic), known_type, stamp_ns, data)
+
+
+def _ros1_messages(path: Path) -> Iterator[RawMessage]:
+    """Yield messages of a ROS 1 bag, those of types of ROS 2 as CDR."""
+    types = jazzy_types()
+    # A pipe or a device is refused before the library opens it.
+    open_regular(path).close()
+    with Reader(path) as reader:
+        for connection, stamp_ns, data in reader.messages():
+            type_name = _ROS1_TYPES.get(connection.msgtype, connection.msgtype)
+            content = bytes(data)
+            if type_name in types.fielddefs:
+                content = bytes(types.ros1_to_cdr(data, type_name))
+            yield RawMessage(connection.topic, type_name, stamp_ns, content)
+
+
 def _read_new(file: McapFile) -> list[RawMessage]:
     """Return messages written since the last call; BagError if the file is damaged."""
     try:
         return list(file.messages())
     except DAMAGE as error:
         raise BagError(f"{file.path}: is damaged: {format_error(error)}") from None
+
+
+# What reading of SQLite and ROS 1 raises for a damaged file, beside `DAMAGE`.
+_DATABASE_DAMAGE = (ReaderError, SerdeError, sqlite3.Error, OSError, AssertionError)
 
 
 def _require_plain(path: Path) -> None:
@@ -243,7 +323,7 @@ def _part_key(path: Path) -> tuple[int, str]:
     """Return a part's sort key in a split bag: number after the last _, then name."""
     # As texts, part 10 would come before part 2.
     number = 0
-    match = re.search(r"_(\d+)$", path.stem)
+    match = re.search(r"_(\d+)$", path.name.partition(".")[0])
     if match:
         number = int(match[1])
     return number, path.name

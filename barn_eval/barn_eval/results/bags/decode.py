@@ -68,7 +68,7 @@ def _grid(data: bytes) -> OccupancyMap:
     return grid
 
 
-def _mounts(data: bytes) -> dict[str, Pose2D]:
+def read_mounts(data: bytes) -> dict[str, Pose2D]:
     """Return poses in base_link by child frame, from transforms of base_link only."""
     mounts = {}
     for transform in decode.transforms(data):
@@ -118,7 +118,7 @@ READERS: tuple[tuple[Topic, Callable[[bytes], Any]], ...] = (
     (topics.CANDIDATES, decode.markers),
     (topics.SCORE, _number),
     (topics.OUTCOME, _outcome),
-    (topics.TF_STATIC, _mounts),
+    (topics.TF_STATIC, read_mounts),
     (topics.WORLD, decode_scene),
     (topics.MOVING, decode_moving),
     (topics.MOVING_POSES, decode_moving_poses),

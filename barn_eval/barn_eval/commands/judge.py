@@ -1,0 +1,63 @@
+"""`barn judge`: trials of any simulator or robot, judged from their bags."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from barn_eval.commands.options import (
+    course_option,
+    field_option,
+    flag_option,
+    folder_option,
+    json_option,
+    notes,
+    path_argument,
+    print_notes,
+)
+from barn_eval.commands.run import NOT_SCORED, print_results
+from barn_eval.running.judge import JudgeOptions, judge
+from barn_worlds.base.config import fields_of
+
+_OPTIONS = JudgeOptions()
+
+
+def _judge_options(command: Any) -> Any:
+    """Give a command an option for each field of `JudgeOptions`."""
+    for name, _, _ in reversed(list(fields_of(_OPTIONS))):
+        command = field_option(_OPTIONS, name)(command)
+    return command
+
+
+@click.command("judge")
+@path_argument("bags", nargs=-1, required=True)
+@_judge_options
+@course_option
+@folder_option("--out", required=True, help="Folder of the results.")
+@flag_option("--overwrite", help="Remove other results from that folder first.")
+@json_option
+def command(
+    bags: tuple[Path, ...],
+    course: tuple[float, ...] | None,
+    out: Path,
+    overwrite: bool,
+    as_json: bool,
+    **values: Any,
+) -> int:
+    """Judge trials that somebody else ran, from BAGS, and write ordinary results.
+
+    A bag is a rosbag2 folder or file (MCAP, SQLite, also compressed) or of ROS 1. Each
+    goal in it begins a trial. What a bag does not tell is empty, not guessed.
+    """
+    options = {name: value for name, value in values.items() if value is not None}
+    with notes.status("judging"):
+        run, results = judge(
+            bags, out, JudgeOptions(**options), course or (), overwrite=overwrite
+        )
+    print_results(run, results, as_json)
+    for row in results:
+        # Of a trial that does not count, a table shows no reason.
+        reason = "" if row.is_scored else row.detail
+        for text in filter(None, (reason, row.remarks)):
+            print_notes(f"{row.trial_id}: {text}")
+    return 0 if all(row.is_scored for row in results) else NOT_SCORED

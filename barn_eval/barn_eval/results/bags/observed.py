@@ -1,0 +1,113 @@
+"""What a bag of anybody's tells of a robot: readings, scans, commands and goals."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.bags.decode import metadata, read_mounts
+from barn_eval.results.bags.mcap_file import RawMessage
+from barn_eval.results.bags.sources import Sources, TopicChoice
+from barn_eval.trials.system import NO_CONTACT
+from barn_worlds.base.errors import BagError, MessageError, format_error
+from barn_worlds.base.types import Pose2D
+from barn_worlds.messages import decode, topics
+
+
+class Logged(NamedTuple):
+    """A message's content and when it was logged."""
+
+    log_ns: int
+    content: Any
+
+
+class GoalMessage(NamedTuple):
+    """A goal pose and the frame that it is in."""
+
+    pose: Pose2D
+    frame: str
+
+
+@dataclass
+class ObservedDrive:
+    """A robot's drive as its bag has it, in the order of the log."""
+
+    path: Path
+    pose_source: str
+    frame: str = ""  # of the poses
+    clock: str = "stamps"  # or "log", where poses have no stamps
+    poses: list[Logged] = field(default_factory=list)  # Odometry
+    goals: list[Logged] = field(default_factory=list)  # GoalMessage, each new one
+    contacts: list[Logged] = field(default_factory=list)  # bool
+    commands: list[Logged] = field(default_factory=list)  # Velocity2D
+    scans: list[Logged] = field(default_factory=list)  # Scan
+    contact_source: str = NO_CONTACT
+    scan_frame: str = ""
+    mounts: dict[str, Pose2D] = field(default_factory=dict)  # in base_link, by frame
+    trial: dict[str, Any] = field(default_factory=dict)  # what a bag of the suite says
+    problem: str = ""  # why the bag could not be read to its end
+
+    def index_at(self, log_ns: int) -> int:
+        """Return the index of the last pose logged by then, -1 if none was."""
+        times = [pose.log_ns for pose in self.poses]
+        return int(np.searchsorted(times, log_ns, side="right")) - 1
+
+
+def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
+    """Read what a bag tells of a robot.
+
+    Raises:
+        BagError: It cannot be read, or has no poses of a robot.
+    """
+    bag = BagFile(path)
+    choice = TopicChoice(bag, sources)
+    reader = choice.pose_reader()
+    drive = ObservedDrive(path, reader.name)
+    names = {*choice.paths, *reader.topics}
+    for message in bag.messages(names):
+        try:
+            if message.topic in reader.topics:
+                for odometry in reader.read(message):
+                    drive.poses.append(Logged(message.stamp_ns, odometry))
+            _take_message(drive, choice, message)
+        except MessageError as error:
+            raise BagError(f"{path}: {message.topic}: {format_error(error)}") from None
+    drive.problem = bag.problem
+    if not drive.poses:
+        reason = bag.problem or "none was sent"
+        if sources.frames:
+            links = sorted(f"{parent} to {child}" for parent, child in reader.links)
+            reason = f"tf has {', '.join(links) or 'no frames'}"
+        raise BagError(f"{path}: no poses of a robot on {reader.name} ({reason})")
+    drive.frame = reader.frame
+    drive.trial = metadata(bag, "barn.trial", "specification")
+    if not any(pose.content.stamp_ns for pose in drive.poses):
+        drive.clock = "log"
+    return drive
+
+
+def _take_message(
+    drive: ObservedDrive, choice: TopicChoice, message: RawMessage
+) -> None:
+    """Add to a drive what a message says, unless it is only of poses."""
+    topic = choice.paths.get(message.topic, "")
+    log_ns = message.stamp_ns
+    data = message.data
+    if topic == topics.GOAL_POSE.path:
+        goal = GoalMessage(decode.pose(data), decode.header(data).frame.lstrip("/"))
+        # Planners are sent the same goal again and again.
+        if not drive.goals or drive.goals[-1].content != goal:
+            drive.goals.append(Logged(log_ns, goal))
+    elif topic == topics.COLLISION.path and choice.sources.contact != NO_CONTACT:
+        drive.contacts.append(Logged(log_ns, decode.boolean(data)))
+        drive.contact_source = message.topic.removeprefix(choice.sources.namespace)
+    elif topic == topics.CMD_VEL.path:
+        command = decode.command(data, message.type_name)
+        drive.commands.append(Logged(log_ns, command))
+    elif topic == topics.SCAN.path:
+        drive.scan_frame = decode.header(data).frame
+        drive.scans.append(Logged(log_ns, decode.scan(data)))
+    elif topic == topics.TF_STATIC.path:
+        drive.mounts |= read_mounts(data)

@@ -1,0 +1,216 @@
+"""Where in a bag of anybody's the suite finds poses, scans, commands and goals."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.bags.mcap_file import RawMessage
+from barn_eval.trials.system import NO_CONTACT
+from barn_worlds.base.errors import BagError, ConfigError, format_value
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.messages import decode, topics
+
+NO_TWIST = Velocity2D(math.nan, math.nan)
+_TF = "/tf:"
+_ODOMETRY = topics.ODOM.type_name
+_POSE = topics.GOAL_POSE.type_name
+_POSE_TYPES = (_ODOMETRY, topics.AMCL_POSE.type_name, _POSE)
+_TRUTH = topics.GROUND_TRUTH.path
+
+# Topics whose names are not needed, where a bag has one alone of the type.
+_BY_TYPE = (topics.ODOM, topics.SCAN, topics.CMD_VEL, topics.CMD_VEL_STAMPED)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Which topics of a bag stand for the suite's, as far as somebody says so."""
+
+    pose: str = ""  # topic, or frames of tf such as "/tf:odom.base_link"
+    goal: str = ""
+    contact: str = ""
+    namespace: str = ""  # in front of all names
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for frames of tf that are no chain."""
+        if self.pose.startswith(_TF) and not all(self.frames[1:]):
+            raise ConfigError(
+                f"pose {format_value(self.pose)}: must be a topic, or frames of tf, such"
+                f" as {_TF}odom.base_link"
+            )
+
+    @property
+    def frames(self) -> list[str]:
+        """Frames of tf from the fixed one to the robot's, [] for poses of a topic."""
+        if not self.pose.startswith(_TF):
+            return []
+        frames = self.pose.removeprefix(_TF).split(".")
+        return frames if len(frames) > 1 else [*frames, ""]
+
+
+class TopicChoice:
+    """What the topics of a bag stand for.
+
+    Attributes:
+        sources: What is known of them, with the namespace found.
+        paths: Path of the suite's topic by the topic of the bag.
+    """
+
+    def __init__(self, bag: BagFile, sources: Sources) -> None:
+        """Choose topics: those named, by the suite's names, or the only one of a type.
+
+        Args:
+            bag: The bag, which is read to its end.
+            sources: What is said about its topics.
+
+        Raises:
+            BagError: A named topic is missing, or odometry is in several namespaces.
+        """
+        self._bag = bag
+        namespace = sources.namespace.rstrip("/") or self._find_namespace()
+        self.sources = replace(sources, namespace=namespace)
+        self.paths: dict[str, str] = {}
+
+        named = {topics.GOAL_POSE: sources.goal}
+        if not sources.frames:
+            named[topics.ODOM] = sources.pose
+        if sources.contact != NO_CONTACT:
+            named[topics.COLLISION] = sources.contact
+        for topic, name in named.items():
+            if name:
+                self._add(topic, self._require(name))
+        for topic in vars(topics).values():
+            if isinstance(topic, topics.Topic):
+                self._add(topic, f"{namespace}{topic.path}")
+                self._add(topic, topic.path)
+        for topic in _BY_TYPE:
+            self._add(topic, *self._of_type(topic.type_name))
+        goals = [name for name in self._of_type(_POSE) if name.endswith("goal")]
+        self._add(topics.GOAL_POSE, *goals)
+
+    def _add(self, topic: topics.Topic, *names: str) -> None:
+        """Let a topic of the bag stand for one of the suite's that has none so far.
+
+        Several names, or one that the bag does not have, change nothing.
+        """
+        is_known = topic.path in self.paths.values()
+        if len(names) == 1 and names[0] in self._bag.types and not is_known:
+            self.paths.setdefault(names[0], topic.path)
+
+    def _of_type(self, type_name: str) -> list[str]:
+        """Return the bag's topics of a type, sorted."""
+        types = self._bag.types
+        return sorted(name for name in types if types[name] == type_name)
+
+    def _find_namespace(self) -> str:
+        """Return what is in front of the odometry's name, "" if nothing is."""
+        names = (_TRUTH, topics.ODOM.path)
+        if not self._bag.types.keys().isdisjoint(names):
+            return ""
+        namespaces = set()
+        for topic in self._of_type(_ODOMETRY):
+            for name in names:
+                if topic.endswith(name):
+                    namespaces.add(topic.removesuffix(name))
+                    break
+        if len(namespaces) > 1:
+            raise BagError(
+                f"{self._bag.path}: has odometry in several namespaces,"
+                f" {', '.join(sorted(namespaces))}; choose one, such as --namespace"
+                f" {min(namespaces)}"
+            )
+        return "".join(namespaces)
+
+    def _require(self, name: str) -> str:
+        """Return a topic of this name, in the namespace or without; else BagError."""
+        for topic in (f"{self.sources.namespace}{name}", name):
+            if topic in self._bag.types:
+                return topic
+        raise BagError(f"{self._bag.path}: has no topic {name}{self._list_topics()}")
+
+    def _list_topics(self) -> str:
+        """Return the end of a message, which lists the bag's topics."""
+        types = self._bag.types.items()
+        names = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(types))
+        return f"; it has {names or self._bag.problem or 'no topic'}"
+
+    def pose_reader(self) -> "PoseReader":
+        """Return the reader of its poses; BagError, naming what is there, if none is."""
+        sources = self.sources
+        if sources.frames:
+            static = f"{sources.namespace}{topics.TF_STATIC.path}"
+            reading = {self._require(topics.TF.path), static, topics.TF_STATIC.path}
+            return PoseReader(sources.pose, reading, sources.frames)
+        for name, path in self.paths.items():
+            if path == topics.ODOM.path and self._bag.types[name] in _POSE_TYPES:
+                return PoseReader(name.removeprefix(sources.namespace), {name}, [])
+        advice = f"frames of tf, such as --pose {_TF}odom.base_link"
+        odometry = self._of_type(_ODOMETRY)
+        if odometry:
+            advice = f"such as --pose {odometry[0]}"
+        raise BagError(
+            f"{self._bag.path}: no poses of a robot on {sources.pose or topics.ODOM.path}"
+            f" or on one topic of {', '.join(_POSE_TYPES)}; name them, {advice}"
+            f"{self._list_topics()}"
+        )
+
+
+class PoseReader:
+    """Reads poses of a robot from one topic, or from frames of tf.
+
+    Attributes:
+        name: The source without namespace, such as "/odom" or "/tf:odom.base_link".
+        topics: The topics whose messages `read` takes.
+        frame: Frame of the poses, empty before the first one.
+        links: Poses of frames of tf in their parents, by both names, as last read.
+    """
+
+    def __init__(self, name: str, names: set[str], frames: list[str]) -> None:
+        """Read poses of one topic, or of `frames` of tf; nothing is read yet."""
+        self.name = name
+        self.topics = names
+        self.frame = ""
+        self.links: dict[tuple[str, str], Pose2D] = {}
+        self._static: set[tuple[str, str]] = set()
+        self._chain = list(pairwise(frames))
+
+    def read(self, message: RawMessage) -> Iterator[Odometry]:
+        """Yield the poses of a message of `topics`; a twist that it lacks is NaN.
+
+        Raises:
+            MessageError: It is malformed.
+        """
+        if self._chain:
+            yield from self._read_transforms(message)
+            return
+        header = decode.header(message.data)
+        self.frame = header.frame.lstrip("/")
+        if message.type_name == _ODOMETRY:
+            yield decode.odometry(message.data)
+        elif message.type_name == _POSE:
+            yield Odometry(header.stamp_ns, decode.pose(message.data), NO_TWIST)
+        else:
+            pose = decode.pose_with_covariance(message.data)
+            yield Odometry(header.stamp_ns, pose, NO_TWIST)
+
+    def _read_transforms(self, message: RawMessage) -> Iterator[Odometry]:
+        """Yield a pose for each transform that moves the robot, once all are known.
+
+        Of several that move it, the last of the chain is sent most often.
+        """
+        is_static = message.topic.endswith(topics.TF_STATIC.path)
+        for transform in decode.transforms(message.data):
+            # In ROS 1, names of frames began with a slash.
+            link = (transform.parent.lstrip("/"), transform.child.lstrip("/"))
+            self.links[link] = transform.pose
+            if is_static:
+                self._static.add(link)
+            moving = [link for link in self._chain if link not in self._static]
+            is_known = self.links.keys() >= set(self._chain)
+            if is_known and moving and link == moving[-1]:
+                self.frame = self._chain[0][0]
+                pose = Pose2D(0.0, 0.0, 0.0)
+                for other in self._chain:
+                    pose = pose @ self.links[other]
+                yield Odometry(transform.stamp_ns, pose, NO_TWIST)

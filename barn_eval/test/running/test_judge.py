@@ -1,0 +1,294 @@
+"""Trials judged from bags: by truth and odometry, converted, doubtful, incomplete."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from foreign_bags import (
+    at_half_real_time,
+    edited,
+    in_namespace,
+    messages_of,
+    write_bag,
+)
+from planners import recorded, spec_of
+from refusals import refused
+
+from barn_eval.results.folder import read_results
+from barn_eval.running.judge import JudgeOptions, judge
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.verification.check import check_folder
+from barn_worlds.base.errors import BagError, ConfigError
+
+TRUTH = "/ground_truth/odom"
+KEPT = ("/odom", "/ground_truth/odom", "/tf", "/tf_static", "/collision", "/scan")
+KEPT = (*KEPT, "/cmd_vel", "/goal_pose")
+NEAR = "schema_version: 1\nbase: challenge\nname: near\ngoal_distance_m: 8.0\n"
+CONVERSIONS = {
+    "sqlite": {"format": "sqlite"},
+    "ros1": {"format": "ros1"},
+    "file": {"compression": "file"},
+    "message": {"compression": "message"},
+    "sqlite message": {"format": "sqlite", "compression": "message"},
+}
+CHANGES = {"half": at_half_real_time, "namespace": in_namespace}
+
+
+@pytest.fixture(scope="module")
+def nearer(tmp_path_factory):
+    """The bag of a trial that goes on for a meter behind the goal of `near`."""
+    folder = tmp_path_factory.mktemp("near")
+    (folder / "near.yaml").write_text(NEAR)
+    protocol = replace(CHALLENGE, name="far", goal_distance_m=7.0)
+    recorded(spec_of(120, protocol), folder / "gap_w0120_r00")
+    return folder / "gap_w0120_r00"
+
+
+def near(bag):
+    """The protocol by which a bag beside it is judged."""
+    return str(bag.with_name("near.yaml"))
+
+
+def kept(message):
+    return message if message.topic in KEPT else None
+
+
+def judge_one(path, out, **options):
+    _, (row,) = judge([Path(path)], out, JudgeOptions(**options), overwrite=True)
+    return row
+
+
+def test_by_truth_a_row_is_that_of_the_run(collided, tmp_path):
+    (own,) = read_results(collided)
+    bag = collided / "bags" / own.trial_id
+    row = judge_one(bag, tmp_path / "out", pose=TRUTH)
+    assert (row.trial_id, row.outcome, row.detail) == (
+        own.trial_id,
+        own.outcome,
+        own.detail,
+    )
+    assert row.measures == replace(own.measures, off_plan_m=None)
+    assert replace(row.scores, least_time_s=None) == replace(
+        own.scores, least_time_s=None
+    )
+    assert (row.observed.clearance_by, row.observed.pose_source) == (
+        "world",
+        "/ground_truth/odom",
+    )
+    check = check_folder(tmp_path / "out")
+    assert (check.problems, check.driven) == ([], 0)
+
+
+def test_by_odometry_times_are_within_a_reading_and_clearance_is_by_scans(
+    nearer, tmp_path
+):
+    by_truth = judge_one(nearer, tmp_path / "a", pose=TRUTH, protocol=near(nearer))
+    row = judge_one(nearer, tmp_path / "b", protocol=near(nearer))
+    assert row.outcome is by_truth.outcome is Outcome.SUCCESS
+    error_s = row.scores.traversal_time_s - by_truth.scores.traversal_time_s
+    assert abs(error_s) <= row.observed.time_uncertainty_s == pytest.approx(0.1)
+    assert row.observed.clearance_by == "scans"
+    assert row.measures.min_clearance_m == pytest.approx(
+        by_truth.measures.min_clearance_m, abs=0.02
+    )
+    assert (row.scores.efficiency, row.speed_cap_mps) == (None, None)
+
+
+@pytest.mark.parametrize("kind", [*CONVERSIONS, *CHANGES])
+def test_the_same_bag_in_any_form_gives_the_same_row(nearer, tmp_path, kind):
+    change = CHANGES.get(kind, lambda message: message)
+    messages = [change(message) for message in messages_of(nearer, kept)]
+    path = tmp_path / "gap_w0120_r00"
+    if kind == "ros1":
+        path = path.with_suffix(".bag")
+    write_bag(path, messages, **CONVERSIONS.get(kind, {}))
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    assert (
+        row.repeatable()
+        == judge_one(nearer, tmp_path / "own", protocol=near(nearer)).repeatable()
+    )
+
+
+def test_parts_without_their_metadata_are_read(nearer, tmp_path):
+    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    write_bag(tmp_path / "bag", messages_of(nearer, kept), "sqlite")
+    (database,) = (tmp_path / "bag").glob("*.db3")
+    row = judge_one(database, tmp_path / "out", protocol=near(nearer), world="120")
+    assert row.scores == expected.scores
+    assert row.planner == "unknown"
+
+
+def test_tf_gives_the_row_of_the_odometry(nearer, tmp_path):
+    by_odometry = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    pose = "/tf:odom.base_link"
+    row = judge_one(nearer, tmp_path / "out", protocol=near(nearer), pose=pose)
+    assert row.scores == by_odometry.scores
+    assert row.observed.pose_source == pose
+
+
+def test_odometry_that_begins_anywhere_is_judged_from_its_first_pose(nearer, tmp_path):
+    def moved(content):
+        pose = content.pose.pose if hasattr(content, "twist") else content.pose
+        position = pose.position
+        x, y = position.x, position.y
+        position.x, position.y = 3.2 - y, x - 7.5
+        pose.orientation.z, pose.orientation.w = turned(pose.orientation)
+
+    def turned(orientation):
+        yaw = 2.0 * math.atan2(orientation.z, orientation.w) + math.pi / 2.0
+        return math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+
+    def change(message):
+        is_pose = message.topic in ("/odom", "/goal_pose")
+        return edited(message, moved) if is_pose else kept(message)
+
+    path = write_bag(tmp_path / "gap_w0120_r00", messages_of(nearer, change))
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    assert row.scores == expected.scores
+    assert row.remarks == ""
+
+
+def test_without_a_world_what_needs_one_is_empty(nearer, tmp_path):
+    path = write_bag(tmp_path / "lab.mcap", messages_of(nearer, kept))
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    assert row.scores.traversal_time_s == expected.scores.traversal_time_s
+    scores = row.scores
+    assert (scores.challenge, scores.path_length_m) == (None, None)
+    assert scores.normalised_time_s_per_m is scores.optimal_time_s is None
+    assert row.measures.min_clearance_m == expected.measures.min_clearance_m
+    assert check_folder(tmp_path / "out").problems == []
+
+
+def test_contacts_are_those_of_a_topic_an_operator_or_nobody(collided, tmp_path):
+    bag = next((collided / "bags").iterdir())
+    (own,) = read_results(collided)
+    nobody = judge_one(bag, tmp_path / "none", pose=TRUTH, contact="none")
+    assert nobody.outcome is Outcome.ENVIRONMENT_FAILED
+    assert "contacts are unknown" in nobody.remarks
+    assert nobody.measures.contacts is None
+    operator = judge_one(
+        bag,
+        tmp_path / "operator",
+        pose=TRUTH,
+        contact="operator",
+        contact_at=str(own.scores.duration_s),
+    )
+    assert operator.scores == replace(own.scores, least_time_s=None)
+    assert operator.observed.contact_source == "operator"
+
+
+def test_each_goal_begins_a_trial(nearer, tmp_path):
+    messages = messages_of(nearer, kept)
+    (goal,) = [message for message in messages if message.topic == "/goal_pose"]
+
+    def farther(content):
+        content.pose.position.x += 20.0
+
+    later = replace(edited(goal, farther), stamp_ns=messages[-1].stamp_ns // 2)
+    messages.append(later)
+    messages.sort(key=lambda message: message.stamp_ns)
+    path = write_bag(tmp_path / "lab", messages)
+    _, rows = judge([path], tmp_path / "out", JudgeOptions(protocol=near(nearer)))
+    assert [row.world for row in rows] == [0, 1]
+    assert rows[1].outcome is Outcome.ENVIRONMENT_FAILED
+    assert "m from the goal, before a verdict" in rows[1].detail
+
+
+def test_what_is_doubtful_is_said_and_enters_the_uncertainty(nearer, tmp_path):
+    def change(message):
+        at_s = message.stamp_ns / 1e9
+        if message.topic != "/odom":
+            return kept(message)
+        if 2.0 < at_s < 3.0:
+            return None
+        return edited(message, back) if 3.1 < at_s < 3.3 else message
+
+    def back(content):
+        content.header.stamp.sec -= 2
+
+    path = write_bag(tmp_path / "gap_w0120_r00", messages_of(nearer, change))
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    assert "no pose for 1.0" in row.remarks
+    assert "stamps of poses go back by up to 1.95 s" in row.remarks
+    assert row.observed.time_uncertainty_s > 2.9
+
+    def fast(message):
+        is_odometry = message.topic == "/odom"
+        return edited(message, twice) if is_odometry else kept(message)
+
+    def twice(content):
+        content.twist.twist.linear.x *= 2.0
+
+    path = write_bag(tmp_path / "fast" / "gap_w0120_r00", messages_of(nearer, fast))
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    assert "stamps may not be those of the robot" in row.remarks
+    assert row.observed.time_uncertainty_s > row.scores.duration_s / 2.0
+
+
+def test_a_log_without_stamps_gives_the_times(nearer, tmp_path):
+    def unstamped(content):
+        content.header.stamp.sec = content.header.stamp.nanosec = 0
+
+    def change(message):
+        is_odometry = message.topic == "/odom"
+        return edited(message, unstamped) if is_odometry else kept(message)
+
+    path = write_bag(tmp_path / "gap_w0120_r00", messages_of(nearer, change))
+    row = judge_one(path, tmp_path / "out", protocol=near(nearer))
+    expected = judge_one(nearer, tmp_path / "own", protocol=near(nearer))
+    assert row.scores == expected.scores
+    assert (row.observed.clock, expected.observed.clock) == ("log", "stamps")
+
+
+def without(*names):
+    return lambda message: message if message.topic not in names else None
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        (without("/goal_pose"), {}, "has no goal .a topic of geometry_msgs/msg/Pose"),
+        (without("/odom", "/ground_truth/odom"), {}, "no poses of a robot on /odom"),
+        (kept, {"pose": "/pose"}, "has no topic /pose; it has /cmd"),
+        (
+            kept,
+            {"pose": "/tf:a.b"},
+            "on /tf:a.b .tf has .*odom to bas",
+        ),
+        (kept, {"pose": "/scan"}, "no poses of a robot on /scan"),
+        (
+            kept,
+            {"world": "120", "frame": "world"},
+            "begin .* m from the start of wor",
+        ),
+    ],
+)
+def test_what_is_missing_is_said_in_one_line(nearer, tmp_path, change, options, words):
+    path = write_bag(tmp_path / "lab", messages_of(nearer, change))
+    with refused(words, BagError):
+        judge([path], tmp_path / "out", JudgeOptions(**options))
+    assert not (tmp_path / "out").exists()
+
+
+def test_bags_of_several_systems_need_folders_of_their_own(nearer, tmp_path):
+    other = write_bag(tmp_path / "other", messages_of(nearer, without("/collision")))
+    with refused("judge them into folders of their own", BagError):
+        judge([nearer, other], tmp_path / "out")
+    with refused("2 for 1 bags", ConfigError):
+        judge([nearer], tmp_path / "out", JudgeOptions(world="1,2"))
+
+
+def test_the_command_prints_rows_and_what_is_to_be_known(nearer, tmp_path, command):
+    line = (
+        f"judge {nearer} --contact none --system lab --planner mine --out {tmp_path}/o"
+    )
+    code, out, err = command(line)
+    assert code == 3
+    assert "mine_w0120_r00" in out
+    assert "contacts are unknown" in err and "before a verdict" in err
+    (row,) = (tmp_path / "o" / "results.jsonl").read_text().splitlines()
+    assert '"system":"lab"' in row
