@@ -5,13 +5,18 @@ from pathlib import Path
 import click
 
 from barn_eval.commands.options import (
+    field_option,
     file_option,
     path_argument,
     print_notes,
     progress_bar,
 )
 from barn_eval.pages.replay.files import write_replay
+from barn_eval.results.bags.sources import Sources
+from barn_eval.running.judge import JudgeOptions
 from barn_sim.drawing.camera import CAMERAS
+
+_OPTIONS = JudgeOptions()
 
 
 @click.command("replay")
@@ -34,10 +39,19 @@ from barn_sim.drawing.camera import CAMERAS
 @click.option(
     "--speed", default=2.0, type=click.FloatRange(0.1, 100.0), help="Of GIF and film."
 )
+@field_option(_OPTIONS, "pose")
+@field_option(_OPTIONS, "goal")
+@field_option(_OPTIONS, "contact")
+@field_option(_OPTIONS, "namespace")
 def command(
-    bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: float, speed: float
+    bags: tuple[Path, ...],
+    out: tuple[Path, ...],
+    camera: str,
+    fps: float,
+    speed: float,
+    **names: str | None,
 ) -> None:
-    """Draw the trial of a bag: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
+    """Draw the trial of a bag: rosbag2 (MCAP or SQLite, folder or file) or ROS 1.
 
     Several BAGS are drawn beside each other on one clock; their page also overlays them
     and aligns them in progress along the path. Nothing but the bags is needed. One that
@@ -52,6 +66,7 @@ def command(
             frames_per_s=fps,
             speed=speed,
             camera=camera,
+            sources=Sources(**{key: name or "" for key, name in names.items()}),
             note=print_notes,
             progress=progress,
         )

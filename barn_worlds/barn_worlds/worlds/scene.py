@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_worlds.base.arrays import Floats, Points
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
+from barn_worlds.worlds.cells import CYLINDER_HEIGHT_M, OCCUPIED, hollow_cells
 from barn_worlds.worlds.world import World
 
 # How much of a wide world a picture shows around a course.
@@ -77,6 +78,20 @@ class TrialScene(NamedTuple):
             np.maximum(low, points.min(axis=0) - _SURROUNDINGS_M),
             np.minimum(high, points.max(axis=0) + _SURROUNDINGS_M),
         )
+
+
+def scene_of_map(grid: OccupancyMap) -> TrialScene:
+    """Return the scene of a map: a cylinder in each occupied cell beside a free one."""
+    is_occupied = grid.data > OCCUPIED // 2
+    rows, columns = np.nonzero(is_occupied & ~hollow_cells(is_occupied))
+    corner = np.array([grid.origin_x, grid.origin_y])
+    return TrialScene(
+        obstacles_m=corner + (np.column_stack([columns, rows]) + 0.5) * grid.resolution,
+        walls_m=np.empty((0, 2)),
+        radius_m=0.5 * grid.resolution,
+        height_m=CYLINDER_HEIGHT_M,
+        path_m=np.empty((0, 2)),
+    )
 
 
 def scene_of(

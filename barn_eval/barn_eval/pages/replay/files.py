@@ -19,6 +19,7 @@ from barn_eval.pages.replay.page import outcome_at, planner_of, replay_page
 from barn_eval.pages.template import write_page
 from barn_eval.results.bags.decode import read_specification
 from barn_eval.results.bags.recorded import RecordedTrial, read_recorded_trial
+from barn_eval.results.bags.sources import NO_SOURCES, Sources
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.arrays import Floats
@@ -45,6 +46,7 @@ def write_replay(
     frames_per_s: float = 10.0,
     speed: float = 2.0,
     camera: str = CAMERAS[1],
+    sources: Sources = NO_SOURCES,
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
@@ -57,6 +59,7 @@ def write_replay(
         frames_per_s: Frames per second of an animation or film.
         speed: Speed of an animation or film; 1 is real time.
         camera: Camera of picture, animation and film: "chase", "top" or "side".
+        sources: Which topics of the bags stand for the suite's.
         note: Receives a line for each thing that is wrong with a bag.
         progress: Receives the share of the frames that is drawn, from 0 to 1.
 
@@ -72,7 +75,7 @@ def write_replay(
     sort_by_ending(outs)
     if not 1 <= len(bags) <= _MAX_BAGS:
         raise ConfigError(f"a replay shows 1 to {_MAX_BAGS} bags, got {len(bags)}")
-    trials = [read_recorded_trial(path) for path in bags]
+    trials = [read_recorded_trial(path, sources) for path in bags]
     for trial in trials:
         prefix = f"{trial.name}: " if len(trials) > 1 else ""
         for text in trial.notes:

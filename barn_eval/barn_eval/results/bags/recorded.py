@@ -15,6 +15,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import ORIGIN, TOPICS, metadata
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import ROUNDING_S, RecordedMotions, compute_gaps
+from barn_eval.results.bags.sources import NO_SOURCES, PoseReader, Sources, TopicChoice
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, format_error
@@ -25,10 +26,12 @@ from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.worlds.scene import TrialScene
+from barn_worlds.worlds.scene import TrialScene, scene_of_map
 
 MAP = FRAMES.map
 ODOM = FRAMES.odom
+
+_POSE_NAMES = f"{topics.GROUND_TRUTH.path} or {topics.ODOM.path}"
 
 # Topics of which the first message says everything.
 _CONSTANT = {topics.MOVING.path}
@@ -149,15 +152,21 @@ _twist_row = attrgetter("linear", "angular")  # of a velocity
 ItemsByTopic = Mapping[topics.Topic, list[TimedItem]]
 
 
-def read_recorded_trial(path: Path) -> RecordedTrial:
-    """Read a bag (folder or .mcap) into arrays, up to any damage, told in `notes`.
+def read_recorded_trial(path: Path, sources: Sources = NO_SOURCES) -> RecordedTrial:
+    """Read a bag into arrays, up to any damage, told in `notes`.
+
+    Args:
+        path: The bag, of any format that `BagFile` reads.
+        sources: Which of its topics stand for the suite's. A named source of poses
+            replaces the true poses, too.
 
     Raises:
         BagError: There is no bag, or none of a robot.
     """
     bag = BagFile(path)
+    choice = TopicChoice(bag, sources)
     unreadable: dict[str, str] = {}
-    items = _read_items(bag, unreadable)
+    items = _read_items(bag, choice, unreadable)
     truth = items[topics.GROUND_TRUTH]
     odometry = items[topics.ODOM]
     poses = truth or odometry
@@ -165,7 +174,8 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
         reason = bag.problem or "; ".join(unreadable.values())
         reason = reason or "it is another robot's, or no trial"
         raise BagError(
-            f"{path}: no poses of a robot on /ground_truth/odom or /odom ({reason})"
+            f"{path}: no poses of a robot on {sources.pose or _POSE_NAMES} ({reason})"
+            f"{choice.list_topics()}"
         )
 
     trial = metadata(bag, "barn.trial", "specification")
@@ -181,6 +191,7 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     moving, moving_note = _read_motions(items)
 
     # Map and plan are drawn where the obstacles stand.
+    frame = MAP if truth else poses[0].frame or ODOM
     grid: OccupancyMap | None = None
     map_frame = ORIGIN
     if items[topics.MAP]:
@@ -193,8 +204,14 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
                 origin_y=grid.origin_y + map_frame.y,
             )
 
+        elif scene is None and items[topics.MAP][-1].frame == frame:
+            scene = scene_of_map(grid)
+            unreadable["scene"] = "obstacles are the occupied cells of the bag's map"
+
     notes = [bag.problem, *unreadable.values(), moving_note, lidar_note, robot_note]
     notes += _list_gaps(bool(truth), map_frame, result)
+    if not items[topics.COLLISION]:
+        notes.append("contacts are unknown: the bag has no topic that reports them")
 
     times_s = np.array([item.time_s for item in poses])
     no_pose = (np.nan, np.nan, np.nan)
@@ -210,7 +227,7 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
     return RecordedTrial(
         name=bag.path.name,
         folder=folder.name,
-        frame=MAP if truth else ODOM,
+        frame=frame,
         times_s=times_s,
         poses=np.array([_pose_row(item.content) for item in poses], np.float64),
         speeds=np.array([_twist_row(item.content.velocity) for item in poses]),
@@ -257,18 +274,21 @@ def _list_gaps(
 
 
 def _read_items(
-    bag: BagFile, unreadable: dict[str, str]
+    bag: BagFile, choice: TopicChoice, unreadable: dict[str, str]
 ) -> dict[topics.Topic, list[TimedItem]]:
     """Read a bag; return decoded messages by topic and time, 0 s at the first pose.
 
     Args:
         bag: The bag.
+        choice: What its topics stand for.
         unreadable: Receives a text for each topic that shows nothing.
     """
     messages: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
-    for message in bag.messages(TOPICS):
-        topic = message.topic
+    for message in bag.messages(choice.paths):
+        topic = choice.paths[message.topic]
         type_name = message.type_name
+        if topic not in TOPICS:
+            continue
         if type_name not in TOPICS[topic]:
             text = f"{topic} is left out: its type is {type_name or 'unknown'}"
             unreadable.setdefault(topic, text)
@@ -281,10 +301,16 @@ def _read_items(
             continue
         messages[topic].append((message.stamp_ns, frame, content))
 
+    if choice.sources.pose:
+        messages[topics.GROUND_TRUTH.path] = []
+        messages[topics.ODOM.path] = list(_read_poses(bag, choice.pose_reader()))
     for rows in messages.values():
         # Messages of one instant keep their order.
         rows.sort(key=itemgetter(0))
     poses = messages[topics.GROUND_TRUTH.path] or messages[topics.ODOM.path]
+    # The log of the suite has its own stamps.
+    if "barn.trial" not in bag.metadata:
+        _restamp(messages, poses, unreadable)
     start_ns = poses[0][0] if poses else 0
     items: dict[topics.Topic, list[TimedItem]] = {}
     for key, _ in decode.READERS:
@@ -293,6 +319,42 @@ def _read_items(
             for stamp_ns, frame, content in messages[key.path]
         ]
     return items
+
+
+def _read_poses(bag: BagFile, reader: PoseReader) -> Iterator[tuple[int, str, Any]]:
+    """Yield time of the log, frame and odometry of each pose of a named source."""
+    for message in bag.messages(reader.topics):
+        for odometry in reader.read(message):
+            yield message.stamp_ns, reader.frame, odometry
+
+
+def _restamp(
+    messages: dict[str, list[tuple[int, str, Any]]],
+    poses: list[tuple[int, str, Any]],
+    unreadable: dict[str, str],
+) -> None:
+    """Replace times of the log in messages by those of the robot: the stamps of poses.
+
+    Args:
+        messages: Rows of time, frame and content by topic, in order, which change.
+        poses: The rows of the poses.
+        unreadable: Receives a text if stamps go back, so that the log's times stay.
+    """
+    stamps_ns = np.array([pose.stamp_ns for _, _, pose in poses], np.int64)
+    if not stamps_ns.any():
+        return
+    if (np.diff(stamps_ns) < 0).any():
+        unreadable["stamps"] = "stamps of poses go back: times are those of the log"
+        return
+    log_ns = np.array([row[0] for row in poses])
+    for rows in messages.values():
+        # Other messages may have no stamp, so poses say which time it was.
+        offsets = [row[0] - log_ns[0] for row in rows]
+        places = np.interp(offsets, log_ns - log_ns[0], stamps_ns - stamps_ns[0])
+        rows[:] = [
+            (int(stamps_ns[0]) + round(place), *row[1:])
+            for place, row in zip(places.tolist(), rows, strict=True)
+        ]
 
 
 def _hold(

@@ -49,6 +49,9 @@ class Sources:
         return frames if len(frames) > 1 else [*frames, ""]
 
 
+NO_SOURCES = Sources()
+
+
 class TopicChoice:
     """What the topics of a bag stand for.
 
@@ -127,9 +130,9 @@ class TopicChoice:
         for topic in (f"{self.sources.namespace}{name}", name):
             if topic in self._bag.types:
                 return topic
-        raise BagError(f"{self._bag.path}: has no topic {name}{self._list_topics()}")
+        raise BagError(f"{self._bag.path}: has no topic {name}{self.list_topics()}")
 
-    def _list_topics(self) -> str:
+    def list_topics(self) -> str:
         """Return the end of a message, which lists the bag's topics."""
         types = self._bag.types.items()
         names = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(types))
@@ -152,7 +155,7 @@ class TopicChoice:
         raise BagError(
             f"{self._bag.path}: no poses of a robot on {sources.pose or topics.ODOM.path}"
             f" or on one topic of {', '.join(_POSE_TYPES)}; name them, {advice}"
-            f"{self._list_topics()}"
+            f"{self.list_topics()}"
         )
 
 

@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import violations
+from foreign_bags import at_half_real_time, in_namespace, messages_of, write_bag
+from PIL import Image
 from refusals import refused
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
@@ -21,6 +23,7 @@ from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.bags.recorder import Recorder
+from barn_eval.results.bags.sources import Sources
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MAX_CANDIDATES
 from barn_worlds.base.errors import BagError
@@ -417,3 +420,37 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     assert page.locator("#clock").text_content().endswith(" m")
     page.select_option("#arrange", "overlay")
     assert page.evaluate("document.getElementById('scene-1').clientWidth") == 0
+
+
+@pytest.mark.parametrize("change", [at_half_real_time, in_namespace])
+def test_a_bag_of_another_log_shows_the_times_and_poses_of_the_robot(
+    bag, tmp_path, change
+):
+    own = read_recorded_trial(bag)
+    path = write_bag(tmp_path / "other", messages_of(bag, change))
+    recorded = read_recorded_trial(path)
+    np.testing.assert_allclose(recorded.times_s, own.times_s, atol=1e-6)
+    np.testing.assert_array_equal(recorded.poses, own.poses)
+    scan_times = [item.time_s for item in recorded.scans]
+    np.testing.assert_allclose(scan_times, [i.time_s for i in own.scans], atol=1e-6)
+
+
+def test_poses_of_named_frames_are_drawn_over_the_map_of_the_bag(bag, tmp_path):
+    def change(message):
+        is_shown = message.topic in ("/tf", "/tf_static", "/map", "/scan")
+        return message if is_shown else None
+
+    path = write_bag(tmp_path / "map", messages_of(bag, change), "ros1")
+    with refused(
+        "no poses of a robot on /ground_truth/odom or .*; it has /map", BagError
+    ):
+        read_recorded_trial(path)
+    recorded = read_recorded_trial(path, Sources(pose="/tf:map.odom.base_link"))
+    assert (recorded.frame, len(recorded.poses) > 10) == ("map", True)
+    assert len(recorded.scene.obstacles_m) > 50
+    notes = " ".join(recorded.notes)
+    assert "obstacles are the occupied cells of the bag's map" in notes
+    assert "contacts are unknown" in notes
+    picture = tmp_path / "map.png"
+    write_replay([path], [picture], sources=Sources(pose="/tf:map.odom.base_link"))
+    assert Image.open(picture).size[0] > 100
