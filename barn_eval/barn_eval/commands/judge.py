@@ -20,6 +20,7 @@ from barn_eval.running.judge import JudgeOptions, judge
 from barn_worlds.base.config import fields_of
 
 _OPTIONS = JudgeOptions()
+_MANY = 10  # trials, of which each is no longer shown
 
 
 def _judge_options(command: Any) -> Any:
@@ -54,7 +55,7 @@ def command(
         run, results = judge(
             bags, out, JudgeOptions(**options), course or (), overwrite=overwrite
         )
-    print_results(run, results, as_json)
+    print_results(run, results, as_json, show_all=len(results) < _MANY)
     for row in results:
         # Of a trial that does not count, a table shows no reason.
         reason = "" if row.is_scored else row.detail
