@@ -1,6 +1,6 @@
 """`barn robots`, `barn planners`, `barn protocols`: what there is, and each in detail."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,15 @@ from barn_eval.commands.options import (
     print_notes,
     print_output,
 )
-from barn_eval.commands.tables import FittedTable, table
+from barn_eval.commands.tables import (
+    FittedTable,
+    quantities_table,
+    table,
+    value_text,
+)
 from barn_eval.trials.protocol import PROTOCOLS, load_protocol
 from barn_planners.registry import planner_entry, planner_names
-from barn_worlds.base.config import Checked, as_dict, fields_of
+from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.robots.files import ROBOTS, load_robot
 
@@ -41,7 +46,7 @@ def robots(robot: str | None, out: Path | None, as_json: bool) -> None:
         print_notes(out)
     title = f"{details.name}: {details.summary}"
     # Name and summary are the title.
-    tables = [_quantities_table(details, title, ("name", "summary"))]
+    tables = [quantities_table(details, title, ("name", "summary"))]
     if details.sources:
         tables.append(table(("section", "sources"), details.sources.items()))
     print_output(as_json, {"name": details.name, **as_dict(details)}, *tables)
@@ -81,7 +86,7 @@ def planners(planner: str | None, as_json: bool) -> None:
     config = presets[preset]
     title = f"{spelling(name)}, preset {preset}"
     details = {"planner": name, "preset": preset, "parameters": as_dict(config)}
-    print_output(as_json, details, _quantities_table(config, title))
+    print_output(as_json, details, quantities_table(config, title))
 
 
 @click.command("protocols")
@@ -105,9 +110,7 @@ def protocols(name: str | None, as_json: bool) -> None:
 
     details = load_protocol(name)
     title = f"protocol {details.name}"
-    print_output(
-        as_json, as_dict(details), _quantities_table(details, title, ("name",))
-    )
+    print_output(as_json, as_dict(details), quantities_table(details, title, ("name",)))
 
 
 def _print_planners(as_json: bool) -> None:
@@ -145,41 +148,5 @@ def _entries_table(
 ) -> FittedTable:
     """Return a table of entries with the same keys; columns of numbers go right."""
     columns = [f">{key}" if key in numbers else key for key in entries[0]]
-    rows = [list(map(_format, entry.values())) for entry in entries]
+    rows = [list(map(value_text, entry.values())) for entry in entries]
     return table(columns, rows)
-
-
-def _quantities_table(
-    config: Checked, title: str, excluded: Iterable[str] = ()
-) -> FittedTable:
-    """Return a table of all quantities of a configuration but the excluded ones."""
-    columns = ("quantity", "value", "unit", "meaning")
-    return table(columns, _quantities(config, excluded), title=title)
-
-
-def _quantities(
-    config: Checked, excluded: Iterable[str]
-) -> Iterator[tuple[str, str, str, str]]:
-    """Yield dotted name, value, unit and meaning of each quantity of a configuration."""
-    content = as_dict(config)
-    for name, quantity, value in fields_of(config):
-        section: Any = content
-        *section_names, key = name.split(".")
-        for section_name in section_names:
-            section = section[section_name]
-        # Plain data leave out optional quantities that a robot does not have.
-        if key in section and key not in excluded:
-            yield name, _format(value), quantity.unit, quantity.description
-
-
-def _format(value: object) -> str:
-    """Return a value as text: floats with five digits, tuples joined by commas."""
-    if isinstance(value, tuple):
-        parts = []
-        for part in value:
-            text = _format(part)
-            if isinstance(part, tuple):
-                text = f"({text})"
-            parts.append(text)
-        return ", ".join(parts)
-    return f"{value:.5g}" if isinstance(value, float) else str(value)

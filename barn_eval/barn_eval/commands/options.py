@@ -11,11 +11,14 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
+from barn_eval.commands.tables import quantities_table
 from barn_eval.running.reporting import ConsoleReporter, Verbosity
 from barn_eval.running.request import parse_parameters
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import make_json_safe
+
+_MAX_HELP_KEYS = 12  # in the help of an option
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Decorator = Callable[[Command], Command]
@@ -96,9 +99,12 @@ def parameters_option(
     """
     help_text = f"{meaning}; repeatable."
     if config is not None:
-        keys = ", ".join(key for key, _, _ in fields_of(config))
-        # Only names: their meanings would fill a page of help.
-        help_text += f" Keys: {keys}."
+        keys = [key for key, _, _ in fields_of(config)]
+        # Many names would push the other options off the screen.
+        if len(keys) > _MAX_HELP_KEYS:
+            help_text += " --help-keys lists them."
+        else:
+            help_text += f" Keys: {', '.join(keys)}."
 
     def parse(
         _: click.Context, __: click.Parameter, texts: tuple[str, ...]
@@ -107,8 +113,46 @@ def parameters_option(
         return parse_parameters(texts, option)
 
     return click.option(
-        option, name, multiple=True, metavar=metavar, callback=parse, help=help_text
+        option,
+        name,
+        multiple=True,
+        metavar=metavar,
+        callback=parse,
+        help=help_text,
+        cls=_ParametersOption,
+        config=config,
     )
+
+
+class _ParametersOption(click.Option):
+    """A repeatable option KEY=VALUE for the parameters of a configuration."""
+
+    def __init__(self, *names: Any, config: object = None, **attributes: Any) -> None:
+        """Make an option; `config` has the parameters with their defaults."""
+        super().__init__(*names, **attributes)
+        self.config = config
+
+
+def _print_keys(context: click.Context, _: click.Parameter, is_requested: bool) -> None:
+    """Print a table of keys for each option KEY=VALUE of the command, and exit."""
+    # Completion parses half a line and must not print or leave.
+    if not is_requested or context.resilient_parsing:
+        return
+    for parameter in context.command.params:
+        if isinstance(parameter, _ParametersOption) and parameter.config is not None:
+            console.print(
+                quantities_table(parameter.config, f"{parameter.opts[0]} KEY")
+            )
+    context.exit()
+
+
+help_keys_option = flag_option(
+    "--help-keys",
+    is_eager=True,
+    expose_value=False,
+    callback=_print_keys,
+    help="Show the keys of these options, their defaults and meanings.",
+)
 
 
 def _parse_run_options(

@@ -28,6 +28,7 @@ from barn_eval.commands.options import (
     field_option,
     flag_option,
     folder_option,
+    help_keys_option,
     json_option,
     make_console_reporter,
     parameters_option,
@@ -93,8 +94,8 @@ _EXECUTION = ExecutionConfig()
 @parameters_option(
     "--set",
     "settings",
-    "A planner's parameter (barn_planners/README.md lists them), its name without"
-    " PLANNER where there is one planner",
+    "A planner's parameter (barn planners NAME lists them), without PLANNER if there"
+    " is one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
@@ -136,6 +137,7 @@ _EXECUTION = ExecutionConfig()
 @quiet_option
 @verbose_option
 @json_option
+@help_keys_option
 def command(
     file: Path | None,
     sweep: tuple[str, ...],
@@ -151,10 +153,9 @@ def command(
 ) -> int:
     """Run trials of one or several planners in worlds and score them.
 
-    They are given by options, or by FILE (YAML) with options that count in place of
-    what it says. The same command resumes what was interrupted. Results go to
-    OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the end; bags
-    to OUT/bags.
+    Options describe the run; or FILE (YAML) does, and options replace its values. The
+    same command resumes an interrupted run. OUT then holds results.jsonl with a row per
+    trial, the tables results.parquet and .csv, and bags.
     """
     run_reporter = make_console_reporter(quiet, verbose)
     # click gives all options; those that the user left out must not replace the file's.

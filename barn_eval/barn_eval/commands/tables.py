@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from barn_eval.analysis.text_table import TextTable
+from barn_worlds.base.config import fields_of
 
 _GAP = 2  # spaces between two columns
 _MARGINS = 2  # spaces left and right of a table
@@ -121,6 +122,46 @@ def rich_table(content: TextTable) -> FittedTable:
         content.title,
         content.caption,
     )
+
+
+def quantities_table(
+    config: object, title: str, excluded: Iterable[str] = ()
+) -> FittedTable:
+    """Return a table of name, value, unit and meaning of a configuration's quantities.
+
+    Args:
+        config: The configuration.
+        title: Line above the table.
+        excluded: Names of quantities, without their section, that are left out.
+    """
+    columns = ("quantity", "value", "unit", "meaning")
+    return table(columns, _quantities(config, excluded), title=title)
+
+
+def _quantities(
+    config: object, excluded: Iterable[str]
+) -> Iterator[tuple[str, str, str, str]]:
+    """Yield dotted name, value, unit and meaning of each quantity of a configuration.
+
+    A quantity that a robot does not have is "-".
+    """
+    for name, quantity, value in fields_of(config):
+        if name.rpartition(".")[2] not in excluded:
+            text = "-" if value is None else value_text(value)
+            yield name, text, quantity.unit, quantity.description
+
+
+def value_text(value: object) -> str:
+    """Return a value as text: floats with five digits, tuples joined by commas."""
+    if isinstance(value, tuple):
+        parts = []
+        for part in value:
+            text = value_text(part)
+            if isinstance(part, tuple):
+                text = f"({text})"
+            parts.append(text)
+        return ", ".join(parts)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def _fit(columns: Sequence[Column], width: int) -> list[Column]:
