@@ -35,6 +35,7 @@ from barn_eval.analysis.statistics import (
 from barn_eval.analysis.text_table import join_names
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
+from barn_eval.results.table_files import is_table_file
 from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
 from barn_eval.trials.result import Rows, RowsByPlanner
@@ -332,7 +333,7 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
     """Read FOLDER or FOLDER:PLANNER,PLANNER; return it and its scored rows by planner.
 
     Args:
-        path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
+        path: FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER; a table likewise.
 
     Returns:
         The folder, and the results by planner.
@@ -348,7 +349,7 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
         folder, _, names = str(path).rpartition(":")
         path = Path(folder)
         planners = names.split(",")
-    source = read_source(path, read_results(path))
+    source = read_source(path, None if is_table_file(path) else read_results(path))
     groups = group_by_planner(source.comparable_results)
     return source, select_planners(path, groups, planners)
 
@@ -396,7 +397,10 @@ def trial_values(results: Rows, measure: Measure) -> TrialValues:
 
     failures = [not result.scores.success for result in results]
     failure_values = np.array(list(map(measure.as_failure, results)), np.float64)
-    if not np.isfinite(failure_values).all():
+    if np.isnan(values).any():
+        # Without those of successes, the mean would be that of failures.
+        values = np.full(len(values), np.nan)
+    if not np.isfinite([*failure_values, *values]).all():
         return TrialValues(values, worlds, repetitions)
     return TrialValues(
         values,

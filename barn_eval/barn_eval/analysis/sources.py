@@ -18,6 +18,11 @@ from barn_eval.results.commands import parse_commands_line
 from barn_eval.results.folder import read_results, select_scored
 from barn_eval.results.rows import COMMANDS_FILE, read_tracks, read_trial_lines
 from barn_eval.results.run_file import RunFile
+from barn_eval.results.table_files import (
+    TABLE_SYSTEM,
+    is_table_file,
+    read_table_file,
+)
 from barn_eval.results.tracks import SPEEDS, parse_track_line
 from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
 from barn_eval.trials.identity import first_difference
@@ -56,7 +61,7 @@ class Source:
     path: Path
 
     kind: str
-    """Whether it is a "run" of one planner or a "campaign" of several."""
+    """Whether it is a "run" of one planner, a "campaign" of several or a "table"."""
 
     results: tuple[TrialResult, ...]
     """Scored trials by world, repetition and planner."""
@@ -249,14 +254,15 @@ def list_notes(entries: Sequence[Entry]) -> list[str]:
         results.setdefault(entry.source, []).extend(entry.results)
     for source, rows in results.items():
         notes += notes_on(source, rows)
-    return notes
+    # One folder may have been read twice.
+    return list(dict.fromkeys(notes))
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
     """Read run.json, scored rows and tracks of a results folder, finished or not.
 
     Args:
-        path: The folder.
+        path: The folder, or a file with anybody's table.
         rows: Its rows, if they have been read already. There may be none yet. Tracks
             are not read then.
 
@@ -264,6 +270,12 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
         ConfigError: The folder holds no run, or results of another task.
         BarnError: A file cannot be read.
     """
+    if is_table_file(path):
+        results = sorted(
+            read_table_file(path), key=lambda result: (result.world, result.repetition)
+        )
+        configuration = {"system": as_dict(TABLE_SYSTEM)}
+        return Source(path, "table", tuple(results), configuration, (), None)
     run_file = RunFile.read(path)
     tracks: Mapping[str, str] = {}
     if rows is None:
@@ -318,8 +330,8 @@ def notes_on(source: Source, results: Rows) -> list[str]:
 
 def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
     """Yield a sentence per system that was observed, and one on unknown contacts."""
-    observations = [row.observed for row in results if row.observed]
-    for system in sorted({observation.system for observation in observations}):
+    systems = {row.observed.system for row in results if row.observed}
+    for system in sorted(systems):
         yield f"{path}: trials of {system} were observed, not driven again"
     unknown = sum(result.measures.contacts is None for result in results)
     if unknown:
@@ -577,12 +589,12 @@ def require_same_task(folders: Sequence[Path]) -> None:
         ConfigError: Two tasks differ; the message names the first key that does.
     """
     first, *others = folders
-    task = RunFile.read(first).task()
+    task = _read_task(first)
     system = as_dict(system_in(task))
     # Robots first: a message about one of their dimensions would not name them.
     robot = chassis_in(task["simulator"]).name
     for folder in others:
-        other_task = RunFile.read(folder).task()
+        other_task = _read_task(folder)
         other_robot = chassis_in(other_task["simulator"]).name
         if robot != other_robot:
             raise ConfigError(
@@ -604,6 +616,13 @@ def require_same_task(folders: Sequence[Path]) -> None:
                 f"different tasks cannot be compared: {key} is {value!r} in {first}, "
                 f"{other_value!r} in {folder}"
             )
+
+
+def _read_task(path: Path) -> dict[str, Any]:
+    """Return the task of a folder; of a table, only what it ran in, as of any other."""
+    if is_table_file(path):
+        return {"simulator": None, "system": as_dict(TABLE_SYSTEM)}
+    return RunFile.read(path).task()
 
 
 def group_by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:

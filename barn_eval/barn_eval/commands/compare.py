@@ -70,6 +70,9 @@ def command(
 ) -> int:
     """Compare A with B: folders of runs, finished or not. Without B, the planners of A with each other.
 
+    A table takes the place of a folder: a CSV file with the columns planner, world,
+    outcome and, where known, repetition and time, or out.txt of the BARN Challenge.
+
     FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where
     both folders hold several and none is chosen, planners of the same name are
     compared.

@@ -21,7 +21,9 @@ class System(Checked):
     name: str = quantity(
         SUITE_NAME, "name of the simulator or robot; barn is the suite's simulator"
     )
-    kind: str = quantity("simulator", "what it is", choices=("simulator", "robot"))
+    kind: str = quantity(
+        "simulator", "what it is", choices=("simulator", "robot", "table")
+    )
     pose: str = quantity(
         "truth",
         "source of poses: a topic without its namespace, such as /odom, or frames of"
@@ -30,12 +32,12 @@ class System(Checked):
     frame: str = quantity(
         "world",
         "frame of poses: the world's, or one that begins anywhere",
-        choices=("world", "odom"),
+        choices=("world", "odom", "unknown"),
     )
     clock: str = quantity(
         "simulation",
         "source of times: the suite's simulation, stamps of messages, or the log",
-        choices=("simulation", "stamps", "log"),
+        choices=("simulation", "stamps", "log", "unknown"),
     )
     contact: str = quantity(
         "simulation", "who reports contacts: a topic, operator, or none"
@@ -64,6 +66,8 @@ class System(Checked):
         """What of it decides whether results are comparable, as text; "" for the suite."""
         if not self.is_observed:
             return ""
+        if self.kind == "table":
+            return self.name
         return (
             f"{self.kind} {self.name} (pose {self.pose} in frame {self.frame}, clock"
             f" {self.clock}, contact {self.contact})"

@@ -132,7 +132,7 @@ class Measures:
     contacts: int | None
     rms_jerk_mps3: float | None  # of the forward speed
     rotation_rad: float  # sum of absolute turns
-    unanswered_cycles: int  # readings that no command answered
+    unanswered_cycles: int | None  # readings that no command answered
     near_contact_s: float | None = None  # within `NEAR_CONTACT_M` of a cylinder
     rms_yaw_jerk_radps3: float | None = None  # of the yaw rate
     speed_variation_mps: float | None = None  # sum of absolute steps

@@ -285,7 +285,7 @@ def _read_items(
     """
     messages: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
     for message in bag.messages(choice.paths):
-        topic = choice.paths[message.topic]
+        topic = choice.paths.get(message.topic, "")
         type_name = message.type_name
         if topic not in TOPICS:
             continue

@@ -440,7 +440,7 @@ def test_poses_of_named_frames_are_drawn_over_the_map_of_the_bag(bag, tmp_path):
         is_shown = message.topic in ("/tf", "/tf_static", "/map", "/scan")
         return message if is_shown else None
 
-    path = write_bag(tmp_path / "map", messages_of(bag, change), "ros1")
+    path = write_bag(tmp_path / "map.bag", messages_of(bag, change), "ros1")
     with refused(
         "no poses of a robot on /ground_truth/odom or .*; it has /map", BagError
     ):

@@ -1,0 +1,196 @@
+"""Anybody's table of trials as rows: a CSV file, or out.txt of the BARN Challenge."""
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from barn_eval.trials.outcome import Outcome, Scores
+from barn_eval.trials.result import TrialResult, format_trial_id
+from barn_eval.trials.system import NO_CONTACT, ObservedTrial, System
+from barn_eval.trials.trajectory import Measures
+from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.files import read_bytes
+
+# What is known of the trials of any table.
+TABLE_SYSTEM = System("a table", "table", "unknown", "unknown", "unknown", NO_CONTACT)
+ENDINGS = (".csv", ".txt")
+COLUMNS = ("planner", "world", "repetition", "outcome", "time")
+_REQUIRED = ("planner", "world", "outcome")
+_LARGEST_BYTES = 1 << 26
+_MOST_DIGITS = 9
+
+# Columns of out.txt, and which of them is 1 for each outcome.
+_OUT_COLUMNS = ("world", "success", "collision", "timeout", "time", "metric")
+_OUT_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT)
+
+
+def is_table_file(path: Path) -> bool:
+    """Tell whether a path is a file, not a folder, with the ending of a table."""
+    return path.suffix in ENDINGS and path.is_file()
+
+
+def read_table_file(path: Path) -> list[TrialResult]:
+    """Return the rows of a table; what it lacks is NaN or None.
+
+    Raises:
+        ConfigError: A column is missing or unknown, or a value is not allowed.
+    """
+    # Excel writes a mark at the beginning.
+    text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig", "replace")
+    lines = text.splitlines()
+    trials = _csv_trials(path, lines)
+    if path.suffix == ".txt":
+        trials = _challenge_trials(path, lines)
+
+    rows: dict[str, TrialResult] = {}
+    counts: Counter[tuple[str, int]] = Counter()
+    for where, trial in trials:
+        planner = trial["planner"].strip()
+        if not planner.isprintable() or not planner:
+            raise ConfigError(
+                f"{where}: planner {format_value(planner)}: must be a name"
+            )
+        world = _whole_number(where, "world", trial["world"])
+        repetition = counts[planner, world]
+        counts[planner, world] += 1
+        if trial.get("repetition"):
+            repetition = _whole_number(where, "repetition", trial["repetition"])
+        trial_id = format_trial_id(planner, world, repetition)
+        if trial_id in rows:
+            raise ConfigError(f"{where}: trial {trial_id} is there already")
+        rows[trial_id] = _make_row(where, path, trial, trial_id, world, repetition)
+    if not rows:
+        raise ConfigError(f"{path}: holds no trials")
+    return list(rows.values())
+
+
+def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield "FILE, line N" and values by column of each line of a CSV file."""
+    reader = csv.reader(lines)
+    columns = [name.strip().lower() for name in next(reader, [])]
+    for name in columns:
+        if name not in COLUMNS:
+            raise ConfigError(
+                f"{path}: unknown column {format_value(name)}{suggest(name, COLUMNS)};"
+                f" columns are {', '.join(COLUMNS)}"
+            )
+    for name in _REQUIRED:
+        if name not in columns:
+            raise ConfigError(f"{path}: column {name!r} is missing in the first line")
+    for values in reader:
+        where = f"{path}, line {reader.line_num}"
+        if len(values) != len(columns):
+            raise ConfigError(f"{where}: has {len(values)} of {len(columns)} values")
+        yield where, dict(zip(columns, values, strict=True))
+
+
+def _challenge_trials(
+    path: Path, lines: list[str]
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield "FILE, line N" and values of each line of the challenge's out.txt."""
+    for number, line in enumerate(lines, 1):
+        where = f"{path}, line {number}"
+        values = line.split()
+        flags = values[1:4]
+        if len(values) != len(_OUT_COLUMNS) or sorted(flags) != ["0", "0", "1"]:
+            raise ConfigError(
+                f"{where}: must be {' '.join(_OUT_COLUMNS)}, with a 1 for how it ended,"
+                f" got {format_value(line)}"
+            )
+        outcome = _OUT_OUTCOMES[flags.index("1")]
+        yield (
+            where,
+            {
+                "planner": path.stem,
+                "world": values[0],
+                "outcome": outcome.value,
+                "time": values[4],
+                "metric": values[5],
+            },
+        )
+
+
+def _make_row(
+    where: str,
+    path: Path,
+    trial: Mapping[str, str],
+    trial_id: str,
+    world: int,
+    repetition: int,
+) -> TrialResult:
+    """Return the row of a trial, from its values by column."""
+    word = trial["outcome"].strip().lower().replace(" ", "_")
+    outcomes = [outcome.value for outcome in Outcome]
+    if word not in outcomes:
+        raise ConfigError(
+            f"{where}: unknown outcome {format_value(word)}{suggest(word, outcomes)}; it"
+            f" can be {', '.join(outcomes)}"
+        )
+    is_success = word == Outcome.SUCCESS
+    time_s = _number(where, "time", trial.get("time", ""))
+    if is_success and time_s is None:
+        raise ConfigError(f"{where}: a success needs a time")
+    metric = _number(where, "metric", trial.get("metric", ""))
+    unknown: dict[str, Any] = dict.fromkeys(item.name for item in fields(Measures))
+    scored_time_s = math.nan
+    if is_success and time_s is not None:
+        scored_time_s = time_s
+    texts = dict.fromkeys(
+        ("world_name", "world_checksum", "preset", "mode", "detail"), ""
+    )
+    seeds = dict.fromkeys(("campaign_seed", "simulator_seed", "planner_seed"), 0)
+    row: dict[str, Any] = {**texts, **seeds}
+    return TrialResult(
+        **row,
+        trial_id=trial_id,
+        dataset=path.name,
+        world=world,
+        planner=trial["planner"].strip(),
+        protocol=path.suffix.removeprefix("."),
+        repetition=repetition,
+        outcome=Outcome(word),
+        scores=Scores(
+            success=is_success,
+            traversal_time_s=time_s,
+            scored_time_s=scored_time_s,
+            duration_s=math.nan,
+            path_length_m=None,
+            normalised_time_s_per_m=None,
+            optimal_time_s=None,
+            challenge=metric,
+            challenge_2022=None,
+            failure_time_s=math.nan,
+        ),
+        measures=Measures(**unknown | {"driven_m": math.nan, "rotation_rad": math.nan}),
+        metric="success" if metric is None else "challenge",
+        observed=ObservedTrial.of(TABLE_SYSTEM, "", None),
+    )
+
+
+def _whole_number(where: str, column: str, text: str) -> int:
+    """Return a whole number from 0 on; ConfigError if the text is none."""
+    word = text.strip()
+    if not (word.isascii() and word.isdigit() and len(word) <= _MOST_DIGITS):
+        raise ConfigError(
+            f"{where}: {column} {format_value(text)}: must be a whole number from 0 on"
+        )
+    return int(word)
+
+
+def _number(where: str, column: str, text: str) -> float | None:
+    """Return a number of 0 or more, None for an empty text; ConfigError otherwise."""
+    if not text.strip():
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number < math.inf:
+        raise ConfigError(
+            f"{where}: {column} {format_value(text)}: must be a number of 0 or more"
+        )
+    return number
