@@ -1,11 +1,15 @@
 """The configuration of the learning environment."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
+
+import numpy as np
 
 from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import PolicyAction, PolicyObservation
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, quantity, replace_dotted
+from barn_worlds.base.errors import ConfigError, suggest
 
 STRAIGHT = "straight"
 ALONG_PATH = "path"
@@ -72,3 +76,51 @@ class EnvConfig(Checked):
         default_factory=lambda: CollisionCheckConfig(enabled=False)
     )
     reward: RewardConfig = field(default_factory=RewardConfig)
+
+
+class UnknownArgumentError(ConfigError, TypeError):
+    """An argument that the environment does not have.
+
+    A TypeError as well, by which wrappers find out what an environment takes.
+    """
+
+
+def configure(config: EnvConfig | None, changes: Mapping[str, object]) -> EnvConfig:
+    """Return a configuration with changes, as `gymnasium.make` has them.
+
+    Args:
+        config: Configuration to start from; by default `EnvConfig()`.
+        changes: New values by dotted field name. `worlds` may also be a number or
+            several, and a nested configuration may be an object of its class.
+
+    Raises:
+        UnknownArgumentError: If a name is not that of a field.
+        ConfigError: If a value is not allowed.
+    """
+    config = config or EnvConfig()
+    names = [item.name for item in fields(EnvConfig)]
+    plain: dict[str, object] = {}
+    for name, value in changes.items():
+        if name.partition(".")[0] not in names:
+            raise UnknownArgumentError(
+                f"environment: got an unexpected keyword argument {name!r}"
+                f"{suggest(name, names)}"
+            )
+        current = getattr(config, name, None)
+        if isinstance(value, Checked) and type(value) is type(current):
+            config = replace(config, **{name: value})
+        elif name == "worlds" and not isinstance(value, str):
+            plain[name] = _select(value)
+        else:
+            plain[name] = value
+    return replace_dotted(config, plain, "environment")
+
+
+def _select(worlds: object) -> object:
+    """Return numbers of worlds as a selection; anything else unchanged."""
+    numbers = list(worlds) if isinstance(worlds, Iterable) else [worlds]
+    is_integer = [
+        isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+        for number in numbers
+    ]
+    return ",".join(map(str, numbers)) if numbers and all(is_integer) else worlds

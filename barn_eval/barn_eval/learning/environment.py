@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from barn_eval.learning.config import EnvConfig
+from barn_eval.learning.config import EnvConfig, configure
 from barn_eval.learning.drawing import TopView
 from barn_eval.learning.episodes import Episodes, Info, final_info
 from barn_eval.learning.reward import path_points
@@ -78,7 +78,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
                 f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}"
             )
         self.render_mode = render_mode
-        self.config = replace_dotted(config or EnvConfig(), changes, "environment")
+        self.config = configure(config, changes)
         robot = load_robot(self.config.robot)
         dataset = fitted_dataset or open_dataset(self.config.dataset).for_robot(robot)
         self._dataset = dataset
@@ -106,6 +106,15 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._index = 0
         self._is_in_batch = False
         self._no_rest = np.zeros(1, np.bool_)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; ConfigError once an episode has begun."""
+        if self._episodes is not None:
+            raise ConfigError(
+                "an environment cannot be copied once it has begun an episode, as its"
+                " physics cannot: make another, and reset both with the same seed"
+            )
+        return self.__dict__.copy()
 
     def make_episodes(self, count: int = 1) -> Episodes:
         """Return new `Episodes` for `count` robots, without taking them for its own."""

@@ -13,12 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from barn_eval.learning.config import EnvConfig
+from barn_eval.learning.config import EnvConfig, configure
 from barn_eval.learning.environment import JackalEnv
 from barn_eval.learning.episodes import Info, final_info
 from barn_planners.policy.space import ACTIONS
 from barn_worlds.base.arrays import Bools, Floats, Integers
-from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import load_robot
@@ -49,7 +48,7 @@ class JackalVectorEnv(SyncVectorEnv):
             autoreset_mode: When an episode that has ended is followed by the next one.
             **changes: Fields of `config` by dotted name.
         """
-        config = replace_dotted(config or EnvConfig(), changes, "environment")
+        config = configure(config, changes)
         # All environments share its worlds in memory.
         dataset = open_dataset(config.dataset).for_robot(load_robot(config.robot))
         make_env = partial(JackalEnv, config, fitted_dataset=dataset)
@@ -59,6 +58,13 @@ class JackalVectorEnv(SyncVectorEnv):
         self._all = np.ones(num_envs, np.bool_)
         for index, env in enumerate(self._jackals):
             env.join_batch(self._episodes, index)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Raise ConfigError: the physics of a batch cannot be copied."""
+        raise ConfigError(
+            "a batch of environments cannot be copied: make another, and reset both with"
+            " the same seed"
+        )
 
     def reset(
         self,

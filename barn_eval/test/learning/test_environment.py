@@ -3,8 +3,10 @@
 What Gymnasium and Stable-Baselines3 ask of one, and that its episodes are trials.
 """
 
+import copy
 import hashlib
 import json
+import pickle
 import re
 import warnings
 from dataclasses import asdict, replace
@@ -413,9 +415,63 @@ def test_a_picture_shows_the_robot_on_its_way(make):
     assert make(worlds="150").render() is None
 
 
+@pytest.mark.parametrize(
+    ("worlds", "numbers"),
+    [
+        (5, (5,)),
+        ([7, 3], (3, 7)),
+        (range(10, 13), (10, 11, 12)),
+        (np.arange(2), (0, 1)),
+    ],
+)
+def test_worlds_may_be_numbers(make, worlds, numbers):
+    assert make(worlds=worlds).worlds == numbers
+
+
+def test_parts_of_the_configuration_may_be_objects():
+    env = gymnasium.make(
+        "barn/Jackal-v0",
+        observation=PolicyObservation(beams=12, frames=2),
+        **{"action.repeat": 2},
+    )
+    assert env.observation_space.shape == (34,)
+    assert env.unwrapped.config.action.repeat == 2
+    env.close()
+    with refused("action", BarnError):
+        JackalEnv(action=PolicyObservation())
+
+
+def test_wrappers_that_try_an_argument_get_a_type_error():
+    # TorchRL's GymEnv does that, and goes on without the argument.
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        gymnasium.make("barn/Jackal-v0", frameskip=4)
+
+
+def test_a_copy_repeats_the_original_and_none_is_made_of_a_running_one(make):
+    env = make(worlds="0:60")
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected = drive(env, 4)
+    for other in copies:
+        assert drive(other, 4) == expected
+        other.close()
+    for duplicate in (copy.deepcopy, pickle.dumps):
+        with refused("an environment cannot be copied once", BarnError):
+            duplicate(env)
+    batch = gymnasium.make_vec("barn/Jackal-v0", 2, "vector_entry_point")
+    with refused("a batch of environments cannot be copied", BarnError):
+        copy.deepcopy(batch)
+    batch.close()
+
+
 MISTAKES = """
 {beams: 40}
-    unknown parameter 'beams'
+    unexpected keyword argument 'beams'
+{worldz: 40}
+    did you mean 'worlds'
+{worlds: [1, two]}
+    environment: worlds
+{worlds: true}
+    environment: worlds
 {observation.beans: 40}
     did you mean 'observation.beams'
 {observation.beams: 0}
