@@ -40,7 +40,9 @@ from barn_eval.trials.run_config import PlannerChoice, RunConfig  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.policy.collision_check import CollisionCheckConfig  # noqa: E402
 from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
+from barn_planners.policy.onnx import METADATA_KEY, load_network  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
+from barn_worlds.base.config import as_dict  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 from barn_worlds.drawing import palette  # noqa: E402
 
@@ -176,6 +178,66 @@ def test_an_episode_is_the_trial_of_the_benchmark(
     if not scores["success"]:
         scores["least_time_s"] = None
     assert info["scores"] == scores
+
+
+def write_onnx(path, policy):
+    """Write a linear policy as an ONNX file whose state adds up what it turned to."""
+    onnx = pytest.importorskip("onnx", reason="onnx is not installed")
+    pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+    helper = onnx.helper
+    to_node = onnx.numpy_helper.from_array
+
+    def tensor(name, size):
+        return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, (1, size))
+
+    graph = helper.make_graph(
+        [
+            helper.make_node("Gemm", ["observation", "weights", "biases"], ["now"]),
+            helper.make_node("Mul", ["state", "share"], ["kept"]),
+            helper.make_node("Add", ["now", "kept"], ["action"]),
+            helper.make_node("Identity", ["action"], ["next"]),
+        ],
+        "policy",
+        [tensor("observation", policy.observation.size), tensor("state", 2)],
+        [tensor("action", 2), tensor("next", 2)],
+        [
+            to_node(policy.weights[0], "weights"),
+            to_node(policy.biases[0], "biases"),
+            to_node(np.array([0.0, 0.1], np.float32), "share"),
+        ],
+    )
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9
+    )
+    entry = model.metadata_props.add()
+    entry.key = METADATA_KEY
+    spaces = {
+        "observation": as_dict(policy.observation),
+        "action": as_dict(policy.action),
+    }
+    entry.value = json.dumps(spaces)
+    path.write_bytes(model.SerializeToString())
+
+
+def test_a_recurrent_policy_drives_the_same_trial_as_a_planner(make, tmp_path):
+    policy = with_memory(steering_policy())
+    path = tmp_path / "policy.onnx"
+    write_onnx(path, policy)
+    settings = {"policy_path": str(path), "safety.enabled": False}
+    run = RunConfig(
+        planners=(PlannerChoice("policy", overrides=settings),),
+        protocol=CHALLENGE,
+        simulator=simulator_config(CHALLENGE),
+    )
+    result = run_direct_trial(run.trials([12])[0]).result
+    assert result.wall_clock.compute_p50_ms > 0.0
+    network = load_network(path)
+    env = make(config=EnvConfig(observation=policy.observation, action=policy.action))
+    observation, info = env.reset(options={"world": 12, "campaign_seed": 0})
+    while "outcome" not in info:
+        observation, *_, info = env.step(network.act(observation))
+    assert info["outcome"] == result.outcome.value
+    assert info["scores"]["duration_s"] == result.scores.duration_s
 
 
 def run_out(env, action, limit=4000):

@@ -132,12 +132,17 @@ class PolicyNetwork:
 
     def __init__(self, policy: Policy) -> None:
         """Copy weights and biases in double precision."""
+        self.observation = policy.observation
+        self.action = policy.action
         self._layers = [
             (np.ascontiguousarray(weights, np.float64), biases.astype(np.float64))
             for weights, biases in zip(policy.weights, policy.biases, strict=True)
         ]
         self._uses_relu = policy.activation == "relu"
         self._squashes_output = policy.output == "tanh"
+
+    def reset(self) -> None:
+        """Forget nothing: it has no memory."""
 
     def act(self, observation: Vector) -> FloatArray:
         """Return the action (2,), not yet clipped, for an observation (size,)."""

@@ -16,7 +16,7 @@ from barn_planners.navigation.observation_check import ObservationCheckConfig
 from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.navigation.scan_planner import ScanPlanner
 from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
-from barn_planners.policy.file import PolicyNetwork, read_policy
+from barn_planners.policy.onnx import load_network
 from barn_planners.policy.space import FrameStack, ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fit_to_robot
@@ -35,7 +35,7 @@ class PolicyConfig(Checked):
     """The policy file, goal tolerance and checks."""
 
     policy_path: str = quantity(
-        "", "policy file (.npz); empty: the one that comes with the package"
+        "", "policy file (.npz or .onnx); empty: the one that comes with the package"
     )
     goal_tolerance_m: float = quantity(
         0.25, "the goal is reached within this", "m", 0.01, 10.0
@@ -49,7 +49,7 @@ class PolicyConfig(Checked):
 
     @property
     def path(self) -> Path:
-        """Path of the policy file (.npz), that of the package if none is set."""
+        """Path of the policy file, that of the package if none is set."""
         return Path(self.policy_path) if self.policy_path else shipped_policy()
 
 
@@ -64,8 +64,7 @@ class PolicyPlanner(ScanPlanner):
         """
         super().__init__(config.guard, config.goal_tolerance_m)
         self.config = config
-        self.policy = read_policy(config.path)
-        self._network = PolicyNetwork(self.policy)
+        self.policy = load_network(config.path)
         self._encoder = ObservationEncoder(self.policy.observation)
         self._stack = FrameStack(1, self.policy.observation)
         # The command that holds, and for how many more cycles.
@@ -85,6 +84,7 @@ class PolicyPlanner(ScanPlanner):
         super().start(task, seed)
         self._progress.reset()
         self._stack.clear(0)
+        self.policy.reset()
         self._cycles_left = 0
 
     def problem(self, scan: Scan) -> str:
@@ -142,7 +142,7 @@ class PolicyPlanner(ScanPlanner):
         frame = self._encoder.encode(observation, goal)
         vectors = np.empty((1, self.policy.observation.size), np.float32)
         self._stack.push(_ONLY, frame[None], vectors)
-        action = self._network.act(vectors[0])
+        action = self.policy.act(vectors[0])
         return self.policy.action.command(action)
 
 
@@ -154,7 +154,7 @@ def shipped_policy() -> Path:
 def _speed_cap_mps(config: PolicyConfig) -> float:
     """Return the highest speed in m/s that a policy commands, read from its file."""
     # The file decides the speed class, not a parameter of the planner.
-    return read_policy(config.path).action.cap_mps
+    return load_network(config.path).action.cap_mps
 
 
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:

@@ -1,0 +1,163 @@
+"""Policies as ONNX files, for what is no multilayer perceptron.
+
+Such a file has float32 inputs and outputs of fixed shapes. Its first input is the
+observation (1, size), its first output the action (1, 2). Further inputs are the state of a
+recurrent policy, zeros at the start of a trial; as many further outputs, in the same order,
+are the state of the next step. The metadata of the model has an entry `barn_policy`, in
+JSON::
+
+    {"observation": {...}, "action": {...}, "about": {...}}
+
+which are those of `barn_planners.policy.file`.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from barn_planners.interface import FloatArray
+from barn_planners.policy.file import PolicyError, PolicyNetwork, read_policy
+from barn_planners.policy.space import ACTIONS, PolicyAction, PolicyObservation, Vector
+from barn_worlds.base.config import from_dict
+from barn_worlds.base.errors import ConfigError, WorldError, format_error
+from barn_worlds.base.files import read_bytes
+from barn_worlds.base.text_files import as_mapping, parse_json
+
+METADATA_KEY = "barn_policy"
+LARGEST_FILE = 64 * 1024 * 1024
+# Numbers of a recurrent policy's state.
+LARGEST_STATE = 1_000_000
+# Of onnxruntime's log: a warning about shapes would go to the terminal.
+_ERRORS_ONLY = 3
+
+
+class Network(Protocol):
+    """A policy that can be asked."""
+
+    @property
+    def observation(self) -> PolicyObservation:
+        """What it sees."""
+
+    @property
+    def action(self) -> PolicyAction:
+        """What its actions mean."""
+
+    def reset(self) -> None:
+        """Forget what came before: a new trial begins."""
+
+    def act(self, observation: Vector) -> FloatArray:
+        """Return the action (2,), not yet clipped, for an observation (size,)."""
+
+
+def load_network(path: Path) -> Network:
+    """Return the policy of a .npz or .onnx file, ready to be asked.
+
+    Raises:
+        PolicyError: If the file is damaged, malformed or of another version.
+        ConfigError: If it is an .onnx file and onnxruntime is missing.
+    """
+    if path.suffix == ".onnx":
+        return OnnxNetwork(path)
+    return PolicyNetwork(read_policy(path))
+
+
+@dataclass(frozen=True)
+class _Metadata:
+    """The entry `barn_policy` of a model; its fields are the keys."""
+
+    observation: PolicyObservation
+    action: PolicyAction
+    about: dict[str, Any] = field(default_factory=dict)
+
+
+class OnnxNetwork:
+    """Evaluates an ONNX model on one thread."""
+
+    def __init__(self, path: Path) -> None:
+        """Read and check a file.
+
+        Raises:
+            PolicyError: If it is damaged, or its sizes do not fit its metadata.
+            ConfigError: If onnxruntime is missing.
+        """
+        try:
+            import onnxruntime  # noqa: PLC0415 (optional)
+        except ImportError:
+            raise ConfigError(
+                f"{path}: .onnx policies need onnxruntime: pip install onnxruntime"
+            ) from None
+        try:
+            content = read_bytes(path, LARGEST_FILE)
+        except WorldError as error:
+            raise PolicyError(str(error)) from None
+
+        options = onnxruntime.SessionOptions()
+        # The order of summation must not depend on the number of processors.
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.log_severity_level = _ERRORS_ONLY
+        try:
+            self._session = onnxruntime.InferenceSession(
+                content, options, providers=["CPUExecutionProvider"]
+            )
+        # The library raises errors of many classes for bytes that are no model.
+        except Exception as error:
+            raise PolicyError(
+                f"{path}: not an ONNX model: {format_error(error)}"
+            ) from None
+        self.observation, self.action = self._read_metadata(path)
+        self._inputs = self._session.get_inputs()
+        self._check_shapes(path)
+        self.reset()
+
+    def _read_metadata(self, path: Path) -> tuple[PolicyObservation, PolicyAction]:
+        """Return observation and action of the model's metadata."""
+        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        if text is None:
+            raise PolicyError(f"{path}: its metadata has no entry {METADATA_KEY}")
+        try:
+            where = f"{path}: {METADATA_KEY}"
+            metadata = from_dict(_Metadata, as_mapping(parse_json(text, where)), where)
+        except ConfigError as error:
+            raise PolicyError(str(error)) from None
+        return metadata.observation, metadata.action
+
+    def _check_shapes(self, path: Path) -> None:
+        """Raise PolicyError unless inputs and outputs are those of a policy."""
+        outputs = self._session.get_outputs()
+        for item in (*self._inputs, *outputs):
+            is_fixed = all(isinstance(size, int) and size > 0 for size in item.shape)
+            if item.type != "tensor(float)" or not is_fixed:
+                raise PolicyError(
+                    f"{path}: {item.name} must hold float32 of a fixed shape, "
+                    f"got {item.type} of {item.shape}"
+                )
+        shapes = [item.shape for item in self._inputs]
+        expected = [[1, self.observation.size], *shapes[1:]]
+        results = [item.shape for item in outputs]
+        if shapes != expected or results != [[1, ACTIONS], *shapes[1:]]:
+            raise PolicyError(
+                f"{path}: must lead from {expected[0]} and a state to {[1, ACTIONS]} "
+                f"and the same state, got {shapes} to {results}"
+            )
+        size = sum(int(np.prod(shape)) for shape in shapes[1:])
+        if size > LARGEST_STATE:
+            raise PolicyError(
+                f"{path}: its state must have at most {LARGEST_STATE} numbers, "
+                f"got {size}"
+            )
+
+    def reset(self) -> None:
+        """Set the state to zeros: a new trial begins."""
+        self._state = [np.zeros(item.shape, np.float32) for item in self._inputs[1:]]
+
+    def act(self, observation: Vector) -> FloatArray:
+        """Return the action (2,), not yet clipped, for an observation (size,)."""
+        values = [observation[None], *self._state]
+        names = [item.name for item in self._inputs]
+        feed = dict(zip(names, values, strict=True))
+        action, *self._state = self._session.run(None, feed)
+        result: FloatArray = action[0].astype(np.float64)
+        return result
