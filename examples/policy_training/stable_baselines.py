@@ -1,5 +1,6 @@
 """Stable-Baselines3: a batch of environments, and models as policy files."""
 
+import warnings
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -108,7 +109,7 @@ def export_policy(
     Raises:
         ConfigError: If a policy file cannot hold the actor.
     """
-    _check_inputs(model)
+    _check_extractor(model)
     actor = _find_actor(model.policy)
     modules = actor.modules
     squashes = actor.squashes
@@ -129,11 +130,16 @@ def export_policy(
     # A single layer has no activation; the file names one all the same.
     activation = _ACTIVATIONS[activations.pop()] if activations else "tanh"
     notes = {"algorithm": _kind(model), "steps": int(model.num_timesteps)}
+    weights = [np.ascontiguousarray(_to_array(layer.weight).T) for layer in layers]
+    biases = [_to_array(layer.bias) for layer in layers]
+    normalization = model.get_vec_normalize_env()
+    if normalization is not None and normalization.norm_obs:
+        weights[0], biases[0] = _fold(normalization, weights[0], biases[0])
     policy = Policy(
         config.observation,
         config.action,
-        tuple(np.ascontiguousarray(_to_array(layer.weight).T) for layer in layers),
-        tuple(_to_array(layer.bias) for layer in layers),
+        tuple(weights),
+        tuple(biases),
         activation,
         "tanh" if squashes else "clip",
         {**notes, **(about or {})},
@@ -143,14 +149,36 @@ def export_policy(
     return policy
 
 
-def _check_inputs(model: Any) -> None:
-    """Check that the actor gets observations as the environment makes them."""
-    normalization = model.get_vec_normalize_env()
-    if normalization is not None and normalization.norm_obs:
-        raise ConfigError(
-            "VecNormalize: observations are in [-1, 1] already; "
-            "train with norm_obs=False"
+def _fold(
+    normalization: Any,
+    weights: npt.NDArray[np.float32],
+    biases: npt.NDArray[np.float32],
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the first layer for observations that VecNormalize has not changed.
+
+    It also clips them, which no layer can: the file differs from the model where an entry
+    is further from its mean than `clip_obs` standard deviations.
+    """
+    statistics = normalization.obs_rms
+    scale = 1.0 / np.sqrt(statistics.var + normalization.epsilon)
+    low = normalization.observation_space.low
+    high = normalization.observation_space.high
+    farthest = np.maximum(statistics.mean - low, high - statistics.mean) * scale
+    clipped = int((farthest > normalization.clip_obs).sum())
+    if clipped:
+        warnings.warn(
+            f"VecNormalize: {clipped} entries of an observation may be clipped at"
+            f" {normalization.clip_obs:g} standard deviations, which the file does not"
+            " do; train with a higher clip_obs",
+            stacklevel=3,
         )
+    folded = scale[:, None] * weights
+    shifted = biases - statistics.mean @ folded
+    return folded.astype(np.float32), shifted.astype(np.float32)
+
+
+def _check_extractor(model: Any) -> None:
+    """Check that the actor gets observations as the environment makes them."""
     extractor = getattr(model.policy, "features_extractor", None)
     kind = _kind(extractor or model.policy.actor.features_extractor)
     if kind != "FlattenExtractor":

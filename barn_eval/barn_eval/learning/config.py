@@ -119,8 +119,8 @@ def configure(config: EnvConfig | None, changes: Mapping[str, object]) -> EnvCon
 def _select(worlds: object) -> object:
     """Return numbers of worlds as a selection; anything else unchanged."""
     numbers = list(worlds) if isinstance(worlds, Iterable) else [worlds]
-    is_integer = [
-        isinstance(number, (int, np.integer)) and not isinstance(number, bool)
-        for number in numbers
-    ]
-    return ",".join(map(str, numbers)) if numbers and all(is_integer) else worlds
+    for number in numbers:
+        # In Python True is a number, too.
+        if not isinstance(number, (int, np.integer)) or number is True:
+            return worlds
+    return ",".join(map(str, numbers))

@@ -11,9 +11,10 @@ JSON::
 which are those of `barn_planners.policy.file`.
 """
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -27,31 +28,13 @@ from barn_worlds.base.text_files import as_mapping, parse_json
 
 METADATA_KEY = "barn_policy"
 LARGEST_FILE = 64 * 1024 * 1024
-# Numbers of a recurrent policy's state.
-LARGEST_STATE = 1_000_000
+# Numbers of an input or output.
+LARGEST_ARRAY = 2_000_000
 # Of onnxruntime's log: a warning about shapes would go to the terminal.
 _ERRORS_ONLY = 3
 
 
-class Network(Protocol):
-    """A policy that can be asked."""
-
-    @property
-    def observation(self) -> PolicyObservation:
-        """What it sees."""
-
-    @property
-    def action(self) -> PolicyAction:
-        """What its actions mean."""
-
-    def reset(self) -> None:
-        """Forget what came before: a new trial begins."""
-
-    def act(self, observation: Vector) -> FloatArray:
-        """Return the action (2,), not yet clipped, for an observation (size,)."""
-
-
-def load_network(path: Path) -> Network:
+def load_network(path: Path) -> "PolicyNetwork | OnnxNetwork":
     """Return the policy of a .npz or .onnx file, ready to be asked.
 
     Raises:
@@ -128,10 +111,12 @@ class OnnxNetwork:
         """Raise PolicyError unless inputs and outputs are those of a policy."""
         outputs = self._session.get_outputs()
         for item in (*self._inputs, *outputs):
-            is_fixed = all(isinstance(size, int) and size > 0 for size in item.shape)
+            is_fixed = all(isinstance(size, int) for size in item.shape)
+            # A file of strangers may ask for any amount of memory.
+            is_fixed = is_fixed and 0 < math.prod(item.shape) <= LARGEST_ARRAY
             if item.type != "tensor(float)" or not is_fixed:
                 raise PolicyError(
-                    f"{path}: {item.name} must hold float32 of a fixed shape, "
+                    f"{path}: {item.name} must hold at most {LARGEST_ARRAY} float32 of a fixed shape, "
                     f"got {item.type} of {item.shape}"
                 )
         shapes = [item.shape for item in self._inputs]
@@ -141,12 +126,6 @@ class OnnxNetwork:
             raise PolicyError(
                 f"{path}: must lead from {expected[0]} and a state to {[1, ACTIONS]} "
                 f"and the same state, got {shapes} to {results}"
-            )
-        size = sum(int(np.prod(shape)) for shape in shapes[1:])
-        if size > LARGEST_STATE:
-            raise PolicyError(
-                f"{path}: its state must have at most {LARGEST_STATE} numbers, "
-                f"got {size}"
             )
 
     def reset(self) -> None:

@@ -125,11 +125,26 @@ def test_the_file_answers_as_the_model(vectorised, tmp_path, name, settings):
         )
 
 
+def test_normalized_observations_fold_into_the_first_layer(vectorised, tmp_path):
+    normalized = VecNormalize(vectorised, clip_obs=1000.0)
+    rng = np.random.default_rng(3)
+    size = CONFIG.observation.size
+    normalized.obs_rms.mean = rng.normal(size=size)
+    normalized.obs_rms.var = rng.uniform(0.1, 2.0, size)
+    model = algorithms.PPO("MlpPolicy", normalized, seed=1, device="cpu")
+    network = PolicyNetwork(export_policy(model, CONFIG, tmp_path / "policy.npz"))
+    for observation in rng.uniform(-1.0, 1.0, (20, size)).astype(np.float32):
+        seen = normalized.normalize_obs(observation)
+        expected, _ = model.predict(seen, deterministic=True)
+        action = np.clip(network.act(observation), -1.0, 1.0)
+        np.testing.assert_allclose(action, expected, atol=1e-4)
+    normalized.clip_obs = 1.0
+    with pytest.warns(UserWarning, match="entries of an observation may be clipped"):
+        export_policy(model, CONFIG, tmp_path / "policy.npz")
+
+
 def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
     path = tmp_path / "policy.npz"
-    model = algorithms.PPO("MlpPolicy", VecNormalize(vectorised), device="cpu")
-    with pytest.raises(ConfigError, match="norm_obs=False"):
-        export_policy(model, CONFIG, path)
     torch = pytest.importorskip("torch")
     model = algorithms.PPO(
         "MlpPolicy",
