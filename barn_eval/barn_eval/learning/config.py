@@ -108,7 +108,8 @@ def configure(config: EnvConfig | None, changes: Mapping[str, object]) -> EnvCon
             )
         current = getattr(config, name, None)
         if isinstance(value, Checked) and type(value) is type(current):
-            config = replace(config, **{name: value})
+            part: dict[str, Any] = {name: value}
+            config = replace(config, **part)
         elif name == "worlds" and not isinstance(value, str):
             plain[name] = _select(value)
         else:
