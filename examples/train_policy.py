@@ -19,7 +19,7 @@ import csv
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -39,6 +39,7 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
+from barn_planners.policy.file import read_policy
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import DatasetParameters, write_dataset
@@ -66,7 +67,7 @@ TASKS = {
         5_000_000,
         # Five frames, 0.4 s apart, are a memory of a dead end.
         PolicyObservation(beams=40, frames=5, frame_steps=4),
-        PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.2, repeat=2),
+        PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0, repeat=2),
     ),
     "moving": Task(
         "dynabarn",
@@ -89,6 +90,11 @@ SAVING_PERIOD = 20
 # Learning rate at first, and the share of it that remains at the end.
 LEARNING_RATE = 5e-4
 FINAL_SHARE = 0.05
+# Of a policy that goes on from another one: learning rate, logarithm of the spread of its
+# actions, and steps in which only the critic learns.
+FINE_LEARNING_RATE = 2e-4
+FINE_LOG_STD = -1.2
+CRITIC_STEPS = 65_536
 
 
 class CurveRow(NamedTuple):
@@ -147,8 +153,55 @@ class Curve(BaseCallback):
         )
 
 
+def start_from(model: PPO, config: EnvConfig, path: Path) -> None:
+    """Set the actor of a model to a policy that has fewer frames, or as many.
+
+    Args:
+        model: Model with layers of the policy's sizes.
+        config: Environment of the model.
+        path: Policy file; its frames are the newest ones of the model's observations.
+    """
+    policy = read_policy(path)
+    kept = ("frames", "frame_steps")
+    changes = {name: getattr(config.observation, name) for name in kept}
+    same_frame = replace(policy.observation, **changes) == config.observation
+    same_action = replace(policy.action, repeat=config.action.repeat) == config.action
+    if not same_frame or not same_action or policy.activation != "tanh":
+        raise click.UsageError(f"{path}: sees or acts otherwise than the task says")
+
+    layers = [*model.policy.mlp_extractor.policy_net, model.policy.action_net][::2]
+    with torch.no_grad():
+        for layer, weights, biases in zip(
+            layers, policy.weights, policy.biases, strict=True
+        ):
+            # Older frames count nothing at first.
+            layer.weight.zero_()
+            layer.weight[:, : len(weights)] = torch.from_numpy(weights.T.copy())
+            layer.bias.copy_(torch.from_numpy(biases))
+        model.policy.log_std.fill_(FINE_LOG_STD)
+
+
+class HeldActor(BaseCallback):
+    """Holds the actor still until the critic knows what its actions are worth."""
+
+    def _on_rollout_start(self) -> None:
+        policy = self.model.policy
+        is_free = self.num_timesteps >= CRITIC_STEPS
+        policy.log_std.requires_grad_(is_free)
+        for module in (policy.mlp_extractor.policy_net, policy.action_net):
+            module.requires_grad_(is_free)
+
+    def _on_step(self) -> bool:
+        return True
+
+
 def train(
-    config: EnvConfig, steps: int, seed: int, environments: int, out: Path
+    config: EnvConfig,
+    steps: int,
+    seed: int,
+    environments: int,
+    out: Path,
+    start: Path | None = None,
 ) -> Curve:
     """Train a policy and write it, as well as the untrained one.
 
@@ -160,6 +213,7 @@ def train(
         seed: Seed of everything random.
         environments: Number of environments that step together.
         out: Folder for both policy files.
+        start: Policy file to start from; by default the networks are random.
 
     Returns:
         Results of the episodes over the steps.
@@ -167,6 +221,7 @@ def train(
     # These networks are too small for more than one thread.
     torch.set_num_threads(1)
     batch = VecMonitor(StableBatch(environments, config))
+    rate = LEARNING_RATE if start is None else FINE_LEARNING_RATE
     model = PPO(
         "MlpPolicy",
         batch,
@@ -176,15 +231,19 @@ def train(
         n_epochs=6,
         # The discount by which progress is shaped must be the learner's own.
         gamma=config.reward.discount,
-        learning_rate=lambda remaining: LEARNING_RATE * max(remaining, FINAL_SHARE),
+        learning_rate=lambda remaining: rate * max(remaining, FINAL_SHARE),
         policy_kwargs={"net_arch": [128, 128], "log_std_init": -0.5},
         device="cpu",
     )
+    callbacks: list[BaseCallback] = []
+    if start is not None:
+        start_from(model, config, start)
+        callbacks.append(HeldActor())
     description = {"trained_in": open_dataset(config.dataset).checksum, "seed": seed}
     export_policy(model, config, out / "untrained.npz", description)
     save = partial(export_policy, model, config, out / "policy.npz", description)
     curve = Curve(save)
-    model.learn(steps, callback=curve)
+    model.learn(steps, callback=[*callbacks, curve])
     save()
     batch.close()
     return curve
@@ -294,6 +353,12 @@ def checksums(name: str | Path) -> set[str]:
     help="Stepped together.",
 )
 @click.option(
+    "--start",
+    default=None,
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Policy file to start from, with fewer frames or as many.",
+)
+@click.option(
     "--out",
     default=Path("out/policy"),
     show_default=True,
@@ -307,6 +372,7 @@ def main(
     dataset: str | None,
     held_out: str | None,
     environments: int,
+    start: Path | None,
     out: Path,
 ) -> None:
     """Train a policy and compare it with the untrained one."""
@@ -327,7 +393,7 @@ def main(
         action=task.action,
         reward=RewardConfig(discount=DISCOUNT),
     )
-    curve = train(config, steps or task.steps, seed, environments, out)
+    curve = train(config, steps or task.steps, seed, environments, out, start)
     with (out / "curve.csv").open("w", newline="") as file:
         csv.writer(file).writerows([CurveRow._fields, *curve.rows])
     # A short training may end before its first episode does.
