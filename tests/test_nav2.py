@@ -315,7 +315,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
         )
     (other / "package.xml").touch()
     text = "controller_server: {ros__parameters: {%s: 20.0, a: {plugin: 'nav2_controller::%s'}, b: {%s}}}"
-    plugin = "plugin: 'other::Checker', gain: 1, %s: 2"
+    plugin = "plugin: 'other::Checker', gain: 1.0, %s: 2.0"
     mine.write_text(text % ("controller_frequency", "Checker", plugin % "use_sim_time"))
     assert check.main([str(source), str(other), str(mine)]) == 0
     mine.write_text(text % ("controler_frequency", "Chequer", plugin % "gian"))
@@ -325,7 +325,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     assert "b.gian is not read by other" in output
     assert (
         "no plugin nav2_controller::Chequer" in output
-        and "5 parameters checked, 3 unknown" in output
+        and "5 parameters checked, 3 wrong" in output
     )
     expected = tmp_path / "expected.txt"
     failures = [line for line in output.splitlines() if line.startswith("mine.yaml")]
@@ -335,10 +335,67 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
         assert check.main(arguments) == code
 
 
-def test_what_is_expected_of_the_parameters_is_of_a_file_that_exists():
-    text = (FOLDER / "expected_failures.txt").read_text()
-    for line in text.splitlines():
-        assert (FOLDER / "params" / line.partition(":")[0]).is_file()
+SERVER = """
+declare_parameter("controller_frequency", 20.0);
+declare_parameter("controller_plugins", default_ids_);
+get_parameter("controller_frequency", controller_frequency_);
+"""
+PLUGIN = """
+nav2_util::declare_parameter_if_not_declared(
+  node, name + ".tolerance", rclcpp::ParameterValue(0.25));
+getParam(samples_, "samples", 20);
+getParam(is_on_, "enabled", true);
+node->declare_parameter(name + ".frame", std::string("map"));
+node->declare_parameter(name + ".open", open_default);
+"""
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        ("controller_frequency", "20", "is 20, of type int;"),
+        ("controller_frequency", "20.0", ""),
+        ("controller_plugins", "FollowPath", "declares list"),
+        ("controller_plugins", "[a, b]", "names b, which has no section"),
+        ("tolerance", "0.5", "below a plugin, not here"),
+        ("a.tolerance", "1", "declares double"),
+        ("a.samples", "20.0", "declares int"),
+        ("a.samples", "30", ""),
+        ("a.enabled", "1", "declares bool"),
+        ("a.frame", "3", "declares string"),
+        ("a.frame", "odom", ""),
+        ("a.open", "3", ""),
+    ],
+)
+def test_the_check_knows_types_and_places(tmp_path, capsys, key, value, problem):
+    spec = importlib.util.spec_from_file_location(
+        "check_parameters", FOLDER / "check_parameters.py"
+    )
+    check = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(check)
+    package = tmp_path / "navigation2/nav2_controller"
+    package.mkdir(parents=True)
+    (package / "server.cpp").write_text(SERVER + PLUGIN)
+    (package / "plugins.xml").write_text('<class type="x::A" base_class_type="y"/>')
+    section, _, name = key.rpartition(".")
+    plugin = {"plugin": "x::A"}
+    parameters = {"a": plugin}
+    (parameters[section] if section else parameters)[name] = yaml.safe_load(value)
+    mine = tmp_path / "mine.yaml"
+    content = {"controller_server": {"ros__parameters": parameters}}
+    mine.write_text(yaml.safe_dump(content))
+    assert check.main([str(package.parent), str(mine)]) == (1 if problem else 0)
+    output = capsys.readouterr().out
+    assert problem in output
+    assert f"2 parameters checked, {1 if problem else 0} wrong" in output
+
+
+def test_what_is_expected_of_the_parameters_is_of_files_that_exist():
+    lists = sorted(FOLDER.glob("expected_failures*.txt"))
+    assert len(lists) == 3
+    for path in lists:
+        for line in path.read_text().splitlines():
+            assert (FOLDER / "params" / line.partition(":")[0]).is_file()
 
 
 def test_each_trial_gets_a_fresh_nav2(with_extra_messages):

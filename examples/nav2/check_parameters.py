@@ -2,10 +2,12 @@
 
     python3 check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...] [EXPECTED.txt]
 
-Nav2 ignores parameters that it does not know, so a misspelled one goes unnoticed. The
-name of every parameter must occur in quotes in the source of the package that reads it.
-For every plugin, one of the trees must export its class. Without files, those in
-`params` are checked. The script prints each failure and how many parameters were
+Nav2 ignores parameters that it does not know, so a misspelled one goes unnoticed; and it
+ends at once where a value has another type than its default. The name of every parameter
+must occur in quotes in the source of the package that reads it: for a parameter of a node
+itself, not as one of a plugin. Its value must have the type of a default there. Every
+plugin in a list must have a section, and one of the trees must export its class. Without
+files, those in `params` are checked. The script prints each failure and how many parameters were
 checked, and exits with 1 if there is a failure. EXPECTED.txt has a line for each
 failure that is expected; with it, the script also exits with 1 if one of them is
 missing.
@@ -30,8 +32,28 @@ PACKAGES = {
     "behavior_server": ["nav2_behaviors"],
     "bt_navigator": ["nav2_bt_navigator", "nav2_behavior_tree"],
 }
+# A name, in a call that declares it or reads it with a default, and the default.
+DECLARATION = r"""(?:declare\w*|getParam|getParentParam|searchAndGetParam)(?:<[^>]*>)?\s*\(
+    [^;]*?["'](?:[\w.]*\.)?%s["']\s*,\s*(?P<default>[^;]*?)\)\s*;"""
+# Type by the beginning of a default in C++.
+DEFAULT_TYPES = {
+    r"true\b|false\b|rclcpp::\w*(?:::)?PARAMETER_BOOL\b": "bool",
+    r"-?\d+(?![\d.eEf])|rclcpp::\w*(?:::)?PARAMETER_INTEGER\b": "int",
+    r"-?(?:\d+\.\d*|\.\d+|\d+(?=f))|rclcpp::\w*(?:::)?PARAMETER_DOUBLE\b": "double",
+    r"\"|std::string\b|rclcpp::\w*(?:::)?PARAMETER_STRING\b": "string",
+    r"std::vector<std::string>|rclcpp::\w*(?:::)?PARAMETER_STRING_ARRAY\b": "list",
+}
+YAML_TYPES = {bool: "bool", int: "int", float: "double", str: "string", list: "list"}
+# Parameters that list the names of sections below the same node.
+SECTION_LISTS = ("plugins", "filters", "navigators")
 # Parameters of any node: of rclcpp and of Nav2's lifecycle nodes.
-COMMON = {"use_sim_time", "start_type_description_service", "bond_heartbeat_period"}
+COMMON = {
+    "use_sim_time",
+    "start_type_description_service",
+    "bond_heartbeat_period",
+    "introspection_mode",
+    "service_introspection_mode",
+}
 # Class of a critic by its short name, for the controllers that have critics.
 CRITICS = {
     "nav2_mppi_controller::MPPIController": "mppi::critics::{}",
@@ -53,8 +75,8 @@ def main(arguments):
         print(f"usage: {usage}", *missing, file=sys.stderr)
         return 2
 
-    count = 0
     failures = []
+    nodes = []
     for path in files or sorted((HERE / "params").glob("*.yaml")):
         try:
             content = yaml.safe_load(path.read_text("utf-8"))
@@ -62,15 +84,12 @@ def main(arguments):
             reason = " ".join(str(error).split())
             failures.append(f"{path}: cannot be read: {reason}")
             continue
-        for node, parameters in find_nodes(content):
-            folders = package_folders(node, trees) or trees
-            for name, problem in check(parameters, folders, trees):
-                count += 1
-                if problem:
-                    failures.append(f"{path.name}: {node}: {name}{problem}")
+        nodes += [(path, *node) for node in find_nodes(content)]
 
+    problems = list(check_nodes(nodes, trees))
+    failures += [problem for problem in problems if problem]
     print(*failures, sep="\n", end="\n" if failures else "")
-    print(f"{count} parameters checked, {len(failures)} unknown")
+    print(f"{len(problems)} parameters checked, {len(failures)} wrong")
     expected = set()
     for path in lists:
         expected |= set(Path(path).read_text("utf-8").splitlines())
@@ -79,6 +98,24 @@ def main(arguments):
         for line in sorted(surprises):
             print(f"not as expected: {line}")
     return 1 if surprises else 0
+
+
+def check_nodes(nodes, trees):
+    """Yield a text for each parameter, what is wrong with it or an empty one.
+
+    Args:
+        nodes: File, name and parameters of each node.
+        trees: Source trees.
+    """
+    # A node may read several files, one over the other.
+    sections = {}
+    for _, node, parameters in nodes:
+        names = {key for key, value in parameters.items() if isinstance(value, dict)}
+        sections[node] = sections.get(node, set()) | names
+    for path, node, parameters in nodes:
+        folders = package_folders(node, trees) or trees
+        for name, problem in check(parameters, folders, trees, sections[node]):
+            yield f"{path.name}: {node}: {name}{problem}" if problem else ""
 
 
 def find_nodes(content):
@@ -109,13 +146,14 @@ def package_folders(node, trees):
     return tuple(folder for folder in folders if folder.is_dir())
 
 
-def check(parameters, folders, trees, prefix=""):
+def check(parameters, folders, trees, sections, prefix=""):
     """Yield the dotted name of each parameter and what is wrong with it, if anything.
 
     Args:
         parameters: Nested parameters of a node.
         folders: Source folders that may read them.
         trees: Source trees, whose plugins bring folders of their own.
+        sections: Names of the node's sections.
         prefix: Dotted name of the section.
     """
     plugins = exported_classes(trees)
@@ -131,15 +169,46 @@ def check(parameters, folders, trees, prefix=""):
     for key, value in parameters.items():
         name = f"{prefix}{key}"
         if isinstance(value, dict):
-            yield from check(value, folders, trees, f"{name}.")
+            yield from check(value, folders, trees, sections, f"{name}.")
         elif key == "critics" and plugin in CRITICS:
             classes = {critic: CRITICS[plugin].format(critic) for critic in value}
             missing = [critic for critic in value if classes[critic] not in plugins]
             yield name, f": no plugin {', '.join(missing)}" if missing else ""
         elif key != "plugin" and key not in COMMON:
-            readers = ", ".join(folder.name for folder in folders)
-            is_read = any(reads(folder, str(key)) for folder in folders)
-            yield name, "" if is_read else f" is not read by {readers}"
+            is_of_node = not prefix and plugin is None
+            problem = find_problem(str(key), value, folders, is_of_node=is_of_node)
+            if not problem and is_of_node and str(key).endswith(SECTION_LISTS):
+                missing = sorted(set(value) - sections)
+                if missing:
+                    problem = f" names {', '.join(missing)}, which has no section"
+            yield name, problem
+
+
+def find_problem(key, value, folders, *, is_of_node):
+    """Return what is wrong with a parameter, or an empty text.
+
+    Args:
+        key: Name of the parameter in its section.
+        value: Its value.
+        folders: Source folders that may read it.
+        is_of_node: Whether it stands in no section, but at the node itself.
+    """
+    readers = ", ".join(folder.name for folder in folders)
+    if not any(reads(folder, key) for folder in folders):
+        return f" is not read by {readers}"
+    if is_of_node and not any(is_read_by_node(folder, key) for folder in folders):
+        return f" is read by {readers} below a plugin, not here"
+    types = set()
+    for folder in folders:
+        types |= default_types(folder, key)
+    # Defaults that are no literals leave the type open.
+    value_type = YAML_TYPES.get(type(value))
+    if key.endswith(SECTION_LISTS):
+        types = {"list"}
+    if not types or value_type in types:
+        return ""
+    names = " or ".join(sorted(types))
+    return f" is {value!r}, of type {value_type}; {readers} declares {names}"
 
 
 def reads(folder, key):
@@ -151,6 +220,27 @@ def reads(folder, key):
     """
     last_part = re.escape(key.rpartition(".")[2])
     return re.search(rf"""["'](?:[\w.]*\.)?{last_part}["']""", source(folder))
+
+
+def is_read_by_node(folder, key):
+    """Return whether a folder's source has a name in quotes that is added to no other."""
+    name = re.escape(key)
+    return re.search(rf"""(?<![+])[^+"'\s]\s*["']{name}["']""", source(folder))
+
+
+@cache
+def default_types(folder, key):
+    """Return the types of the literal defaults of a parameter in a folder's source."""
+    types = set()
+    pattern = DECLARATION % re.escape(key.rpartition(".")[2])
+    for match in re.finditer(pattern, source(folder), re.VERBOSE):
+        default = match["default"].removeprefix("rclcpp::ParameterValue(").lstrip()
+        found = [
+            kind for start, kind in DEFAULT_TYPES.items() if re.match(start, default)
+        ]
+        # An open default could have any type.
+        types.update(found or YAML_TYPES.values())
+    return types
 
 
 @cache
