@@ -293,12 +293,11 @@ class Reproduction:
 
 def reproduce(source: Source) -> Reproduction:
     """Return the `barn run` command, protocol and notes that repeat a folder's run."""
-    try:
-        run = source.run_config
-    except BarnError as error:
-        note = f"this version of the suite does not read the configuration: {error}"
+    note = _why_not_reproduced(source)
+    if note:
         return Reproduction("", note=note)
 
+    run = source.run_config
     planners = []
     for planner in run.planners:
         # Nothing follows the name of a planner without a preset.
@@ -345,6 +344,17 @@ def reproduce(source: Source) -> Reproduction:
         content = {"schema_version": 1} | as_dict(run.protocol)
         protocol_yaml = yaml.safe_dump(content, sort_keys=False)
     return Reproduction(shlex.join(words), protocol_yaml, " ".join(notes))
+
+
+def _why_not_reproduced(source: Source) -> str:
+    """Return why no command repeats a folder's run, "" if one does."""
+    try:
+        system = source.run_config.system
+    except BarnError as error:
+        return f"this version of the suite does not read the configuration: {error}"
+    if system.is_observed:
+        return f"observed in {system.label}, not driven again"
+    return ""
 
 
 def _option_words(option: str, config: Checked, standard: Checked) -> list[str]:

@@ -27,6 +27,7 @@ from barn_sim.config import robot_of
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BagError, ConfigError
+from barn_worlds.base.text_files import as_mapping
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Odometry,
@@ -34,6 +35,7 @@ from barn_worlds.base.types import (
     Velocity2D,
     seconds,
 )
+from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
@@ -240,8 +242,8 @@ def _split(drive: ObservedDrive) -> Iterator[_Segment]:
     if not drive.goals:
         yield _Segment(drive, 0, count, None)
         return
-    times = [pose.log_ns for pose in drive.poses]
-    firsts = np.searchsorted(times, [goal.log_ns for goal in drive.goals]).tolist()
+    goal_times = [goal.log_ns for goal in drive.goals]
+    firsts = np.searchsorted(drive.log_times_ns, goal_times).tolist()
     for goal, first, end in zip(drive.goals, firsts, [*firsts[1:], count], strict=True):
         if end - first < 2:
             raise BagError(
@@ -266,7 +268,10 @@ def _identify(
         earlier: Segments that have theirs, which no other gets.
     """
     drive = segment.drive
-    dataset = options.dataset or str(drive.trial.get("dataset", "barn300"))
+    # A bag may name any file; only those of the suite are opened.
+    dataset = options.dataset or str(drive.trial.get("dataset"))
+    if not options.dataset and dataset not in dataset_files():
+        dataset = "barn300"
     name = str(drive.trial.get("trial_id", drive.path.name.partition(".")[0]))
     match = _TRIAL_ID.fullmatch(name)
     planner = UNKNOWN_PLANNER
@@ -435,6 +440,12 @@ def _place_poses(segment: _Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]
         return _ORIGIN, []
     drive = segment.drive
     course = spec.course
+    checksum = as_mapping(drive.trial.get("world")).get("checksum", spec.world.checksum)
+    if checksum != spec.world.checksum:
+        raise BagError(
+            f"{drive.path}: was not recorded in world {segment.world} of"
+            f" {segment.dataset}; name its data set by --dataset"
+        )
     origin = _ORIGIN
     away_m = segment.start.distance(course.start)
     if spec.system.frame == "odom":
@@ -611,7 +622,8 @@ def _scan_clearances(
         x, y = mount.transform(points).T
         index = drive.index_at(logged.log_ns)
         if index >= 0:
-            gaps[index] = spec.outline.distances(x, y).min()
+            gap_m = spec.outline.distances(x, y).min()
+            gaps[index] = np.fmin(gaps[index], gap_m)
     # Between two scans, the last one holds.
     sources = np.where(np.isfinite(gaps), np.arange(len(gaps)), 0)
     held: Floats = gaps[np.maximum.accumulate(sources)]

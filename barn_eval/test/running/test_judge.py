@@ -1,6 +1,7 @@
 """Trials judged from bags: by truth and odometry, converted, doubtful, incomplete."""
 
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -292,3 +293,17 @@ def test_the_command_prints_rows_and_what_is_to_be_known(nearer, tmp_path, comma
     assert "contacts are unknown" in err and "before a verdict" in err
     (row,) = (tmp_path / "o" / "results.jsonl").read_text().splitlines()
     assert '"system":"lab"' in row
+
+
+def test_a_bag_of_another_world_is_not_taken_for_one_of_the_suites(nearer, tmp_path):
+    path = shutil.copytree(nearer, tmp_path / "gap_w0120_r00")
+    with refused("was not recorded in world 121 of barn300; name its data", BagError):
+        judge_one(path, tmp_path / "out", world="121")
+
+
+def test_a_report_of_observed_trials_names_no_command(nearer, tmp_path, succeed):
+    judge_one(nearer, tmp_path / "out", protocol=near(nearer), system="lab")
+    succeed(f"report {tmp_path}/out --out {tmp_path}/page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "trials of lab were observed, not driven again" in page
+    assert "observed in robot lab" in page and "barn run --dataset" not in page

@@ -71,8 +71,11 @@ class BagFile:
 
     @cached_property
     def types(self) -> dict[str, str]:
-        """Type of each topic; the bag is read to its end."""
-        return {message.topic: message.type_name for message in self.messages()}
+        """Type of each topic; the bag is read to its end, or its first problem."""
+        types = {}
+        for message in self._messages():
+            types[message.topic] = message.type_name
+        return types
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
         """Yield undecoded messages in the order of the file, up to any damage.
@@ -86,20 +89,28 @@ class BagFile:
             BagError: The bag is of no format that can be read.
         """
         size = 0
-        for packed in self._read():
-            message = _unpack(packed)
-            size += len(message.data) + MESSAGE_BYTES
+        for message in self._messages():
+            if topics and message.topic not in topics:
+                continue
+            unpacked = _unpack(message)
+            # What nobody asks for, such as images, takes no memory.
+            size += len(unpacked.data) + MESSAGE_BYTES
             if size > LARGEST_BAG:
                 reason = f"it has more than {LARGEST_BAG} bytes of messages"
                 return self._note("read no further", reason)
+            yield unpacked
+
+    def _messages(self) -> Iterator[RawMessage]:
+        """Yield all messages as they are in the file, up to any damage."""
+        self.problem = ""
+        for message in self._read():
             if not 0 <= message.stamp_ns <= _LATEST_NS:
                 reason = f"a message of the time {message.stamp_ns} ns"
                 return self._note("damaged", reason)
             if self._first_ns is None:
                 self._first_ns = message.stamp_ns
             self._last_ns = message.stamp_ns
-            if not topics or message.topic in topics:
-                yield message
+            yield message
 
     def _find(self, path: Path) -> list[Path]:
         """Return a bag's files in order of their parts.

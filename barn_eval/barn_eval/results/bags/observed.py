@@ -1,6 +1,7 @@
 """What a bag of anybody's tells of a robot: readings, scans, commands and goals."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from barn_eval.results.bags.decode import metadata, read_mounts
 from barn_eval.results.bags.mcap_file import RawMessage
 from barn_eval.results.bags.sources import Sources, TopicChoice
 from barn_eval.trials.system import NO_CONTACT
+from barn_worlds.base.arrays import Integers
 from barn_worlds.base.errors import BagError, MessageError, format_error
 from barn_worlds.base.types import Pose2D
 from barn_worlds.messages import decode, topics
@@ -49,10 +51,14 @@ class ObservedDrive:
     trial: dict[str, Any] = field(default_factory=dict)  # what a bag of the suite says
     problem: str = ""  # why the bag could not be read to its end
 
+    @cached_property
+    def log_times_ns(self) -> Integers:
+        """When each pose (n,) was logged; only of a drive that is complete."""
+        return np.array([pose.log_ns for pose in self.poses], np.int64)
+
     def index_at(self, log_ns: int) -> int:
         """Return the index of the last pose logged by then, -1 if none was."""
-        times = [pose.log_ns for pose in self.poses]
-        return int(np.searchsorted(times, log_ns, side="right")) - 1
+        return int(np.searchsorted(self.log_times_ns, log_ns, side="right")) - 1
 
 
 def read_observed_drive(path: Path, sources: Sources) -> ObservedDrive:
