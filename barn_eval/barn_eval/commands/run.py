@@ -26,6 +26,7 @@ from barn_eval.commands.options import (
     FILE,
     course_option,
     field_option,
+    file_option,
     flag_option,
     folder_option,
     help_keys_option,
@@ -41,6 +42,7 @@ from barn_eval.commands.options import (
 )
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import serve_view
+from barn_eval.ros.isolation import ros_problem
 from barn_eval.ros.work import run_request
 from barn_eval.running.dry_run import DryRun, estimate_run
 from barn_eval.running.reporting import Reporter, format_duration
@@ -53,6 +55,7 @@ from barn_eval.trials.ros_config import MODES, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
 
 NOT_SCORED = 3
@@ -124,6 +127,11 @@ _EXECUTION = ExecutionConfig()
     "--out",
     help="Folder of the results [default: a new one under out/, named by the time].",
 )
+@file_option(
+    "--system",
+    help="Judge a simulator or robot that somebody else runs, as this YAML file says;"
+    " without --planner or --planner-command, somebody else starts the planner, too.",
+)
 @flag_option(
     "--view",
     help="Serve the trials to Foxglove, and a page, as they run; needs bags.",
@@ -142,6 +150,7 @@ def command(
     file: Path | None,
     sweep: tuple[str, ...],
     latency: str | None,
+    system: Path | None,
     overwrite: bool,
     dry_run: bool,
     as_json: bool,
@@ -167,6 +176,14 @@ def command(
     if latency:
         # A latency study is a sweep over one key that no planner has.
         sweep = (f"{LATENCY}={latency}",)
+
+    if system is not None:
+        if file or sweep or overwrite or dry_run or view:
+            raise click.UsageError(
+                "--system takes no FILE, --sweep, --latency, --overwrite, --dry-run and"
+                " --view"
+            )
+        return _run_observed(system, options, as_json)
 
     request = read_request(file, options)
     # A sweep of the file counts as well.
@@ -230,6 +247,27 @@ def execute(
     is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
     is_complete = all(row.is_scored for row in results)
     return 0 if is_complete and is_driven else NOT_SCORED
+
+
+def _run_observed(system: Path, options: dict[str, Any], as_json: bool) -> int:
+    """Judge trials in a system of a file, print all results and return exit code."""
+    problem = ros_problem()
+    if problem:
+        raise ConfigError(f"--system: {problem}; install ROS 2 for this Python")
+    # Only here: trials in one process need no ROS.
+    from barn_eval.ros.live import run_observed  # noqa: PLC0415
+
+    request = read_request(None, {"bags": "all"} | options | {"mode": "ros"})
+    results = run_observed(
+        request,
+        system,
+        protocol=options.get("protocol", "challenge"),
+        robot=options.get("robot", "jackal"),
+        starts=bool(options.keys() & {"planners", "planner_command"}),
+    )
+    _print_results(request, results, as_json)
+    is_complete = results and all(row.is_scored for row in results)
+    return 0 if is_complete else NOT_SCORED
 
 
 def _run_settings(

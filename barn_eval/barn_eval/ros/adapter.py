@@ -1,7 +1,7 @@
 """Feeds a trial with the readings and commands in its messages, tick by tick."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -54,6 +54,10 @@ class TrialAdapter:
     # Frame in which plans count; others are left out.
     plan_frame: str = "odom"
 
+    # Of a system that somebody else runs: puts a reading of its poses into the odom and
+    # the map frame, so that it stands for the true pose as well.
+    locate: Callable[[Odometry], tuple[Odometry, Odometry]] | None = None
+
     # Wall-clock times from scans to the commands that answer them, and their sum.
     response_times_s: list[float] = field(default_factory=list)
     waited_s: float = 0.0
@@ -70,6 +74,10 @@ class TrialAdapter:
         """Set the simulated time, `now_ns`, to the beginning of the trial."""
         # The simulated time now.
         self.now_ns = self.origin_ns
+
+    def touch(self) -> None:
+        """Note a contact that no message tells; it is judged with the next reading."""
+        self._collision = True
 
     def take(self, tick: Tick) -> list[Message]:
         """Decode and judge a tick's messages; return those that belong to the trial.
@@ -101,6 +109,10 @@ class TrialAdapter:
         match message.topic:
             case topics.odometry:
                 self._odometry = self._decode_odometry(message)
+                if self.locate is not None:
+                    stamp_ns = self.now_ns - self.origin_ns
+                    odometry = replace(self._odometry, stamp_ns=stamp_ns)
+                    self._odometry, self._truth = self.locate(odometry)
             case topics.truth:
                 # A tick has two readings where /clock ticks less often than the robot
                 # is measured.

@@ -40,9 +40,11 @@ from barn_eval.trials.outcome import (
 )
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import Rows, WallClock, to_json_line
-from barn_eval.trials.ros_config import EvaluatorConfig
+from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.system import ObservedTrial
+from barn_eval.trials.system_file import read_system
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
@@ -66,11 +68,14 @@ _MAX_ATTEMPTS = 3
 _RESTART_LIMIT_S = 20.0
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(
+    arguments: list[str] | None = None, defaults: EvaluatorConfig | None = None
+) -> int:
     """Run the evaluator node until its trials have results; return an exit code.
 
     Args:
         arguments: Words of its command line; by default those of this process.
+        defaults: Values of parameters that these do not set.
 
     Returns:
         0, or 1 after a mistake in the input or an interruption.
@@ -82,7 +87,15 @@ def main(arguments: list[str] | None = None) -> int:
     node = Node("evaluator")
     supervisor = None
     try:
-        config = declare_parameters(node, EvaluatorConfig(), read_only=True)
+        defaults = defaults or EvaluatorConfig()
+        config = declare_parameters(node, defaults, read_only=True)
+        if config.system:
+            # The names of its topics are known only now.
+            rules = ["--ros-args"]
+            for rule in read_system(Path(config.system)).remappings():
+                rules += ["-r", rule]
+            node.destroy_node()
+            node = Node("evaluator", cli_args=rules)
         if config.supervisor_fd < 0:
             _run_by_hand(node, config)
         else:
@@ -154,6 +167,9 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
         mode="ros",
         bags=config.bags,
     )
+    if config.system:
+        system = read_system(Path(config.system)).system
+        run = replace(run, system=system, ros=RosConfig(lockstep=False))
     out = Path(config.out)
     specs = run.trials(started_by_hand=True)
     isolation = session_isolation(run.ros)
@@ -167,9 +183,9 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
             f"{len(remaining)} of {folder.total} trials to do, protocol {protocol.name}"
         )
         if remaining:
+            source = config.system or config.simulator_node
             log.notify(
-                f"waiting for {config.simulator_node} and for a planner on"
-                f" {context.topics.command}"
+                f"waiting for {source} and for a planner on {context.topics.command}"
             )
         progress = RunProgress(folder.total, folder.results(), log)
 
@@ -280,6 +296,7 @@ class TrialRunner:
                 recoveries=trial.trial.recoveries,
                 planner_verdict=trial.action_result,
                 remarks="; ".join(filter(None, remarks)),
+                observed=ObservedTrial.of(spec.system, "world", trial.uncertainty_s),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
@@ -348,7 +365,8 @@ class TrialRunner:
         # Only the drive counts: the waits before it say nothing about the speed.
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         adapter = trial.adapter
-        if adapter is None:
+        # A system has a pace of its own.
+        if adapter is None or self.context.system is not None:
             return WallClock(duration_s, factor, missed_cycles=missed_cycles)
 
         spec = trial.trial.spec

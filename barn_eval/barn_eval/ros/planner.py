@@ -19,6 +19,7 @@ from barn_eval.ros.supervision.nodes import discovery_range
 from barn_eval.trials.outcome import PLANNER, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
+from barn_worlds.base.types import Pose2D
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
 from barn_worlds.ros.topics import create_publisher
@@ -74,6 +75,8 @@ class PlannerClient:
         self._awaits_services = bool(self._name)
         # Parameters of the planner's nodes as texts, by "NODE NAME".
         self.parameters: dict[str, str] = {}
+        # Where the odometry of a system has the start; None where it begins there.
+        self.origin: Pose2D | None = None
         self._managed_nodes = [
             self._remote_node(resolve_node_name(node, name))
             for name in config.lifecycle_nodes
@@ -283,7 +286,10 @@ class PlannerClient:
         config = self._config
         # A planner that is given a map is localized in it, others have odometry alone.
         frame = config.map_frame if spec.protocol.map_given else config.odom_frame
-        return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
+        goal = spec.goal
+        if self.origin is not None and not spec.protocol.map_given:
+            goal = self.origin @ goal
+        return PoseStampedEncoder(frame).encode(goal, stamp_ns)
 
     def _remote_node(self, name: str) -> RemoteNode:
         """Return the client of a node by full name; make it at the first call."""

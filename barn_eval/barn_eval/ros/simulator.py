@@ -221,7 +221,11 @@ class SimulatorClient:
         limit_s = self._patience.simulator_s
         self._ask("introduce", start_limit_s)
         # Time stops first, so that none passes between the reset and the release.
-        self._ask("pause", limit_s, on=True)
+        if not _read_status(self._ask("pause", limit_s, on=True)):
+            raise BarnError(
+                "simulator: its ~/pause does not answer as the suite's own does; name"
+                " what it is in a file, for barn run --system or the parameter system"
+            )
         self._ask("set_parameters", limit_s, values=values)
         # Messages that were sent before this time are not of the trial.
         reset_ns = time.time_ns()
@@ -267,17 +271,7 @@ class SimulatorClient:
 
     def _pause(self, on: bool) -> dict[str, int]:
         """Pause or unpause the simulator; return counts from its answer, or {}."""
-        text = self._ask("pause", self._patience.service_s, on=on)
-        # Another simulator than the suite's may answer any text, which has no counts.
-        with suppress(ValueError):
-            status = json.loads(text)
-            if isinstance(status, dict) and status.get("version") == _STATUS_VERSION:
-                return {
-                    name: count
-                    for name, count in status.items()
-                    if isinstance(count, int)
-                }
-        return {}
+        return _read_status(self._ask("pause", self._patience.service_s, on=on))
 
     def _ask(self, action: str, limit_s: float, **content: object) -> str:
         """Make a request; TrialEnded if no answer comes, BarnError if it is refused."""
@@ -287,3 +281,14 @@ class SimulatorClient:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
         except ServiceRefused as error:
             raise BarnError(f"simulator: {error}") from None
+
+
+def _read_status(text: str) -> dict[str, int]:
+    """Return counts in an answer of the suite's simulator; {} of any other text."""
+    with suppress(ValueError):
+        status = json.loads(text)
+        if isinstance(status, dict) and status.get("version") == _STATUS_VERSION:
+            return {
+                name: count for name, count in status.items() if isinstance(count, int)
+            }
+    return {}

@@ -73,6 +73,9 @@ class Subscriber:
         """Begin without topics; `node` makes the subscriptions."""
         # Consecutive reads that could not take all messages.
         self.full_reads = 0
+        # Whether messages count from their arrival here, as where a system has clocks
+        # of its own, and not from when they were sent.
+        self.by_arrival = False
         self._node = node
         self._group = PolledGroup()
         self._topics: dict[str, _Topic] = {}
@@ -158,7 +161,9 @@ class Subscriber:
                     data, info = sample
                     remaining_bytes -= len(data)
                     # The source stamp is the sender's, whose clock may be forged.
-                    sent_ns = min(info["source_timestamp"], info["received_timestamp"])
+                    sent_ns = info["received_timestamp"]
+                    if not self.by_arrival:
+                        sent_ns = min(info["source_timestamp"], sent_ns)
                     message = Message(name, data, sent_ns)
                     if topic.qos.durability == LATCHED.durability:
                         topic.last = message
@@ -302,13 +307,17 @@ class TrialQueue:
             self._sequencer.add(message)
             return
 
-        self.now_ns = decode.clock(message.data)
+        self.now_ns = self._read_time(message)
         self.ticks += 1
         if self._sequencer.tick(self.now_ns, message.sent_ns):
             self._sequencer.add(message)
         # If no tick came between reset and release, the next one is the beginning.
         if self._released and self.origin_ns is None:
             self.origin_ns = self.now_ns
+
+    def _read_time(self, message: Message) -> int:
+        """Return the simulated time (ns) that a tick tells."""
+        return decode.clock(message.data)
 
     def _take_early(self, message: Message) -> None:
         """Drop a message from before the reset; note a command's lag of over 1 s."""

@@ -2,7 +2,9 @@
 
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 from rclpy.node import Node
 
@@ -16,6 +18,7 @@ from barn_eval.results.bags.recorder import Recorder
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
 from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
 from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
+from barn_eval.ros.observed import ObservedQueue, ObservedSystem, ObservedTopics
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.readiness import Endpoint, Watchdog
 from barn_eval.ros.recording import Recording
@@ -32,6 +35,7 @@ from barn_eval.trials.outcome import (
 )
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.system_file import read_system
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.topics import (
@@ -48,6 +52,7 @@ from barn_worlds.messages.topics import (
 )
 from barn_worlds.ros.private_line import PrivateLine
 
+_TAIL_S = 2.0  # of a system, that are recorded after the verdict
 _GRAPH_PERIOD_S = 0.2  # between two looks at the graph while a trial runs
 # The simulator's readings, which a private line brings where there is one.
 _READINGS = (CLOCK, ODOM, GROUND_TRUTH, COLLISION)
@@ -83,10 +88,18 @@ class RunContext:
         self.view = GraphView(node)
         self.loop = EvaluatorLoop(node, supervisor, self._forget_process)
         judged = (*_READINGS, CMD_VEL, SCAN, DIAGNOSTICS, PLAN)
-        self.topics = TrialTopics(
-            *(node.resolve_topic_name(topic.name) for topic in judged)
-        )
+        names = [node.resolve_topic_name(topic.name) for topic in judged]
+        self.topics = TrialTopics(*names)
         self.subscriber = Subscriber(node)
+        # The system that somebody else runs; None for the suite's simulator.
+        self.system: ObservedSystem | None = None
+        if config.system:
+            self.topics = ObservedTopics(*names)
+            self.subscriber.by_arrival = True
+            file = read_system(Path(config.system))
+            self.system = ObservedSystem(
+                self.loop, file, config, self.subscriber, self.topics
+            )
         # Brings the simulator's readings; None where they come by topics.
         self.channel = self._subscribe_to_readings()
 
@@ -107,7 +120,9 @@ class RunContext:
         simulator = self.channel or SimulatorServices(
             self.loop, self._simulator_name, SIMULATOR
         )
-        self.simulator = SimulatorClient(self.loop, simulator.ask, config)
+        self.simulator = self.system or SimulatorClient(
+            self.loop, simulator.ask, config
+        )
         self.planner = PlannerClient(self.loop, self.view, config)
 
     def _subscribe_to_readings(self) -> SimulatorChannel | None:
@@ -115,7 +130,8 @@ class RunContext:
         node = self.loop.node
         is_private = self.config.simulator_fd >= 0
         topic_names = {}
-        for topic in _READINGS:
+        readings = _READINGS if self.system is None else (ODOM, COLLISION)
+        for topic in readings:
             name = node.resolve_topic_name(topic.name)
             topic_names[topic.name] = name
             # /clock is subscribed to in any case: it shows how far DDS is.
@@ -128,6 +144,13 @@ class RunContext:
         return SimulatorChannel(
             self.loop, PrivateLine(self.config.simulator_fd), topic_names
         )
+
+    def make_queue(self, reset_ns: int) -> TrialQueue:
+        """Return the queue of a trial that was reset at a wall-clock time in ns."""
+        if self.system is None:
+            return TrialQueue(self.subscriber, self.topics, reset_ns, self.channel)
+        self.planner.origin = self.system.origin
+        return ObservedQueue(self.system, self.subscriber, self.topics, reset_ns)
 
     def _forget_process(self, process: str) -> None:
         """Hide the endpoints of an ended process: "planner" or "simulator".
@@ -190,6 +213,13 @@ class RosTrial:
         self._score = ScoreReporter(spec)
         self._latest_ns: int | None = None
         self._origin_ns = 0
+
+    @property
+    def uncertainty_s(self) -> float | None:
+        """Longest time without a reading, by which times may be off; None if unknown."""
+        if isinstance(self._queue, ObservedQueue):
+            return seconds(self._queue.longest_gap_ns)
+        return None
 
     def run(self) -> Verdict:
         """Run the trial and return its verdict, also if a node fails or ends."""
@@ -258,9 +288,7 @@ class RosTrial:
             simulator.release()
             planner.await_active()
             reset_ns = simulator.prepare(self._spec, patience.simulator_s)
-        queue = TrialQueue(
-            context.subscriber, context.topics, reset_ns, context.channel
-        )
+        queue = context.make_queue(reset_ns)
         self._queue = queue
 
         finding = planner.await_presence(planner_limit_s)
@@ -355,6 +383,7 @@ class RosTrial:
             queue.hand_over(self._take)
             self.wall_s = time.monotonic() - start_s
             if self.trial.verdict is not None:
+                self._record_tail(queue)
                 return self.trial.verdict
 
             loop.require_alive(PLANNER, SIMULATOR)
@@ -369,6 +398,19 @@ class RosTrial:
             if goal_period_ns and queue.now_ns >= next_goal_ns:
                 next_goal_ns = queue.now_ns + goal_period_ns
                 context.planner.repeat_goal(self._spec, queue.now_ns)
+
+    def _record_tail(self, queue: TrialQueue) -> None:
+        """Record two seconds more of a system: its odometry shows the arrival late."""
+        loop = self._context.loop
+        if self._context.system is None or self._recorder is None:
+            return
+        end_s = loop.now_s + _TAIL_S
+        # Whatever happens now is after the trial.
+        with suppress(TrialEnded):
+            while loop.now_s < end_s:
+                loop.spin()
+                queue.read()
+                queue.hand_over(self._take)
 
     def _look_at_graph(self, watchdog: Watchdog, now_s: float) -> None:
         """Raise TrialEnded on interference; note the planner, find topics to record."""
@@ -409,8 +451,14 @@ class RosTrial:
         frame = context.config.odom_frame
         if self._spec.protocol.map_given:
             frame = context.config.map_frame
+        locate = None if context.system is None else context.system.locate
         return TrialAdapter(
-            context.topics, self.trial, origin_ns, command_type, frame.lstrip("/")
+            context.topics,
+            self.trial,
+            origin_ns,
+            command_type,
+            frame.lstrip("/"),
+            locate,
         )
 
     def _take(self, tick: Tick) -> None:
@@ -420,7 +468,12 @@ class RosTrial:
             self.adapter = self._begin(stamp_ns)
         # Several ticks may arrive at once, some of them after the verdict.
         is_over = self.trial.verdict is not None
+        system = self._context.system
+        if system is not None and not is_over and system.take_contact():
+            self.adapter.touch()
         messages = self.adapter.take(tick)
+        if system is not None and is_over:
+            messages = tick.messages
         if self._recorder is not None:
             recording = self._context.recording
             recording.write(self._recorder, messages, stamp_ns)

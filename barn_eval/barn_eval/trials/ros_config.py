@@ -204,6 +204,11 @@ class EvaluatorConfig(PlannerLink):
     simulator_node: str = quantity(
         "simulator", "name of the simulator node; relative names are of this namespace"
     )
+    system: str = quantity(
+        "",
+        "YAML file of a simulator or robot that somebody else runs; empty: the suite's"
+        " simulator",
+    )
     publish_map: bool = quantity(
         True,
         "publish the map, where the protocol gives one; a map server may do it instead",

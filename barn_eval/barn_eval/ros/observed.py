@@ -1,0 +1,271 @@
+"""A simulator or robot that somebody else runs, in place of the suite's simulator.
+
+Every reading of its pose is a tick. Where its odometry begins, and by which clock its
+messages are stamped, does not matter: poses count from where the robot stands when the
+trial begins, and times by differences of stamps.
+"""
+
+import select
+import sys
+import time
+from dataclasses import replace
+from importlib import import_module
+
+from std_srvs.srv import Trigger
+
+from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
+from barn_eval.ros.remote_node import RemoteNode, ServiceRefused, ServiceTimeout
+from barn_eval.ros.sequencer import Message
+from barn_eval.ros.subscriber import Subscriber, TrialQueue
+from barn_eval.trials.outcome import SIMULATOR, Outcome
+from barn_eval.trials.ros_config import EvaluatorConfig
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.system_file import OPERATOR, SystemFile
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.types import Odometry, Pose2D, seconds
+from barn_worlds.messages import decode
+
+_FARTHEST_START_M = 0.5
+_LARGEST_JUMP_S = 1.0  # of a robot's clock against the evaluator's
+_OPERATOR_LIMIT_S = 24 * 3600.0
+_KEYS = {"s": "start", "c": "contact", "a": "abort"}
+
+
+class ObservedTopics(TrialTopics):
+    """Topics of a system, which any of its nodes may publish."""
+
+    of_simulator = ()
+
+
+class ObservedSystem:
+    """Has a system put the robot at the start, and knows where it stands then."""
+
+    def __init__(
+        self,
+        loop: EvaluatorLoop,
+        file: SystemFile,
+        config: EvaluatorConfig,
+        subscriber: Subscriber,
+        topics: TrialTopics,
+    ) -> None:
+        """Offer ~/start, ~/contact and ~/abort, and listen to keys; wait for nothing.
+
+        Args:
+            loop: Spends the time of waits.
+            file: The system.
+            config: Limits of waits, and robot and data set of all trials.
+            subscriber: Brings the poses.
+            topics: Their topic, among others.
+        """
+        self.file = file
+        self._loop = loop
+        self._config = config
+        self._subscriber = subscriber
+        self._topics = topics
+        self._calls: set[str] = set()
+        # The pose of the trial's start in the frame of the system's poses.
+        self.origin: Pose2D | None = None
+        self._start = Pose2D(0.0, 0.0, 0.0)
+        for name in _KEYS.values():
+            loop.node.create_service(Trigger, f"~/{name}", self._answer(name))
+        if sys.stdin.isatty():
+            loop.poll = self._read_keys
+
+    def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
+        """Have the robot put at the start of a trial; see where its poses have it.
+
+        Args:
+            spec: The trial.
+            start_limit_s: Longest wait for a service to be there.
+
+        Returns:
+            Wall-clock time in ns before which messages are not of the trial.
+
+        Raises:
+            TrialEnded: If there are no poses, or the robot is not at the start.
+            BarnError: If a service refuses.
+        """
+        self._start = spec.course.start
+        self._reset(spec, start_limit_s)
+        self._calls.clear()
+        reset_ns = time.time_ns()
+        pose = self._loop.wait(lambda: self._read_pose(reset_ns), start_limit_s)
+        if pose is None:
+            raise TrialEnded(
+                Outcome.ENVIRONMENT_FAILED,
+                f"no pose on {self._topics.odometry} within {start_limit_s:g} s",
+            )
+        self.origin = pose
+        if self.file.frame == "world":
+            self.origin = self._start
+            away_m = pose.distance(self._start)
+            if away_m > _FARTHEST_START_M:
+                raise TrialEnded(
+                    Outcome.ENVIRONMENT_FAILED,
+                    f"{self._topics.odometry} has the robot {away_m:.2f} m from the"
+                    " start; put it there, or set frame to odom",
+                )
+        return reset_ns
+
+    def locate(self, odometry: Odometry) -> tuple[Odometry, Odometry]:
+        """Return a reading in a frame that begins at the start, and in the map frame."""
+        if self.origin is not None:
+            pose = self.origin.inverse() @ odometry.pose
+            odometry = replace(odometry, pose=pose)
+        return odometry, replace(odometry, pose=self._start @ odometry.pose)
+
+    def take_contact(self) -> bool:
+        """Return whether the operator has told of a contact; TrialEnded after abort."""
+        if "abort" in self._calls:
+            raise TrialEnded(Outcome.ENVIRONMENT_FAILED, "the operator aborted it")
+        is_told = self.file.contact == OPERATOR and "contact" in self._calls
+        self._calls.discard("contact")
+        return is_told
+
+    def await_connections(self, *_: int) -> bool:
+        """Return True: a system does not tell who is connected."""
+        return True
+
+    def release(self) -> None:
+        """Do nothing: time passes in a system in any case."""
+
+    def pause(self) -> int:
+        """Return 0: nothing is paused, and nothing waits for commands."""
+        return 0
+
+    def _reset(self, spec: TrialSpec, limit_s: float) -> None:
+        """Put the robot at the start, or have the operator do it and say so."""
+        start = spec.course.start
+        if self.file.reset == OPERATOR:
+            self._loop.note(
+                f"{spec.trial_id}: put the robot at the start of {spec.world.name}"
+                f" (x {start.x:.3f} m, y {start.y:.3f} m, heading {start.yaw:.3f} rad),"
+                " then type s and Enter, or call ~/start; during the trial, c is a"
+                " contact and a aborts"
+            )
+            self._calls.clear()
+            self._loop.wait(lambda: self._calls & {"start", "abort"}, _OPERATOR_LIMIT_S)
+            self.take_contact()
+            return
+        values = {
+            "dataset": self._config.dataset,
+            "world": spec.world_number,
+            "robot": self._config.robot,
+            "seed": spec.simulator_seed,
+            "start_x_m": start.x,
+            "start_y_m": start.y,
+            "start_yaw_rad": start.yaw,
+        }
+        name, _, service = self.file.reset_service.rpartition("/")
+        try:
+            if self.file.world_node:
+                node = RemoteNode(self._loop, self.file.world_node, SIMULATOR)
+                node.set_parameters(values, limit_s)
+            node = RemoteNode(self._loop, name, SIMULATOR)
+            if self.file.reset == "service":
+                node.trigger(service, limit_s, limit_s)
+            else:
+                _reset_simulation(node, service, limit_s)
+        except ServiceTimeout as error:
+            raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
+        except ServiceRefused as error:
+            raise BarnError(f"{self.file.name}: {error}") from None
+
+    def _read_pose(self, since_ns: int) -> Pose2D | None:
+        """Return the last pose that has arrived since a time, None without any."""
+        messages: list[Message] = []
+        self._subscriber.read(messages.append)
+        pose = None
+        for message in messages:
+            is_pose = message.topic == self._topics.odometry
+            if is_pose and message.sent_ns > since_ns:
+                pose = decode.odometry(message.data).pose
+        return pose
+
+    def _read_keys(self) -> None:
+        """Take a line from the terminal, if there is one, as a call of the operator."""
+        if select.select([sys.stdin], [], [], 0.0)[0]:
+            self._calls.add(_KEYS.get(sys.stdin.readline().strip().lower(), ""))
+
+    def _answer(self, name: str):  # type: ignore[no-untyped-def]
+        """Return the callback of a service that notes the operator's call."""
+
+        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            """Note the call."""
+            self._calls.add(name)
+            response.success = True
+            return response
+
+        return answer
+
+
+def _reset_simulation(node: RemoteNode, service: str, limit_s: float) -> None:
+    """Call ResetSimulation of simulation_interfaces; may raise as `RemoteNode`."""
+    try:
+        kind = import_module("simulation_interfaces.srv").ResetSimulation
+    except ImportError:
+        raise ConfigError(
+            "reset simulation_interfaces: the package is not installed; install it, or"
+            " set reset to service or operator"
+        ) from None
+    result = node.call(service, kind, kind.Request(), limit_s, limit_s).result
+    # 1 is RESULT_OK of simulation_interfaces/msg/Result.
+    if result.result != 1:
+        raise ServiceRefused(result.error_message or f"result {result.result}")
+
+
+class ObservedQueue(TrialQueue):
+    """Sorts messages by the poses of a system, in the order of their arrival."""
+
+    def __init__(
+        self,
+        system: ObservedSystem,
+        subscriber: Subscriber,
+        topics: TrialTopics,
+        reset_ns: int,
+    ) -> None:
+        """Prepare for the first pose after a reset.
+
+        Args:
+            system: The system.
+            subscriber: Brings the messages.
+            topics: Names of the topics that the trial is judged by.
+            reset_ns: Wall-clock time before which messages are not of the trial.
+        """
+        # A pose completes the tick before, whether or not there are scans.
+        judged = topics._replace(scan=topics.odometry, clock=topics.odometry)
+        super().__init__(subscriber, judged, reset_ns, None)
+        # The longest time without a reading so far.
+        self.longest_gap_ns = 0
+        self._system = system
+        self._arrival_ns = 0
+
+    def read(self) -> None:
+        """Take in what has arrived, in the order of arrival."""
+        messages: list[Message] = []
+        self._subscriber.read(messages.append)
+        messages.sort(key=lambda message: message.sent_ns)
+        for message in messages:
+            self._take(message)
+
+    def _read_time(self, message: Message) -> int:
+        """Return the time of a pose; TrialEnded if its clock cannot be trusted."""
+        file = self._system.file
+        stamp_ns = message.sent_ns
+        if file.clock == "stamps":
+            stamp_ns = decode.odometry(message.data).stamp_ns
+        step_ns = stamp_ns - self.now_ns
+        if self.ticks:
+            jump_s = seconds(step_ns - (message.sent_ns - self._arrival_ns))
+            # A simulator may run at any pace.
+            is_jump = file.kind == "robot" and abs(jump_s) > _LARGEST_JUMP_S
+            if step_ns < 0 or is_jump:
+                raise TrialEnded(
+                    Outcome.ENVIRONMENT_FAILED,
+                    f"stamps of {message.topic} jump by {jump_s:+.2f} s: its clock was"
+                    " set, so times are unknown",
+                )
+            self.longest_gap_ns = max(self.longest_gap_ns, step_ns)
+        self._arrival_ns = message.sent_ns
+        return stamp_ns

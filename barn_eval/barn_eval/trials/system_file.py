@@ -1,0 +1,75 @@
+"""The file of a simulator or robot that somebody else runs, judged as it drives."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+from barn_eval.trials.system import NO_CONTACT, System
+from barn_worlds.base.config import as_dict, from_dict, quantity
+from barn_worlds.base.text_files import read_yaml
+
+SCHEMA_VERSION = 1
+OPERATOR = "operator"
+RESETS = (OPERATOR, "service", "simulation_interfaces")
+TOPICS = ("cmd_vel", "collision", "goal_pose", "map", "odom", "scan")
+
+
+@dataclass(frozen=True)
+class SystemFile(System):
+    """A system that somebody else runs, and how the evaluator reaches it."""
+
+    name: str = quantity("", "name of the simulator or robot")
+    pose: str = quantity("/odom", "topic of poses, of type nav_msgs/msg/Odometry")
+    frame: str = quantity("odom", "frame of poses", choices=("world", "odom"))
+    clock: str = quantity("stamps", "source of times", choices=("stamps", "log"))
+    contact: str = quantity(
+        NO_CONTACT, "who reports contacts: a topic of std_msgs/msg/Bool, operator, none"
+    )
+    reset: str = quantity(OPERATOR, "who puts the robot at the start", choices=RESETS)
+    reset_service: str = quantity(
+        "/reset_simulation",
+        "service that does: std_srvs/srv/Trigger, or ResetSimulation",
+    )
+    world_node: str = quantity(
+        "",
+        "node that takes dataset, world, robot, seed, start_x_m, start_y_m and"
+        " start_yaw_rad as parameters before the reset; empty: none",
+    )
+    sim_time: bool = quantity(False, "planners of the suite take time from /clock")
+    # Names on the graph, by the suite's names.
+    topics: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for the suite's name, poses that are no topic, or topics."""
+        super().__post_init__()
+        self.require(self.is_observed, "name", "is that of the suite's own simulator")
+        is_topic = self.pose.startswith("/") and ":" not in self.pose
+        self.require(is_topic, "pose", "must be a topic such as /odom in a live trial")
+        is_reported = self.contact in (NO_CONTACT, OPERATOR)
+        is_reported |= self.contact.startswith("/")
+        self.require(is_reported, "contact", "must be a topic, operator or none")
+        unknown = self.topics.keys() - set(TOPICS)
+        self.require(not unknown, "topics", f"must be of {', '.join(TOPICS)}")
+
+    @property
+    def system(self) -> System:
+        """What of it is part of the task."""
+        content = as_dict(self)
+        return System(**{item.name: content[item.name] for item in fields(System)})
+
+    def remappings(self) -> Iterator[str]:
+        """Yield rules FROM:=TO of ROS for the topics that have other names."""
+        names = {"odom": self.pose}
+        if self.contact.startswith("/"):
+            names["collision"] = self.contact
+        for name, topic in (names | self.topics).items():
+            yield f"{name}:={topic}"
+
+
+def read_system(path: Path) -> SystemFile:
+    """Return the system of a YAML file.
+
+    Raises:
+        ConfigError: If the file cannot be read, or a key or value is not allowed.
+    """
+    return from_dict(SystemFile, read_yaml(path, SCHEMA_VERSION), str(path))

@@ -1,0 +1,143 @@
+"""A robot that somebody else runs is judged live, by its odometry and its own clock."""
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import ros_runs  # noqa: F401 (skips without ROS 2)
+import yaml
+from waiting import barn_words
+
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.rows import RowFile
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.system_file import SystemFile, read_system
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.messages import decode
+from barn_worlds.ros.domain import reserve_domain
+
+ROBOT = Path(__file__).parents[1] / "emulated_robot.py"
+FAULTS = ("none", "gap", "clock", "contact")
+FILE = {
+    "schema_version": 1,
+    "name": "emulated",
+    "kind": "robot",
+    "pose": "/odom",
+    "contact": "/robot/bumper",
+    "reset": "service",
+    "reset_service": "/robot/reset",
+    "topics": {
+        "odom": "/robot/odom",
+        "scan": "/robot/scan",
+        "cmd_vel": "/robot/cmd_vel",
+    },
+}
+
+
+def write(folder, **changes):
+    path = folder / "robot.yaml"
+    path.write_text(yaml.safe_dump(FILE | changes), "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def trials(tmp_path_factory):
+    """Rows and bags of a trial with each fault."""
+    folder = tmp_path_factory.mktemp("observed")
+    # The robot goes straight and far faster than any that the suite knows.
+    protocol = as_dict(CHALLENGE) | {"name": "straight", "first_motion_limit_s": 60.0}
+    (folder / "straight.yaml").write_text(
+        yaml.safe_dump({"schema_version": 1} | protocol), "utf-8"
+    )
+    with reserve_domain(os.environ) as domain:
+        environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
+        robot = subprocess.Popen(
+            [sys.executable, ROBOT, ",".join(FAULTS)], env=environment
+        )
+        try:
+            words = ["run", "--system", str(write(folder)), "--worlds", "0"]
+            words += ["--protocol", str(folder / "straight.yaml")]
+            words += ["--repetitions", str(len(FAULTS)), "--out", str(folder / "out")]
+            command = barn_words(shlex.join(words))
+            ended = subprocess.run(
+                command, env=environment, capture_output=True, text=True, check=False
+            )
+        finally:
+            robot.kill()
+            robot.wait()
+    rows = RowFile(folder / "out").read()
+    assert len(rows) == len(FAULTS), ended.stdout + ended.stderr
+    bags = [folder / "out/bags" / row.trial_id for row in rows]
+    return dict(zip(FAULTS, zip(rows, bags, strict=True), strict=True))
+
+
+def poses_of(bag):
+    """The times of a bag's odometry, in s, and its distance from the first pose."""
+    messages = [
+        message.data for message in BagFile(bag).messages() if message.topic == "/odom"
+    ]
+    odometry = list(map(decode.odometry, messages))
+    start = odometry[0].pose
+    return [(1e-9 * item.stamp_ns, start.distance(item.pose)) for item in odometry]
+
+
+def test_a_robot_is_judged_by_odometry_that_begins_anywhere(trials):
+    row, bag = trials["none"]
+    assert row.outcome is Outcome.SUCCESS
+    # By the bag alone: from leaving the start to arriving 1 m before the goal.
+    times = poses_of(bag)
+    left_s = next(time_s for time_s, way_m in times if way_m > 0.1)
+    arrived_s = next(time_s for time_s, way_m in times if way_m > 9.0)
+    assert row.scores.traversal_time_s == pytest.approx(arrived_s - left_s, abs=0.1)
+    assert row.measures.contacts == 0
+    assert row.speed_cap_mps is None
+    assert row.observed.system == "emulated"
+    # Two seconds more than the trial.
+    assert times[-1][0] - arrived_s > 1.5
+
+
+def test_a_gap_makes_times_uncertain(trials):
+    row, _ = trials["gap"]
+    assert row.outcome is Outcome.SUCCESS
+    assert row.observed.time_uncertainty_s > 0.3
+
+
+def test_a_clock_that_is_set_ends_the_trial(trials):
+    row, _ = trials["clock"]
+    assert row.outcome is Outcome.ENVIRONMENT_FAILED
+    assert "jump by +30.00 s" in row.detail.replace("+29.99", "+30.00")
+
+
+def test_a_contact_that_the_robot_reports_ends_the_trial(trials):
+    row, _ = trials["contact"]
+    assert row.outcome is Outcome.COLLISION
+    assert row.measures.contacts == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"name": "barn"}, "name is that of the suite's own simulator"),
+        ({"pose": "/tf:odom.base_link"}, "pose must be a topic such as /odom"),
+        ({"contact": "bumper"}, "contact must be a topic, operator or none"),
+        ({"topics": {"lidar": "/scan"}}, "topics must be of cmd_vel, collision"),
+        ({"rest": "operator"}, "unknown key 'rest'.*reset"),
+        ({"reset": "hand"}, "reset must be"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        read_system(write(tmp_path, **changes))
+
+
+def test_the_task_names_the_system_and_nothing_of_how_it_is_reached(tmp_path):
+    file = read_system(write(tmp_path))
+    assert isinstance(file, SystemFile)
+    other = read_system(write(tmp_path, reset="operator", topics={}))
+    assert file.system == other.system
+    assert "odom:=/robot/odom" in list(file.remappings())
