@@ -257,13 +257,16 @@ def _run_observed(system: Path, options: dict[str, Any], as_json: bool) -> int:
     # Only here: trials in one process need no ROS.
     from barn_eval.ros.live import run_observed  # noqa: PLC0415
 
+    starts = bool(options.keys() & {"planners", "planner_command"})
+    if not starts:
+        options["planner_command"] = ("planner=by hand",)
     request = read_request(None, {"bags": "all"} | options | {"mode": "ros"})
     results = run_observed(
         request,
         system,
         protocol=options.get("protocol", "challenge"),
         robot=options.get("robot", "jackal"),
-        starts=bool(options.keys() & {"planners", "planner_command"}),
+        starts=starts,
     )
     _print_results(request, results, as_json)
     is_complete = results and all(row.is_scored for row in results)

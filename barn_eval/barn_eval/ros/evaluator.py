@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean
 
+import numpy as np
 import rclpy
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
@@ -69,16 +70,23 @@ _RESTART_LIMIT_S = 20.0
 
 
 def main(
-    arguments: list[str] | None = None, defaults: EvaluatorConfig | None = None
+    arguments: list[str] | None = None,
+    defaults: EvaluatorConfig | None = None,
+    *,
+    raises: bool = False,
 ) -> int:
     """Run the evaluator node until its trials have results; return an exit code.
 
     Args:
         arguments: Words of its command line; by default those of this process.
         defaults: Values of parameters that these do not set.
+        raises: Whether a mistake in the input is raised and not logged.
 
     Returns:
         0, or 1 after a mistake in the input or an interruption.
+
+    Raises:
+        BarnError: After a mistake in the input, if `raises`.
     """
     # rclpy ends its context on Ctrl-C, and so every wait; an exception on top of that
     # would strike anywhere.
@@ -103,6 +111,8 @@ def main(
             _run_assignment(node, config, supervisor)
         return 0
     except BarnError as error:
+        if raises:
+            raise
         node.get_logger().fatal(str(error))
         if supervisor is not None:
             supervisor.send("refused", reason=str(error))
@@ -286,17 +296,26 @@ class TrialRunner:
 
             duration_s = time.monotonic() - start_s
             wall_clock = self._wall_clock(trial, verdict, duration_s, missed_cycles)
+            trajectory = trial.trial.log.trajectory()
+            clearance_by = "world"
+            if spec.system.frame != "world":
+                # Odometry drifts, so nothing follows about the gaps to the plan.
+                unknown_m = np.full(len(trajectory.stamps_ns), np.nan)
+                trajectory = replace(trajectory, clearance_m=unknown_m)
+                clearance_by = ""
             remarks = [wall_clock.remark, self.context.integrity.remarks]
             finished = finish_trial(
                 spec,
                 "ros",
                 verdict,
-                trial.trial.log.trajectory(),
+                trajectory,
                 wall_clock=wall_clock,
                 recoveries=trial.trial.recoveries,
                 planner_verdict=trial.action_result,
                 remarks="; ".join(filter(None, remarks)),
-                observed=ObservedTrial.of(spec.system, "world", trial.uncertainty_s),
+                observed=ObservedTrial.of(
+                    spec.system, clearance_by, trial.uncertainty_s
+                ),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)

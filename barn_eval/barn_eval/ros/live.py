@@ -1,9 +1,11 @@
 """`barn run --system`: trials in a simulator or on a robot that somebody else runs."""
 
 import os
+import shutil
 from contextlib import ExitStack
 from dataclasses import fields, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
@@ -43,7 +45,7 @@ def run_observed(
     defaults = EvaluatorConfig(
         dataset=config.dataset,
         worlds=config.worlds,
-        planner=choice.name if starts else "planner",
+        planner=choice.name,
         protocol=protocol,
         robot=robot,
         seed=config.seed,
@@ -60,11 +62,20 @@ def run_observed(
             if node.parameters:
                 clock = {"use_sim_time": file.sim_time}
                 node = replace(node, parameters={**node.parameters, **clock})
-            logs = request.out / LOGS
-            with convert_os_errors(ConfigError, logs):
-                logs.mkdir(parents=True, exist_ok=True)
-            command = node.write_parameters(logs)
+            # The folder of the run must be empty until the evaluator has begun it.
+            logs = Path(stack.enter_context(TemporaryDirectory(prefix="barn_")))
             log = logs / "planner.log"
-            stack.callback(SupervisedProcess("planner", command, os.environ, log).stop)
-        evaluator.main([], defaults)
+            command = node.write_parameters(logs)
+            process = SupervisedProcess("planner", command, os.environ, log)
+            stack.callback(_keep_log, log, request.out / LOGS)
+            stack.callback(process.stop)
+        evaluator.main([], defaults, raises=True)
     return read_results(request.out)
+
+
+def _keep_log(log: Path, folder: Path) -> None:
+    """Copy a log into a folder of a run, if there is a run."""
+    if folder.parent.is_dir():
+        with convert_os_errors(ConfigError, folder):
+            folder.mkdir(exist_ok=True)
+            shutil.copy(log, folder)
