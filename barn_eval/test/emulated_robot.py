@@ -110,9 +110,28 @@ class Driver(Node):
         self.commands.publish(command)
 
 
+class Operator(Node):
+    """Starts the trial of a robot, and tells of a contact half way."""
+
+    def __init__(self, robot):
+        super().__init__("operator")
+        self.robot = robot
+        self.start = self.create_client(Trigger, "evaluator/start")
+        self.contact = self.create_client(Trigger, "evaluator/contact")
+        self.create_timer(0.2, self.look)
+
+    def look(self):
+        client = self.contact if self.robot.driven_m > 3.0 else self.start
+        if client.service_is_ready() and self.robot.driven_m < 6.0:
+            client.call_async(Trigger.Request())
+
+
 if __name__ == "__main__":
     rclpy.init()
     executor = rclpy.executors.SingleThreadedExecutor()
-    executor.add_node(Robot(sys.argv[1].split(",")))
+    robot = Robot(sys.argv[1].split(","))
+    executor.add_node(robot)
     executor.add_node(Driver())
+    if sys.argv[1] == "operator":
+        executor.add_node(Operator(robot))
     executor.spin()

@@ -178,12 +178,13 @@ def command(
         sweep = (f"{LATENCY}={latency}",)
 
     if system is not None:
-        if file or sweep or overwrite or dry_run or view:
+        has_course = bool(options.keys() & {"course", "simulator"})
+        if file or sweep or overwrite or dry_run or view or has_course:
             raise click.UsageError(
-                "--system takes no FILE, --sweep, --latency, --overwrite, --dry-run and"
-                " --view"
+                "--system takes no FILE, --sweep, --latency, --overwrite, --dry-run,"
+                " --view, --course and --sim"
             )
-        return _run_observed(system, options, as_json)
+        return _run_observed(system, options, as_json, show_all)
 
     request = read_request(file, options)
     # A sweep of the file counts as well.
@@ -243,13 +244,20 @@ def execute(
             f"stopped; finished trials are in {request.out}, the same command resumes"
         )
         raise
+    return _finish(request, results, as_json, show_all)
+
+
+def _finish(request: RunRequest, results: Rows, as_json: bool, show_all: bool) -> int:
+    """Print all results of a run and return exit code 0 or 3."""
     print_results(request, results, as_json, show_all)
     is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
     is_complete = all(row.is_scored for row in results)
     return 0 if is_complete and is_driven else NOT_SCORED
 
 
-def _run_observed(system: Path, options: dict[str, Any], as_json: bool) -> int:
+def _run_observed(
+    system: Path, options: dict[str, Any], as_json: bool, show_all: bool
+) -> int:
     """Judge trials in a system of a file, print all results and return exit code."""
     problem = ros_problem()
     if problem:
@@ -268,9 +276,7 @@ def _run_observed(system: Path, options: dict[str, Any], as_json: bool) -> int:
         robot=options.get("robot", "jackal"),
         starts=starts,
     )
-    _print_results(request, results, as_json)
-    is_complete = results and all(row.is_scored for row in results)
-    return 0 if is_complete else NOT_SCORED
+    return _finish(request, results, as_json, show_all)
 
 
 def _run_settings(

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from barn_eval.results.folder import read_results
+from barn_eval.results.rows import RowFile
 from barn_eval.results.store import LOGS
 from barn_eval.ros import evaluator
 from barn_eval.ros.supervision import nodes
@@ -39,6 +39,8 @@ def run_observed(
         raise ConfigError(
             f"planners: one at a time with --system, got {len(config.planners)}"
         )
+    if config.ros.remap or config.ros.namespace:
+        raise ConfigError(f"ros: name topics in {system}, not by remap and namespace")
     file = read_system(system)
     (choice,) = config.planners
     link = {item.name: getattr(config.ros, item.name) for item in fields(PlannerLink)}
@@ -57,7 +59,7 @@ def run_observed(
     )
     with ExitStack() as stack:
         if starts:
-            ros = replace(config.ros, remap=(*config.ros.remap, *file.remappings()))
+            ros = replace(config.ros, remap=tuple(file.remappings()))
             node = nodes.planner(choice, replace(config, ros=ros))
             if node.parameters:
                 clock = {"use_sim_time": file.sim_time}
@@ -70,7 +72,9 @@ def run_observed(
             stack.callback(_keep_log, log, request.out / LOGS)
             stack.callback(process.stop)
         evaluator.main([], defaults, raises=True)
-    return read_results(request.out)
+    # The last row counts of a trial that was repeated.
+    rows = {row.trial_id: row for row in RowFile(request.out).read()}
+    return list(rows.values())
 
 
 def _keep_log(log: Path, folder: Path) -> None:

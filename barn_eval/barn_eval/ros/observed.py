@@ -21,7 +21,8 @@ from barn_eval.ros.subscriber import Subscriber, TrialQueue
 from barn_eval.trials.outcome import SIMULATOR, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.system_file import OPERATOR, SystemFile
+from barn_eval.trials.system import OPERATOR
+from barn_eval.trials.system_file import SystemFile
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import Odometry, Pose2D, seconds
 from barn_worlds.messages import decode

@@ -4,12 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from barn_eval.trials.system import NO_CONTACT, System
+from barn_eval.trials.system import NO_CONTACT, OPERATOR, System
 from barn_worlds.base.config import as_dict, from_dict, quantity
 from barn_worlds.base.text_files import read_yaml
 
 SCHEMA_VERSION = 1
-OPERATOR = "operator"
 RESETS = (OPERATOR, "service", "simulation_interfaces")
 TOPICS = ("cmd_vel", "collision", "goal_pose", "map", "odom", "scan")
 

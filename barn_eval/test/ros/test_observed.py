@@ -7,17 +7,19 @@ import sys
 from pathlib import Path
 
 import pytest
-import ros_runs  # noqa: F401 (skips without ROS 2)
+import ros_runs as ros
 import yaml
 from waiting import barn_words
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.rows import RowFile
+from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.system_file import SystemFile, read_system
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages import decode
 from barn_worlds.ros.domain import reserve_domain
 
@@ -45,10 +47,8 @@ def write(folder, **changes):
     return path
 
 
-@pytest.fixture(scope="module")
-def trials(tmp_path_factory):
-    """Rows and bags of a trial with each fault."""
-    folder = tmp_path_factory.mktemp("observed")
+def judge(folder, faults, **changes):
+    """Return rows of trials of the emulated robot, one for each of its faults."""
     # The robot goes straight and far faster than any that the suite knows.
     protocol = as_dict(CHALLENGE) | {"name": "straight", "first_motion_limit_s": 60.0}
     (folder / "straight.yaml").write_text(
@@ -57,12 +57,12 @@ def trials(tmp_path_factory):
     with reserve_domain(os.environ) as domain:
         environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
         robot = subprocess.Popen(
-            [sys.executable, ROBOT, ",".join(FAULTS)], env=environment
+            [sys.executable, ROBOT, ",".join(faults)], env=environment
         )
         try:
-            words = ["run", "--system", str(write(folder)), "--worlds", "0"]
+            words = ["run", "--system", str(write(folder, **changes)), "--worlds", "0"]
             words += ["--protocol", str(folder / "straight.yaml")]
-            words += ["--repetitions", str(len(FAULTS)), "--out", str(folder / "out")]
+            words += ["--repetitions", str(len(faults)), "--out", str(folder / "out")]
             command = barn_words(shlex.join(words))
             ended = subprocess.run(
                 command, env=environment, capture_output=True, text=True, check=False
@@ -71,7 +71,15 @@ def trials(tmp_path_factory):
             robot.kill()
             robot.wait()
     rows = RowFile(folder / "out").read()
-    assert len(rows) == len(FAULTS), ended.stdout + ended.stderr
+    assert len(rows) == len(faults), ended.stdout + ended.stderr
+    return rows
+
+
+@pytest.fixture(scope="module")
+def trials(tmp_path_factory):
+    """Row and bag of a trial with each fault."""
+    folder = tmp_path_factory.mktemp("observed")
+    rows = judge(folder, FAULTS)
     bags = [folder / "out/bags" / row.trial_id for row in rows]
     return dict(zip(FAULTS, zip(rows, bags, strict=True), strict=True))
 
@@ -117,6 +125,21 @@ def test_a_contact_that_the_robot_reports_ends_the_trial(trials):
     row, _ = trials["contact"]
     assert row.outcome is Outcome.COLLISION
     assert row.measures.contacts == 1
+
+
+def test_an_operator_starts_a_trial_and_tells_of_a_contact(tmp_path):
+    (row,) = judge(tmp_path, ["operator"], reset="operator", contact="operator")
+    assert row.outcome is Outcome.COLLISION
+    assert row.observed.contact_source == "operator"
+
+
+def test_a_simulator_of_others_is_not_taken_for_the_suites():
+    spec = ros.make_plan(CHALLENGE, worlds="0").trials()[0]
+    client = SimulatorClient(
+        None, lambda *_, **__: "done", EvaluatorConfig(dataset="barn300")
+    )
+    with pytest.raises(BarnError, match="~/pause does not answer as the suite's own"):
+        client.prepare(spec, 1.0)
 
 
 @pytest.mark.parametrize(
