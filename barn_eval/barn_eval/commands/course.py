@@ -1,6 +1,5 @@
 """`barn course`: plans of courses that are built for real, and where they stand."""
 
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -108,27 +107,20 @@ def survey(
     result = api_worlds.survey(
         bag, world, robot=robot, course=course or (), tolerance_m=tolerance
     )
-    entries = result.entries()
-    unsure = [entry for entry in entries if entry["unsure"]]
-    sure = [entry for entry in entries if not entry["unsure"]]
-    sure.sort(key=lambda entry: entry["off_mm"], reverse=True)
-    # Once more in detail: a plan's numbers are in its tables and on its tiles.
-    farthest = [list(map(_format, entry.values()))[:-1] for entry in sure[:_MOST_ROWS]]
-    headings = ("number", ">x [m]", ">y [m]", ">dx [mm]", ">dy [mm]", ">off [mm]")
-    reasons = Counter(entry["unsure"] for entry in unsure)
+    content = result.table()
+    records = content.to_dict("index")
+    is_sure = content.unsure == ""
+    farthest = content[is_sure].nlargest(_MOST_ROWS, "off_mm").drop(columns="unsure")
     doubts = []
-    for reason, count in reasons.items():
-        numbers = [
-            str(entry["number"]) for entry in unsure if entry["unsure"] == reason
-        ]
-        doubts.append((reason, str(count), ", ".join(numbers)))
+    for reason, rows in content[~is_sure].groupby("unsure"):
+        doubts.append((reason, str(len(rows)), ", ".join(map(str, rows.index))))
     print_output(
         as_json,
-        {"world": world.name, "datum": result.datum, "obstacles": entries},
+        {"world": world.name, "datum": result.datum, "obstacles": records},
         table(
-            (*headings, ">error [mm]", ">returns"),
-            farthest,
-            title=f"{world.name}: {len(sure)} of {len(entries)} located",
+            ("number", *(f">{name}" for name in farthest.columns)),
+            [list(map(_format, row)) for row in farthest.itertuples()],
+            title=f"{world.name}: {is_sure.sum()} of {len(content)} located",
             caption=f"the {len(farthest)} farthest off; the course as a whole is placed"
             f" by the {result.datum}",
         ),

@@ -6,12 +6,10 @@ only says where to begin. Scans alone do not say where the course as a whole lie
 is fixed by the true poses of the bag or, without any, by the plan.
 """
 
-import math
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.sparse import csr_matrix
 from scipy.spatial import KDTree
 
@@ -39,26 +37,8 @@ _LEAST_SHARE = 0.9
 
 # Within these limits, positions are good to 3 mm. Beyond the second one, returns may
 # count for a neighbor.
-_LARGEST_ERROR_M = 0.001
-_LARGEST_OFFSET_M = 0.05
-
-
-class _Returns(NamedTuple):
-    scans: Integers  # (n,) number of the scan
-    angles: Floats  # in the lidar's frame
-    ranges_m: Floats
-
-
-class _Matches(NamedTuple):
-    """Returns that belong to a cylinder, and how far its surface is."""
-
-    scans: Integers
-    cylinders: Integers
-    errors_m: Floats
-    normals: Points
-    levers_m: Floats  # by how much a turn of the lidar moves the return off the surface
-    slants: Floats  # cosine of the angle between ray and normal
-    near_share: float  # of all returns within the world, that are near a cylinder
+_LARGEST_ERROR_MM = 1.0
+_FARTHEST_MM = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,55 +47,33 @@ class Survey:
 
     world: World  # as planned
     centers_m: Points
-    # Standard error of each position among the others.
-    errors_m: Floats
+    errors_m: Floats  # standard error of each position among the others
     returns: Integers
     # What fixes the course as a whole.
     datum: str
 
-    @property
-    def offsets_m(self) -> Points:
-        """How far each cylinder stands from its place in the plan."""
-        return self.centers_m - self.world.planned_m
-
-    def entries(self) -> list[dict[str, Any]]:
-        """Return number, plan, offset, error and doubt of each, as plain data."""
-        entries = []
-        for number, (x, y) in enumerate(self.world.planned_m.tolist()):
-            dx_mm, dy_mm = (1000.0 * self.offsets_m[number]).tolist()
-            entry = {
-                "number": number,
-                "x_m": x,
-                "y_m": y,
-                "dx_mm": dx_mm,
-                "dy_mm": dy_mm,
-                "off_mm": math.hypot(dx_mm, dy_mm),
-                "error_mm": 1000.0 * float(self.errors_m[number]),
-                "returns": int(self.returns[number]),
-                "unsure": self.doubts.get(number, ""),
-            }
-            entries.append(entry)
-        return entries
-
-    @cached_property
-    def doubts(self) -> dict[int, str]:
-        """Why positions are unsure, by place in `centers_m`."""
-        doubts = {}
-        offsets_m = np.hypot(*self.offsets_m.T)
-        for place, error_m in enumerate(self.errors_m.tolist()):
-            if not self.returns[place]:
-                doubts[place] = "not seen"
-            elif offsets_m[place] > _LARGEST_OFFSET_M:
-                doubts[place] = "too far from its place to be told from its neighbors"
-            elif error_m > _LARGEST_ERROR_M:
-                doubts[place] = "seen too little"
-        return doubts
+    def table(self) -> pd.DataFrame:
+        """Return place, offset, error, returns and doubt of each, a row per cylinder."""
+        x_m, y_m = self.world.planned_m.T
+        dx_mm, dy_mm = 1000.0 * (self.centers_m - self.world.planned_m).T
+        table = pd.DataFrame({"x_m": x_m, "y_m": y_m, "dx_mm": dx_mm, "dy_mm": dy_mm})
+        table["off_mm"] = np.hypot(dx_mm, dy_mm)
+        table["error_mm"] = 1000.0 * self.errors_m
+        table["returns"] = self.returns
+        # The last reason that holds counts.
+        table["unsure"] = ""
+        for reason, is_unsure in (
+            ("seen too little", table.error_mm > _LARGEST_ERROR_MM),
+            ("too far off to be told from its neighbors", table.off_mm > _FARTHEST_MM),
+            ("not seen", table.returns == 0),
+        ):
+            table.loc[is_unsure, "unsure"] = reason
+        return table
 
     def built_world(self) -> World:
         """Return the world as built; what is unsure stands as planned."""
-        built_m = self.centers_m.copy()
-        unsure = list(self.doubts)
-        built_m[unsure] = self.world.planned_m[unsure]
+        is_unsure = self.table()[["unsure"]].to_numpy() != ""
+        built_m = np.where(is_unsure, self.world.planned_m, self.centers_m)
         return replace(self.world, built_m=built_m)
 
 
@@ -140,9 +98,9 @@ def survey_course(
     if has_truth:
         motions = trial.poses
         start = Pose2D(*motions[0].tolist())
-    plan_m = world.planned_m
 
     # First by the plan, scan after scan, so that no error of the odometry adds up.
+    plan_m = world.planned_m
     poses = np.empty((len(places), 3))
     pose = start @ trial.lidar
     last = Pose2D(*motions[0].tolist()) @ trial.lidar
@@ -151,7 +109,12 @@ def survey_course(
         pose = pose @ last.inverse() @ lidar
         last = lidar
         poses[number] = (pose.x, pose.y, pose.yaw)
-        _locate(returns, number, poses, world)
+        scan = returns[returns[:, 0] == number]
+        for gate_m in _FIRST_GATES_M:
+            matches, _ = _match(scan, poses, plan_m, world, gate_m)
+            if len(matches) >= _LEAST_RETURNS:
+                step, *_ = np.linalg.lstsq(matches[:, 3:6], matches[:, 2])
+                poses[number] -= step
         pose = Pose2D(*poses[number].tolist())
 
     # Then poses and cylinders together.
@@ -159,25 +122,23 @@ def survey_course(
     centers_m = plan_m.copy()
     noise_m = 0.01
     for gate_m in _GATES_M:
-        matches = _match(returns, poses, centers_m, world, gate_m)
-        share = matches.near_share
+        matches, share = _match(returns, poses, centers_m, world, gate_m)
         if share < _LEAST_SHARE:
             raise BagError(
                 f"{trial.name}: its scans do not fit {world.name}: {share:.0%} of"
                 f" returns in it are near an obstacle, {_LEAST_SHARE:.0%} must be; name"
                 " the world it was driven in, and --course if it began elsewhere"
             )
-        information, gradient = _normal_equations(
-            matches, len(poses), len(plan_m), noise_m
-        )
+        information, gradient = _normal_equations(matches, first, plan_m.size, noise_m)
         prior = tolerance_m**-2
-        information[range(first, len(gradient)), range(first, len(gradient))] += prior
+        centers = range(first, len(gradient))
+        information[centers, centers] += prior
         gradient[first:] += prior * (centers_m - plan_m).ravel()
         step = np.linalg.solve(information, gradient)
         poses -= step[:first].reshape(-1, 3)
         centers_m -= step[first:].reshape(-1, 2)
         # The median is that of a normal distribution, however far off some are.
-        noise_m = 1.4826 * float(np.median(np.abs(matches.errors_m / matches.slants)))
+        noise_m = 1.4826 * float(np.median(np.abs(matches[:, 2] / matches[:, 6])))
 
     datum = "plan"
     if has_truth:
@@ -187,15 +148,16 @@ def survey_course(
             pose = Pose2D(*row) @ trial.lidar
             true_m.append((pose.x, pose.y))
         centers_m = _fit(poses[:, :2], np.array(true_m)).transform(centers_m)
-    counts = np.bincount(matches.cylinders, minlength=len(plan_m))
+    counts = np.bincount(matches[:, 1].astype(int), minlength=len(plan_m))
     covariance = np.asarray(np.linalg.inv(information), np.float64)[first:, first:]
     errors_m = _standard_errors(covariance, centers_m, counts)
     return Survey(world, centers_m, errors_m, counts, datum)
 
 
-def _select_scans(trial: RecordedTrial) -> tuple[_Returns, list[int]]:
-    """Return the returns of scans that are apart, and the place of each scan's pose.
+def _select_scans(trial: RecordedTrial) -> tuple[Floats, list[int]]:
+    """Return returns (n, 3) of scans that are apart, and the place of each one's pose.
 
+    A return is the number of its scan, its angle in the lidar's frame and its range.
     Raises BagError if there are none.
     """
     last = Pose2D(np.inf, np.inf, 0.0)
@@ -203,95 +165,76 @@ def _select_scans(trial: RecordedTrial) -> tuple[_Returns, list[int]]:
     for item in trial.scans:
         place = trial.index_at(item.time_s)
         pose = Pose2D(*trial.poses[place].tolist())
-        turn = abs((last.inverse() @ pose).yaw) if chosen else np.inf
-        if pose.distance(last) > _STEP_M or turn > _STEP_RAD:
+        is_turned = chosen and abs((last.inverse() @ pose).yaw) > _STEP_RAD
+        if is_turned or pose.distance(last) > _STEP_M:
             last = pose
             chosen.append((item.content, place))
     chosen = chosen[:: 1 + len(chosen) // _MOST_SCANS]
+    if not chosen:
+        raise BagError(f"{trial.name}: no scans on /scan to survey by")
     parts = []
     for number, (scan, _) in enumerate(chosen):
-        ranges_m = scan.ranges.astype(np.float64)
+        angles = scan.angles()
+        numbers = np.full(len(angles), number)
+        part = np.column_stack([numbers, angles, scan.ranges])
         farthest_m = min(scan.range_max, _FARTHEST_M)
-        is_hit = (ranges_m > scan.range_min) & (ranges_m < farthest_m)
-        angles = scan.angles()[is_hit]
-        parts.append(_Returns(np.full(len(angles), number), angles, ranges_m[is_hit]))
-    if not parts:
-        raise BagError(f"{trial.name}: no scans on /scan to survey by")
-    columns = map(np.concatenate, zip(*parts, strict=True))
-    return _Returns(*columns), [place for _, place in chosen]
-
-
-def _locate(returns: _Returns, number: int, poses: Floats, world: World) -> None:
-    """Improve the pose of one scan, in place, by what it sees of the plan."""
-    is_own = returns.scans == number
-    scan = _Returns(
-        returns.scans[is_own], returns.angles[is_own], returns.ranges_m[is_own]
-    )
-    for gate_m in _FIRST_GATES_M:
-        matches = _match(scan, poses, world.planned_m, world, gate_m)
-        if len(matches.scans) >= _LEAST_RETURNS:
-            jacobian = np.column_stack([matches.normals, matches.levers_m])
-            step, *_ = np.linalg.lstsq(jacobian, matches.errors_m)
-            poses[number] -= step
+        parts.append(part[(part[:, 2] > scan.range_min) & (part[:, 2] < farthest_m)])
+    return np.concatenate(parts), [place for _, place in chosen]
 
 
 def _match(
-    returns: _Returns, poses: Floats, centers_m: Points, world: World, gate_m: float
-) -> _Matches:
-    """Return the returns that can only belong to one cylinder, within a gate."""
-    angles = poses[returns.scans, 2] + returns.angles
+    returns: Floats, poses: Floats, centers_m: Points, world: World, gate_m: float
+) -> tuple[Floats, float]:
+    """Return the returns that can only belong to one cylinder, within a gate.
+
+    Each is a row of seven: scan, cylinder, distance of the surface, normal x and y, by
+    how much a turn of the lidar moves the return off the surface, and the cosine of the
+    angle between ray and normal. Beside them is the share of all returns within the
+    world that are near a cylinder.
+    """
+    scans = returns[:, 0].astype(int)
+    angles = poses[scans, 2] + returns[:, 1]
     rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    offsets_m = rays * returns.ranges_m[:, None]
-    points_m = offsets_m + poses[returns.scans, :2]
+    offsets_m = rays * returns[:, 2:]
+    points_m = offsets_m + poses[scans, :2]
     distances_m, nearest = KDTree(centers_m).query(points_m, k=2)
-    cylinders = nearest[:, 0]
-    errors_m = distances_m[:, 0] - world.cylinder_radius_m
-    normals = (points_m - centers_m[cylinders]) / distances_m[:, :1]
+    errors_m = distances_m - world.cylinder_radius_m
+    normals = (points_m - centers_m[nearest[:, 0]]) / distances_m[:, :1]
     levers_m = offsets_m[:, 0] * normals[:, 1] - offsets_m[:, 1] * normals[:, 0]
     slants = -(normals * rays).sum(axis=1)
 
-    is_near = np.abs(errors_m) < gate_m
-    other_m = distances_m[:, 1] - world.cylinder_radius_m
-    is_clear = other_m > np.maximum(_OTHER_M, 2.0 * np.abs(errors_m))
-    kept = is_near & is_clear & (slants > _LEAST_SLANT)
+    errors = np.abs(errors_m[:, 0])
+    is_clear = errors_m[:, 1] > np.maximum(_OTHER_M, 2.0 * errors)
+    kept = (errors < gate_m) & is_clear & (slants > _LEAST_SLANT)
     low_x, low_y, high_x, high_y = world.bounds_m
     is_inside = (points_m > (low_x, low_y)) & (points_m < (high_x, high_y))
-    is_near_inside = is_near[is_inside.all(axis=1)]
-    near_share = float(is_near_inside.sum()) / max(1, len(is_near_inside))
-    return _Matches(
-        returns.scans[kept],
-        cylinders[kept],
-        errors_m[kept],
-        normals[kept],
-        levers_m[kept],
-        slants[kept],
-        near_share,
-    )
+    inside = errors[is_inside.all(axis=1)]
+    columns = [scans, nearest[:, 0], errors_m[:, 0], normals, levers_m, slants]
+    share = float((inside < gate_m).sum()) / max(1, len(inside))
+    return np.column_stack(columns)[kept], share
 
 
 def _normal_equations(
-    matches: _Matches, scans: int, cylinders: int, noise_m: float
+    matches: Floats, poses: int, centers: int, noise_m: float
 ) -> tuple[Floats, Floats]:
-    """Return information (k, k) and gradient (k,) of poses, then centers."""
-    count = len(matches.scans)
-    first = 3 * scans
-    pose = 3 * matches.scans
-    center = first + 2 * matches.cylinders
+    """Return information (k, k) and gradient (k,) of numbers of poses, then centers."""
+    _, _, errors_m, x, y, levers_m, slants = matches.T
+    scans, cylinders = matches[:, :2].astype(int).T
+    pose = 3 * scans
+    center = poses + 2 * cylinders
     columns = np.concatenate([pose, pose + 1, pose + 2, center, center + 1])
-    x, y = matches.normals.T
-    values = np.concatenate([x, y, matches.levers_m, -x, -y])
-    jacobian = csr_matrix(
-        (values, (np.tile(np.arange(count), 5), columns)),
-        shape=(count, first + 2 * cylinders),
-    )
+    values = np.concatenate([x, y, levers_m, -x, -y])
+    rows = np.tile(np.arange(len(matches)), 5)
+    shape = (len(matches), poses + centers)
+    jacobian = csr_matrix((values, (rows, columns)), shape=shape)
     # Noise is along the ray. What is far off counts less (Cauchy's weights).
-    deviations_m = noise_m * matches.slants
-    weights = deviations_m**-2 / (1.0 + (matches.errors_m / (3.0 * deviations_m)) ** 2)
+    deviations_m = noise_m * slants
+    weights = deviations_m**-2 / (1.0 + (errors_m / (3.0 * deviations_m)) ** 2)
     weighted = jacobian.multiply(weights[:, None]).tocsr()
     information = (jacobian.T @ weighted).toarray()
     # A pose that nothing is seen from stays where it is.
-    information[range(first), range(first)] += 1e-3
-    return information, weighted.T @ matches.errors_m
+    information[range(poses), range(poses)] += 1e-3
+    return information, weighted.T @ errors_m
 
 
 def _fit(points_m: Points, targets_m: Points) -> Pose2D:

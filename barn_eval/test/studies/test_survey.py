@@ -42,13 +42,14 @@ def test_what_is_well_seen_is_found_to_3_mm(built):
     built_m, bag = built
     survey = barn.worlds.survey(bag, PLAN)
     errors_m = np.hypot(*(survey.centers_m - built_m).T)
-    sure = [place for place in range(len(built_m)) if place not in survey.doubts]
+    table = survey.table()
+    sure = np.flatnonzero(table.unsure == "")
     assert len(sure) > 0.6 * len(built_m)
     assert errors_m[sure].max() < 0.003
     # The errors that it states are those that it makes.
     share = errors_m[sure] / survey.errors_m[sure]
     assert 0.5 < np.sqrt(np.mean(share**2)) < 2.0
-    assert all(survey.doubts[place] == "not seen" for place in [117, 118, 119, 120])
+    assert set(table.unsure[117:121]) == {"not seen"}
 
 
 def test_by_odometry_alone_places_hold_among_each_other(built):
@@ -57,7 +58,8 @@ def test_by_odometry_alone_places_hold_among_each_other(built):
     alone = replace(trial, frame=ODOM, poses=trial.odometry)
     survey = survey_course(alone, PLAN, START, 0.02)
     assert survey.datum == "plan"
-    sure = [place for place in range(len(built_m)) if place not in survey.doubts]
+    table = survey.table()
+    sure = np.flatnonzero(table.unsure == "")
     off_m = survey.centers_m[sure] - built_m[sure]
     # The whole course is shifted and turned by a little, which no scan shows.
     turned = np.column_stack([np.ones(len(sure)), built_m[sure]])
