@@ -5,11 +5,13 @@
     barn run --system examples/ir_sim/ir_sim.yaml --worlds 0:300:60 --planner gap
 
 Parameters name world and start; ~/reset builds them. Odometry is exact, in the frame of
-the world. Nothing is paused: time passes at `pace` times real time.
+the world. Time passes at up to `pace` times real time; a step waits for a command, but
+no longer than `command_wait_s`.
 """
 
 import math
 import tempfile
+import time
 from pathlib import Path
 
 import irsim
@@ -42,6 +44,7 @@ PARAMETERS = {
     "start_y_m": 3.0,
     "start_yaw_rad": 1.57,
     "pace": 1.0,
+    "command_wait_s": 0.5,
 }
 
 
@@ -110,6 +113,8 @@ class Bridge(Node):
             self.declare_parameter(name, value)
         self.environment = None
         self.steps = 0
+        self.stepped_s = 0.0
+        self.is_answered = False
         self.command = Twist()
         self.clock = self.create_publisher(Clock, "/clock", 10)
         self.odometry = self.create_publisher(Odometry, "odom", 10)
@@ -126,6 +131,7 @@ class Bridge(Node):
     def take_command(self, message: Twist) -> None:
         """Keep a command until the next one."""
         self.command = message
+        self.is_answered = True
 
     def reset(self, _: Trigger.Request, response: Trigger.Response):
         """Build the world of the parameters, with the robot at its start."""
@@ -148,6 +154,12 @@ class Bridge(Node):
         """Advance by a step, and publish clock, contact, odometry and scan."""
         if self.environment is None:
             return
+        # A busy machine would otherwise hand the planner old scans.
+        waited_s = time.monotonic() - self.stepped_s
+        if not self.is_answered and waited_s < self.value("command_wait_s"):
+            return
+        self.is_answered = False
+        self.stepped_s = time.monotonic()
         velocity = [self.command.linear.x, self.command.angular.z]
         self.environment.step(velocity)
         self.steps += 1
