@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
+from urllib.parse import unquote
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -13,6 +14,8 @@ from defusedxml.ElementTree import fromstring
 from barn_worlds.base.arrays import BoolGrid, Cells, Points
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import read_maybe_gzipped
+from barn_worlds.formats.sdf_frames import Scope, read_numbers
+from barn_worlds.geometry.transform import Transform
 from barn_worlds.worlds.cells import (
     cell_centers,
     containing_cells,
@@ -25,6 +28,9 @@ from barn_worlds.worlds.world import LARGEST_SIDE
 LARGEST_WORLD_FILE = 128 * 1024 * 1024  # unpacked
 MOST_TAGS = 1_000_000  # a hundred times those of a world of the paper
 OFF_GRID_M = 1e-3  # how far a cylinder may be from the center of its cell
+LARGEST_TILT_RAD = 1e-3  # of a cylinder: its top of 1 m is as far off
+# The height that cylinders must reach through, so that robots meet them.
+ROBOT_HEIGHT_M = 0.1
 _WITHOUT_OBSTACLES = ("sun", "ground_plane")
 
 
@@ -64,13 +70,13 @@ class GazeboFile:
 
         They are the frames `start` and `goal` of SDF 1.7.
         """
-        course = []
+        course: list[float] = []
         for name in ("start", "goal"):
-            pose = self._root.find(f"world/frame[@name='{name}']/pose")
-            if pose is not None:
-                where = f"{self._where}: pose of frame {name!r}"
-                x, y, _, _, _, yaw = _read_numbers(pose.text, 6, where)
-                course += [x, y, yaw]
+            if self._world.element.find(f"frame[@name='{name}']") is None:
+                continue
+            pose = self._world.frame(name)
+            _require_upright(pose, f"{self._where}: frame {name!r}")
+            course += [*pose.offset[:2].tolist(), pose.yaw_rad]
         if len(course) == 3:
             raise self._error("must have frames start and goal, or none of them")
         return course
@@ -156,25 +162,65 @@ class GazeboFile:
     @cached_property
     def cylinders(self) -> tuple[Points, list[float]]:
         """Centers x, y (n, 2) and n radii in m of upright collision cylinders."""
-        for element in self._root.findall("world/*"):
+        cylinders: list[tuple[float, float, float]] = []
+        try:
+            for model, scale in self._world.models():
+                cylinders += self._read_model(model, scale)
+        except RecursionError:
+            raise self._error("models are nested too deep") from None
+        if not cylinders:
+            raise self._error("no cylinders in it")
+        return np.array(cylinders)[:, :2], [radius for _, _, radius in cylinders]
+
+    @cached_property
+    def _world(self) -> Scope:
+        """The world as Gazebo shows it after loading, with its saved state."""
+        worlds = self._root.findall("world")
+        if len(worlds) > 1:
+            raise self._error(f"has {len(worlds)} worlds; keep one in the file")
+        world = worlds[0] if worlds else Element("world")
+        # Gazebo Classic applies the first state alone: first what was inserted.
+        state = world.find("state")
+        if state is not None:
+            world.extend(state.findall("insertions/*"))
+            deleted = {name.text for name in state.iterfind("deletions/name")}
+            for model in world.findall("model"):
+                if model.get("name") in deleted:
+                    world.remove(model)
+
+        for element in world:
             if element.tag in ("actor", "population"):
                 raise self._error(
                     f"<{element.tag}> cannot be part of a world of cylinders"
                 )
             # Models of the world itself are read; included ones are files elsewhere.
             uri = (element.findtext("uri") or "").strip()
-            model = uri.rstrip("/").rsplit("/", 1)[-1]
-            if element.tag == "include" and model not in _WITHOUT_OBSTACLES:
+            if element.tag == "include" and not _is_without_obstacles(uri):
                 models = ", ".join(_WITHOUT_OBSTACLES)
                 raise self._error(
                     f"included model {uri!r:.80} is not known; only {models} are"
                 )
-        cylinders: list[tuple[float, float, float]] = []
-        for element in self._root.findall("world/model"):
-            cylinders += _read_model(element, self._where)
-        if not cylinders:
-            raise self._error("no cylinders in it")
-        return np.array(cylinders)[:, :2], [radius for _, _, radius in cylinders]
+        return Scope(world, self._where, Transform(), state)
+
+    def _read_model(
+        self, model: Scope, scale: float
+    ) -> Iterator[tuple[float, float, float]]:
+        """Yield x, y, radius in m of a model's cylinders; WorldError for other shapes.
+
+        Args:
+            model: The model.
+            scale: Factor on radii.
+        """
+        where = model.where
+        if model.element.find("include") is not None:
+            raise WorldError(f"{where}: models included in a model are not read")
+        for inner_model, inner_scale in model.models():
+            yield from self._read_model(inner_model, inner_scale)
+        for link in model.element.findall("link"):
+            link_pose = model.locate(link)
+            for collision in link.findall("collision"):
+                pose = model.locate(collision, link_pose)
+                yield from _read_collision(collision, pose, scale, where)
 
     def _cell_size(self, radii_m: list[float]) -> float:
         """Return the cylinders' diameter in m; WorldError if they differ."""
@@ -260,54 +306,57 @@ def fill_hollow(visible: BoolGrid, free: tuple[int, int] | None = None) -> BoolG
     return grid
 
 
-def _read_model(model: Element, where: str) -> Iterator[tuple[float, float, float]]:
-    """Yield x, y, radius in m of a model's cylinders; WorldError for other shapes."""
-    where = f"{where}: model {model.get('name', 'without a name')!r:.60}"
-    if model.find("model") is not None or model.find("include") is not None:
-        raise WorldError(f"{where}: models within models are not read")
-    model_x, model_y = _read_position(model, where)
-    for link in model.findall("link"):
-        link_x, link_y = _read_position(link, where)
-        for collision in link.findall("collision"):
-            shapes = collision.findall("geometry/*")
-            if len(shapes) != 1 or shapes[0].tag not in ("cylinder", "plane"):
-                kinds = ", ".join(str(shape.tag) for shape in shapes)[:60] or "none"
-                raise WorldError(
-                    f"{where}: shapes other than one cylinder are not read, got {kinds}"
-                )
-            x, y = _read_position(collision, where)
-            if shapes[0].tag == "plane":
-                continue
-            text = shapes[0].findtext("radius")
-            (radius,) = _read_numbers(text, 1, f"{where}: radius")
-            if radius <= 0.0:
-                raise WorldError(f"{where}: radius must be above 0, got {radius:g}")
-            # Positions add up, because rotated poses are refused.
-            yield model_x + link_x + x, model_y + link_y + y, radius
+def _read_collision(
+    collision: Element, pose: Transform, scale: float, where: str
+) -> Iterator[tuple[float, float, float]]:
+    """Yield x, y, radius in m of a collision's cylinder, if it has one.
 
-
-def _read_position(element: Element, where: str) -> tuple[float, float]:
-    """Return x, y in m of an element's pose; WorldError if it is rotated."""
-    pose = element.find("pose")
-    if pose is None or not (pose.text or "").strip():
-        return 0.0, 0.0
-    if pose.get("frame") or pose.get("relative_to"):
-        raise WorldError(f"{where}: poses relative to another frame are not read")
-    x, y, _, *rotation = _read_numbers(pose.text, 6, f"{where}: pose")
-    if max(map(abs, rotation)) > 1e-6:
+    Args:
+        collision: The element.
+        pose: Its pose in the world.
+        scale: Factor on the radius.
+        where: Path of the file and name of the model, to begin messages with.
+    """
+    shapes = collision.findall("geometry/*")
+    kinds = [str(shape.tag) for shape in shapes]
+    if kinds in (["plane"], ["empty"]):
+        return
+    if kinds != ["cylinder"]:
+        names = ", ".join(kinds)[:60] or "none"
         raise WorldError(
-            f"{where}: rotated poses are not read, got roll, pitch, yaw {rotation}"
+            f"{where}: shapes other than one cylinder are not read, got {names}"
         )
-    return x, y
+    _require_upright(pose, where)
+    (radius,) = read_numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
+    length_text = shapes[0].findtext("length") or "1"
+    (length,) = read_numbers(length_text, 1, f"{where}: length")
+    if min(radius, length) <= 0.0:
+        raise WorldError(
+            f"{where}: radius and length must be above 0, got {radius:g}, {length:g}"
+        )
+    x, y, z = pose.offset.tolist()
+    if abs(z - ROBOT_HEIGHT_M) > 0.5 * length:
+        raise WorldError(
+            f"{where}: a cylinder from {z - 0.5 * length:g} to {z + 0.5 * length:g} m "
+            f"above the ground does not reach through {ROBOT_HEIGHT_M:g} m, "
+            "where robots would meet it"
+        )
+    yield x, y, scale * radius
 
 
-def _read_numbers(text: str | None, count: int, where: str) -> list[float]:
-    """Return exactly `count` finite numbers of a text, else raise WorldError."""
-    try:
-        numbers = [float(word) for word in (text or "").split()]
-    except ValueError:
-        numbers = []
-    # NaN fails the comparison.
-    if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
-        raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")
-    return numbers
+def _require_upright(pose: Transform, where: str) -> None:
+    """Raise WorldError for a pose in the world whose z axis is not upright."""
+    if pose.tilt_rad > LARGEST_TILT_RAD:
+        raise WorldError(
+            f"{where}: leans by {pose.tilt_rad:.3g} rad; "
+            f"at most {LARGEST_TILT_RAD:g} is read"
+        )
+
+
+def _is_without_obstacles(uri: str) -> bool:
+    """Return whether a URI, local or of Fuel, names a model without obstacles."""
+    parts = unquote(uri).rstrip("/").split("/")
+    # A model of Fuel may end in its version.
+    if len(parts) > 1 and (parts[-1].isdecimal() or parts[-1] == "tip"):
+        parts.pop()
+    return parts[-1].lower().replace(" ", "_") in _WITHOUT_OBSTACLES

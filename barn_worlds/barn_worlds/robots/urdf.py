@@ -16,23 +16,10 @@ from defusedxml.ElementTree import fromstring
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, convert_os_errors, format_error
 from barn_worlds.base.files import read_at_most
+from barn_worlds.geometry.transform import Transform, rotation_matrix
 
 LARGEST_URDF_BYTES = 1024 * 1024
 _MOST_LINKS = 1000
-
-
-@dataclass(frozen=True, eq=False)
-class Transform:
-    """A position (3,) in meters and a rotation matrix (3, 3) in a parent frame."""
-
-    offset: Floats
-    rotation: Floats
-
-    def __matmul__(self, inner: "Transform") -> "Transform":
-        """Return a transform relative to this one in the parent frame of this one."""
-        return Transform(
-            self.offset + self.rotation @ inner.offset, self.rotation @ inner.rotation
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,27 +59,6 @@ def read_chassis(path: Path) -> dict[str, Any]:
         ) from None
 
 
-def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
-    """Return the matrix (3, 3) of rotations about fixed axes.
-
-    Args:
-        roll: First rotation, about x, in radians.
-        pitch: Second rotation, about y, in radians.
-        yaw: Third rotation, about z, in radians.
-    """
-    matrix = np.eye(3)
-    # Axes are fixed, so each further rotation multiplies from the left.
-    for axis, angle in enumerate((roll, pitch, yaw)):
-        i = (axis + 1) % 3
-        j = (axis + 2) % 3
-        rotation = np.eye(3)
-        rotation[i, i] = rotation[j, j] = math.cos(angle)
-        rotation[j, i] = math.sin(angle)
-        rotation[i, j] = -math.sin(angle)
-        matrix = rotation @ matrix
-    return matrix
-
-
 def _read_links(root: Element) -> dict[str, Link]:
     """Return links with poses in base_link by name; ValueError if they are no tree."""
     elements = {element.attrib["name"]: element for element in root.findall("link")}
@@ -110,11 +76,7 @@ def _read_links(root: Element) -> dict[str, Link]:
     for name, element in elements.items():
         pose = _pose_in_root(name, joints)
         # base_link need not be the root of the tree.
-        in_base = Transform(
-            # The transpose of a rotation is its inverse.
-            base.rotation.T @ (pose.offset - base.offset),
-            base.rotation.T @ pose.rotation,
-        )
+        in_base = base.inverse() @ pose
         is_turning = name in joints and joints[name][1].get("type") == "continuous"
         links[name] = Link(element, in_base, is_turning)
     return links
@@ -128,7 +90,7 @@ def _pose_in_root(name: str, joints: dict[str, tuple[str, Element]]) -> Transfor
         joints: Parent link and element of the joints by the name of their child link.
     """
     # Up the tree from joint to joint. In a ring there is no end.
-    pose = Transform(np.zeros(3), np.eye(3))
+    pose = Transform()
     for _ in range(_MOST_LINKS):
         if name not in joints:
             return pose

@@ -1,6 +1,7 @@
 """Gazebo world files: the originals exactly, our own there and back, and the malformed refused."""
 
 import gzip
+import math
 
 import numpy as np
 import pytest
@@ -144,6 +145,113 @@ def test_poses_of_model_link_and_collision_add_up():
     assert center == pytest.approx([-1.425, 5.325])
 
 
+def centers_in(*parts):
+    """Return x, y in m of the only cylinders in a document."""
+    centers, _ = GazeboFile(document(*parts), "w").cylinders
+    return centers.round(6).tolist()
+
+
+# A model at (3, 4) m, turned by a quarter to the left, with a cylinder 1 m ahead.
+TURNED = [3.0, 5.0]
+CYLINDER = "<collision name='c'>{}<geometry><cylinder><radius>0.1</radius></cylinder></geometry></collision>"
+LINK = f"<link name='l'><pose>1 0 0 0 0 0</pose>{CYLINDER.format('')}</link>"
+HALL = "<frame name='hall'><pose>2 4 0 0 0 {}</pose></frame>"
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [f"<model name='m'><pose>3 4 0 0 0 {math.pi / 2}</pose>{LINK}</model>"],
+        [f"<model name='m'><pose degrees='true'>3 4 0 0 0 90</pose>{LINK}</model>"],
+        [
+            f"<model name='m'><pose rotation_format='quat_xyzw'>3 4 0 0 0 2 2</pose>{LINK}</model>"
+        ],
+        [
+            HALL.format(math.pi / 2),
+            f"<model name='m'><pose relative_to='hall'>0 -1 0 0 0 0</pose>{LINK}</model>",
+        ],
+        # SDF 1.6 called the attribute `frame`, and wrote it where it is empty, too.
+        [
+            HALL.format(0),
+            f"<model name='m'><pose frame='hall'>1 0 0 0 0 {math.pi / 2}</pose>{LINK}</model>",
+        ],
+        # A frame without a pose of its own is where it is attached.
+        [
+            HALL.format(math.pi / 2),
+            "<frame name='door' attached_to='hall'/>",
+            f"<model name='m'><pose relative_to='door'>0 -1 0 0 0 0</pose>{LINK}</model>",
+        ],
+        # A frame in another model, and what a joint carries.
+        [
+            "<model name='n'><pose>3 0 0 0 0 0</pose><frame name='f'>"
+            "<pose>0 4 0 0 0 1.570796327</pose></frame></model>",
+            f"<model name='m'><pose relative_to='n::f'/>{LINK}</model>",
+        ],
+        [
+            f"<model name='m'><pose>3 4 0 0 0 0</pose><link name='l'><pose relative_to='j'>0 1 0 0 0 0</pose>"
+            f"{CYLINDER.format('')}</link><joint name='j'><child>k</child></joint><link name='k'/></model>"
+        ],
+        # The pose of the model is that of its frame, 2 m behind it.
+        [
+            "<model name='m' placement_frame='p'><frame name='p'><pose>-2 0 0 0 0 0</pose></frame>"
+            f"<pose>3 2 0 0 0 1.570796327</pose>{LINK}</model>"
+        ],
+        [
+            "<model name='o'><pose>3 4 0 0 0 1.570796327</pose><model name='m'>"
+            f"<link name='l'/><frame name='f'/>{LINK}</model></model>"
+        ],
+        # The defaults written out, and a tilt as physics leaves it.
+        [
+            "<model name='m'><pose relative_to='world'>3 4 0 2e-6 -3e-6 1.570796327</pose><link name='l'>"
+            "<pose relative_to='__model__'>1 0 0 0 0 0</pose>"
+            + CYLINDER.format("<pose relative_to='l'>0 0 0 0 0 1</pose>")
+            + "</link></model>"
+        ],
+    ],
+)
+def test_poses_follow_the_frames_of_sdf(parts):
+    assert centers_in(*parts) == [TURNED]
+
+
+def test_a_saved_world_is_as_gazebo_shows_it_after_loading():
+    state = (
+        "<state><insertions><model name='new'><pose>5 6 0 0 0 0</pose>{}</model></insertions>"
+        "<deletions><name>gone</name></deletions><model name='m'><pose>1 2 0 0 0 0</pose><scale>2 3 1</scale>"
+        "<link name='l'><pose>{} 4 0 0 0 0</pose></link></model></state><state><model name='m'>"
+        "<pose>9 9 0 0 0 0</pose></model></state>"
+    )
+    gone = f"<model name='gone'>{LINK}</model>"
+    moved = (
+        f"<model name='m' placement_frame='none'><pose>7 7 0 0 0 0</pose>{LINK}</model>"
+    )
+    content = document(gone, moved, state.format(LINK, 3))
+    centers, radii = GazeboFile(content, "w").cylinders
+    assert centers.tolist() == [[3.0, 4.0], [6.0, 6.0]]
+    assert radii == pytest.approx([0.3, 0.1])
+
+
+@pytest.mark.parametrize(
+    "name", ["Sun", "Ground Plane/2", "Ground%20Plane/tip", "sun/", "ground_plane"]
+)
+def test_what_no_world_is_without_is_known_from_fuel(name):
+    uri = f"https://fuel.gazebosim.org/1.0/OpenRobotics/models/{name}"
+    include = f"<include><uri>{uri}</uri></include>"
+    assert centers_in(include, f"<model name='m'>{LINK}</model>") == [[1.0, 0.0]]
+
+
+def test_start_and_goal_follow_their_frames():
+    frames = (
+        HALL.format(math.pi / 2)
+        + "<frame name='start'><pose relative_to='hall'>1 0 0 0 0 0</pose></frame>"
+        "<frame name='goal' attached_to='start'><pose>0 -1 0 0 0 0</pose></frame>"
+    )
+    course = GazeboFile(document(frames), "w").course()
+    assert course == pytest.approx([2, 5, math.pi / 2, 3, 5, math.pi / 2])
+    leaning = "<frame name='start'><pose>0 0 0 1 0 0</pose></frame>"
+    with pytest.raises(WorldError, match="frame 'start': leans by 1 rad"):
+        GazeboFile(document(leaning), "w").course()
+
+
 BOMB = (
     b'<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "lol"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
     b"<sdf><world>&b;</world></sdf>"
@@ -169,13 +277,52 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (document(model(pose="nan 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="x 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="1e300 0 0 0 0 0")), "pose must be 6 finite numbers"),
-        (document(model(pose="-0.2 5.3 0 1.57 0 0")), "rotated poses are not read"),
+        (document(model(pose="-0.2 5.3 0 1.57 0 0")), "model 'm': leans by 1.57 rad"),
+        (document(model(pose="-0.2 5.3 1 0 0 0")), "from 0.5 to 1.5 m above"),
+        (document(model(pose="-0.2 5.3 -1 0 0 0")), "does not reach through 0.1 m"),
         (
-            document(model(attribute=" relative_to='other'")),
-            "relative to another frame",
+            document(model(attribute=" relative_to='mm'")),
+            "no frame 'mm'; did you mean 'm'",
+        ),
+        (
+            document(model(attribute=" relative_to='m'")),
+            "frame 'm' is relative to itself",
+        ),
+        (
+            document(model(attribute=" rotation_format='quat'")),
+            "unknown rotation_format 'quat'; did you mean 'quat_xyzw'",
+        ),
+        (
+            document(model(attribute=" rotation_format='quat_xyzw'")),
+            "pose must be 7 finite numbers",
+        ),
+        (
+            document(
+                model(
+                    pose="0 0 0 0 0 0 0",
+                    attribute=" rotation_format='quat_xyzw'",
+                )
+            ),
+            "quaternion of length 0",
+        ),
+        (
+            document(model(attribute=" rotation_format='quat_xyzw' degrees='true'")),
+            "must not have degrees and quat_xyzw",
+        ),
+        (b"<sdf><world/><world/></sdf>", "has 2 worlds"),
+        (
+            document(
+                *(f"<frame name='f{k}' attached_to='f{k + 1}'/>" for k in range(2000)),
+                model(attribute=" relative_to='f0'"),
+            ),
+            "frames are nested too deep",
+        ),
+        (
+            document("<model name='m'>" * 2000 + "</model>" * 2000),
+            "models are nested too deep",
         ),
         (document(model(radius="")), "radius must be 1 finite numbers, got ''"),
-        (document(model(radius="-1")), "radius must be above 0"),
+        (document(model(radius="-1")), "radius and length must be above 0"),
         (
             document(model(radius="0.001")),
             "radius of cylinders must be from 0.005 to 5 m, got 0.001",
@@ -184,7 +331,10 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
             document(model(shape="box")),
             "shapes other than one cylinder are not read, got box",
         ),
-        (document(model(inside=model())), "models within models"),
+        (
+            document(model(inside="<include><uri>model://sun</uri></include>")),
+            "models included in a model",
+        ),
         (
             document("<include><uri>model://house</uri></include>"),
             "included model 'model://house' is not known",

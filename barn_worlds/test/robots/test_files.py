@@ -14,7 +14,7 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import area, contains, convex_hull, regular_polygon
 from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot, robot_yaml
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
-from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, read_chassis, rotation_matrix
+from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, read_chassis
 
 BURGER = find_robot_files()["turtlebot3_burger"]
 JACKAL = find_robot_files()["jackal"]
@@ -198,14 +198,6 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
         "wheel_z_m": -0.1,
     }
     assert {name: chassis[name] for name in lengths_m} == pytest.approx(lengths_m)
-
-
-def test_a_rotation_is_about_fixed_axes():
-    left = rotation_matrix(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0]
-    assert left == pytest.approx([0.0, 1.0, 0.0])
-    turned = rotation_matrix(0.3, -0.2, 0.5)
-    assert turned @ turned.T == pytest.approx(np.eye(3))
-    assert turned[2, 0] == pytest.approx(math.sin(0.2))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,196 @@
+"""Poses in SDF: one function for models, links, collisions and frames.
+
+They follow the rules of SDF 1.7 and later, which fit earlier releases as well:
+http://sdformat.org/tutorials?tut=pose_frame_semantics
+"""
+
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from barn_worlds.base.errors import WorldError, suggest
+from barn_worlds.geometry.transform import (
+    Transform,
+    quaternion_matrix,
+    rotation_matrix,
+)
+
+_SCOPES = {"world": "world", "model": "__model__"}  # what each calls its own frame
+_FRAMES = ("frame", "joint", "link", "model")
+_NUMBERS = {"euler_rpy": 6, "quat_xyzw": 7}
+_SEPARATOR = "::"
+
+
+class Scope:
+    """A world or a model: what its names mean, and where they are in the world.
+
+    Methods raise WorldError for poses that make no sense.
+    """
+
+    def __init__(
+        self, element: Element, where: str, pose: Transform, state: Element | None
+    ) -> None:
+        """Keep a <world> or <model> whose pose is known.
+
+        Args:
+            element: The <world> or <model>.
+            where: Path of the file and name of the model, to begin messages with.
+            pose: Pose of its own frame in the world.
+            state: Where Gazebo Classic saved its models and links: the part of the
+                world's <state> that tells of this world or model.
+        """
+        self.element = element
+        self.where = where
+        self.pose = pose
+        self._own_name = _SCOPES[element.tag]
+        self._elements = {
+            child.get("name", ""): child for child in element if child.tag in _FRAMES
+        }
+        self._states = {}
+        for child in () if state is None else state:
+            self._states[child.tag, child.get("name")] = child
+        # Poses of names, None while they are computed.
+        self._frames: dict[str, Transform | None] = {self._own_name: pose}
+        self._models: dict[Element, tuple[Scope, float]] = {}
+
+    def models(self) -> Iterator[tuple["Scope", float]]:
+        """Yield the models right in this scope, with the factor on their radii."""
+        for element in self.element.findall("model"):
+            yield self._model(element)
+
+    def locate(self, element: Element, base: Transform | None = None) -> Transform:
+        """Return the pose in the world of an element of this scope.
+
+        Args:
+            element: A link, frame, joint or model, or a collision of a link.
+            base: What its pose is relative to unless it says so, by default the frame
+                of this scope.
+        """
+        where = self._describe(element)
+        state = self._states.get((element.tag, element.get("name")))
+        saved_pose = None if state is None else state.find("pose")
+        if saved_pose is not None:
+            # Gazebo Classic saves poses in the world.
+            return read_pose(saved_pose, where)
+
+        pose = element.find("pose")
+        reference = element.get("attached_to")
+        if element.tag == "joint":
+            reference = element.findtext("child")
+        if pose is not None:
+            # `frame` is what SDF 1.6 called it.
+            reference = pose.get("relative_to") or pose.get("frame") or reference
+        if reference:
+            base = self.frame(reference.strip())
+        return (base or self.pose) @ read_pose(pose, where)
+
+    def frame(self, name: str) -> Transform:
+        """Return the pose in the world of what a name means in this scope."""
+        if name not in self._frames:
+            self._frames[name] = None
+            try:
+                self._frames[name] = self._locate_name(name)
+            except RecursionError:
+                raise WorldError(f"{self.where}: frames are nested too deep") from None
+        pose = self._frames[name]
+        if pose is None:
+            raise WorldError(f"{self.where}: frame {name!r:.60} is relative to itself")
+        return pose
+
+    def _locate_name(self, name: str) -> Transform:
+        """Return the pose in the world of an element by its name."""
+        element = self._elements.get(name)
+        if element is not None:
+            if element.tag == "model":
+                return self._model(element)[0].pose
+            return self.locate(element)
+        model, _, inner_name = name.partition(_SEPARATOR)
+        if inner_name and model in self._elements:
+            scope, _ = self._model(self._elements[model])
+            return scope.frame(inner_name)
+        names = (self._own_name, *self._elements)
+        raise WorldError(f"{self.where}: no frame {name!r:.60}{suggest(name, names)}")
+
+    def _model(self, element: Element) -> tuple["Scope", float]:
+        """Return the scope of a model in this one and the factor on its radii."""
+        if element in self._models:
+            return self._models[element]
+        where = self._describe(element)
+        state = self._states.get(("model", element.get("name")))
+        pose = self.locate(element)
+        placement = element.get("placement_frame")
+        if placement and (state is None or state.find("pose") is None):
+            # The pose is that of the frame, from which that of the model follows.
+            at_origin = Scope(element, where, Transform(), None)
+            pose = pose @ at_origin.frame(placement).inverse()
+
+        text = None if state is None else state.findtext("scale")
+        scale = read_numbers(text or "1 1 1", 3, f"{where}: scale")
+        self._models[element] = Scope(element, where, pose, state), max(scale[:2])
+        return self._models[element]
+
+    def _describe(self, element: Element) -> str:
+        """Return path, this model and an element in it, to begin a message with."""
+        name = element.get("name", "without a name")
+        return f"{self.where}: {element.tag} {name!r:.60}"
+
+
+def read_pose(pose: Element | None, where: str) -> Transform:
+    """Return what a <pose> element says, the identity without one.
+
+    Args:
+        pose: The element, with its attributes `rotation_format` and `degrees`.
+        where: Path of the file and name of the model, to begin messages with.
+
+    Raises:
+        WorldError: If the format is unknown or the numbers do not fit it.
+    """
+    if pose is None or not (pose.text or "").strip():
+        return Transform()
+    rotation_format = pose.get("rotation_format", "euler_rpy")
+    count = _NUMBERS.get(rotation_format)
+    if count is None:
+        raise WorldError(
+            f"{where}: unknown rotation_format {rotation_format!r:.60}"
+            f"{suggest(rotation_format, _NUMBERS)}"
+        )
+    in_degrees = pose.get("degrees", "false").lower() in ("true", "1")
+    if in_degrees and count == 7:
+        raise WorldError(f"{where}: pose must not have degrees and quat_xyzw")
+
+    numbers = read_numbers(pose.text, count, f"{where}: pose")
+    rotation = numbers[3:]
+    if not any(rotation):
+        # Nearly all poses in worlds are without a rotation.
+        if count == 6:
+            return Transform(np.array(numbers[:3]))
+        raise WorldError(f"{where}: pose must not have a quaternion of length 0")
+    if count == 7:
+        matrix = quaternion_matrix(*rotation)
+    else:
+        if in_degrees:
+            rotation = np.deg2rad(rotation).tolist()
+        matrix = rotation_matrix(*rotation)
+    return Transform(np.array(numbers[:3]), matrix)
+
+
+def read_numbers(text: str | None, count: int, where: str) -> list[float]:
+    """Return exactly `count` finite numbers of a text.
+
+    Args:
+        text: Numbers between blanks.
+        count: How many there must be.
+        where: What the text is, to begin an error message with.
+
+    Raises:
+        WorldError: If there are more or fewer, or one is none or at least 1e6.
+    """
+    try:
+        numbers = [float(word) for word in (text or "").split()]
+    except ValueError:
+        numbers = []
+    # NaN fails the comparison.
+    if len(numbers) != count or not all(abs(number) < 1e6 for number in numbers):
+        raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")
+    return numbers
