@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import yaml
-
 from barn_eval.analysis.compare import (
     Comparison,
     adjust_by_holm,
@@ -50,6 +48,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.text_files import dump_yaml
 from barn_worlds.robots.files import ROBOTS
 
 Jobs = Sequence[Callable[[], Any]]
@@ -342,7 +341,7 @@ def reproduce(source: Source) -> Reproduction:
     protocol_yaml = ""
     if not is_shipped_protocol:
         content = {"schema_version": 1} | as_dict(run.protocol)
-        protocol_yaml = yaml.safe_dump(content, sort_keys=False)
+        protocol_yaml = dump_yaml(content)
     return Reproduction(shlex.join(words), protocol_yaml, " ".join(notes))
 
 

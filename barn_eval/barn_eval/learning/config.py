@@ -63,7 +63,9 @@ class EnvConfig(Checked):
     """The environment: its worlds, rules, robot, observations, actions and rewards."""
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
-    worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    worlds: str = quantity(
+        "all", "which of its worlds, such as 0, 0-49 or 0:300:6", is_selection=True
+    )
     protocol: str = quantity("challenge", "protocol: a name or a YAML file")
     robot: str = quantity("jackal", "robot: a name or a YAML file")
     # Parameters of the simulator by dotted name, over those of the protocol.

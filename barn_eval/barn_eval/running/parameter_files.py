@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from barn_eval.running.planner_choices import split_command
 from barn_eval.running.setting_folders import format_setting_value
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.files import read_bytes
-from barn_worlds.base.text_files import parse_yaml
+from barn_worlds.base.text_files import dump_yaml, parse_yaml
+from barn_worlds.base.yaml_scalars import RosLoader
 
 
 @dataclass(frozen=True)
@@ -85,8 +84,7 @@ def change_command(
         words[file.word] = str(path)
     # Several parameters of one file change in one copy.
     contents = {
-        path: yaml.safe_dump(file.content, sort_keys=False).encode()
-        for path, file in changed.items()
+        path: dump_yaml(file.content).encode() for path, file in changed.items()
     }
     return shlex.join(words), contents
 
@@ -119,7 +117,7 @@ def _read_parameter_files(words: Sequence[str]) -> list[ParameterFile]:
     for place, word in enumerate(words[1:], 1):
         if words[place - 1] != "--params-file":
             continue
-        content = parse_yaml(read_bytes(Path(word)), word)
+        content = parse_yaml(read_bytes(Path(word)), word, RosLoader)
         if not isinstance(content, dict):
             raise ConfigError(f"{word}: must be a mapping of nodes to ros__parameters")
         files.append(ParameterFile(place, word, content))

@@ -38,7 +38,9 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
         )
     planners = [read_planner(entry, where) for entry in names or ()]
 
-    texts = [commands] if isinstance(commands, str) else commands or ()
+    texts = () if commands is None else commands
+    if isinstance(commands, str):
+        texts = [commands]
     are_texts = isinstance(texts, (list, tuple)) and all(
         isinstance(text, str) for text in texts
     )

@@ -11,7 +11,7 @@ import cloudpickle
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, PlannerChoice
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import planner_names
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError, format_value
 from barn_worlds.base.types import Velocity2D
 
 Answer = tuple[float, float] | Velocity2D | None
@@ -188,7 +188,7 @@ def _require_planner(planner: Any) -> None:
     ):
         raise ConfigError(
             "a planner must be a name, a Planner class or object, or a function of the"
-            f" observation, got {planner!r}"
+            f" observation, got {format_value(planner)}"
         )
 
 
@@ -198,7 +198,8 @@ def _default_name(planner: object) -> str:
     name = str(getattr(named, "__name__", ""))
     if not name.isidentifier():
         raise ConfigError(
-            f"planner {planner!r}: has no name; give it one, as {{'name': planner}}"
+            f"planner {format_value(planner)}: has no name; give it one, as"
+            " {'name': planner}"
         )
     return name
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,12 @@ from barn_eval.trials.protocol import (
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.base.config import from_dict, replace_dotted
+from barn_worlds.base.config import (
+    as_plain,
+    format_selection,
+    from_dict,
+    replace_dotted,
+)
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.datasets.dataset import Dataset
@@ -171,7 +177,7 @@ def _take_objects(
     Objects are worlds by number, None without any, and planners by name.
     """
     plain: dict[str, Any] = {
-        key: value for key, value in options.items() if value is not None
+        key: as_plain(value) for key, value in options.items() if value is not None
     }
     # Configuration is plain data, as run.json keeps it.
     for key in ("dataset", "protocol"):
@@ -245,24 +251,26 @@ def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> li
     ]
 
 
-def _read_worlds(worlds: object) -> tuple[str, dict[int, World] | None]:
-    """Return world numbers as a text and None, or "all" and World objects by number."""
-    items = [worlds] if isinstance(worlds, (int, World)) else worlds
-    if isinstance(items, Mapping):
-        by_number = dict(items)
-        numbers = []
-    else:
-        numbers = list(items) if isinstance(items, Iterable) else []
+def _read_worlds(worlds: Any) -> tuple[object, dict[int, World] | None]:
+    """Return worlds as `RunConfig` takes them and None, or "all" and World objects."""
+    if isinstance(worlds, World):
+        worlds = [worlds]
+    if isinstance(worlds, Iterable) and not isinstance(worlds, Mapping):
+        worlds = list(worlds)
         # Worlds that come without numbers are numbered in their order.
-        by_number = dict(enumerate(numbers))
+        if any(isinstance(world, World) for world in worlds):
+            worlds = dict(enumerate(worlds))
+    if not isinstance(worlds, Mapping):
+        text = format_selection(worlds)
+        if isinstance(text, str):
+            return text, None
 
-    if by_number and all(
-        isinstance(number, int) and isinstance(world, World)
-        for number, world in by_number.items()
-    ):
+    by_number = {}
+    for number, world in dict(worlds if isinstance(worlds, Mapping) else {}).items():
+        if isinstance(number, Integral) and isinstance(world, World):
+            by_number[int(number)] = world
+    if by_number and len(by_number) == len(worlds):
         return "all", by_number
-    if numbers and all(isinstance(number, int) for number in numbers):
-        return ",".join(map(str, numbers)), None
     raise ConfigError(
         f"worlds must be numbers, a text or worlds, got {format_value(worlds)}"
     )
@@ -292,7 +300,9 @@ def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
 
 def _pop_mapping(content: dict[str, Any], key: str, where: str) -> dict[str, Any]:
     """Remove a key and return its mapping, or {}; ConfigError if it is no mapping."""
-    value = content.pop(key, None) or {}
+    value = content.pop(key, None)
+    if value is None:
+        return {}
     if not isinstance(value, Mapping):
         raise ConfigError(
             f"{where}{key} must be a mapping of parameters to values,"

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import optuna
-import yaml
 from optuna.distributions import (
     CategoricalDistribution,
     FloatDistribution,
@@ -39,7 +38,7 @@ from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.text_files import dump_yaml, read_yaml
 from barn_worlds.datasets.dataset import open_dataset, select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
@@ -448,7 +447,7 @@ class Tuner:
                 "overrides": {**planner.overrides, **setting.values},
             }
             content = {"schema_version": SCHEMA_VERSION, "planners": [entry]}
-            contents = [yaml.safe_dump(content, sort_keys=False).encode()]
+            contents = [dump_yaml(content).encode()]
 
         paths = []
         for place, content_bytes in enumerate(contents):

@@ -139,7 +139,9 @@ class RunConfig(Checked):
     """What decides the results of a run: planners, worlds, repetitions and rules."""
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
-    worlds: str = quantity("all", "which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all")
+    worlds: str = quantity(
+        "all", "which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all", is_selection=True
+    )
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
     repetitions: int = quantity(1, "trials per world and planner", "", 1, 99)
     protocol: Protocol = field(default_factory=lambda: CHALLENGE)

@@ -26,6 +26,7 @@ from barn_eval.running.planner_objects import (
     fingerprint,
     split_planner_objects,
 )
+from barn_eval.running.request import read_request
 from barn_eval.running.runner import RunError
 from barn_eval.trials.outcome import Outcome
 from barn_planners.interface import Task
@@ -143,9 +144,42 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     assert second.name in Path(loaded.report(tmp_path / "report.html")).read_text()
     (trial,) = drive("gap", out, {7: second}, overwrite=True).trials
     assert (trial.world, trial.world_checksum) == (7, second.checksum)
-    for wrong in (3.5, [], ["0"], {"a": first}, {0: 1}, [first, 1]):
+    for wrong in (3.5, [], [True], {"a": first}, {0: 1}, [first, 1]):
         with refused("worlds must be numbers, a text or worlds, got"):
             barn.run(wrong, "gap", dry_run=True)
+
+
+@pytest.mark.parametrize(
+    "worlds",
+    [
+        [0, 60],
+        np.array([0, 60]),
+        pd.Series([0, 60]),
+        range(0, 61, 60),
+        (np.int64(0), np.uint8(60)),
+        np.array("0,60"),
+        ["0", 60],
+    ],
+)
+def test_numbers_of_numpy_and_pandas_are_as_good_as_pythons(tmp_path, worlds):
+    plan = barn.run(
+        worlds,
+        np.array(["gap"]),
+        repetitions=np.int64(2),
+        seed=np.uint32(7),
+        settings={"gap.max_speed_mps": np.float32(0.5)},
+        course=np.zeros(0),
+        out=tmp_path,
+        dry_run=True,
+    )
+    assert (plan.worlds, plan.trials) == ((0, 60), 4)
+
+
+@pytest.mark.parametrize("text", ["0", "[0]", "[0, 0]", "['0']", "'0'"])
+def test_worlds_in_a_file_are_numbers_and_lists(tmp_path, text):
+    file = tmp_path / "run.yaml"
+    file.write_text(f"schema_version: 1\nworlds: {text}\nplanners: [gap]\n")
+    assert read_request(file, {}).config.worlds == text.strip("[]'").replace(" ", "")
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):

@@ -14,12 +14,13 @@ parameters of the nodes and the tables of the documentation all use the declarat
 
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field
 from enum import Enum
 from functools import cache, partial
+from numbers import Integral
 from operator import attrgetter
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_args, get_origin
 
 import cattrs
 from cattrs.errors import (
@@ -74,7 +75,7 @@ class Quantity:
     """
 
     is_selection: bool = False
-    """Whether the text selects worlds, so that ROS may give a list of their numbers."""
+    """Whether the text selects worlds, so that their numbers may stand for it."""
 
     def summary(self, *, unit: bool = True) -> str:
         """Return meaning, unit and limits: "longest range [m] (at least 0 m)"."""
@@ -123,7 +124,7 @@ def quantity(
         maximum: Largest value that passes the check. Applies to each item of a tuple.
         choices: Texts that pass the check. By default any text does.
         optional: Leave the field out of plain data while it has its default.
-        is_selection: Take a list of whole numbers for the text where ROS gives one.
+        is_selection: Take whole numbers for the text (`format_selection`).
 
     Returns:
         The dataclass field, under the type of its default.
@@ -242,6 +243,40 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     return from_dict(type(config), content, where)
 
 
+def as_plain(value: Any) -> Any:
+    """Return what NumPy or pandas holds as Python's numbers and lists.
+
+    Args:
+        value: A number, an array, a column, or a list or dict with some in it.
+    """
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: as_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return list(map(as_plain, value))
+    return value
+
+
+def format_selection(worlds: Any) -> Any:
+    """Return numbers of worlds, such as 3 or an array [0, 60], as the text "0,60".
+
+    Args:
+        worlds: A whole number, or several in a list, an array, a column or a range,
+            also with texts such as "5-9" among them. Anything else is returned as it
+            is.
+    """
+    worlds = as_plain(worlds)
+    if isinstance(worlds, (str, Mapping)):
+        return worlds
+    numbers = list(worlds) if isinstance(worlds, Iterable) else [worlds]
+    for number in numbers:
+        is_number = isinstance(number, Integral) and not isinstance(number, bool)
+        if not is_number and not isinstance(number, str):
+            return worlds
+    return ",".join(map(str, numbers)) if numbers else worlds
+
+
 def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
     """Return configurations by preset name from a YAML file in a package's `data`.
 
@@ -275,6 +310,11 @@ def _reader() -> cattrs.Converter:
     def build_reader(cls: type[Any]) -> Callable[[Any, Any], Any]:
         """Return what builds `cls` from a mapping and refuses unknown keys."""
         build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
+        selections = [
+            item.name
+            for item in dataclasses.fields(cls)
+            if getattr(item.metadata.get(_METADATA_KEY), "is_selection", False)
+        ]
 
         def read(value: object, kind: object) -> Any:
             """Build `cls` from a mapping with text keys; TypeError for others."""
@@ -286,11 +326,17 @@ def _reader() -> cattrs.Converter:
             for key in value:
                 if not isinstance(key, str):
                     raise TypeError(f"keys must be text, got {format_value(key)}")
-            return build(value, kind)
+            texts = {
+                name: format_selection(value[name])
+                for name in selections
+                if name in value
+            }
+            return build({**value, **texts}, kind)
 
         return read
 
     converter.register_structure_hook_factory(dataclasses.is_dataclass, build_reader)
+    converter.register_structure_hook_func(_is_tuple, partial(_read_tuple, converter))
     return converter
 
 
@@ -333,12 +379,46 @@ def _read_value(value: object, kind: type[Any]) -> Any:
     """
     if issubclass(kind, Enum):
         return kind(value)
+    value = as_plain(value)
     if type(value) is kind:
         return value
     # People write 2 where they mean 2.0, but a float cannot hold every integer.
     if kind is float and type(value) is int and abs(value) < _LARGEST_FLOAT:
         return float(value)
     raise TypeError(f"must be {_TYPE_NAMES[kind]}, got {format_value(value)}")
+
+
+def _is_tuple(kind: object) -> bool:
+    """Tell whether a type is a tuple of declared items."""
+    origin: object = get_origin(kind)
+    return origin is tuple
+
+
+def _read_tuple(
+    converter: cattrs.Converter, value: object, kind: Any
+) -> tuple[Any, ...]:
+    """Build a tuple from a list or array, of the length of its type."""
+    is_list = isinstance(value, Iterable) and not isinstance(value, (str, Mapping))
+    items = list(cast("Iterable[Any]", value)) if is_list else []
+    kinds = get_args(kind)
+    if kinds[-1] is Ellipsis:
+        length = ""
+        kinds = (kinds[0],) * len(items)
+    else:
+        length = f" of {len(kinds)}"
+    if not is_list or len(items) != len(kinds):
+        raise TypeError(f"must be a list{length}, got {format_value(value)}")
+
+    values = []
+    for index, (item, item_kind) in enumerate(zip(items, kinds, strict=True)):
+        try:
+            values.append(converter.structure(item, item_kind))
+        except Exception as error:
+            note = IterableValidationNote("", index, item_kind)
+            notes = [*getattr(error, "__notes__", ()), note]
+            error.__dict__["__notes__"] = notes
+            raise IterableValidationError("", [error], kind) from None
+    return tuple(values)
 
 
 def _walk(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -386,6 +466,9 @@ def _explain(error: BaseException) -> str:
         return f"missing key {name!r}"
     if isinstance(error, ConfigError):
         return f"{prefix}{error}"
+    if isinstance(error, AttributeError):
+        # cattrs asks what should be a mapping for its items.
+        return f"{name} must be a mapping of names to values"
     return f"{name} {error}".lstrip()
 
 

@@ -1,9 +1,17 @@
 """The errors that a user can cause. Each is one line that says what to change."""
 
 import difflib
+import logging
+import multiprocessing
 import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache
+from os import PathLike
+from types import FunctionType
+from typing import Any
+
+logger = logging.getLogger(__name__)
 
 # Longest texts in a message, in characters.
 _LONGEST_NAME = 60
@@ -14,8 +22,29 @@ _LONGEST_MESSAGE = 1000
 _HEAD = 650
 _TAIL = 300
 _MOST_NAMES = 20  # in a list of known names
-# Values of users may be huge and deeply nested; reprlib looks at a part of them only.
-_REPR = reprlib.Repr()
+_PLAIN = (bool, bytes, complex, float, range, type(None))
+
+
+class _Repr(reprlib.Repr):
+    """Plain data as Python writes them, other objects without class and address.
+
+    Values of users may be huge and deeply nested: only a part of them is looked at.
+    """
+
+    def repr_instance(self, x: Any, level: int) -> str:
+        """Return the text of an object that is no list, mapping, text or integer."""
+        if type(x) in _PLAIN:
+            return super().repr_instance(x, level)
+        if hasattr(x, "tolist"):
+            return self.repr1(x.tolist(), level)
+        if isinstance(x, PathLike):
+            return self.repr1(str(x), level)
+        if isinstance(x, FunctionType):
+            return f"function {x.__name__}"
+        return "an object of Python"
+
+
+_REPR = _Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = _LONGEST_VALUE
 
@@ -73,6 +102,23 @@ def convert_os_errors(kind: type[BarnError], subject: object) -> Iterator[None]:
         raise kind(f"{subject}: {error.strerror or error}") from None
 
 
+@cache
+def note(text: str) -> None:
+    """Log a line that a user should know, once, and not again from worker processes.
+
+    Without a handler of the program, Python prints it.
+    """
+    if multiprocessing.parent_process() is None:
+        logger.warning("%s", text)
+
+
+def join_names(names: Iterable[object]) -> str:
+    """Return names as text, joined by commas, the first twenty of them."""
+    texts = [_shorten(name) for name in names]
+    ellipsis = ", ..." if len(texts) > _MOST_NAMES else ""
+    return ", ".join(texts[:_MOST_NAMES]) + ellipsis
+
+
 def format_value(value: object) -> str:
     """Return the repr of a value on one line, cut after about 120 characters."""
     try:
@@ -102,9 +148,7 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
     names = _sort_names(candidates)
     # Dozens of names of other parents would hide the few that the user can mean.
     siblings = _siblings(_shorten(name), names)
-    ellipsis = ", ..." if len(siblings) > _MOST_NAMES else ""
-    alternatives = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"
-    return suggest_similar(name, names) or alternatives
+    return suggest_similar(name, names) or f"; known: {join_names(siblings)}"
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:

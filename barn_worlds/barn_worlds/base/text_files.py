@@ -20,6 +20,7 @@ from barn_worlds.base.errors import (
     format_value,
 )
 from barn_worlds.base.files import open_regular, read_at_most
+from barn_worlds.base.yaml_scalars import CoreLoader, Dumper
 
 LARGEST_JSON_BYTES = 64 * 1024 * 1024
 LARGEST_YAML_BYTES = 256 * 1024
@@ -29,8 +30,6 @@ MOST_VALUES = 1_000_000
 DEEPEST = 60
 PlainData: TypeAlias = Any  # None, bool, int, float, str, lists and mappings of them
 _LARGEST_INTEGER = 2**63 - 1
-# The loader of libyaml is ten times faster than that of Python.
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> PlainData:
@@ -136,19 +135,20 @@ def read_yaml(
     return content
 
 
-def parse_yaml(text: str | bytes, where: str) -> PlainData:
+def parse_yaml(text: str | bytes, where: str, loader: Any = CoreLoader) -> PlainData:
     """Return the data in YAML; ConfigError for aliases, deep nesting or no YAML.
 
     Args:
         text: YAML, as bytes in UTF-8 or UTF-16.
         where: Path or name of the source, to begin an error message with.
+        loader: One of `yaml_scalars`, for the program that the file is for.
 
     Raises:
         ConfigError: If the text is not YAML or nested too deep.
     """
     try:
         _check_events(text)
-        data = yaml.load(text, _Loader)  # a safe loader  # noqa: S506  # nosec B506
+        data = yaml.load(text, loader)  # a safe loader  # noqa: S506  # nosec B506
         # The configuration checks numbers itself, because it can name the key.
         _check(data, numbers=False)
     # PyYAML lets through what its constructors raise for a bad date, `!!int x` etc.
@@ -162,6 +162,17 @@ def parse_yaml(text: str | bytes, where: str) -> PlainData:
     ) as error:
         raise ConfigError(f"{where}: not YAML: {format_error(error)}") from None
     return data
+
+
+def dump_yaml(content: PlainData, **options: Any) -> str:
+    """Return plain data as YAML that YAML 1.1, 1.2 and ROS read alike.
+
+    Args:
+        content: Mappings, lists and scalars.
+        options: Of `yaml.dump`, such as its width.
+    """
+    text: str = yaml.dump(content, Dumper=Dumper, sort_keys=False, **options)
+    return text
 
 
 def read_package_yaml(package: str, file: str) -> PlainData:
@@ -249,7 +260,7 @@ def _check_events(text: str | bytes) -> None:
     """Raise YAMLError for aliases and for a structure that is nested too deep."""
     # Events come before any object is built, so a hostile file costs no memory yet.
     depth = 0
-    for event in yaml.parse(text, _Loader):
+    for event in yaml.parse(text, CoreLoader):
         # Aliases let a file of a few bytes describe gigabytes.
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("aliases (*name) are not allowed")

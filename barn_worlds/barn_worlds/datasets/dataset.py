@@ -9,8 +9,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from barn_worlds.base.errors import WorldError, suggest
-from barn_worlds.formats import dataset_file, original, single
+from barn_worlds.base.config import format_selection
+from barn_worlds.base.errors import WorldError, format_value, suggest
+from barn_worlds.formats import dataset_file, map_server, original, single
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
@@ -146,6 +147,8 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
     Raises:
         WorldError: If the source is no data set or cannot be read.
     """
+    if not isinstance(source, (str, Path)):
+        raise WorldError(f"a data set is a name or path, got {format_value(source)}")
     # A shipped name wins over a file of the same name.
     shipped_file = dataset_files().get(str(source))
     if shipped_file is not None:
@@ -199,6 +202,8 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
     # A folder of Gazebo worlds may have maps and grids of the same worlds beside them.
     for endings in _FOLDER_KINDS:
         world_files = [file for file in candidates if single.ending(file) in endings]
+        if world_files and endings == single.MAP_ENDINGS:
+            world_files = map_server.select_maps(world_files)
         if world_files:
             break
 
@@ -224,7 +229,9 @@ LONGEST_SPEC = 10_000
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 
 
-def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
+def select_worlds(
+    spec: str | int | Iterable[int], world_numbers: Iterable[int]
+) -> list[int]:
     """Return the numbers that a selection ("0-49,60", "all") names, each once.
 
     They are in the order of the selection.
@@ -233,13 +240,16 @@ def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
         spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
             a Python range, end excluded) select the numbers that exist, at least one;
             if the data set's numbers have no gaps, all must exist. "1,4,7-9" joins,
-            "all" is all.
+            "all" is all. Numbers may also come as such (`format_selection`).
         world_numbers: Numbers to select from.
 
     Raises:
         WorldError: If the selection has another form or names what does not exist.
     """
     numbers = sorted(set(world_numbers))
+    spec = format_selection(spec)
+    if not isinstance(spec, str):
+        raise WorldError(f"worlds must be numbers or a text, got {format_value(spec)}")
     if len(spec) > LONGEST_SPEC:
         raise WorldError(
             f"selection of worlds must have at most {LONGEST_SPEC} characters, "

@@ -53,10 +53,8 @@ class GazeboFile:
         # Entities could expand to gigabytes or name files of the host.
         try:
             self._root: Element = fromstring(content, forbid_dtd=True)
-        except DefusedXmlException as error:
-            raise self._error(
-                f"document types and entities are not read: {type(error).__name__}"
-            ) from None
+        except DefusedXmlException:
+            raise self._error("document types and entities are not read") from None
         except (ParseError, ValueError, LookupError) as error:
             raise self._error(f"not well-formed XML: {error}") from None
 

@@ -1,12 +1,16 @@
-"""Maps in the format of map_server: an 8-bit gray image and a .yaml file."""
+"""Maps in the format of map_server: an image and a .yaml file.
+
+They are read as the map_server of Nav2 in ROS 2 Jazzy does, but for transparency: a
+pixel that is not opaque is unknown, and what is behind it does not count.
+"""
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import yaml
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.config import (
@@ -17,10 +21,18 @@ from barn_worlds.base.config import (
     quantity,
     required,
 )
-from barn_worlds.base.errors import ConfigError, WorldError, format_error
+from barn_worlds.base.errors import (
+    ConfigError,
+    WorldError,
+    format_error,
+    join_names,
+    note,
+    suggest_similar,
+)
 from barn_worlds.base.files import read_bytes, write_bytes
-from barn_worlds.base.text_files import parse_yaml
+from barn_worlds.base.text_files import dump_yaml, parse_yaml
 from barn_worlds.base.types import OccupancyMap
+from barn_worlds.base.yaml_scalars import TextLoader, parse_flag, parse_numbers
 from barn_worlds.worlds.cells import (
     LARGEST_MAP,
     OCCUPIED,
@@ -31,7 +43,10 @@ from barn_worlds.worlds.cells import (
 
 UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
-_IMAGE_FORMATS = ("PPM", "PNG", "BMP")
+MODES = ("trinary", "scale", "raw")
+_IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
+_OWN_KEYS = ("start", "goal")  # that map_server does not know
+_NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 # Gray values that map_saver writes. That of unknown cells lies between the thresholds.
 _FREE_GRAY = 254
 _UNKNOWN_GRAY = 205
@@ -52,7 +67,7 @@ class MapFile(Checked):
     negate: int = required("whether white is occupied", "", 0, 1)
     occupied_thresh: float = required("occupied above this chance", "", 0.0, 1.0)
     free_thresh: float = required("free below this chance", "", 0.0, 1.0)
-    mode: str = quantity("trinary", "how gray values are read", choices=("trinary",))
+    mode: str = quantity("trinary", "how gray values are read", choices=MODES)
     start: tuple[float, ...] = optional(
         (), "x, y in m and yaw in rad of a world's start"
     )
@@ -105,42 +120,134 @@ def write_map(
         start=tuple(course[:3]),
         goal=tuple(course[3:]),
     )
-    text = yaml.safe_dump(as_dict(map_file), sort_keys=False)
+    text = dump_yaml(as_dict(map_file))
     # The image first: where there is a .yaml file, its image is there as well.
     write_bytes(path.with_name(map_file.image), _encode_pgm(grid))
     write_bytes(yaml_path, text.encode())
 
 
 def read_map_file(path: Path) -> MapFile:
-    """Return the keys of a map's .yaml file, not its image; WorldError if malformed."""
+    """Return the keys of a map's .yaml file, not its image; WorldError if malformed.
+
+    Keys that neither map_server nor the suite knows are ignored, with a note.
+    """
+    file = read_bytes(path, LARGEST_YAML)
     try:
-        content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
+        content = parse_yaml(file, str(path))
+        if isinstance(content, dict):
+            content |= _read_scalars(parse_yaml(file, str(path), TextLoader))
+            names = [item.name for item in fields(MapFile)]
+            others = [key for key in content if key not in names]
+            # map_server would not miss a key of the suite that is misspelled.
+            ignored = [key for key in others if not suggest_similar(key, _OWN_KEYS)]
+            for key in ignored:
+                del content[key]
+            if ignored:
+                note(f"{path}: ignored, as map_server does: {join_names(ignored)}")
         return from_dict(MapFile, content, str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:
-    """Return the map of a .yaml file and its image, read in map_server's trinary mode.
+    """Return the map of a .yaml file and its image, in any of `MODES`.
 
     Args:
         path: The .yaml file.
         map_file: Its content. By default it is read.
+
+    Returns:
+        The map, with chances from 0 to 100 in the modes scale and raw.
 
     Raises:
         WorldError: If the .yaml file or the image is malformed.
     """
     map_file = map_file or read_map_file(path)
     # Images begin with the top row, which has the largest y.
-    gray = _read_image(path.parent / map_file.image)[::-1] / 255.0
-    chance = gray if map_file.negate else 1.0 - gray
-    data = np.select(
-        [chance < map_file.free_thresh, chance > map_file.occupied_thresh],
-        [0, OCCUPIED],
-        UNKNOWN,
-    )
+    gray, is_opaque = _read_image(path.parent / map_file.image)
+    shade = gray[::-1] / 255.0
+    if map_file.mode == "raw":
+        values = np.rint(gray[::-1])
+        data = np.where(values <= OCCUPIED, values, UNKNOWN)
+    else:
+        chance = shade if map_file.negate else 1.0 - shade
+        between: Floats | int = UNKNOWN
+        if map_file.mode == "scale":
+            span = map_file.occupied_thresh - map_file.free_thresh
+            share = (chance - map_file.free_thresh) / max(span, 1e-9)
+            between = np.rint(100.0 * share)
+        data = np.select(
+            [
+                ~is_opaque[::-1],
+                chance < map_file.free_thresh,
+                chance > map_file.occupied_thresh,
+            ],
+            [UNKNOWN, 0, OCCUPIED],
+            between,
+        )
     x, y, _ = map_file.origin
     return OccupancyMap(data.astype(np.int8), map_file.resolution, x, y)
+
+
+def filled_cells(grid: OccupancyMap) -> BoolGrid:
+    """Return where a map is occupied for sure or unknown, as a grid like its data.
+
+    Nobody knows that a robot fits where it is unknown. A chance between the thresholds
+    (mode scale) is free, as it is to the static layer of Nav2's costmaps.
+    """
+    filled: BoolGrid = (grid.data < 0) | (grid.data >= OCCUPIED)
+    return filled
+
+
+def select_maps(files: Sequence[Path]) -> list[Path]:
+    """Return those of some .yaml files that are maps of obstacles; note the others.
+
+    Other files are no maps at all, or masks: maps in mode scale or raw beside maps in
+    mode trinary.
+    """
+    modes = {file: _read_mode(file) for file in files}
+    maps = [file for file, mode in modes.items() if mode == "trinary"]
+    maps = maps or [file for file, mode in modes.items() if mode]
+    skipped = [file.name for file in files if file not in maps]
+    if skipped:
+        note(
+            f"{files[0].parent}: skipped, as they are no maps of obstacles but masks "
+            f"(mode scale or raw) or other files: {join_names(skipped)}"
+        )
+    return maps
+
+
+def _read_mode(path: Path) -> str:
+    """Return the mode of a map's .yaml file, empty if the file is no map."""
+    try:
+        content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path), TextLoader)
+    except ConfigError:
+        # It is refused by name as soon as it is used.
+        return MODES[0]
+    except WorldError:
+        return ""
+    if not isinstance(content, dict) or "image" not in content:
+        return ""
+    return str(content.get("mode", MODES[0])).lower()
+
+
+def _read_scalars(texts: dict[str, Any]) -> dict[str, Any]:
+    """Return map_server's keys among the texts of a .yaml file, as yaml-cpp reads them.
+
+    To yaml-cpp it does not matter whether a scalar is quoted.
+    """
+    scalars: dict[str, Any] = {
+        key: texts[key] for key in ("image", "mode") if key in texts
+    }
+    if isinstance(scalars.get("mode"), str):
+        scalars["mode"] = scalars["mode"].lower()
+    for key in _NUMBERS:
+        if key in texts:
+            scalars[key] = parse_numbers(texts[key])
+    negate = texts.get("negate")
+    if isinstance(negate, str):
+        scalars["negate"] = parse_flag(negate)
+    return scalars
 
 
 def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
@@ -149,7 +256,7 @@ def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
     The map must have the containment. Its obstacles may be in their true positions or
     one cell too near, as in the original maps. Other maps give None.
     """
-    is_filled = grid.data != 0
+    is_filled = filled_cells(grid)
     height, width = is_filled.shape
     resolution_m = grid.resolution
     lead_in = lead_in_cells(resolution_m)
@@ -182,8 +289,11 @@ def _encode_pgm(grid: OccupancyMap) -> bytes:
     return f"P5\n{width} {height}\n255\n".encode() + pixels
 
 
-def _read_image(path: Path) -> Floats:
-    """Return gray values (height, width), 0 to 255, top row first, of an image file."""
+def _read_image(path: Path) -> tuple[Floats, BoolGrid]:
+    """Return gray values, 0 to 255, of an image file, and where it is opaque.
+
+    Both are (height, width) and begin with the top row. Of colors, the mean counts.
+    """
     # Most worlds are no images.
     from PIL import Image  # noqa: PLC0415
 
@@ -194,18 +304,19 @@ def _read_image(path: Path) -> Floats:
                 raise ValueError(
                     f"must have at most {LARGEST_MAP} pixels, got {image.size}"
                 )
-            if image.mode not in ("1", "L", "RGB"):
-                raise ValueError(
-                    f"must be gray or RGB with 8 bits and opaque, got mode {image.mode}"
-                )
-            if image.mode == "RGB":
-                gray: Floats = np.asarray(image, np.float64).mean(axis=2)
-            else:
-                gray = np.asarray(image.convert("L"), np.float64)
+            if image.mode.startswith("I") and "transparency" not in image.info:
+                # 16 bits of gray.
+                gray: Floats = np.asarray(image, np.float64) / 257.0
+                if gray.max(initial=0.0) > 255.0 or gray.min(initial=0.0) < 0.0:
+                    raise ValueError("must have at most 16 bits of gray")
+                return gray, np.ones(gray.shape, np.bool_)
+            if image.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK"):
+                raise ValueError(f"pixels of mode {image.mode} are not read")
+            pixels = np.asarray(image.convert("RGBA"), np.float64)
     # Pillow raises errors of any kind for malformed bytes.
     except Exception as error:
         raise WorldError(
             f"{path}: not an image that can be read ({', '.join(_IMAGE_FORMATS)}): "
             f"{format_error(error)}"
         ) from None
-    return gray
+    return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255.0

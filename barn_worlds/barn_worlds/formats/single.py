@@ -173,8 +173,7 @@ def _read_map(path: Path, robot: Robot, name: str) -> World:
     resolution_m = occupancy.resolution
     grid = map_server.extract_grid(occupancy)
     if grid is None:
-        # Unknown cells count as filled: nobody knows that a robot fits there.
-        is_filled = np.ascontiguousarray((occupancy.data != 0).T)
+        is_filled = np.ascontiguousarray(map_server.filled_cells(occupancy).T)
         return build_world(
             name,
             validate_grid(is_filled, str(path)),

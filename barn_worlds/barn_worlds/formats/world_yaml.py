@@ -6,7 +6,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.config import (
@@ -19,7 +18,7 @@ from barn_worlds.base.config import (
 )
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.text_files import dump_yaml, read_yaml
 from barn_worlds.moving.motion import MovingObstacle, Wall
 from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, Provenance, World
@@ -161,7 +160,7 @@ def world_yaml(world: World) -> str:
     plain = json.loads(json.dumps(as_dict(world_file)))
     content = {"schema_version": SCHEMA_VERSION, **plain}
     # The style None writes lists of numbers on one line and mappings a key per line.
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+    return dump_yaml(content, default_flow_style=None, width=120)
 
 
 def _connect(corners: tuple[tuple[int, int], ...], grid: BoolGrid) -> Cells:

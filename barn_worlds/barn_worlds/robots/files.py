@@ -8,11 +8,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value, suggest
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.text_files import dump_yaml, read_yaml
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.urdf import read_chassis
 
@@ -49,6 +47,8 @@ def load_robot(robot: str | Path) -> Robot:
     Raises:
         ConfigError: If there is no such robot or the file does not describe one.
     """
+    if not isinstance(robot, (str, Path)):
+        raise ConfigError(f"a robot is a name or path, got {format_value(robot)}")
     name = str(robot)
     if name in ROBOTS:
         return ROBOTS[name]
@@ -66,7 +66,7 @@ def robot_yaml(robot: Robot) -> str:
     # A file has the name at its top, a robot in its chassis.
     name = content["chassis"].pop("name")
     content = {"schema_version": SCHEMA_VERSION, "name": name, **content}
-    return yaml.safe_dump(content, sort_keys=False)
+    return dump_yaml(content)
 
 
 def _read_robot(path: Path) -> Robot:

@@ -13,7 +13,12 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from barn_worlds.base.config import Quantity, fields_of, replace_dotted
+from barn_worlds.base.config import (
+    Quantity,
+    fields_of,
+    format_selection,
+    replace_dotted,
+)
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 
 T = TypeVar("T")
@@ -148,12 +153,10 @@ def _plain(value: Any, declaration: Quantity, default: Any) -> Any:
         if isinstance(value, (str, bool, int, float)):
             return [value]
         return list(value or ())
-    # The command line reads `worlds:=0` and `worlds:=[0,5]` as numbers. A flag and
-    # other lists stay what they are, which is no text.
-    if isinstance(default, str):
-        if type(value) in (int, float):
-            return str(value)
-        is_list = declaration.is_selection and isinstance(value, list)
-        if is_list and set(map(type, value)) == {int}:
-            return ",".join(map(str, value))
+    if declaration.is_selection:
+        value = format_selection(value)
+    # The command line reads `name:=5` as a number. A flag and lists stay what they are,
+    # which is no text.
+    if isinstance(default, str) and type(value) in (int, float):
+        return str(value)
     return value

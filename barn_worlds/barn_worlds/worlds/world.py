@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from barn_worlds.base.arrays import AnyArray, BoolGrid, Cells, Points
-from barn_worlds.base.errors import WorldError
+from barn_worlds.base.errors import WorldError, format_value
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.moving.motion import MovingObstacle, Wall, check_scene, scene_content
 from barn_worlds.moving.tracks import Tracks
@@ -311,7 +311,7 @@ def validate_grid(grid: object, where: str) -> BoolGrid:
         WorldError: If it is no such grid, or too large.
     """
     if not isinstance(grid, np.ndarray) or grid.ndim != 2:
-        shape = getattr(grid, "shape", type(grid).__name__)
+        shape = getattr(grid, "shape", format_value(grid))
         raise WorldError(f"{where}: grid must be a two-dimensional array, got {shape}")
     if not all(1 <= side <= LARGEST_SIDE for side in grid.shape):
         raise WorldError(
@@ -342,7 +342,7 @@ def validate_path(path: object, grid: BoolGrid, where: str) -> Cells:
         WorldError: If it is no such path.
     """
     if not isinstance(path, np.ndarray) or path.ndim != 2 or path.shape[1] != 2:
-        shape = getattr(path, "shape", type(path).__name__)
+        shape = getattr(path, "shape", format_value(path))
         raise WorldError(
             f"{where}: path must be an array of rows and columns (n, 2), got {shape}"
         )

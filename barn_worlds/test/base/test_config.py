@@ -93,7 +93,8 @@ def test_what_is_wrong_is_named(mapping, message, refused):
 
 
 @pytest.mark.parametrize(
-    "corner, message", [([1, "a"], "corner[1] must be"), ([1], "corner Not enough")]
+    "corner, message",
+    [([1, "a"], "corner[1] must be"), ([1], "corner must be a list of 2, got")],
 )
 def test_items_and_their_number_are_named(corner, message, refused):
     with refused(ConfigError, "^file.yaml: " + re.escape(message)):

@@ -1,5 +1,7 @@
 """map_server's maps: thresholds, images, worlds there and back, and the malformed refused."""
 
+import io
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,13 @@ from PIL import Image
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats.map_server import extract_grid, read_map, write_map
+from barn_worlds.formats.map_server import (
+    extract_grid,
+    filled_cells,
+    read_map,
+    read_map_file,
+    write_map,
+)
 from barn_worlds.formats.single import read_world
 from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.worlds.world import World
@@ -64,6 +72,99 @@ def test_other_images_are_read_alike(tmp_path, kind):
     else:
         (gray.convert("RGB") if kind == "ppm" else gray).save(tmp_path / "m.pgm", kind)
     assert np.array_equal(read_map(tmp_path / "m.yaml").data, expected)
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind"),
+    [("P", "png"), ("P", "gif"), ("LA", "png"), ("RGBA", "png"), ("RGBA", "tiff"), ("RGBA", "tga"),
+     ("I;16", "png"), ("I;16", "tiff"), ("I;16", "ppm")],
+)  # fmt: skip
+def test_every_mode_of_an_opaque_image_gives_the_same_map(tmp_path, mode, kind):
+    expected = read_map(save(tmp_path)).data
+    gray = Image.open(tmp_path / "m.pgm")
+    if mode == "I;16":
+        sixteen = 257 * np.asarray(gray, np.uint16)
+        image = Image.fromarray(sixteen)
+    else:
+        image = gray.convert(mode)
+    image.save(tmp_path / "m.pgm", kind)
+    assert np.array_equal(read_map(tmp_path / "m.yaml").data, expected)
+
+
+def test_a_jpeg_of_flat_areas_gives_the_same_map(tmp_path):
+    pixels = np.full((32, 48), 254, np.uint8)
+    pixels[:16, 16:32] = 0
+    Image.fromarray(pixels).save(tmp_path / "m.pgm", "jpeg", quality=100)
+    (tmp_path / "m.yaml").write_text(YAML)
+    expected = np.where(pixels[::-1] == 0, 100, 0)
+    assert np.array_equal(read_map(tmp_path / "m.yaml").data, expected)
+
+
+@pytest.mark.parametrize("transparency", ["alpha", "palette"])
+def test_what_is_not_opaque_is_unknown(tmp_path, transparency):
+    path = save(tmp_path)
+    gray = Image.open(tmp_path / "m.pgm")
+    if transparency == "alpha":
+        image = gray.convert("LA")
+        image.putpixel((0, 0), (0, 254))
+        image.save(tmp_path / "m.pgm", "png")
+    else:
+        gray.save(tmp_path / "m.pgm", "png", transparency=0)
+    assert read_map(path).data.tolist() == [[-1, 0, 0], [-1, 100, -1]]
+
+
+def test_the_mode_scale_keeps_chances_between_the_thresholds(tmp_path):
+    path = save(tmp_path, YAML + "mode: Scale\n")
+    grid = read_map(path)
+    # chance (c - 0.25) / (0.65 - 0.25) of the gray values 90 and 191
+    assert grid.data.tolist() == [[0, 0, 0], [100, 100, 99]]
+    assert filled_cells(grid).tolist() == [[False] * 3, [True, True, False]]
+
+
+def test_the_mode_raw_takes_values_as_they_are(tmp_path):
+    path = save(tmp_path, YAML + "mode: raw\n")
+    grid = read_map(path)
+    assert grid.data.tolist() == [[-1, -1, -1], [0, 89, 90]]
+    assert filled_cells(grid).tolist() == [[True] * 3, [False] * 3]
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "value"),
+    [
+        (("negate: 0", "negate: true"), "negate", 1),
+        (("negate: 0", "negate: off"), "negate", 0),
+        (("negate: 0", "negate: '1'"), "negate", 1),
+        (("resolution: 0.1", "resolution: 1e-1"), "resolution", 0.1),
+        (("resolution: 0.1", "resolution: '0.1'"), "resolution", 0.1),
+        (("image: m.pgm", "image: 2020-01-01"), "image", "2020-01-01"),
+        (("image: m.pgm", "image: no"), "image", "no"),
+        (("negate: 0", "negate: 0\nmode: TRINARY"), "mode", "trinary"),
+    ],
+)
+def test_keys_are_read_as_yaml_cpp_reads_them(tmp_path, change, field, value):
+    map_file = read_map_file(save(tmp_path, YAML.replace(*change)))
+    assert getattr(map_file, field) == value
+
+
+def test_keys_that_map_server_ignores_are_named_in_a_note(tmp_path, caplog):
+    path = save(tmp_path, YAML + "name: hall\nfloor: 2\n")
+    assert read_map(path).resolution == 0.1
+    assert f"{path}: ignored, as map_server does: name, floor" in caplog.messages
+
+
+def test_a_folder_of_maps_skips_what_is_no_map_of_obstacles(tmp_path, caplog):
+    for name in ("a", "b"):
+        write_map(
+            OccupancyMap(np.zeros((9, 9), np.int8), 0.1, 0.0, 0.0), tmp_path / name
+        )
+    mask = (tmp_path / "b.yaml").read_text().replace("trinary", "Scale")
+    (tmp_path / "b.yaml").write_text(mask)
+    (tmp_path / "nav2_params.yaml").write_text("/**:\n  ros__parameters: {a: 1}\n")
+    assert open_dataset(tmp_path).world_numbers == (0,)
+    assert "b.yaml, nav2_params.yaml" in caplog.messages[-1]
+    # Where all maps are of such a mode, they are what is meant.
+    (tmp_path / "a.yaml").unlink()
+    assert open_dataset(tmp_path).world_numbers == (0,)
 
 
 @pytest.mark.parametrize("historical", [False, True])
@@ -123,7 +224,13 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
         ),
         (
             ("[1.0, -2.0, 0.0]", "[1.0, " + "9" * 400 + ", 0]"),
-            "origin.* must be a number",
+            "origin must be from .*, got inf",
+        ),
+        (("resolution: 0.1", "resolution: 1:30"), "must be a number, got '1:30'"),
+        (("negate: 0", "negate: maybe"), "negate must be a whole number, got 'maybe'"),
+        (
+            ("negate: 0", "negate: 0\nstrat: [1, 1, 0]"),
+            "unknown key 'strat'; did you mean 'start'",
         ),
         (("[1.0, -2.0, 0.0]", "[1.0, 2.0, 0.5]"), "origin must have a yaw of 0"),
         (("negate: 0", "negate: 2"), "negate must be from 0 to 1, got 2"),
@@ -136,8 +243,8 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
             r"goal must be x and y, or x, y and yaw, got \(1\.0, 2\.0, 3\.0, 4\.0\)",
         ),
         (
-            ("negate: 0", "negate: 0\nmode: scale"),
-            "mode must be one of trinary, got 'scale'",
+            ("negate: 0", "negate: 0\nmode: scales"),
+            "mode must be one of trinary, scale, raw, got 'scales'; did you mean 'scale'",
         ),
         (
             ("negate: 0", "negate: 0\nmode: &a [b]\nmore: *a"),
@@ -152,6 +259,10 @@ def test_malformed_descriptions_are_refused(tmp_path, change, message, refused):
         read_map(save(tmp_path, YAML.replace(*change)))
 
 
+FLOATING = io.BytesIO()
+Image.new("F", (3, 2)).save(FLOATING, "TIFF")
+
+
 @pytest.mark.parametrize(
     "pgm, message",
     [
@@ -163,7 +274,7 @@ def test_malformed_descriptions_are_refused(tmp_path, change, message, refused):
         (b"P5\n0 0\n255\n", "image"),
         (b"P5\n5000 5000\n255\n" + bytes(10), "must have at most 16000000 pixels"),
         (b"P5\n100000 100000\n255\n" + bytes(10), "image"),
-        (b"P5\n3 2\n65535\n" + bytes(12), "8 bits and opaque"),
+        (FLOATING.getvalue(), "pixels of mode F are not read"),
     ],
 )
 def test_malformed_images_are_refused(tmp_path, pgm, message, refused):

@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
 from barn_eval.running.planner_choices import split_command
@@ -19,6 +17,7 @@ from barn_sim.config import SimulatorConfig, SimulatorNodeConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import dump_yaml
 from barn_worlds.robots.files import ROBOTS, robot_yaml
 
 # Ends the detail of a fault that a planner without isolation may have caused.
@@ -63,7 +62,7 @@ class NodeProcess:
         # The wildcard fits the node under any name and in any namespace.
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
         with convert_os_errors(ConfigError, path):
-            path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
+            path.write_text(dump_yaml(content), "utf-8")
         return [
             *self.command,
             *["--ros-args", *self.arguments, "--params-file", str(path)],

@@ -1,0 +1,113 @@
+"""What a scalar in YAML means: true, 10, 1e-3 or a text, to whoever reads the file.
+
+PyYAML reads YAML 1.1, to which `no` is false, 10:20 is 620 and 5e-1 is a text. Files of
+the suite are read as YAML 1.2 says, others as the programs read them that they are for.
+"""
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+_TAG = "tag:yaml.org,2002:"
+_FLOAT = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
+_INFINITY = r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+TRUE = frozenset("y Y yes Yes YES true True TRUE on On ON".split())  # noqa: SIM905
+FALSE = frozenset("n N no No NO false False FALSE off Off OFF".split())  # noqa: SIM905
+if TYPE_CHECKING:
+    _Base = yaml.SafeLoader
+else:
+    # The loader of libyaml is ten times faster than that of Python.
+    _Base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class TextLoader(_Base):
+    """Safe loader to which every scalar is a text."""
+
+
+class CoreLoader(_Base):
+    """Safe loader of the core schema of YAML 1.2."""
+
+    def construct_integer(self, node: yaml.ScalarNode) -> int:
+        """Return an integer: 010 is ten, 0o10 is eight, 0x10 is sixteen."""
+        text = self.construct_scalar(node)
+        return int(text, 0 if text.startswith(("0o", "0x")) else 10)
+
+
+class RosLoader(_Base):
+    """Safe loader of ROS parameter files, by the rules of rcl_yaml_param_parser."""
+
+    def construct_flag(self, node: yaml.ScalarNode) -> bool:
+        """Return whether a word stands for true; ValueError if it stands for none."""
+        text = self.construct_scalar(node)
+        if text not in TRUE | FALSE:
+            raise ValueError(f"{text!r:.60} is neither true nor false")
+        return text in TRUE
+
+    def construct_integer(self, node: yaml.ScalarNode) -> int:
+        """Return an integer as C reads it: 010 is eight, 0x10 is sixteen."""
+        text = self.construct_scalar(node)
+        if re.fullmatch("[-+]?0[0-7]+", text):
+            return int(text, 8)
+        return int(text, 0)
+
+
+class Dumper(yaml.SafeDumper):
+    """Safe dumper that quotes each text that any of the loaders reads as another."""
+
+
+def parse_numbers(value: Any) -> Any:
+    """Return numbers that yaml-cpp reads from a text or from texts in a list.
+
+    Anything else stays as it is.
+    """
+    if isinstance(value, list):
+        return [parse_numbers(item) for item in value]
+    if isinstance(value, str) and re.fullmatch(f"{_FLOAT}|{_INFINITY}", value):
+        return float(value.lower().replace(".i", "i").replace(".n", "n"))
+    return value
+
+
+def parse_flag(text: str) -> int | str:
+    """Return the number or the flag, as 0 or 1, that yaml-cpp reads from a text.
+
+    Other texts stay as they are.
+    """
+    if text in TRUE | FALSE:
+        return int(text in TRUE)
+    return int(text) if re.fullmatch("[-+]?[0-9]{1,9}", text) else text
+
+
+# Each begins without the rules of YAML 1.1.
+for _loader in (TextLoader, CoreLoader, RosLoader):
+    _loader.yaml_implicit_resolvers = {}
+
+
+def _declare(loader: Any, name: str, pattern: str, constructor: Any = None) -> None:
+    """Let a loader read plain scalars that fit a pattern as what the name says."""
+    tag = _TAG + name
+    expression = re.compile(rf"(?:{pattern})\Z")
+    loader.add_implicit_resolver(tag, expression, None)
+    if constructor:
+        loader.add_constructor(tag, constructor)
+    # No text has this tag, so that the dumper quotes those that fit.
+    Dumper.add_implicit_resolver(f"{_TAG}{name}.other", expression, None)
+
+
+_declare(CoreLoader, "null", "~|null|Null|NULL|")
+_declare(CoreLoader, "bool", "true|True|TRUE|false|False|FALSE")
+_declare(
+    CoreLoader,
+    "int",
+    "[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
+    CoreLoader.construct_integer,
+)
+_declare(CoreLoader, "float", f"{_FLOAT}|{_INFINITY}")
+_declare(RosLoader, "bool", "|".join(sorted(TRUE | FALSE)), RosLoader.construct_flag)
+_declare(
+    RosLoader,
+    "int",
+    "[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)",
+    RosLoader.construct_integer,
+)
+_declare(RosLoader, "float", rf"{_FLOAT}|{_INFINITY}|[-+]?(?i:inf|infinity|nan)")
