@@ -240,7 +240,7 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     assert sorted(links) == sorted(["base_link", *children])  # one tree
     file = tmp_path / "robot.urdf"
     file.write_text(description_text(chassis), "utf-8")
-    for key, value in read_chassis(file).items():
+    for key, value in read_chassis(file)[0].items():
         assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
     frames = fixed_frames(robot.lidar, chassis)
     assert frames["lidar_link"] == (robot.lidar.mount_x_m, 0.0, robot.lidar.mount_z_m)

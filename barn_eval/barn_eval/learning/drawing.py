@@ -36,8 +36,14 @@ _TRAIL_STEP_S = 0.1
 class TopView:
     """Draws one episode from above. The world is drawn once."""
 
-    def __init__(self, spec: TrialSpec) -> None:
-        """Draw what never moves: the world, its path and the goal's circle."""
+    def __init__(self, spec: TrialSpec, index: int = 0) -> None:
+        """Draw what never moves: the world, its path and the goal's circle.
+
+        Args:
+            spec: The trial.
+            index: Row of its robot among the episodes.
+        """
+        self._index = index
         scene = trial_scene(spec)
         bounds_m = np.reshape(spec.world.bounds_m, (2, 2))
         extent_m = np.vstack([bounds_m, scene.ends_m()])
@@ -59,15 +65,15 @@ class TopView:
         draw.circle(goal, 4, fill=GOAL)
 
     def extend_trail(self, episodes: Episodes) -> None:
-        """Append robot 0's true position, in pixels, to the trail; never clears it."""
-        self._trail += self._to_pixels(episodes.readings.truths[:1, :2])
+        """Append the robot's true position, in pixels, to the trail; never clears it."""
+        self._trail += self._to_pixels(episodes.readings.truths[[self._index], :2])
 
     def draw(self, episodes: Episodes) -> Bytes:
-        """Return robot 0 and all movers now as an RGB picture (height, width, 3)."""
+        """Return the robot and all movers now as an RGB picture (height, width, 3)."""
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)
-        spec = episodes.trial(0).spec
-        motion_s = spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))
+        spec = episodes.trial(self._index).spec
+        motion_s = spec.phase_s + seconds(int(episodes.readings.stamps_ns[self._index]))
         times_s = motion_s - np.arange(0.0, TRAIL_S, _TRAIL_STEP_S)
         # Motions are known for all times, so trails begin before the trial does.
         trails_m, _ = spec.world.tracks.over(times_s)
@@ -77,7 +83,7 @@ class TopView:
         if len(self._trail) > 1:
             draw.line(self._trail, fill=TRAIL, width=2)
 
-        pose = Pose2D(*episodes.readings.truths[0].tolist())
+        pose = Pose2D(*episodes.readings.truths[self._index].tolist())
         self._draw_scan(draw, episodes, pose)
         chassis = spec.simulator.chassis
         _, right_m, front_m, left_m = chassis.extent_m
@@ -89,13 +95,13 @@ class TopView:
     def _draw_scan(
         self, draw: ImageDraw.ImageDraw, episodes: Episodes, pose: Pose2D
     ) -> None:
-        """Draw the returns of robot 0's last scan, as seen from its true `pose`."""
-        scan = episodes.scan(0)
+        """Draw the returns of the robot's last scan, as seen from its true `pose`."""
+        scan = episodes.scan(self._index)
         is_return = np.isfinite(scan.ranges)
         ranges = scan.ranges[is_return].astype(np.float64)
         angles = scan.angles()[is_return]
         hits = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1)
-        lidar = episodes.trial(0).spec.simulator.lidar
+        lidar = episodes.trial(self._index).spec.simulator.lidar
         mount = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
         draw.point(self._to_pixels((pose @ mount).transform(hits)), fill=SCAN)
 

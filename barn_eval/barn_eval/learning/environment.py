@@ -158,14 +158,14 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         along = self.config.reward.progress_along
         path = path_points(spec.world, spec.course, along)
         episodes.begin(self._index, spec, path)
+        if self.render_mode:
+            self._top_view = TopView(spec, self._index)
         if self._is_in_batch:
             return np.zeros(self.config.observation.size, np.float32), {}
 
         episodes.observe(_FIRST)
         episodes.judge(_FIRST)
-        if self.render_mode:
-            self._top_view = TopView(spec)
-            self._top_view.extend_trail(episodes)
+        self.extend_trail()
         return episodes.observations[0].copy(), self._info(episodes)
 
     def step(
@@ -196,8 +196,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             )
 
         rewards, ended = episodes.step(self._no_rest, action[None])
-        if self._top_view is not None:
-            self._top_view.extend_trail(episodes)
+        self.extend_trail()
         terminated = bool(ended) and self.is_terminal()
         return (
             episodes.observations[0].copy(),
@@ -215,6 +214,11 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         assert self._episodes is not None
         verdict = self._episodes.trial(self._index).verdict
         return verdict is not None and verdict.outcome in _TERMINAL_OUTCOMES
+
+    def extend_trail(self) -> None:
+        """Add the robot's position to the pictures from above, if there are any."""
+        if self._episodes is not None and self._top_view is not None:
+            self._top_view.extend_trail(self._episodes)
 
     def render(self) -> Bytes | None:
         """Return an RGB picture (height, width, 3) from above; None if not rendered.

@@ -38,6 +38,8 @@ class JackalVectorEnv(SyncVectorEnv):
         config: EnvConfig | None = None,
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
         **changes: object,
     ) -> None:
         """Make `num_envs` environments that share one batch of simulators.
@@ -46,16 +48,25 @@ class JackalVectorEnv(SyncVectorEnv):
             num_envs: Number of environments.
             config: What each of them is; the default is `EnvConfig()`.
             autoreset_mode: When an episode that has ended is followed by the next one.
+            render_mode: None, or "rgb_array" for pictures from above.
+            max_episode_steps: Steps after which an episode is truncated, None for no
+                limit but those of the protocol.
             **changes: Fields of `config` by dotted name.
         """
         config = configure(config, changes)
         # All environments share its worlds in memory.
         dataset = open_dataset(config.dataset).for_robot(load_robot(config.robot))
-        make_env = partial(JackalEnv, config, fitted_dataset=dataset)
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ConfigError(
+                f"max_episode_steps must be at least 1, got {max_episode_steps}"
+            )
+        make_env = partial(JackalEnv, config, render_mode, fitted_dataset=dataset)
         super().__init__([make_env] * num_envs, autoreset_mode=autoreset_mode)
         self._jackals = [cast(JackalEnv, env.unwrapped) for env in self.envs]
         self._episodes = self._jackals[0].make_episodes(num_envs)
         self._all = np.ones(num_envs, np.bool_)
+        self._max_steps = max_episode_steps
+        self._elapsed_steps = np.zeros(num_envs, np.int64)
         for index, env in enumerate(self._jackals):
             env.join_batch(self._episodes, index)
 
@@ -87,7 +98,10 @@ class JackalVectorEnv(SyncVectorEnv):
         self._env_obs = list(self._observations.copy())
         super().reset(seed=seed, options=options)
         started = np.flatnonzero(mask)
+        self._elapsed_steps[started] = 0
         self._episodes.observe(started)
+        for index in started:
+            self._jackals[index].extend_trail()
         infos = self._merge(self._step_infos(mask), self._judge_starts(started))
         return self._episodes.observations.copy(), infos
 
@@ -131,6 +145,12 @@ class JackalVectorEnv(SyncVectorEnv):
         for index in ended:
             self._terminations[index] = self._jackals[index].is_terminal()
             self._truncations[index] = not self._terminations[index]
+        # As Gymnasium's TimeLimit, which wraps single environments.
+        self._elapsed_steps[~is_resting] += 1
+        if self._max_steps is not None:
+            is_late = ~is_resting & (self._elapsed_steps >= self._max_steps)
+            self._truncations |= is_late
+            ended = sorted({*ended, *np.flatnonzero(is_late).tolist()})
 
         infos: Info = {}
         # Taken before any reset, which puts another trial in the place of the one that
@@ -143,6 +163,8 @@ class JackalVectorEnv(SyncVectorEnv):
             self._begin_episodes(started)
             self._episodes.observe(started)
         end_infos |= self._judge_starts(started)
+        for env in self._jackals:
+            env.extend_trail()
         infos = self._merge(infos | self._step_infos(self._all), end_infos)
         self._autoreset_envs = self._terminations | self._truncations
         # The arrays are filled anew in the next step, and learners keep what they get.
@@ -156,6 +178,7 @@ class JackalVectorEnv(SyncVectorEnv):
 
     def _begin_episodes(self, indices: Integers) -> None:
         """Reset environments by their indices; sensors are read later, together."""
+        self._elapsed_steps[indices] = 0
         for index in indices.tolist():
             self._jackals[index].reset()
 

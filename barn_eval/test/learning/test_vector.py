@@ -149,6 +149,19 @@ def test_where_nothing_is_near_pybullet_is_not_used(pair, monkeypatch):
         assert not ended.any()
 
 
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+def test_a_limit_of_steps_and_pictures_are_gymnasiums(pair, autoreset):
+    limited = pair(
+        autoreset, max_episode_steps=4, render_mode="rgb_array", worlds=[0], **SHORT
+    )
+    drive(limited, 11, forward(11))
+    pictures, expected = (env.render() for env in limited)
+    assert len(pictures) == COUNT
+    assert all(map(np.array_equal, pictures, expected))
+    with refused("max_episode_steps must be at least 1, got 0"):
+        gymnasium.make_vec(NAME, 1, max_episode_steps=0)
+
+
 def test_actions_of_another_shape_are_refused(pair):
     batch, _ = pair(worlds="150", **SHORT)
     with pytest.raises(gymnasium.error.ResetNeeded):

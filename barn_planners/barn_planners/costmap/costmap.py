@@ -137,7 +137,7 @@ class Costmap:
         readings = marks.Readings(
             self.beams.at(yaw, scan),
             scan.ranges,
-            scan.range_min,
+            scan.shortest_return_m,
             scan.range_max,
             config.raytrace_range_m,
             config.obstacle_range_m,

@@ -94,7 +94,7 @@ class ObservationCheck:
             return "the scan holds no usable angles"
 
         nearest_m, has_far_beam = _nearest_return(
-            scan.ranges, scan.range_min, scan.range_max
+            scan.ranges, scan.shortest_return_m, scan.range_max
         )
         if nearest_m < math.inf:
             self._last_return_ns = stamp_ns

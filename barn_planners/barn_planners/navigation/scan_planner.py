@@ -86,7 +86,8 @@ def scan_points(scan: Scan, lidar: Pose2D, max_range_m: float) -> FloatArray:
     """
     # NaN fails both comparisons and drops out with the invalid ranges.
     ranges = scan.ranges.astype(np.float64)
-    is_valid = (ranges >= scan.range_min) & (ranges < min(scan.range_max, max_range_m))
+    longest_m = min(scan.range_max, max_range_m)
+    is_valid = (ranges >= scan.shortest_return_m) & (ranges < longest_m)
     ranges = ranges[is_valid]
     angles = scan.angles()[is_valid] + lidar.yaw
     x = lidar.x + ranges * np.cos(angles)

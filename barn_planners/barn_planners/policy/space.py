@@ -178,6 +178,8 @@ class ObservationEncoder:
         self._problem = ""
         # First beam of each sector, and the beam after the last sector: (beams + 1,).
         self._beam_bounds = np.zeros(1, np.intp)
+        # Beams from right to left, where a scan passes the direction behind the lidar.
+        self._order: Indices | None = None
         self._limits = (
             np.float32(config.range_limit_m),
             config.goal_limit_m,
@@ -251,15 +253,19 @@ class ObservationEncoder:
         problem = self.problem(scan)
         if problem:
             raise ConfigError(problem)
+        # Some lidars turn clockwise, or begin ahead; sectors go from right to left.
+        if self._order is not None:
+            ranges = ranges[:, self._order]
+        elif scan.angle_increment < 0.0:
+            ranges = ranges[:, ::-1]
         _encode(
-            # Some lidars turn clockwise; sectors always go from right to left.
-            ranges if scan.angle_increment > 0.0 else ranges[:, ::-1],
+            ranges,
             poses,
             goals,
             velocities,
             rows,
             self._beam_bounds,
-            np.float32(scan.range_min),
+            (np.float32(scan.shortest_return_m), np.float32(scan.range_max)),
             self._limits,
             frames,
         )
@@ -275,8 +281,17 @@ class ObservationEncoder:
 
         # The outermost beams may lie up to a sector or a beam inside the ends.
         slack = max(width, step)
+        self._order = None
+        has_gap = False
+        if max(-angles[0], angles[-1]) > math.pi + step:
+            # Such as from 0 to 2 pi: the same directions from -pi to pi.
+            turned = (scan.angles() + math.pi) % (2.0 * math.pi) - math.pi
+            self._order = np.argsort(turned, kind="stable")
+            angles = turned[self._order]
+            has_gap = bool(np.diff(angles).max(initial=0.0) > 1.5 * slack)
         if (
-            angles[0] > config.angle_min_rad + slack
+            has_gap
+            or angles[0] > config.angle_min_rad + slack
             or angles[-1] < config.angle_max_rad - slack
         ):
             needed = f"{config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad"
@@ -304,7 +319,7 @@ def _encode(
     velocities: FloatArray,
     rows: Indices,
     beam_bounds: Indices,
-    range_min: np.float32,
+    valid_range: tuple[np.float32, np.float32],
     limits: tuple[np.float32, float, float, float],
     frames: Vector,
 ) -> None:
@@ -313,7 +328,7 @@ def _encode(
     count = len(beam_bounds) - 1
     for i in rows:
         shares = frames[i, :count]
-        nearest_returns(ranges[i], beam_bounds, range_min, range_limit, shares)
+        nearest_returns(ranges[i], beam_bounds, valid_range, range_limit, shares)
 
         # The same operations as `pose.inverse() @ goal`, so that the bits are the same.
         x, y, yaw = poses[i]
@@ -338,45 +353,41 @@ def _encode(
 def nearest_returns(
     ranges: Vector,
     beam_bounds: Indices,
-    range_min: np.float32,
+    valid_range: tuple[np.float32, np.float32],
     limit: np.float32,
     shares: Vector,
 ) -> None:
     """Write each sector's nearest return to `shares`, as a share (0 to 1) of `limit`.
 
-    Invalid returns (NaN), and those that are too near beside valid ones, do not count.
-    A sector whose returns are all too near has the share 0.
+    As to the other planners, what is outside the valid range is no return: a sector
+    with no other has the share 1.
 
     Args:
         ranges: Ranges (beams,) in m, from right to left.
         beam_bounds: First beam of each sector, and the beam after the last, (n + 1,).
-        range_min: Shortest valid range in m.
+        valid_range: Shortest valid range in m, and the one from which none is valid.
         limit: Range in m that counts as 1.
         shares: Shares (n,), changed in place.
     """
+    lowest, highest = valid_range
     # With one beam per sector the loop has no branch, so the compiler vectorizes it.
     first = beam_bounds[0]
     end = beam_bounds[-1]
     if end - first == len(shares) and beam_bounds[-2] == end - 1:
         sector_ranges = ranges[first:end]
         for sector in range(len(shares)):
-            # Unlike with min, NaN becomes the limit.
+            # NaN fails the comparisons and becomes the limit.
             value = sector_ranges[sector]
-            nearest = value if value < limit else limit
-            shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
+            is_return = (lowest <= value) & (value < min(highest, limit))
+            nearest = value if is_return else limit
+            shares[sector] = nearest / limit
         return
 
     for sector in range(len(shares)):
         start = beam_bounds[sector]
         stop = beam_bounds[sector + 1]
         nearest = limit
-        has_valid = False
-        has_too_near = False
         for beam in range(start, max(start + 1, stop)):
-            if ranges[beam] >= range_min:
-                has_valid = True
+            if lowest <= ranges[beam] < highest:
                 nearest = min(nearest, ranges[beam])
-            elif ranges[beam] < range_min:
-                has_too_near = True
-        is_zero = (has_too_near and not has_valid) or nearest < range_min
-        shares[sector] = np.float32(0.0) if is_zero else nearest / limit
+        shares[sector] = nearest / limit

@@ -59,8 +59,7 @@ def reference_lidar(config, scan):
     shares = []
     for distances in sectors:
         valid = [distance for distance in distances if distance >= scan.range_min]
-        too_near = any(distance < scan.range_min for distance in distances)
-        nearest = min(valid, default=0.0 if too_near else math.inf)
+        nearest = min(valid, default=math.inf)
         shares.append(min(nearest, config.range_limit_m) / config.range_limit_m)
     return np.array(shares)
 
@@ -90,6 +89,24 @@ def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
         angle_increment=-scan.angle_increment,
     )
     assert_array_equal(lidar(config, turned), lidar(config, scan))
+
+
+def test_a_scan_that_begins_ahead_is_one_from_behind():
+    config = PolicyObservation(beams=20)
+    around = random_scan(720, angle_min=-math.pi, angle_max=math.pi * 359 / 360)
+    ahead = replace(around, ranges=np.roll(around.ranges, -360), angle_min=0.0)
+    assert_array_equal(lidar(config, ahead), lidar(config, around))
+    half = replace(ahead, ranges=ahead.ranges[:400])
+    assert "sees from" in ObservationEncoder(config).problem(half)
+
+
+@pytest.mark.parametrize("sectors", [720, 40])
+@pytest.mark.parametrize("range_min", [0.1, 0.0])
+@pytest.mark.parametrize("value", [0.0, -0.0, -math.inf, -1.0, 30.0, 65.5, math.inf])
+def test_what_is_no_valid_range_is_no_return(sectors, range_min, value):
+    config = PolicyObservation(beams=sectors)
+    nothing = replace(scan(np.full(720, value)), range_min=range_min)
+    assert (lidar(config, nothing) == 1.0).all()
 
 
 def test_a_scan_coarser_than_the_sectors_fills_all_of_them():

@@ -243,18 +243,21 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     return from_dict(type(config), content, where)
 
 
-def as_plain(value: Any) -> Any:
+def as_plain(value: Any, depth: int = 3) -> Any:
     """Return what NumPy or pandas holds as Python's numbers and lists.
 
     Args:
         value: A number, an array, a column, or a list or dict with some in it.
+        depth: How deep lists and dicts in each other are looked through.
     """
     if hasattr(value, "tolist"):
         return value.tolist()
+    if not depth:
+        return value
     if isinstance(value, dict):
-        return {key: as_plain(item) for key, item in value.items()}
+        return {key: as_plain(item, depth - 1) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return list(map(as_plain, value))
+        return [as_plain(item, depth - 1) for item in value]
     return value
 
 
@@ -266,7 +269,7 @@ def format_selection(worlds: Any) -> Any:
             also with texts such as "5-9" among them. Anything else is returned as it
             is.
     """
-    worlds = as_plain(worlds)
+    worlds = as_plain(worlds, depth=0)
     if isinstance(worlds, (str, Mapping)):
         return worlds
     numbers = list(worlds) if isinstance(worlds, Iterable) else [worlds]
@@ -379,7 +382,7 @@ def _read_value(value: object, kind: type[Any]) -> Any:
     """
     if issubclass(kind, Enum):
         return kind(value)
-    value = as_plain(value)
+    value = as_plain(value, depth=0)
     if type(value) is kind:
         return value
     # People write 2 where they mean 2.0, but a float cannot hold every integer.

@@ -136,6 +136,9 @@ class Odometry:
     """Velocity in base_link."""
 
 
+_SHORTEST_RETURN_M = 1e-6
+
+
 @dataclass(frozen=True, slots=True)
 class Scan:
     """A planar laser scan."""
@@ -156,6 +159,16 @@ class Scan:
         """Return the direction of each beam in the sensor frame, (n,) radians."""
         beams = np.arange(len(self.ranges), dtype=np.float64)
         return self.angle_min + self.angle_increment * beams
+
+    @property
+    def shortest_return_m(self) -> float:
+        """Shortest range that is a return; all planners ignore what is below.
+
+        Many lidars report 0 for nothing in range, whatever their range_min is.
+        """
+        if self.range_min > 0.0:
+            return self.range_min
+        return _SHORTEST_RETURN_M
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ docs/robots.md describes the format.
 """
 
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,12 @@ _REQUIRED_KEYS = (
     "lidar.noise_m",
     "lidar.mount_x_m",
     "lidar.mount_z_m",
+)
+# What a URDF file or the file of the robot must give.
+_CHASSIS_KEYS = tuple(
+    item.name
+    for item in fields(Chassis)
+    if item.default is MISSING and item.name != "name"
 )
 
 
@@ -80,8 +87,16 @@ def _read_robot(path: Path) -> Robot:
     chassis = _read_section(content, "chassis", path)
     drive = _read_section(content, "drive", path)
     if "urdf" in content:
+        urdf = content.pop("urdf")
         # Keys of the YAML file win over what the URDF gives.
-        chassis = _read_urdf(content.pop("urdf"), path) | chassis
+        from_urdf, lack = _read_urdf(urdf, path)
+        chassis = from_urdf | chassis
+        missing = [f"'chassis.{key}'" for key in _CHASSIS_KEYS if key not in chassis]
+        if missing:
+            raise ConfigError(
+                f"{path}: missing key {', '.join(missing)}; {urdf} gives "
+                f"{', '.join(from_urdf)}; {lack or 'give it here'}"
+            )
     if chassis.get("kind") != "skid_steer":
         # Only wheels that skid need a multiplier.
         drive = {"wheel_separation_multiplier": 1.0, **drive}
@@ -107,8 +122,8 @@ def _read_section(content: dict[str, Any], key: str, path: Path) -> dict[str, An
     return section
 
 
-def _read_urdf(file: object, path: Path) -> dict[str, Any]:
-    """Return the `Chassis` fields that the URDF file beside a robot's file gives."""
+def _read_urdf(file: object, path: Path) -> tuple[dict[str, Any], str]:
+    """Return `Chassis` fields of the URDF beside a robot's file, and what it lacks."""
     if not isinstance(file, str) or Path(file).name != file:
         raise ConfigError(
             f"{path}: urdf must name a file beside it, got {format_value(file)}"

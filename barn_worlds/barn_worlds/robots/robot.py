@@ -240,11 +240,12 @@ class Chassis(Checked):
         contacts = [(x, y) for x, y, _ in self.wheels_m]
         contacts += self.casters_m
         x, y, z = self.centre_of_mass_m
+        # On the edge, the least push tips the robot over.
         self.require(
-            contains(convex_hull(contacts), (x, y)),
+            contains(convex_hull(contacts), (x, y), -_TOLERANCE_M),
             "centre_of_mass_m",
-            "must be above the ground that wheels and casters stand on, "
-            "or the robot falls over",
+            "must be within the ground that wheels and casters stand on, by 1 mm at "
+            "least, or the robot falls over",
         )
         self.require(
             z + self.base_height_m > 0.0,
@@ -273,8 +274,8 @@ class Chassis(Checked):
         self.require(
             bool(self.casters_m) == is_differential,
             "casters_m",
-            "must say where the casters of a differential drive are; skid_steer has "
-            "none",
+            "must say where the casters of a differential drive are, such as "
+            "casters_m: [[-0.2, 0.0]]; skid_steer has none",
         )
         self.require(
             len(self.casters_m) <= MOST_CASTERS,

@@ -1,10 +1,16 @@
 """Mass, center of mass, inertia and wheels of a robot from its URDF.
 
-All links together are one rigid body. xacro must have been run before.
+All links together are one rigid body. Files of xacro are run by it where it is
+installed.
 """
 
 import math
+import re
+import resource
+import shutil
+import subprocess  # nosec B404
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ParseError
@@ -14,12 +20,22 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, convert_os_errors, format_error
+from barn_worlds.base.errors import (
+    ConfigError,
+    convert_os_errors,
+    format_error,
+    join_names,
+)
 from barn_worlds.base.files import read_at_most
 from barn_worlds.geometry.transform import Transform, rotation_matrix
 
 LARGEST_URDF_BYTES = 1024 * 1024
 _MOST_LINKS = 1000
+_XACRO_S = 20.0
+_XACRO_BYTES = 1 << 30  # of memory
+_LARGEST_SHIFT_M = 0.001  # between a wheel and the mirror image of its partner
+_WHEEL = re.compile("wheel|tire|tyre", re.IGNORECASE)
+_CASTER = re.compile("caster|castor|swivel", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +51,16 @@ class Link:
     """Whether its joint is continuous, as that of a wheel."""
 
 
-def read_chassis(path: Path) -> dict[str, Any]:
+def read_chassis(path: Path) -> tuple[dict[str, Any], str]:
     """Return the fields of `Chassis` that a URDF file gives: mass, inertia, wheels.
 
-    Wheels are the links with "wheel" but not "caster" in their names that a continuous
-    joint turns. Their sizes are those of their collision cylinders. The height of
-    base_link is that over the link base_footprint, if there is one.
+    Wheels are the links with "wheel", "tire" or "tyre" but not "caster" or "swivel" in
+    their names that a continuous joint turns. Their sizes are those of their collision
+    cylinders. The height of base_link is that over the link base_footprint, if there is
+    one.
+
+    Returns:
+        The fields, and a sentence on what the file lacks, empty if it lacks nothing.
 
     Raises:
         ConfigError: If the file cannot be read or is no URDF of a robot.
@@ -48,15 +68,48 @@ def read_chassis(path: Path) -> dict[str, Any]:
     with convert_os_errors(ConfigError, path):
         content = read_at_most(path, LARGEST_URDF_BYTES)
     try:
+        if path.suffix == ".xacro" or b"<xacro:" in content:
+            content = _run_xacro(path)
         links = _read_links(fromstring(content))
-        fields = _read_inertia(links) | _read_wheels(links)
+        wheels, lack = _read_wheels(links)
+        fields = _read_inertia(links) | wheels
         if "base_footprint" in links:
             fields["base_height_m"] = -float(links["base_footprint"].pose.offset[2])
-        return fields
+        return fields, lack
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise ConfigError(
             f"{path}: not a URDF that can be used: {format_error(error)}"
         ) from None
+
+
+def _run_xacro(path: Path) -> bytes:
+    """Return the URDF that xacro makes of a file, in a process with limits.
+
+    Raises:
+        ValueError: If xacro is not installed, fails or exceeds its limits.
+    """
+    program = shutil.which("xacro")
+    if program is None:
+        raise ValueError(
+            "it needs xacro, which is not installed; where it is, run "
+            f"`xacro {path.name} > robot.urdf` and name that file"
+        )
+    memory = (_XACRO_BYTES, _XACRO_BYTES)
+    try:
+        process = subprocess.run(  # noqa: S603 (no shell)  # nosec B603
+            [program, str(path.absolute())],
+            capture_output=True,
+            check=True,
+            timeout=_XACRO_S,
+            preexec_fn=partial(resource.setrlimit, resource.RLIMIT_AS, memory),
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"xacro did not end within {_XACRO_S:g} s") from None
+    except subprocess.CalledProcessError as error:
+        # Its last line is what went wrong.
+        reason = error.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise ValueError(f"xacro failed: {format_error(reason)}") from None
+    return process.stdout[:LARGEST_URDF_BYTES]
 
 
 def _read_links(root: Element) -> dict[str, Link]:
@@ -131,16 +184,26 @@ def _read_inertia(links: dict[str, Link]) -> dict[str, Any]:
     }
 
 
-def _read_wheels(links: dict[str, Link]) -> dict[str, Any]:
-    """Return `Chassis` fields: positions and sizes of the wheels, empty without any."""
-    wheels = [
-        link
-        for name, link in links.items()
-        if link.is_turning and "wheel" in name and "caster" not in name
-    ]
+def _read_wheels(links: dict[str, Link]) -> tuple[dict[str, Any], str]:
+    """Return `Chassis` fields of the wheels, and what is missing of them in words."""
+    names = [name for name in links if _WHEEL.search(name) and not _CASTER.search(name)]
+    wheels = [links[name] for name in names if links[name].is_turning]
+    if not wheels and names:
+        return {}, f"no wheels: no continuous joint turns {join_names(names)}"
     if not wheels:
-        return {}
-    x, y, z = np.array([wheel.pose.offset for wheel in wheels]).T
+        return {}, "no wheels: no link has wheel, tire or tyre in its name"
+    positions = np.array([wheel.pose.offset for wheel in wheels])
+    for wheel in wheels:
+        # A driven wheel has a partner on the other side; one in the middle is a caster.
+        mirrored = wheel.pose.offset * [1.0, -1.0, 1.0]
+        off_m = np.abs(positions - mirrored).max(axis=1).min()
+        if off_m > _LARGEST_SHIFT_M or abs(mirrored[1]) <= _LARGEST_SHIFT_M:
+            name = wheel.element.get("name")
+            raise ValueError(
+                f"wheel {name!r:.60} has no partner on the other side; if it is a "
+                "caster, name it so and give casters_m"
+            )
+    x, y, z = positions.T
     front = float(x.max())
     rear = float(x.min())
     fields = {
@@ -149,14 +212,16 @@ def _read_wheels(links: dict[str, Link]) -> dict[str, Any]:
         "wheelbase_m": front - rear,
         "axle_x_m": 0.5 * (front + rear),
     }
-    # Wheels are alike; the first with a collision cylinder gives their size.
+    # Wheels are alike; the first with a collision of a simple shape gives their size.
     for wheel in wheels:
-        cylinder = wheel.element.find("collision/geometry/cylinder")
-        if cylinder is not None:
-            fields["wheel_radius_m"] = float(cylinder.attrib["radius"])
-            fields["wheel_width_m"] = float(cylinder.attrib["length"])
-            break
-    return fields
+        for shape in wheel.element.iterfind("collision/geometry/*"):
+            if shape.tag in ("cylinder", "sphere"):
+                fields.setdefault("wheel_radius_m", float(shape.attrib["radius"]))
+            if shape.tag == "cylinder":
+                fields.setdefault("wheel_width_m", float(shape.attrib["length"]))
+    if "wheel_width_m" in fields:
+        return fields, ""
+    return fields, "no size of the wheels: none has a cylinder for its collision"
 
 
 def _read_origin(parent: Element) -> Transform:

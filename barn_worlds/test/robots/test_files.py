@@ -144,6 +144,7 @@ WRONG = {
     "no caster": ({"chassis.casters_m": None}, "casters_m must say where the casters", BURGER),
     "two axles": ({"chassis.wheelbase_m": 0.2}, "wheelbase_m must be 0 for a differential drive", BURGER),
     "falls forward": ({"chassis.centre_of_mass_m": [0.01, 0.0, 0.07]}, "or the robot falls over", BURGER),
+    "on the edge": ({"chassis.centre_of_mass_m": [0.0, 0.0, 0.07]}, "by 1 mm at least", BURGER),
     "no URDF": ({"urdf": "none.urdf"}, r"none\.urdf: No such file"),
 }  # fmt: skip
 
@@ -180,10 +181,62 @@ TURNED = """<robot name="r">
 </robot>"""
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("cylinder radius", "mesh filename"), "gives mass_kg, .*; no size of the wheels"),
+        (('cylinder radius="0.1" length="0.02"', 'sphere radius="0.1"'), "missing key 'chassis.wheel_width_m'; r.urdf"),
+        (("continuous", "revolute"), "no wheels: no continuous joint turns wheel_left, wheel_right"),
+        (('"wheel_', '"roller_'), "no link has wheel, tire or tyre in its name"),
+        (('"wheel_left"', '"swivel_wheel"'), "wheel 'wheel_right' has no partner on the other side"),
+        (("<robot ", "<!-- <xacro:x> --><robot "), "needs xacro, which is not installed"),
+    ],
+)  # fmt: skip
+def test_what_a_urdf_gives_and_lacks_is_said(
+    changed, change, message, refused, monkeypatch
+):
+    monkeypatch.setenv("PATH", "")
+    keys = (
+        "mass_kg",
+        "centre_of_mass_m",
+        "inertia_kg_m2",
+        "wheel_radius_m",
+        "wheel_width_m",
+        "track_m",
+        "wheel_z_m",
+    )
+    path = changed(
+        {"urdf": "r.urdf"} | {f"chassis.{key}": None for key in keys}, BURGER
+    )
+    (path.parent / "r.urdf").write_text(TURNED.replace(*change), "utf-8")
+    with refused(ConfigError, f"^{path.parent}.*{message}"):
+        load_robot(path)
+
+
+def test_wheels_are_known_in_any_case_and_as_tires(tmp_path):
+    path = tmp_path / "r.urdf"
+    path.write_text(TURNED.replace('"wheel_', '"Tire_'), "utf-8")
+    assert read_chassis(path)[0]["track_m"] == 0.4
+
+
+def test_xacro_runs_where_it_is_installed(tmp_path, monkeypatch, refused):
+    path = tmp_path / "r.urdf.xacro"
+    path.write_text(TURNED, "utf-8")
+    program = tmp_path / "xacro"
+    program.write_text('#!/bin/sh\n/bin/cat "$1"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert read_chassis(path)[0]["mass_kg"] == 2.0
+    program.write_text("#!/bin/sh\necho no such macro >&2\nexit 2\n")
+    with refused(ConfigError, f"^{path}: .*xacro failed: no such macro"):
+        read_chassis(path)
+
+
 def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(TURNED, "utf-8")
-    chassis = read_chassis(path)
+    chassis, lack = read_chassis(path)
+    assert lack == ""
     assert chassis["mass_kg"] == 2.0
     middle = pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
     assert chassis["centre_of_mass_m"] == middle  # 1 ahead, 1 back
