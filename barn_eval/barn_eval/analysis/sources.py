@@ -14,10 +14,10 @@ import numpy as np
 
 from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.results.bags import BAGS
-from barn_eval.results.commands import parse_commands_line
+from barn_eval.results.commands import count_equal_commands, parse_commands_line
 from barn_eval.results.folder import read_results, select_scored
 from barn_eval.results.rows import COMMANDS_FILE, read_tracks, read_trial_lines
-from barn_eval.results.run_file import RunFile
+from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE, RunFile
 from barn_eval.results.table_files import (
     TABLE_SYSTEM,
     is_table_file,
@@ -116,7 +116,7 @@ class Source:
             if result.planner not in self.commanded_mps:
                 results.append(result)
                 continue
-            period_s = self.run_config.protocol.control_period_s
+            period_s = self.run_config.protocol.longest_look_s
             cap_mps = self.commanded_mps[result.planner]
             results.append(cap_result(result, cap_mps, period_s))
         return tuple(results)
@@ -254,8 +254,25 @@ def list_notes(entries: Sequence[Entry]) -> list[str]:
         results.setdefault(entry.source, []).extend(entry.results)
     for source, rows in results.items():
         notes += notes_on(source, rows)
+    notes += _find_equal_planners(results)
     # One folder may have been read twice.
     return list(dict.fromkeys(notes))
+
+
+def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
+    """Yield a sentence for two planners that succeed by equal commands."""
+    trials = []
+    for source, rows in results.items():
+        # A table of results has no commands.
+        if source.path.is_file():
+            continue
+        lines = read_trial_lines(source.path / COMMANDS_FILE)
+        for row in rows:
+            if row.scores.success and row.trial_id in lines:
+                shared = (row.world_checksum, row.simulator_seed)
+                trials.append((shared, row.planner, lines[row.trial_id]))
+    for pair, count in count_equal_commands(trials).items():
+        yield f"{' and '.join(pair)} have equal commands in {count} trials."
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
@@ -325,6 +342,8 @@ def notes_on(source: Source, results: Rows) -> list[str]:
         if planner in source.commanded_mps:
             notes.append(source.describe_commanded(planner))
     notes.append(assumption_text(source.path, results))
+    if (source.path / SUBMISSION_FILE).exists():
+        notes.append(f"{source.path} only claims {', '.join(CLAIMED)}.")
     return [note for note in notes if note]
 
 
@@ -341,23 +360,21 @@ def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
         )
 
 
-def cap_result(
-    result: TrialResult, cap_mps: float, control_period_s: float
-) -> TrialResult:
+def cap_result(result: TrialResult, cap_mps: float, period_s: float) -> TrialResult:
     """Return a row with another speed cap, and with the efficiency that follows.
 
     Args:
         result: The row.
         cap_mps: The speed cap, above 0.
-        control_period_s: Control period of its protocol.
+        period_s: `longest_look_s` of its protocol.
     """
     scores = result.scores
     least_s = scores.least_time_s
     if not (result.speed_cap_mps and least_s):
         return replace(result, speed_cap_mps=cap_mps)
     # The least time is a length by the cap, less a period that is not on the clock.
-    at_limit_s = least_s + control_period_s
-    least_s = at_limit_s * result.speed_cap_mps / cap_mps - control_period_s
+    at_limit_s = least_s + period_s
+    least_s = at_limit_s * result.speed_cap_mps / cap_mps - period_s
     efficiency = scores.efficiency
     if scores.success and scores.traversal_time_s:
         efficiency = least_s / scores.traversal_time_s

@@ -35,6 +35,7 @@ _SUBMISSION_KEYS = (
     "planners",
     "container",
     "machine",
+    "claimed",
 )
 
 
@@ -92,7 +93,7 @@ def print_check(check: FolderCheck) -> None:
         f"{check.rows} of {check.trials} rows, {check.tracks} tracks,"
         f" {check.bags} bags, {check.driven} driven again"
     )
-    for line in (counts, *check.unchecked):
+    for line in (counts, *check.unchecked, *check.notes):
         console.print(line, soft_wrap=True)
     for line in check.problems:
         click.echo(line, err=True)

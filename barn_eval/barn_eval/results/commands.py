@@ -1,6 +1,9 @@
 """The commands of a trial, by which anybody can drive it again without its planner."""
 
 import json
+from collections import Counter
+from collections.abc import Hashable, Iterable
+from itertools import combinations
 
 import numpy as np
 
@@ -101,6 +104,25 @@ def parse_commands_line(line: str, where: str) -> tuple[str, Floats]:
         return trial_id, commands.reshape(-1, 2)
     except ValueError as error:
         raise ConfigError(f"{where}: no commands: {error}") from None
+
+
+def count_equal_commands(
+    trials: Iterable[tuple[Hashable, str, str]],
+) -> Counter[tuple[str, str]]:
+    """Return in how many trials two planners gave the same commands, by their names.
+
+    Args:
+        trials: What a trial shares with those that it is compared with, such as its
+            world; name of the planner; line of its commands.
+    """
+    planners: dict[tuple[Hashable, str], set[str]] = {}
+    for shared, planner, line in trials:
+        commands = str(json.loads(line).get("zlib"))
+        planners.setdefault((shared, commands), set()).add(planner)
+    counts: Counter[tuple[str, str]] = Counter()
+    for names in planners.values():
+        counts.update(combinations(sorted(names), 2))
+    return counts
 
 
 def requires_commands(row: TrialResult, spec: TrialSpec) -> bool:

@@ -19,6 +19,16 @@ from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import as_mapping, read_json
 
+# Describes a submission; an unpacked one has commands in place of bags.
+SUBMISSION_FILE = "submission.json"
+# What a submission states and nobody can compute again.
+CLAIMED = (
+    "versions, commit, machine and container",
+    "sessions and wall-clock times",
+    "measured computing",
+    "who drove, but for planners of the suite",
+)
+
 RUN_FILE = "run.json"
 # As `barn_eval.results.provenance.commit` returns it. Messages have no other text.
 _COMMIT = re.compile(r"[0-9a-f]{8,64}(\+changes)?")

@@ -3,8 +3,8 @@
 import resource
 import time
 import timeit
-from collections.abc import Callable
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -19,6 +19,7 @@ from barn_eval.trials.result import MEASURED, WallClock, pack_delays
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import (
     FinishedTrial,
+    PlannerError,
     RunningTrial,
     describe_error,
     finish_trial,
@@ -31,6 +32,7 @@ from barn_sim.contact.scene import ScenePool
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
+from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import STOP, Velocity2D
 
 # What this process has warmed up: ("", "") for simulator and referee, and planners with
@@ -65,7 +67,8 @@ def run_direct_trial(
     """
     start_s = time.perf_counter()
     if planner is None:
-        planner = make_planner(spec.planner, spec.preset, spec.overrides)
+        with _blame_planner():
+            planner = make_planner(spec.planner, spec.preset, spec.overrides)
     bag = TrialBag(recorder, spec) if recorder else None
     driver = _DirectTrial(spec, planner, bag)
     verdict = driver.run()
@@ -124,9 +127,20 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
             RunningTrial(spec).read(sensors.odometry, sensors.truth, sensors.collision)
     if with_planner and (spec.planner, spec.preset) not in _warm:
         _warm.add((spec.planner, spec.preset))
-        planner = make_planner(spec.planner, spec.preset, spec.overrides)
         with suppress(Exception):
+            planner = make_planner(spec.planner, spec.preset, spec.overrides)
             PlannerRuntime(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
+
+
+@contextmanager
+def _blame_planner() -> Iterator[None]:
+    """Raise PlannerError for whatever is raised in a context but errors of the suite."""
+    try:
+        yield
+    except BarnError:
+        raise
+    except Exception as error:
+        raise PlannerError(describe_error(error)) from error
 
 
 class _DirectTrial:
@@ -233,9 +247,10 @@ class _DirectTrial:
         if decision.plan is not None:
             self.trial.plan(decision.plan, sensors.stamp_ns)
         if self._bag is not None:
-            self._bag.answer(
-                answer.command, decision, self._runtime.planner, sensors.stamp_ns
-            )
+            with _blame_planner():
+                self._bag.answer(
+                    answer.command, decision, self._runtime.planner, sensors.stamp_ns
+                )
         if answer.command is not None:
             self.trial.command(answer.command)
         return answer.command, delay_ns

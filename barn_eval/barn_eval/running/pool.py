@@ -10,7 +10,7 @@ from typing import Any
 from barn_eval.results.store import BagStore, TrialRecord
 from barn_eval.running.planner_objects import PlannerObject
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import MachineStalledError
+from barn_eval.trials.trial import PlannerError
 from barn_worlds.base.errors import BarnError
 
 # Workers already share the processors. Besides, the order in which threads add up
@@ -152,7 +152,8 @@ class JobLoss(JobReport):
     # Whether the job exceeded its wall-clock time.
     is_overtime: bool = False
 
-    # Whether the machine stood still, so that the planner is not to blame.
+    # Whether the planner is not to blame: the machine stood still, or something else
+    # than the planner raised an exception.
     is_stall: bool = False
 
 
@@ -202,7 +203,7 @@ def run_job(
             worker,
             f"{type(error).__name__}: {error}",
             traceback.format_exc(),
-            is_stall=isinstance(error, MachineStalledError),
+            is_stall=not isinstance(error, PlannerError),
         )
 
 

@@ -247,6 +247,11 @@ class Protocol(Checked):
         )
 
     @property
+    def longest_look_s(self) -> float:
+        """Longest time between two looks at the robot, in s."""
+        return max(self.control_period_s, self.look_period_s)
+
+    @property
     def longest_failure_time_s(self) -> float:
         """The most seconds that a failure counts with."""
         return max(self.failure_time_s, self.timeout_time_s)

@@ -136,7 +136,7 @@ class TrialSpec:
     def least_time_s(self) -> float | None:
         """Lower bound, in s, of the time on the clock of any success; it is searched.
 
-        None if speed cap or path are unknown.
+        None if speed cap or path are unknown, or the bound does not hold.
 
         docs/efficiency.md has the proof. From the reading before the one that starts
         the clock to the one that ends the trial, the robot goes from the disc around
@@ -152,10 +152,17 @@ class TrialSpec:
         if max_speed_mps <= 0.0:
             return 0.0
         protocol = self.scaled_protocol
+        # Turning moves a base_link that is not over the axle, at any speed of the
+        # wheels. Wheels of another radius count more odometry than they drive.
+        by_truth = protocol.clock_start_source == protocol.goal_source == "truth"
+        if chassis.axle_x_m or (
+            self.simulator.odometry.wheel_radius_error and not by_truth
+        ):
+            return None
         length_m = _least_path_m(protocol, self.course, self.world, chassis)
-        # The clock starts at the first reading after the robot has left the disc, so
-        # up to a period of the way is not on it.
-        return max(0.0, length_m / max_speed_mps - protocol.control_period_s)
+        # The clock starts at the first look after the robot has left the disc, so up to
+        # a period of the way is not on it.
+        return max(0.0, length_m / max_speed_mps - protocol.longest_look_s)
 
     @cached_property
     def goal(self) -> Pose2D:

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from traceback import extract_tb, format_exc
 from types import FrameType
@@ -65,6 +65,10 @@ class DeadlineError(BaseException):
 
 class MachineStalledError(Exception):
     """The machine withheld its processor, so nothing follows about the planner."""
+
+
+class PlannerError(Exception):
+    """A planner raised an exception while it was made or shown, out of its cycles."""
 
 
 class _StallError(BaseException):
@@ -310,6 +314,9 @@ def finish_trial(
     """
     world = spec.world
     scores = score_trial(verdict, spec.course, spec.protocol, spec.least_time_s)
+    if spec.least_time_s is None:
+        # Zeros of failures alone would make a mean that is none.
+        scores = replace(scores, efficiency=None)
     outline = spec.outline
     result = TrialResult(
         trial_id=spec.trial_id,

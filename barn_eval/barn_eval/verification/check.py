@@ -1,7 +1,7 @@
 """Whether what is in a results folder belongs together and follows from records."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.results.bags import BAGS
+from barn_eval.results.commands import count_equal_commands
 from barn_eval.results.folder import require_row_of_trial, require_world_of_trial
 from barn_eval.results.rows import (
     COMMANDS_FILE,
@@ -24,7 +25,7 @@ from barn_eval.results.rows import (
     results_table,
     unseal_line,
 )
-from barn_eval.results.run_file import RunFile
+from barn_eval.results.run_file import SUBMISSION_FILE, RunFile
 from barn_eval.results.tracks import parse_track_line, parse_trial_line
 from barn_eval.running.local_pool import LocalPool
 from barn_eval.running.pool import (
@@ -48,9 +49,6 @@ T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28
 _LIMIT_S = 300.0  # longest time that the check of a trial may take
 
-# Describes a submission; an unpacked one has commands in place of bags.
-SUBMISSION_FILE = "submission.json"
-
 
 @dataclass
 class FolderCheck:
@@ -63,6 +61,7 @@ class FolderCheck:
     driven: int = 0  # trials whose commands were driven again
     problems: list[str] = field(default_factory=list)  # a line for each
     unchecked: list[str] = field(default_factory=list)  # what could not be checked
+    notes: list[str] = field(default_factory=list)  # what is odd, but nothing wrong
 
 
 def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
@@ -133,7 +132,15 @@ class _Checker:
         result.tracks = len(tracks)
 
         is_submission = (self._folder / SUBMISSION_FILE).exists()
-        sampled_ids = rows.keys() if sample is None else _sample(sorted(rows), sample)
+        if not self._run_file.sessions:
+            result.problems.append(f"{self._run_file.path}: has no session")
+        # Of two planners of one run, one may be the other under a name of its own.
+        self._compare_planners(
+            rows, commands, result.problems if is_submission else result.notes
+        )
+        sampled_ids = (
+            rows.keys() if sample is None else sample_trials(sorted(rows), sample)
+        )
         trials = []
         for trial_id, row in rows.items():
             bag = self._folder / BAGS / trial_id
@@ -168,6 +175,24 @@ class _Checker:
                     " makes of its rows"
                 )
         return result
+
+    def _compare_planners(
+        self,
+        rows: Mapping[str, TrialResult],
+        commands: Mapping[str, str],
+        texts: list[str],
+    ) -> None:
+        """Append a text to `texts` for two planners that succeed by equal commands."""
+        trials = []
+        for trial_id, line in commands.items():
+            if trial_id in rows and rows[trial_id].scores.success:
+                row = rows[trial_id]
+                trials.append(((row.world, row.repetition), row.planner, line))
+        for pair, count in count_equal_commands(trials).items():
+            names = " and ".join(pair)
+            texts.append(
+                f"{self._folder}: {names} have equal commands in {count} trials"
+            )
 
     def _read_specs(self) -> list[TrialSpec]:
         """Return the run's trials, planners unresolved if one is not installed."""
@@ -291,6 +316,9 @@ class _Checker:
             elif check.differences:
                 older.append(f"{trial_id}: {check.differences[0]}")
             where = f"{self._folder}: {trial_id}"
+            if (trial.row.scores.efficiency or 0.0) > 1.0:
+                # The bound assumes how far tires slide on average.
+                result.notes.append(f"{where}: was faster than the least time")
             result.problems += [f"{where}: {text}" for text in texts]
             if check.bag_problem:
                 result.problems.append(f"{trial.bag}: {check.bag_problem}")
@@ -358,7 +386,7 @@ def _failed_check(trial_id: str, reason: str) -> TrialCheck:
     return TrialCheck(trial_id, (f"cannot be checked: {reason}",))
 
 
-def _sample(trial_ids: list[str], count: int) -> set[str]:
+def sample_trials(trial_ids: list[str], count: int) -> set[str]:
     """Return `count` of the names, or all if there are fewer, drawn anew at each call.
 
     Who forges must not know which.

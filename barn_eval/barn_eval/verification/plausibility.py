@@ -162,7 +162,6 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
     if spec.world.moving:
         longest_m = math.inf
 
-    least_s = scores.least_time_s or 0.0
     speed_mps = measures.mean_speed_mps or 0.0
     speed_error_m = abs(speed_mps * duration_s - measures.driven_m)
     limits = (
@@ -172,7 +171,6 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
         ("measures.near_contact_s", measures.near_contact_s or 0.0, duration_s),
         ("measures.driven_m", measures.driven_m, longest_m),
         ("measures.mean_speed_mps", speed_error_m, 0.0),
-        ("scores.least_time_s", least_s, time_s if scores.success else math.inf),
     )
     for key, value, largest in limits:
         if value > largest + ROUNDING:

@@ -18,6 +18,7 @@ from barn_eval.results.commands import (
     requires_commands,
 )
 from barn_eval.results.tracks import Track, make_track
+from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.pool import Emit, Work
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import (
@@ -42,7 +43,7 @@ from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Odometry,
@@ -159,6 +160,9 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     Args:
         spec: The trial.
         commands: Command (n, 2) of each instant in m/s and rad/s, NaN for none.
+
+    Raises:
+        ConfigError: There is a command for which the planner was not asked.
     """
     config = spec.simulator
     cycles = PlannerCycles(spec)
@@ -172,14 +176,38 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
             stamp_ns = simulator.stamp_ns
             odometry.append(_pose_row(simulator.read_odometry().pose))
             log.reading(simulator.read_truth(), simulator.read_collision())
-            delay_ns = cycles.start(stamp_ns) or 0
+            delay_ns = cycles.start(stamp_ns)
             if not math.isnan(linear):
+                # Who commands while computing is declared would pay for nothing. The
+                # last reading ends the trial.
+                if delay_ns is None and len(odometry) < len(commands):
+                    raise ConfigError(
+                        f"a command at {stamp_ns / NANOSECONDS_PER_SECOND:.2f} s, where"
+                        " none was due"
+                    )
                 command = Velocity2D(linear, angular)
                 log.command(command)
-                simulator.command(command, delay_ns)
+                simulator.command(command, delay_ns or 0)
             simulator.advance(config.ticks(config.control_period_s))
 
     return Readings(log.trajectory(), _pose_table(odometry))
+
+
+def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
+    """Drive a trial by its planner of the registry; return how its row differs, or "".
+
+    Args:
+        spec: The trial.
+        row: Its row, of either mode.
+    """
+    finished = run_direct_trial(_with_planner_of_row(spec, row))
+    content = finished.result.repeatable()
+    # Over ROS these come from messages.
+    ignored = ("mode", "remarks", "recoveries", "planner_verdict", "schema_version")
+    difference = find_difference(
+        row, content, "driven by the planner", ROUNDING, ignored
+    )
+    return next(difference, "")
 
 
 def replay_trial(spec: TrialSpec, readings: Readings) -> RunningTrial:

@@ -19,16 +19,26 @@ from barn_eval.results.rows import (
     RowFile,
     write_tables,
 )
-from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
+from barn_eval.results.run_file import (
+    CLAIMED,
+    RUN_FILE,
+    SUBMISSION_FILE,
+    WORLDS,
+    WORLDS_MANIFEST,
+    RunFile,
+)
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import find_parameter_files
+from barn_eval.trials.result import REAL_TIME, Rows
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.verification.check import (
-    SUBMISSION_FILE,
     FolderCheck,
     check_folder,
     describe_other_task,
+    sample_trials,
 )
+from barn_eval.verification.plausibility import JUDGED_OUTCOMES
+from barn_eval.verification.rerun import drive_by_planner
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import (
     ZIP_ERRORS,
@@ -54,6 +64,8 @@ _MAX_MEMBERS = 100
 _MAX_BYTES = 1 << 29
 _MAX_RATIO = 100
 _SMALL_BYTES = 1 << 20
+# Trials of each planner that it drives again.
+_RERUNS = 3
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
@@ -110,6 +122,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     contents = {
         "schema_version": SCHEMA_VERSION,
         "container": container,
+        "claimed": CLAIMED,
         "files": {name: _sha256(content) for name, content in files.items()},
     }
     contents_text = json.dumps(contents, indent=1).encode()
@@ -170,6 +183,8 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         raise ConfigError(f"{path}: has {len(rows)} rows, too few for its planners")
     check = check_folder(folder)
     problems = [*check.problems, *check.unchecked]
+    if not problems:
+        problems += _find_impostors(config, rows)
     names = [planner.name for planner in config.planners]
     if check.rows != check.trials:
         problems.append(f"{path}: has {check.rows} of {check.trials} trials")
@@ -194,8 +209,27 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         "commit": session.get("commit", ""),
         "machine": session.get("machine", {}),
         "container": container,
+        "claimed": list(CLAIMED),
     }
     return check, origin
+
+
+def _find_impostors(config: RunConfig, rows: Rows) -> Iterator[str]:
+    """Drive some trials of each planner of the suite again; yield how they differ.
+
+    Which ones differs each time, so that who submits cannot know.
+    """
+    specs = {spec.trial_id: spec for spec in config.trials()}
+    for planner in config.planners:
+        trials = {}
+        for row in rows:
+            is_repeatable = row.outcome in JUDGED_OUTCOMES and row.compute != REAL_TIME
+            if row.planner == planner.name and planner.registered and is_repeatable:
+                trials[row.trial_id] = row
+        for trial_id in sample_trials(sorted(trials), _RERUNS):
+            difference = drive_by_planner(specs[trial_id], trials[trial_id])
+            if difference:
+                yield f"{trial_id}: is not what {planner.name} drives: {difference}"
 
 
 def _require_release(path: Path, run_file: RunFile) -> None:

@@ -6,6 +6,7 @@ Repeatable to the last byte, and ended by every fault in its own way.
 import os
 import signal
 import subprocess
+import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
@@ -22,6 +23,7 @@ from text_tables import rows_of
 
 from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.folder import read_results
 from barn_eval.results.store import BagStore
 from barn_eval.running import direct
 from barn_eval.running.direct import run_direct_trial
@@ -197,6 +199,29 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
     )
     assert report.is_stall and not report.is_overtime
     assert "the machine stalled" in report.reason
+
+
+def test_what_something_else_raises_is_not_the_planners_fault(open_world, monkeypatch):
+    def break_down(*_, **__):
+        raise AttributeError("'NoneType' object has no attribute 'flush'")
+
+    jobs = []
+    for name in ("Simulator", "make_planner"):
+        with monkeypatch.context() as patch:
+            patch.setattr(direct, name, break_down)
+            job = Job("key", (planners.spec_of(open_world, QUICK),))
+            work = DirectWork(BagStore(Path()))
+            jobs.append(run_job(work, "key", "here", job, lambda _: None))
+    assert [report.is_stall for report in jobs] == [True, False]
+
+
+def test_trials_run_without_any_output(tmp_path):
+    """As cron and systemd start programs, with closed descriptors."""
+    words = "run --worlds 0 --planner gap --execution engine=inline --out out"
+    line = ["sh", "-c", f'"$0" -m barn_eval {words} >&- 2>&-', sys.executable]
+    code = subprocess.run(line, check=False, cwd=tmp_path).returncode
+    (row,) = read_results(tmp_path / "out")
+    assert (code, row.outcome) == (0, Outcome.SUCCESS)
 
 
 def test_only_the_first_answer_has_time_to_compile(open_world, monkeypatch):

@@ -23,8 +23,8 @@ from barn_worlds.robots.files import load_robot
 BARN300 = open_dataset("barn300")
 
 
-def spec_of(world, protocol=CHALLENGE, declared_mps=0.5, robot=None):
-    return planners.spec_of(world, protocol, declared_mps=declared_mps, robot=robot)
+def spec_of(world, protocol=CHALLENGE, declared_mps=0.5, **changes):
+    return planners.spec_of(world, protocol, declared_mps=declared_mps, **changes)
 
 
 @dataclass
@@ -68,6 +68,26 @@ def test_no_robot_beats_the_least_time_by_swinging(open_world, robot, share):
     scores = run_direct_trial(spec, planner=Swinging(speed_mps)).result.scores
     assert scores.success
     assert 0.8 < scores.efficiency <= 1.0
+
+
+def test_where_the_bound_does_not_hold_none_is_computed(open_world):
+    jackal = load_robot("jackal")
+    shifted = replace(jackal, chassis=replace(jackal.chassis, axle_x_m=0.01))
+    finished = run_direct_trial(spec_of(open_world, robot=shifted), planner=Straight())
+    scores = finished.result.scores
+    assert (scores.least_time_s, scores.efficiency) == (None, None)
+    spec = spec_of(open_world)
+    errors = replace(spec.simulator.odometry, wheel_radius_error=0.1)
+    odd = replace(spec, simulator=replace(spec.simulator, odometry=errors))
+    assert odd.least_time_s == spec.least_time_s
+    by_odometry = replace(CHALLENGE, goal_source="odometry")
+    assert replace(odd, protocol=by_odometry).least_time_s is None
+
+
+def test_rare_looks_may_start_the_clock_late(open_world):
+    seldom = replace(CHALLENGE, look_period_s=0.5)
+    often_s = spec_of(open_world).least_time_s
+    assert spec_of(open_world, seldom).least_time_s == pytest.approx(often_s - 0.45)
 
 
 @pytest.mark.parametrize("planner", ["dwa", "eband", "gap", "mppi", "policy"])

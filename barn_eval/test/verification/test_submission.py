@@ -13,10 +13,14 @@ from pathlib import Path
 
 import pytest
 from forgery import forge, replace_text, won
+from planners import run_inline
 from waiting import run_python
 
 import barn_eval as barn
+from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.results.rows import seal_line, unseal_line
+from barn_eval.running import direct
+from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.verification.submission import submit
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -115,6 +119,38 @@ def test_what_was_forged_does_not_hold_and_is_not_unpacked(
     assert (code, out.splitlines()[-1]) == (1, "does not hold")
     assert not (tmp_path / "kept").exists()
     assert words in err
+
+
+def drive_as_dwa(out, monkeypatch, planners):
+    """Drive trials in which gap takes the place of DWA, and submit them."""
+    make = direct.make_planner
+    with monkeypatch.context() as patch:
+        patch.setattr(direct, "make_planner", lambda *_: make("gap"))
+        folder = run_inline("0", planners, CHALLENGE, out=out).folder
+    path = out.with_suffix(".barn.zip")
+    submit(folder, path)
+    return folder, path
+
+
+def test_another_planner_under_the_name_of_one_does_not_hold(
+    tmp_path, monkeypatch, command
+):
+    folder, path = drive_as_dwa(tmp_path / "alone", monkeypatch, ["dwa"])
+    assert barn.results.check(folder).problems == []
+    code, out, err = command(f"verify {path}")
+    assert (code, out.splitlines()[-1]) == (1, "does not hold")
+    assert "dwa_w0000_r00: is not what dwa drives: " in err
+    assert "claimed: " in out
+
+
+def test_equal_commands_of_two_planners_are_named(tmp_path, monkeypatch, command):
+    folder, path = drive_as_dwa(tmp_path / "twins", monkeypatch, ["gap", "dwa"])
+    report = barn.results.check(folder)
+    words = "dwa and gap have equal commands in 1 trials"
+    assert (report.problems, report.notes) == ([], [f"{folder}: {words}"])
+    (board,) = make_boards([folder])
+    assert f"{words}." in board.notes
+    assert words in command(f"verify {path}")[2]
 
 
 def test_a_row_of_a_planner_that_was_not_run_is_named(submitted, tmp_path, command):

@@ -11,7 +11,9 @@ _RENDERER = 2
 
 def _import_silently() -> Any:
     """Return the module pybullet, imported while standard error goes to /dev/null."""
-    sys.stderr.flush()
+    # None where it was closed before Python started, as cron may do.
+    if sys.stderr is not None:
+        sys.stderr.flush()
     try:
         # The line comes from C, which writes to the descriptor and not to sys.stderr.
         stderr = os.dup(2)
