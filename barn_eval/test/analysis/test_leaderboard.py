@@ -95,7 +95,7 @@ def test_a_planner_without_declaration_is_classed_by_its_commands(tmp_path):
     first, other = (place.summary["efficiency"].estimate for place in board.places)
     assert first == pytest.approx(other)
     assert "up to 0.5 m/s" in board.title
-    (note,) = (note for note in board.notes if "mine" in note)
+    (note,) = (note for note in board.notes if "mine declares" in note)
     assert note.endswith("counts, 0.5 m/s; --set mine.max_speed_mps=0.5 declares it.")
     assert note in mine.verdict()
     efficiency = mine.summary["efficiency"].iloc[0]
