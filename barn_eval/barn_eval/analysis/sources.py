@@ -607,39 +607,32 @@ def require_same_task(folders: Sequence[Path]) -> None:
     """
     first, *others = folders
     task = _read_task(first)
-    system = as_dict(system_in(task))
-    # Robots first: a message about one of their dimensions would not name them.
-    robot = chassis_in(task["simulator"]).name
     for folder in others:
         other_task = _read_task(folder)
-        other_robot = chassis_in(other_task["simulator"]).name
-        if robot != other_robot:
-            raise ConfigError(
-                f"different robots cannot be compared: {robot} in {first}, "
-                f"{other_robot} in {folder}"
-            )
-        # A system before the rest: all keys of the suite's own are left out.
-        change = first_difference(system, as_dict(system_in(other_task)))
-        if change is not None:
-            key, value, other_value = change
-            raise ConfigError(
-                f"different systems cannot be compared: {key} is {value!r} in {first}, "
-                f"{other_value!r} in {folder}"
-            )
-        change = first_difference(task, other_task)
-        if change is not None:
-            key, value, other_value = change
-            raise ConfigError(
-                f"different tasks cannot be compared: {key} is {value!r} in {first}, "
-                f"{other_value!r} in {folder}"
-            )
+        for what, content in task.items():
+            change = first_difference(content, other_task[what])
+            if change is not None:
+                key, value, other_value = change
+                raise ConfigError(
+                    f"different {what} cannot be compared: {key} is {value!r} in"
+                    f" {first}, {other_value!r} in {folder}"
+                )
 
 
-def _read_task(path: Path) -> dict[str, Any]:
-    """Return the task of a folder; of a table, only what it ran in, as of any other."""
-    if is_table_file(path):
-        return {"simulator": None, "system": as_dict(TABLE_SYSTEM)}
-    return RunFile.read(path).task()
+def _read_task(path: Path) -> dict[str, dict[str, Any]]:
+    """Return what trials of a folder or table share, by what a message calls it.
+
+    Robots and systems come first: a message about one of their keys would not name
+    them.
+    """
+    task: dict[str, Any] = {"simulator": None, "system": as_dict(TABLE_SYSTEM)}
+    if not is_table_file(path):
+        task = RunFile.read(path).task()
+    return {
+        "robots": {"robot": chassis_in(task["simulator"]).name},
+        "systems": as_dict(system_in(task)),
+        "tasks": task,
+    }
 
 
 def group_by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:

@@ -21,11 +21,10 @@ ENDINGS = (".csv", ".txt")
 COLUMNS = ("planner", "world", "repetition", "outcome", "time")
 _REQUIRED = ("planner", "world", "outcome")
 _LARGEST_BYTES = 1 << 26
-_MOST_DIGITS = 9
+_LARGEST_NUMBER = 10**9
 
-# Columns of out.txt, and which of them is 1 for each outcome.
+# Columns of out.txt; of the outcomes, one has a 1.
 _OUT_COLUMNS = ("world", "success", "collision", "timeout", "time", "metric")
-_OUT_OUTCOMES = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.TIMEOUT)
 
 
 def is_table_file(path: Path) -> bool:
@@ -70,19 +69,17 @@ def read_table_file(path: Path) -> list[TrialResult]:
 
 def _csv_trials(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield "FILE, line N" and values by column of each line of a CSV file."""
-    reader = csv.reader(lines)
-    columns = [name.strip().lower() for name in next(reader, [])]
-    for name in columns:
-        if name not in COLUMNS:
-            raise ConfigError(
-                f"{path}: unknown column {format_value(name)}{suggest(name, COLUMNS)};"
-                f" columns are {', '.join(COLUMNS)}"
-            )
-    for name in _REQUIRED:
-        if name not in columns:
-            raise ConfigError(f"{path}: column {name!r} is missing in the first line")
-    for values in reader:
-        where = f"{path}, line {reader.line_num}"
+    rows = csv.reader(lines)
+    columns = [name.strip().lower() for name in next(rows, [])]
+    if not {*_REQUIRED} <= {*columns} <= {*COLUMNS}:
+        name = next((name for name in columns if name not in COLUMNS), "")
+        raise ConfigError(
+            f"{path}: columns must be {', '.join(_REQUIRED)} and may be"
+            f" {', '.join(COLUMNS)}, got {', '.join(columns) or 'none'}"
+            f"{suggest(name, COLUMNS)}"
+        )
+    for values in rows:
+        where = f"{path}, line {rows.line_num}"
         if len(values) != len(columns):
             raise ConfigError(f"{where}: has {len(values)} of {len(columns)} values")
         yield where, dict(zip(columns, values, strict=True))
@@ -101,17 +98,10 @@ def _challenge_trials(
                 f"{where}: must be {' '.join(_OUT_COLUMNS)}, with a 1 for how it ended,"
                 f" got {format_value(line)}"
             )
-        outcome = _OUT_OUTCOMES[flags.index("1")]
-        yield (
-            where,
-            {
-                "planner": path.stem,
-                "world": values[0],
-                "outcome": outcome.value,
-                "time": values[4],
-                "metric": values[5],
-            },
-        )
+        trial = dict(zip(_OUT_COLUMNS, values, strict=True))
+        trial["planner"] = path.stem
+        trial["outcome"] = _OUT_COLUMNS[1:4][flags.index("1")]
+        yield where, trial
 
 
 def _make_row(
@@ -173,12 +163,12 @@ def _make_row(
 
 def _whole_number(where: str, column: str, text: str) -> int:
     """Return a whole number from 0 on; ConfigError if the text is none."""
-    word = text.strip()
-    if not (word.isascii() and word.isdigit() and len(word) <= _MOST_DIGITS):
+    number = _number(where, column, text)
+    if number is None or not number.is_integer() or number > _LARGEST_NUMBER:
         raise ConfigError(
             f"{where}: {column} {format_value(text)}: must be a whole number from 0 on"
         )
-    return int(word)
+    return int(number)
 
 
 def _number(where: str, column: str, text: str) -> float | None:

@@ -39,7 +39,6 @@ from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import LARGEST_SIDE, World
 
 # Command of a planner that somebody else has started.
@@ -49,7 +48,7 @@ UNKNOWN_PLANNER = "unknown"
 _TRIAL_ID = re.compile(r"(.+)_w(\d{4,})_r(\d\d)")
 _FIXED_FRAMES = (FRAMES.map, "world")
 _ORIGIN = Pose2D(0.0, 0.0, 0.0)
-_MARGIN_M = 2.0  # around start and goal, in a world of which no more is known
+_CELL_M = 10.0  # of a world of which nothing is known but start and goal
 _FARTHEST_START_M = 1.0  # from the world's start, in the world's frame
 _FARTHEST_GOAL_M = 0.1  # from the world's goal, before it is said
 # Scans of fewer degrees see too little of what is near the robot.
@@ -186,20 +185,18 @@ def judge(
             f"world: {len(worlds)} for {len(bags)} bags; name one of all, or one of each"
         )
     drives = [read_observed_drive(path, options.sources) for path in bags]
-    systems = [_system_of(drive, options) for drive in drives]
-    for drive, system in zip(drives, systems, strict=True):
-        if system != systems[0]:
-            raise BagError(
-                f"{drive.path}: is of {system.label}, but {drives[0].path} of"
-                f" {systems[0].label}: judge them into folders of their own"
-            )
+    systems = {_system_of(drive, options): drive.path for drive in drives}
+    system = min(systems, key=str)
+    if len(systems) > 1:
+        examples = "; ".join(f"{path} of {of.label}" for of, path in systems.items())
+        raise BagError(f"{examples}: judge them into folders of their own")
     segments: list[_Segment] = []
     for number, drive in enumerate(drives):
         for segment in _split(drive):
             world = worlds[number % len(worlds)] if worlds else None
             segments.append(_identify(segment, world, options, segments))
 
-    run = _plan(out, options, course, systems[0], segments)
+    run = _plan(out, options, course, system, segments)
     specs = {spec.trial_id: spec for spec in run.trials()}
     finished = {}
     for segment in segments:
@@ -366,20 +363,18 @@ def _unknown_world(segment: _Segment, course: Sequence[float], robot: Robot) -> 
                 f"its goal is in frame {goals[0]}, its poses in {segment.drive.frame}"
             )
         raise BagError(f"{path}: {reason}; name one by --goal, --world or --course")
-    # A path of one cell is none: no length follows from it.
-    corner = np.minimum([start.x, start.y], [goal.x, goal.y]) - _MARGIN_M
-    extent_m = np.abs([start.x - goal.x, start.y - goal.y]) + 2.0 * _MARGIN_M
-    if extent_m.max() > STANDARD_CELL_M * LARGEST_SIDE:
-        raise BagError(
-            f"{path}: its goal is {start.distance(goal):.0f} m away, at most"
-            f" {STANDARD_CELL_M * LARGEST_SIDE:.0f} m are allowed"
-        )
+    ends = np.array([(start.x, start.y), (goal.x, goal.y)])
+    corner_x, corner_y = (ends.min(axis=0) - _CELL_M).tolist()
+    # The world refuses more cells than that.
+    sides = np.minimum(np.ptp(ends, axis=0) // _CELL_M + 3, LARGEST_SIDE + 1)
     return World(
         name=path.name,
-        grid=np.zeros(np.ceil(extent_m / STANDARD_CELL_M).astype(int), np.bool_),
+        grid=np.zeros(sides.astype(int), np.bool_),
+        # A path of one cell is none: no length follows from it.
         path=np.zeros((1, 2), np.int64),
-        footprint_cells=robot.footprint_cells(STANDARD_CELL_M),
-        corner_m=(float(corner[0]), float(corner[1])),
+        resolution_m=_CELL_M,
+        footprint_cells=robot.footprint_cells(_CELL_M),
+        corner_m=(corner_x, corner_y),
         start=start,
         goal=goal,
     )

@@ -307,3 +307,12 @@ def test_a_report_of_observed_trials_names_no_command(nearer, tmp_path, succeed)
     page = (tmp_path / "page.html").read_text()
     assert "trials of lab were observed, not driven again" in page
     assert "observed in robot lab" in page and "barn run --dataset" not in page
+
+
+@pytest.mark.parametrize("ending", ["bag", "db3", "mcap.zstd", "mcap"])
+def test_a_file_that_is_no_bag_is_named_in_one_line(tmp_path, ending):
+    path = tmp_path / f"garbage.{ending}"
+    path.write_bytes(b"no bag at all, whatever its name says")
+    with refused(f"{path}: not a", BagError):
+        judge([path], tmp_path / "out")
+    assert not (tmp_path / "out").exists()

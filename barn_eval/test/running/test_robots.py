@@ -125,7 +125,7 @@ def test_robots_are_not_mixed(verb, folders, rejected):
         verb, *folders, *(["--out", "x.html"] if verb == "report" else [])
     )
     assert (
-        f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}"
+        f"different robots cannot be compared: robot is 'husky' in {folders[0]}, 'jackal' in {folders[1]}"
         in message
     )
 

@@ -138,7 +138,7 @@ class BagFile:
             try:
                 with _decompressed(path) as plain:
                     if plain.suffix not in (".db3", ".bag"):
-                        yield from self._mcap_messages(plain)
+                        yield from self._mcap_messages(plain, path)
                     elif plain.suffix == ".bag":
                         yield from _ros1_messages(plain)
                     else:
@@ -152,10 +152,14 @@ class BagFile:
             if self.problem:
                 return
 
-    def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
+    def _mcap_messages(self, path: Path, name: Path) -> Iterator[RawMessage]:
         """Yield messages of an .mcap file; note damage, BagError if it has no record.
 
         Without a record that can be read, it is taken for another format.
+
+        Args:
+            path: The file, which may be a temporary one.
+            name: The file that messages name.
         """
         try:
             with (
@@ -173,7 +177,7 @@ class BagFile:
                 other = f", or {what} at its beginning"
                 if isinstance(error, InvalidMagic):
                     other = ""
-                raise BagError(f"{path}: not an MCAP file{other}") from None
+                raise BagError(f"{name}: not an MCAP file{other}") from None
             reason = ""
             if str(error) and not is_cut_off:
                 reason = format_error(error)
