@@ -67,7 +67,8 @@ class Observation:
     scan: Scan
     """Lidar scan: `ranges` is float32 (beams,) in m, +inf where a beam returned nothing
     (REP-117). `angles()` is float64 (beams,) in rad in the lidar's frame, 0 ahead and
-    positive to the left. Ranges are valid from `range_min` to `range_max`."""
+    positive to the left. Ranges are valid from `range_min` to `range_max`; to all
+    planners of the suite others are no return, and so is 0 (`shortest_return_m`)."""
     pose: Pose2D
     """Pose of the robot in the planning frame, which is also the frame of the goal."""
 
