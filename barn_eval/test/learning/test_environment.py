@@ -530,7 +530,7 @@ MISTAKES = """
     unexpected keyword argument 'beams'
 {worldz: 40}
     did you mean 'worlds'
-{worlds: [1, two]}
+{worlds: [1, 2.5]}
     environment: worlds
 {worlds: true}
     environment: worlds
