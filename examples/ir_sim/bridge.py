@@ -53,10 +53,12 @@ def ir_sim_world(world: World, robot: Robot, start: list[float]) -> dict:
     low_x, low_y, high_x, high_y = world.bounds_m
     lidar = robot.lidar
     # IR-SIM casts each beam against each side, so circles would take seconds a scan.
+    # The polygons are around the circles: between any inside them, beams would pass.
+    radius_m = world.cylinder_radius_m / math.cos(math.pi / SIDES)
     corners = []
     for angle in (2.0 * math.pi * (np.arange(SIDES) + 0.5) / SIDES).tolist():
         x, y = math.cos(angle), math.sin(angle)
-        corners.append([world.cylinder_radius_m * x, world.cylinder_radius_m * y])
+        corners.append([radius_m * x, radius_m * y])
     return {
         "world": {
             "width": high_x - low_x + 2.0 * MARGIN_M,

@@ -283,14 +283,22 @@ def _short_types(type_names: Iterable[str]) -> str:
 class Watchdog:
     """Tells when patience is at an end during a trial."""
 
-    def __init__(self, patience: WaitLimits, now_s: float, commands: int = 0) -> None:
+    def __init__(
+        self,
+        patience: WaitLimits,
+        now_s: float,
+        commands: int = 0,
+        tick: str = "tick of /clock",
+    ) -> None:
         """Start the watch of a trial.
 
         Args:
             patience: Limits of waits.
             now_s: The evaluator's time, by which limits count.
             commands: Number of commands that came before the trial.
+            tick: What tells that time passes.
         """
+        self._tick = tick
         self._patience = patience
         self._start_s = now_s
         self._last_tick_s = now_s
@@ -341,7 +349,7 @@ class Watchdog:
         """
         patience = self._patience
         if now_s - self._last_tick_s > patience.clock_s:
-            detail = f"no tick of /clock for {patience.clock_s:g} s"
+            detail = f"no {self._tick} for {patience.clock_s:g} s"
             return Outcome.SIMULATOR_DIED, detail
         if now_s - self._last_publisher_s > patience.vanished_s:
             detail = "its publisher of commands has vanished from the graph"
