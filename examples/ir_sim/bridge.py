@@ -82,6 +82,10 @@ def ir_sim_world(world: World, robot: Robot, start: list[float]) -> dict:
                     -robot.drive.max_yaw_rate_rad_s,
                 ],
                 "vel_max": [robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s],
+                "acce": [
+                    robot.drive.max_acceleration_m_s2,
+                    robot.drive.max_yaw_acceleration_rad_s2,
+                ],
                 "sensors": [
                     {
                         "name": "lidar2d",
