@@ -18,6 +18,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.system_file import SystemFile, read_system
+from barn_eval.verification.check import check_folder
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages import decode
@@ -107,6 +108,14 @@ def test_a_robot_is_judged_by_odometry_that_begins_anywhere(trials):
     assert row.observed.system == "emulated"
     # Two seconds more than the trial.
     assert times[-1][0] - arrived_s > 1.5
+
+
+def test_a_check_judges_no_bag_in_a_frame_of_its_own(trials):
+    _, bag = trials["none"]
+    check = check_folder(bag.parents[1])
+    assert not any("readings" in text for text in check.problems)
+    assert check.driven == 0
+    assert any("observed in emulated" in text for text in check.unchecked)
 
 
 def test_a_gap_makes_times_uncertain(trials):
