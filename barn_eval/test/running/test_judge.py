@@ -72,7 +72,7 @@ def test_by_truth_a_row_is_that_of_the_run(collided, tmp_path):
     )
     assert row.measures == replace(own.measures, off_plan_m=None)
     assert replace(row.scores, least_time_s=None) == replace(
-        own.scores, least_time_s=None
+        own.scores, least_time_s=None, efficiency=None
     )
     assert (row.observed.clearance_by, row.observed.pose_source) == (
         "world",
@@ -178,7 +178,7 @@ def test_contacts_are_those_of_a_topic_an_operator_or_nobody(collided, tmp_path)
         contact="operator",
         contact_at=str(own.scores.duration_s),
     )
-    assert operator.scores == replace(own.scores, least_time_s=None)
+    assert operator.scores == replace(own.scores, least_time_s=None, efficiency=None)
     assert operator.observed.contact_source == "operator"
 
 
