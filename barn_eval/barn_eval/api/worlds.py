@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
 import pandas as pd
 
 from barn_eval.analysis.pandas_tables import pandas_table
@@ -43,7 +44,12 @@ from barn_worlds.datasets.generate_motion import (
 )
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.plan import CoursePlan, PlanConfig
-from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
+from barn_worlds.drawing.worlds import (
+    routes_figure,
+    sheet_figure,
+    world_figure,
+    write_animation,
+)
 from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
@@ -81,7 +87,13 @@ def datasets() -> list[str]:
 
 
 def load(
-    source: str | Path = "barn300", select: str = "all", *, robot: str | Path = "jackal"
+    source: str | Path = "barn300",
+    select: str = "all",
+    *,
+    robot: str | Path = "jackal",
+    courses: Sequence[Sequence[float]] = (),
+    routes: int = 0,
+    seed: int = 0,
 ) -> dict[int, World]:
     """Read worlds of a data set or file; return `World` objects by number.
 
@@ -94,11 +106,19 @@ def load(
         source: A data set's name, or a file or folder of any known format.
         select: World numbers, such as "0-49" or "0:300:60".
         robot: Robot that paths are planned for if the source has none.
+        courses: Start x, y, yaw and goal x, y [m, rad] of routes, each of which is then
+            a world.
+        routes: Number of routes to draw in each world, each of which is then a world.
+        seed: Seed that the routes are drawn by.
 
     Raises:
         BarnError: If the source cannot be read, or has no such world.
     """
-    dataset = open_dataset(source, load_robot(robot))
+    loaded_robot = load_robot(robot)
+    dataset = open_dataset(source, loaded_robot)
+    if courses or routes:
+        worlds = dataset.split_into_routes(loaded_robot, courses, routes, seed)
+        return {number: worlds[number] for number in select_worlds(select, worlds)}
     return {
         number: dataset.load(number)
         for number in select_worlds(select, dataset.world_numbers)
@@ -471,7 +491,13 @@ def draw(
     if isinstance(worlds, Mapping):
         if course:
             raise ConfigError("a course is drawn in one world, not in several")
-        return Plot(sheet_figure(worlds), f"{len(worlds)} worlds")
+        # Routes through one map are drawn over it.
+        first, *others = worlds.values()
+        shares_map = first.start is not None and all(
+            np.array_equal(world.grid, first.grid) for world in others
+        )
+        figure = routes_figure(worlds) if shares_map else sheet_figure(worlds)
+        return Plot(figure, f"{len(worlds)} worlds")
     world, start, goal, distance_m = _with_course(worlds, load_robot(robot), course)
     return Plot(world_figure(world, start, goal, distance_m), worlds.name)
 

@@ -189,12 +189,22 @@ run_option = click.option(
 )
 
 
+def _parse_courses(
+    _: click.Context, __: click.Parameter, texts: tuple[str, ...]
+) -> tuple[tuple[float, ...], ...]:
+    """Return the numbers of each course."""
+    return tuple(map(_read_course, texts))
+
+
 def _parse_course(
     _: click.Context, __: click.Parameter, text: str | None
 ) -> tuple[float, ...] | None:
-    """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad]; None without text."""
-    if text is None:
-        return None
+    """Return the numbers of a course; None without text."""
+    return None if text is None else _read_course(text)
+
+
+def _read_course(text: str) -> tuple[float, ...]:
+    """Return the 5 or 6 numbers of "X,Y,YAW:X,Y[,YAW]" [m, rad]."""
     start, colon, goal = text.partition(":")
     start_texts = start.split(",")
     goal_texts = goal.split(",")
@@ -211,12 +221,16 @@ def _parse_course(
     return numbers
 
 
-course_option = click.option(
-    "--course",
-    metavar="X,Y,YAW:X,Y",
-    callback=_parse_course,
-    help="Start and goal in every world, in m and rad [default: the world's own, else"
-    " the protocol's].",
+_course_option = partial(click.option, "--course", metavar="X,Y,YAW:X,Y")
+_COURSE_HELP = (
+    "Start and goal in every world, in m and rad [default: the world's own, else the"
+    " protocol's]"
+)
+course_option = _course_option(callback=_parse_course, help=f"{_COURSE_HELP}.")
+courses_option = _course_option(
+    multiple=True,
+    callback=_parse_courses,
+    help=f"{_COURSE_HELP}; of several, each is a world.",
 )
 
 

@@ -24,7 +24,7 @@ from barn_eval.analysis.text_table import count_noun
 from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     FILE,
-    course_option,
+    courses_option,
     field_option,
     file_option,
     flag_option,
@@ -83,7 +83,8 @@ _EXECUTION = ExecutionConfig()
 @click.option(
     "--robot", help="A name (see barn robots) or a YAML file [default: jackal]."
 )
-@course_option
+@courses_option
+@field_option(_RUN, "routes")
 @field_option(_RUN, "repetitions")
 @field_option(_RUN, "seed")
 @field_option(_RUN, "mode")

@@ -7,12 +7,16 @@ import click
 from barn_eval.api import worlds as api_worlds
 from barn_eval.api.results import overlay
 from barn_eval.commands.options import (
-    course_option,
+    courses_option,
+    field_option,
     file_option,
     path_option,
     print_notes,
     split_names,
 )
+from barn_eval.trials.run_config import RunConfig
+
+_RUN = RunConfig()
 
 
 @click.command("show")
@@ -25,7 +29,9 @@ from barn_eval.commands.options import (
     help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif"
     " [default: named after WORLDS].",
 )
-@course_option
+@courses_option
+@field_option(_RUN, "routes")
+@field_option(_RUN, "seed")
 @path_option(
     "--trials",
     multiple=True,
@@ -44,7 +50,9 @@ def command(
     worlds: str,
     dataset: str,
     out: Path | None,
-    course: tuple[float, ...] | None,
+    course: tuple[tuple[float, ...], ...],
+    routes: int,
+    seed: int,
     trials: tuple[Path, ...],
     by: str | None,
     planners: str | None,
@@ -82,9 +90,11 @@ def command(
         worlds[:1].isdecimal() and not Path(worlds).exists()
     )
     source = (dataset, worlds) if are_numbers else (worlds,)
-    worlds_by_number = api_worlds.load(*source)
+    worlds_by_number = api_worlds.load(
+        *source, courses=course, routes=routes or 0, seed=seed or 0
+    )
     path = out or Path("worlds.png")
     if out is None and len(worlds_by_number) == 1:
         path = Path(f"world_{next(iter(worlds_by_number))}.png")
-    api_worlds.write_figure(worlds_by_number, path, course=course or ())
+    api_worlds.write_figure(worlds_by_number, path)
     print_notes(path)

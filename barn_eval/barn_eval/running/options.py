@@ -32,9 +32,13 @@ class RunKeywords(TypedDict, total=False):
     robot: str | Path | Robot | None
     """Name, YAML file or object of the robot. Default: "jackal"."""
 
-    course: Sequence[float] | None
-    """Start x, y, yaw and goal x, y of every world [m, rad]. Default: the world's own
-    course, else the protocol's."""
+    course: Sequence[float] | Sequence[Sequence[float]] | None
+    """Start x, y, yaw and goal x, y of every world [m, rad]; of several courses, each
+    is a world of the run. Default: the world's own course, else the protocol's."""
+
+    routes: int | None
+    """Number of routes to draw in each world by the seed; each is a world of the run.
+    Default: 0, the world's own course."""
 
     repetitions: int | None
     """Trials per world and planner. Default: 1."""

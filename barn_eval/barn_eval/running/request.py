@@ -26,6 +26,7 @@ from barn_eval.trials.protocol import (
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_sim.config import robot_of
 from barn_worlds.base.config import (
     as_plain,
     format_selection,
@@ -34,7 +35,7 @@ from barn_worlds.base.config import (
 )
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
-from barn_worlds.datasets.dataset import Dataset
+from barn_worlds.datasets.dataset import Dataset, open_dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import World
@@ -66,14 +67,31 @@ class RunRequest:
                 f"out {format_value(str(self.out))}: a path cannot hold a NUL"
             )
 
-    def trials(self) -> list[TrialSpec]:
-        """Return specifications of all trials of the run, done or not, in order."""
+    @property
+    def dataset(self) -> Dataset:
+        """The data set that the worlds of the run are selected from."""
         if self.worlds is None:
-            return self.config.trials()
+            return open_dataset(self.config.dataset)
         readers = {
             number: partial(self.worlds.__getitem__, number) for number in self.worlds
         }
-        return self.config.trials(dataset=Dataset(Path(WORLDS).stem, readers))
+        return Dataset(Path(WORLDS).stem, readers)
+
+    def trials(self) -> list[TrialSpec]:
+        """Return specifications of all trials of the run, done or not, in order."""
+        return self.config.trials(dataset=self.dataset)
+
+    def with_routes(self, courses: Sequence[Sequence[float]]) -> "RunRequest":
+        """Return a copy of the run in which each route of a world is a world.
+
+        `courses` are routes as numbers for `parse_course`; `config.routes` are drawn.
+        """
+        config = self.config
+        worlds = self.dataset.split_into_routes(
+            robot_of(config.simulator), courses, config.routes, config.seed
+        )
+        config = replace(config, dataset=_worlds_file(self.out))
+        return replace(self, config=config, worlds=worlds)
 
     def in_folder(self, out: Path) -> "RunRequest":
         """Return a copy of the run with another results folder; move nothing."""
@@ -81,6 +99,24 @@ class RunRequest:
         if self.worlds is not None:
             config = replace(config, dataset=_worlds_file(out))
         return replace(self, config=config, out=out)
+
+
+def _pop_courses(content: dict[str, Any], where: str) -> list[tuple[float, ...]]:
+    """Remove the courses if there are several, and return them; else an empty list."""
+    courses = content.get("course")
+    if not isinstance(courses, Sequence) or not all(
+        isinstance(course, Sequence) and not isinstance(course, str)
+        for course in courses
+    ):
+        return []
+    if len(courses) < 2:
+        content["course"] = next(iter(courses), ())
+        return []
+    del content["course"]
+    return [
+        from_dict(RunConfig, {"course": course}, f"{where}course").course
+        for course in courses
+    ]
 
 
 def _worlds_file(out: Path) -> str:
@@ -135,6 +171,7 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
     if worlds is not None:
         content["dataset"] = _worlds_file(out)
 
+    courses = _pop_courses(content, where)
     request = RunRequest(
         _read_config(content, where),
         from_dict(ExecutionConfig, execution, f"{where}execution"),
@@ -142,6 +179,8 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
         worlds,
         planner_objects,
     )
+    if courses or request.config.routes:
+        request = request.with_routes(courses)
     if request.config.mode == "ros":
         return replace(request, execution=_check_for_ros(request.execution, where))
     return request

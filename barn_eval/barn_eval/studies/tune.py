@@ -39,7 +39,7 @@ from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import dump_yaml, read_yaml
-from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.dataset import select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
 RANGES_FOLDER = Path(__file__).parents[1] / "data" / "ranges"
@@ -222,7 +222,7 @@ class Tuner:
                     " better"
                 )
 
-        numbers = open_dataset(config.dataset).world_numbers
+        numbers = self.base.dataset.world_numbers
         # Settings may be given up after a few worlds, which must be like the rest.
         self.worlds = order_worlds_fairly(select_worlds(config.worlds, numbers))
         other_worlds = [number for number in numbers if number not in self.worlds]

@@ -163,6 +163,14 @@ class RunConfig(Checked):
         "start x, y, yaw and goal x, y of all its worlds, in m and rad, in place of"
         " their own",
     )
+    # `RunRequest` draws them, and makes each a world of the run.
+    routes: int = optional(
+        0,
+        "routes to draw in each world by the seed, each a world of its own",
+        "",
+        0,
+        1000,
+    )
     system: System = field(default_factory=System, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:

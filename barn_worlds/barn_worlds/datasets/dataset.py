@@ -15,7 +15,7 @@ from barn_worlds.formats import dataset_file, map_server, original, single
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import fit_to_robot
+from barn_worlds.worlds.course import draw_routes, fit_to_robot
 from barn_worlds.worlds.world import World
 
 # Worlds of a data set that stay in memory.
@@ -87,6 +87,37 @@ class Dataset:
     ) -> World:
         """Load a world of this data set and return it as a robot drives it."""
         return fit_to_robot(self.load(world_number), robot, course)
+
+    def split_into_routes(
+        self,
+        robot: Robot,
+        courses: Sequence[Sequence[float]] = (),
+        count: int = 0,
+        seed: int = 0,
+    ) -> dict[int, World]:
+        """Return a world per route, numbered in the order of worlds and routes.
+
+        Args:
+            robot: Robot that drives.
+            courses: Start and goal of each route, as numbers for `parse_course`.
+            count: Number of routes to draw in each world, after those of `courses`.
+            seed: Another seed draws other routes.
+
+        Raises:
+            WorldError: If a course cannot be driven, or a world has too few routes.
+        """
+        routes: list[World] = []
+        for world in map(self.load, self.world_numbers):
+            own = [fit_to_robot(world, robot, course) for course in courses]
+            if count:
+                own += draw_routes(world, robot, count, seed)
+            if len(own) > 1:
+                own = [
+                    replace(route, name=f"{world.name} route {number}")
+                    for number, route in enumerate(own)
+                ]
+            routes += own
+        return dict(enumerate(routes))
 
     def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
         """Raise WorldError if a robot is too large for worlds made for another one.

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 from PIL import Image
 
-from barn_worlds.base.arrays import Singles
+from barn_worlds.base.arrays import Points, Singles
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.types import Pose2D
@@ -64,6 +64,37 @@ def world_figure(
     _draw_motion(axes, world, arrows=_ARROWS_PER_TRACK)
     axes.legend(
         loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False
+    )
+    return figure
+
+
+def routes_figure(worlds: Mapping[int, World]) -> Figure:
+    """Return one figure of a map with its routes, each with its number near its start.
+
+    Args:
+        worlds: Worlds that differ in their course alone.
+    """
+    paths_m = {number: world.path_m() for number, world in worlds.items()}
+    first = next(iter(worlds.values()))
+    figure, axes = _draw_world(first, shown_m=tuple(paths_m.values()))
+    for number, points in paths_m.items():
+        color = palette.PLANNERS[number % len(palette.PLANNERS)]
+        axes.plot(*points.T, color=color, linewidth=1.5)
+        axes.plot(*points[-1], "*", color=palette.GOAL, markersize=9)
+        axes.text(
+            *points[len(points) // 8],
+            str(number),
+            color=palette.WHITE,
+            fontsize=7,
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "circle", "facecolor": color, "edgecolor": "none"},
+        )
+    lengths_m = [world.path_length_m for world in worlds.values()]
+    axes.set_title(
+        f"{len(worlds)} routes of {min(lengths_m):.1f} to {max(lengths_m):.1f} m, "
+        "numbers near their starts, stars at their goals",
+        fontsize=9,
     )
     return figure
 
@@ -137,15 +168,19 @@ def _draw_world(
     start: Pose2D | None = None,
     goal: Pose2D | None = None,
     goal_distance_m: float = 0.0,
+    shown_m: tuple[Points, ...] = (),
 ) -> tuple[Figure, Axes]:
-    """Return a new figure of what stands in a world, and its axes in meters."""
+    """Return a new figure of what stands in a world, and its axes in meters.
+
+    `shown_m` are further points (n, 2) that it has to contain.
+    """
     left, below, right, above = world.bounds_m
     # The grid, without the containment in front of it.
     field = (left, right, above - world.cols * world.resolution_m, above)
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
     scene = scene_of(world, start or first, goal or last, goal_distance_m)
     (left, below), (right, above) = scene.view_m(
-        np.array([left, below]), np.array([right, above])
+        np.array([left, below]), np.array([right, above]), *shown_m
     )
 
     # Axes of 4.2 inches across, and 1.2 inches for title and labels.

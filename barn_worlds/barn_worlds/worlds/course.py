@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Cells, Integers
+from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import Corner
@@ -18,6 +17,7 @@ from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, label_regions
 from barn_worlds.worlds.path_planner import plan_path
+from barn_worlds.worlds.routes import draw_ends
 from barn_worlds.worlds.world import Provenance, World
 
 # Start and goal.
@@ -25,8 +25,6 @@ Course = tuple[Pose2D, Pose2D]
 
 # A world's `path_source` where start and goal were chosen.
 AUTOMATIC_COURSE = "chosen"
-# Of a path between chosen ends: 50 s at 0.5 m/s, half the limit of protocol challenge.
-LONGEST_AUTOMATIC_M = 25.0
 # Chosen ends keep this distance from obstacles, and lie within the other one of an
 # obstacle: half the range of a usual lidar.
 _SPACE_M = 0.25
@@ -141,7 +139,7 @@ def plan_course(world: World, robot: Robot, course: Course | None = None) -> Wor
     footprint_cells = robot.footprint_cells(world.resolution_m)
     cspace = configuration_space(world.occupied, footprint_cells)
     if course is None:
-        path = _choose_path(cspace, world, robot, footprint_cells)
+        (path,) = _choose_paths(cspace, world, robot, footprint_cells, 1, 0)
         start, goal = _end_poses(path, world)
         source = AUTOMATIC_COURSE
     else:
@@ -158,6 +156,42 @@ def plan_course(world: World, robot: Robot, course: Course | None = None) -> Wor
         start=start,
         goal=goal,
     )
+
+
+def draw_routes(world: World, robot: Robot, count: int, seed: int = 0) -> list[World]:
+    """Return copies of a world, each with a route of its own for a robot.
+
+    Routes are long, lead round corners and past narrow places where the map has some,
+    and spread over it.
+
+    Args:
+        world: The world; its own course and path are replaced.
+        robot: Robot that the routes are for.
+        count: Number of routes.
+        seed: Another seed draws other routes.
+
+    Raises:
+        WorldError: If the world has not as many routes.
+    """
+    footprint_cells = robot.footprint_cells(world.resolution_m)
+    cspace = configuration_space(world.occupied, footprint_cells)
+    paths = _choose_paths(cspace, world, robot, footprint_cells, count, seed)
+    # A data set file does not keep where its worlds were read from.
+    parameters = {"map": world.provenance.path, "routes": count, "seed": seed}
+    provenance = replace(world.provenance, parameters=parameters, path_source="planned")
+    routes = []
+    for path in paths:
+        start, goal = _end_poses(path, world)
+        route = replace(
+            world,
+            path=path,
+            footprint_cells=footprint_cells,
+            provenance=provenance,
+            start=start,
+            goal=goal,
+        )
+        routes.append(route)
+    return routes
 
 
 def _end_poses(path: Cells, world: World) -> Course:
@@ -226,69 +260,50 @@ def _plan_between(
     return path
 
 
-def _choose_path(
-    cspace: BoolGrid, world: World, robot: Robot, footprint_cells: int
-) -> Cells:
-    """Return path cells (n, 2) between two far ends in the largest free region.
+def _choose_paths(
+    cspace: BoolGrid,
+    world: World,
+    robot: Robot,
+    footprint_cells: int,
+    count: int,
+    seed: int,
+) -> list[Cells]:
+    """Return path cells (n, 2) of `count` routes in the largest free region.
 
-    Raises WorldError if the robot finds no path.
+    Raises WorldError if there are not as many.
 
     The ends have space to all sides and an obstacle in sight of the lidar, if there are
-    such places. The same map gives the same ends.
+    such places. The same map and seed give the same routes.
     """
     cell_m = world.resolution_m
     near, visible = (
         configuration_space(cspace, 2 * round(reach_m / cell_m) + 1)
         for reach_m in (_SPACE_M, _VISIBLE_M)
     )
+    labels, sizes = label_regions(~cspace)
+    # Label 0 is what is blocked.
+    region = labels == 1 + np.argmax(sizes[1:]) if len(sizes) > 1 else ~cspace
+    paths: list[Cells] = []
     for blocked in (near | ~visible, near, cspace):
-        labels, sizes = label_regions(~blocked)
-        if len(sizes) < 2:
-            continue
-        # Label 0 is what is blocked.
-        region = labels == 1 + np.argmax(sizes[1:])
+        paths = []
+        ends = draw_ends(
+            region,
+            region & ~blocked,
+            region & near,
+            cell_m,
+            max(1, footprint_cells // 3),
+            count,
+            seed,
+        )
+        for first, last in ends:
+            path = plan_path(cspace, first, last)
+            if path is not None and len(path) > 1:
+                paths.append(path)
+            if len(paths) == count:
+                return paths
 
-        # The cell farthest from any cell is one end, the one farthest from it the
-        # other.
-        first = _farthest(region, np.argwhere(region)[0], np.inf)
-        last = _farthest(region, first, LONGEST_AUTOMATIC_M / cell_m)
-        path = plan_path(cspace, first, last)
-        if path is not None and len(path) > 1:
-            return path
-
+    finds = f"{len(paths)} routes of {count}" if paths else "no path"
     raise WorldError(
         f"{world.name}: robot {robot.name}, {footprint_cells} x {footprint_cells} "
-        "cells, finds no path in it"
+        f"cells, finds {finds} in it"
     )
-
-
-@njit(cache=True)
-def _farthest(free: BoolGrid, start: Integers, limit: float) -> Cells:
-    """Return row, column (2,) of the free cell most 4-connected steps from `start`.
-
-    Cells more than `limit` steps away do not count.
-    """
-    rows, cols = free.shape
-    distance = np.full((rows, cols), -1, np.int64)
-    queue = np.empty((rows * cols, 2), np.int64)
-    queue[0] = start
-    distance[start[0], start[1]] = 0
-    head = 0
-    tail = 1
-    farthest = np.array([start[0], start[1]])
-    while head < tail:
-        row, column = queue[head]
-        head += 1
-        if distance[row, column] > limit:
-            break
-        farthest[0] = row
-        farthest[1] = column
-        for row_step, column_step in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-            r = row + row_step
-            c = column + column_step
-            if 0 <= r < rows and 0 <= c < cols and free[r, c] and distance[r, c] < 0:
-                distance[r, c] = distance[row, column] + 1
-                queue[tail, 0] = r
-                queue[tail, 1] = c
-                tail += 1
-    return farthest
