@@ -98,9 +98,13 @@ def ranked_table(run: RunSummary) -> TextTable:
     if rest:
         notes.append(f"and {count_noun(rest, 'more planner')}")
     trials = count_noun(sum(summary.trials for summary in run.planners), "trial")
+    title = f"{trials} in {count_noun(ranking.worlds, 'world')}"
+    # No protocol ranks by it: its own metric has no meaning in these worlds.
+    if run.measure.key == "efficiency":
+        title += ", ranked by efficiency"
     return TextTable(
         "ranked",
-        f"{trials} in {count_noun(ranking.worlds, 'world')}",
+        title,
         (*headings, "clearance [m]"),
         tuple(rows),
         texts=2,

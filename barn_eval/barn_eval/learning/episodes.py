@@ -163,8 +163,8 @@ class Episodes:
         for other_index, other in self._trials.items():
             if other_index == index:
                 continue
-            protocol = other.spec.scaled_protocol
-            if protocol is spec.scaled_protocol or protocol == spec.scaled_protocol:
+            speed_mps = other.spec.scaled_protocol.reference_speed_mps
+            if speed_mps == spec.scaled_protocol.reference_speed_mps:
                 return
             names = f"{spec.world.name} and {other.spec.world.name}"
             raise ConfigError(

@@ -211,7 +211,7 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
             log.warn(warning)
         scored = [row for row in results if row.is_scored]
         if scored:
-            log.notify(_summarize(scored, protocol.metric))
+            log.notify(_summarize(scored, scored[0].metric))
         log.notify(f"results in {out}; for a page of them: barn report {out}")
 
 

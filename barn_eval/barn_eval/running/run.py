@@ -17,10 +17,13 @@ from barn_eval.running.runner import run_trials
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig
+from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import signal_handler
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 _MAX_UNSCORED_NAMES = 5
+# Of the limit; a trial that needs more, however it is driven, has hardly time.
+_TIGHT_SHARE = 0.9
 
 MakeWork = Callable[[RunRequest, BagStore], Work]
 """Returns what workers do with the jobs of a run."""
@@ -53,6 +56,9 @@ def open_run(
     """
     # Reads the worlds and checks planners, before the folder is touched.
     trials = request.trials()
+    warning = check_limits(trials)
+    if warning:
+        reporter.warn(warning)
     store = BagStore(request.out.absolute(), request.config.bags)
     if make_work is None:
         work: Work = DirectWork(store, request.planner_objects)
@@ -184,6 +190,39 @@ def make_shared_pool(execution: ExecutionConfig) -> WorkerPool:
     Their planners are from the registry. See `open_run`.
     """
     return make_pool(execution, DirectWork(BagStore(Path())))
+
+
+def check_limits(trials: Sequence[TrialSpec]) -> str:
+    """Return a warning of trials with hardly enough time, empty if there are none.
+
+    Args:
+        trials: Trials of a run.
+
+    Raises:
+        ConfigError: A planner cannot arrive within the limit, however well it drives.
+    """
+    tight = []
+    for spec in trials:
+        limit_s = spec.scaled_protocol.limit_s
+        where = f"{spec.planner} in {spec.world.name}"
+        # The bound takes a search, and is no longer than the path takes.
+        reach_m = _TIGHT_SHARE * limit_s * spec.speed_cap_mps
+        if spec.repetition or spec.course.reference_length_m < reach_m:
+            continue
+        if spec.least_time_s > limit_s:
+            raise ConfigError(
+                f"{where} needs at least {spec.least_time_s:.1f} s at"
+                f" {spec.speed_cap_mps:g} m/s, above the limit of {limit_s:g} s; use a"
+                f" protocol file with base: {spec.protocol.name} and a longer limit_s"
+            )
+        if spec.least_time_s > _TIGHT_SHARE * limit_s:
+            tight.append(where)
+    if not tight:
+        return ""
+    return (
+        f"{tight[0]} and {len(tight) - 1} more have hardly time: the least that they"
+        f" need is over {_TIGHT_SHARE:.0%} of the limit"
+    )
 
 
 def describe_unscored(results: Rows) -> str:

@@ -214,7 +214,7 @@ class Tuner:
         config = self.base.config
         require_ros(config, reporter)
 
-        self.by = require_measures(by) or (config.protocol.metric,)
+        self.by = require_measures(by) or (self.base.trials()[0].metric,)
         for key in self.by:
             if not MEASURES[key].better or MEASURES[key].successes_only:
                 raise ConfigError(

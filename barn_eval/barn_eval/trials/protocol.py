@@ -223,6 +223,15 @@ class Protocol(Checked):
         0.0,
         _UNLIMITED_M,
     )
+    own_limit: float = optional(
+        3.0,
+        "on a course of a world's own, the limit is at least so many times the time for"
+        " its path at a quarter of the reference speed, or at the robot's if that is"
+        " lower; 0: limit_s",
+        "",
+        0.0,
+        1000.0,
+    )
     random_phase: bool = optional(
         True,
         "moving obstacles begin at a time of their motions drawn from the trial's seed,"
@@ -366,6 +375,51 @@ class Protocol(Checked):
             reference_speed_mps=scale * self.reference_speed_mps,
         )
 
+    def extend_to(self, world: World, max_speed_mps: float) -> "Protocol":
+        """Return the protocol with a limit that the world's own course can be driven in.
+
+        Times that failures count with rise with it. The protocol itself is returned for
+        worlds without a course of their own, and where its limit is long enough.
+
+        Args:
+            world: Its path is measured.
+            max_speed_mps: Highest speed of the robot.
+        """
+        if world.start is None:
+            return self
+        speed_mps = min(max_speed_mps, self.slow_speed_mps)
+        limit_s = self.own_limit * math.ceil(world.path_length_m / speed_mps)
+        if limit_s <= self.limit_s:
+            return self
+        scale = limit_s / self.limit_s
+        return replace(
+            self,
+            limit_s=limit_s,
+            failure_time_s=scale * self.failure_time_s,
+            timeout_time_s=scale * self.timeout_time_s,
+        )
+
+    @property
+    def slow_speed_mps(self) -> float:
+        """Speed at which a robot gets half of the best challenge metric."""
+        return self.reference_speed_mps / 4.0
+
+    def ranking_metric(self, world: World, max_speed_mps: float) -> str:
+        """Return the key of the measure that ranks planners in a world.
+
+        The optimal time is made for the course of the challenge and for a robot that
+        can reach its speed. On courses of a world's own, and for slow robots, the
+        efficiency takes its place.
+
+        Args:
+            world: World of the trial.
+            max_speed_mps: Highest speed of the robot.
+        """
+        is_slow = max_speed_mps < self.slow_speed_mps
+        if self.metric.startswith("challenge") and (world.start is not None or is_slow):
+            return "efficiency"
+        return self.metric
+
     def map_offset_m(self) -> float:
         """Return by how many m the planner's map is shifted along y: -0.15 or 0.
 
@@ -406,6 +460,9 @@ def load_protocol(source: str) -> Protocol:
     for key in required:
         if key not in content:
             raise ConfigError(f"{source}: missing key {key!r}{hint}")
+    # A limit that somebody chose is kept.
+    if "limit_s" in content:
+        content.setdefault("own_limit", 0.0)
     protocol = replace_dotted(standard, content, source)
     check_protocol_name(protocol, f"{source}: ")
     return protocol

@@ -91,8 +91,16 @@ class TrialSpec:
 
     @cached_property
     def scaled_protocol(self) -> Protocol:
-        """The protocol, lengths and reference speed scaled to this world's cells."""
-        return self.protocol.scaled_to(self.world, self.simulator.chassis)
+        """The protocol scaled to this world's cells, its limit to the world's course."""
+        protocol = self.protocol.scaled_to(self.world, self.simulator.chassis)
+        return protocol.extend_to(self.world, self.simulator.drive.max_speed_m_s)
+
+    @property
+    def metric(self) -> str:
+        """Key of the measure that ranks planners in this trial's world."""
+        return self.scaled_protocol.ranking_metric(
+            self.world, self.simulator.drive.max_speed_m_s
+        )
 
     @cached_property
     def course(self) -> Course:

@@ -201,7 +201,7 @@ class RunningTrial:
         # Only the efficiency of a success needs the least time, which takes a search.
         spec = self.spec
         least_s = spec.least_time_s if verdict.outcome is Outcome.SUCCESS else None
-        return score_trial(verdict, spec.course, spec.protocol, least_s)
+        return score_trial(verdict, spec.course, spec.scaled_protocol, least_s)
 
     def read(
         self, odometry: Odometry, truth: Odometry, collision: bool
@@ -313,7 +313,9 @@ def finish_trial(
         **columns: Further fields of its row.
     """
     world = spec.world
-    scores = score_trial(verdict, spec.course, spec.protocol, spec.least_time_s)
+    scores = score_trial(
+        verdict, spec.course, spec.scaled_protocol, spec.least_time_s
+    )
     if spec.least_time_s is None:
         # Zeros of failures alone would make a mean that is none.
         scores = replace(scores, efficiency=None)
@@ -344,7 +346,7 @@ def finish_trial(
         ),
         task=spec.task,
         planner_config=spec.planner_config,
-        metric=spec.protocol.metric,
+        metric=spec.metric,
         fault=verdict.fault,
         speed_cap_mps=spec.speed_cap_mps,
         compute=spec.compute_mode,

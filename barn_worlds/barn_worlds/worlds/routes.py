@@ -51,6 +51,8 @@ def draw_ends(
             are.
         seed: Seed of the draw.
     """
+    if not open_cells.any():
+        return
     generator = np.random.default_rng(seed)
     number = min(max(_FEWEST_PLACES, 2 * count), _MOST_PLACES)
     places = _spread_places(np.argwhere(open_cells), number, generator)
@@ -90,7 +92,7 @@ def draw_ends(
 
 
 def _spread_places(cells: Cells, number: int, generator: np.random.Generator) -> Cells:
-    """Return up to `number` of the cells (n, 2), each as far as can be from those before."""
+    """Return up to `number` of the cells (n, 2), each far from those before."""
     size = min(len(cells), _CANDIDATES)
     candidates = cells[generator.choice(len(cells), size, replace=False)]
     places = [candidates[0]]

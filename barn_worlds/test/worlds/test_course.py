@@ -13,8 +13,9 @@ from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
-from barn_worlds.worlds.course import LONGEST_AUTOMATIC_M, fit_to_robot
+from barn_worlds.worlds.course import draw_routes, fit_to_robot
 from barn_worlds.worlds.cspace import configuration_space
+from barn_worlds.worlds.routes import LONGEST_M
 from barn_worlds.worlds.world import World
 
 CELL_M = 0.1
@@ -69,7 +70,8 @@ def test_a_map_without_a_course_gets_far_apart_ends(tmp_path):
     world = opened(written(tmp_path, grid))
     ends = np.array([(world.start.x, world.start.y), (world.goal.x, world.goal.y)])
     assert np.allclose(world.path_m()[[0, -1]], ends)
-    assert 15.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
+    # A block may cut a corner of the way that is measured.
+    assert 9.5 < world.path_length_m <= 1.05 * LONGEST_M
     low, high = np.array([[40, 20], [80, 60]]) * CELL_M + np.array(CORNER_M)
     assert not ((low < ends) & (ends < high)).all(axis=1).any()
     assert np.array_equal(world.grid, grid) and is_free(world)
@@ -89,7 +91,49 @@ def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
     ends = [(pose.x, pose.y) for pose in (world.start, world.goal)]
     away = np.abs(world.cylinders_m[:, None] - ends)
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
-    assert 10.0 < world.path_length_m <= LONGEST_AUTOMATIC_M
+    assert 9.5 < world.path_length_m <= 1.05 * LONGEST_M
+
+
+def comb():
+    """Return walls of 12 x 20 m, in cells, each with a gap at the other end than the next."""
+    grid = hall()
+    grid[:, 100:102] = False
+    grid[[0, -1]] = True
+    for number, column in enumerate(range(40, 180, 40)):
+        grid[(20 if number % 2 else 0) : (None if number % 2 else 100), column] = True
+    return grid
+
+
+def test_routes_are_long_bent_narrow_and_spread(tmp_path):
+    world = opened(written(tmp_path, comb()))
+    routes = draw_routes(world, STANDARD_ROBOT, 12)
+    assert all(9.5 < route.path_length_m <= 1.05 * LONGEST_M for route in routes)
+    straight_m = [route.start.distance(route.goal) for route in routes]
+    ratios = [
+        route.path_length_m / length
+        for route, length in zip(routes, straight_m, strict=True)
+    ]
+    assert np.mean(ratios) > 1.4
+    starts = np.array([(route.start.x, route.start.y) for route in routes])
+    assert (np.ptp(starts, axis=0) > [5.0, 8.0]).all()
+    assert len({route.checksum for route in routes}) == 12
+    assert all(map(is_free, routes))
+
+
+def test_routes_follow_from_their_seed(world):
+    def checksums(seed):
+        routes = draw_routes(world, STANDARD_ROBOT, 3, seed)
+        return [route.checksum for route in routes]
+
+    assert checksums(4) == checksums(4) != checksums(5)
+
+
+def test_more_routes_than_a_map_has_are_refused(tmp_path, refused):
+    grid = np.ones((9, 40), bool)
+    grid[4, 2:-2] = False
+    corridor = opened(written(tmp_path, np.kron(grid, np.ones((7, 1), bool))))
+    with refused(WorldError, "finds [0-9]+ routes of 400 in it"):
+        draw_routes(corridor, STANDARD_ROBOT, 400)
 
 
 def test_start_and_goal_come_from_the_file_of_the_map(driven):
