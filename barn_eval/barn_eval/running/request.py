@@ -81,12 +81,15 @@ class RunRequest:
         """Return specifications of all trials of the run, done or not, in order."""
         return self.config.trials(dataset=self.dataset)
 
-    def with_routes(self, courses: Sequence[Sequence[float]]) -> "RunRequest":
+    def split_into_routes(self, courses: Sequence[Sequence[float]]) -> "RunRequest":
         """Return a copy of the run in which each route of a world is a world.
 
-        `courses` are routes as numbers for `parse_course`; `config.routes` are drawn.
+        `courses` are routes as numbers for `parse_course`, and `config.routes` are
+        drawn. The run itself is returned where there are none.
         """
         config = self.config
+        if not courses and not config.routes:
+            return self
         worlds = self.dataset.split_into_routes(
             robot_of(config.simulator), courses, config.routes, config.seed
         )
@@ -179,8 +182,7 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
         worlds,
         planner_objects,
     )
-    if courses or request.config.routes:
-        request = request.with_routes(courses)
+    request = request.split_into_routes(courses)
     if request.config.mode == "ros":
         return replace(request, execution=_check_for_ros(request.execution, where))
     return request

@@ -203,26 +203,36 @@ def check_limits(trials: Sequence[TrialSpec]) -> str:
     """
     tight = []
     for spec in trials:
-        limit_s = spec.scaled_protocol.limit_s
-        where = f"{spec.planner} in {spec.world.name}"
-        # The bound takes a search, and is no longer than the path takes.
-        reach_m = _TIGHT_SHARE * limit_s * spec.speed_cap_mps
-        if spec.repetition or spec.course.reference_length_m < reach_m:
-            continue
-        if spec.least_time_s > limit_s:
-            raise ConfigError(
-                f"{where} needs at least {spec.least_time_s:.1f} s at"
-                f" {spec.speed_cap_mps:g} m/s, above the limit of {limit_s:g} s; use a"
-                f" protocol file with base: {spec.protocol.name} and a longer limit_s"
-            )
-        if spec.least_time_s > _TIGHT_SHARE * limit_s:
-            tight.append(where)
+        least_s = _require_time(spec) if spec.repetition == 0 else 0.0
+        if least_s > _TIGHT_SHARE * spec.scaled_protocol.limit_s:
+            tight.append(f"{spec.planner} in {spec.world.name} ({least_s:.1f} s)")
     if not tight:
         return ""
-    return (
-        f"{tight[0]} and {len(tight) - 1} more have hardly time: the least that they"
-        f" need is over {_TIGHT_SHARE:.0%} of the limit"
-    )
+    others = f" and {len(tight) - 1} more" if len(tight) > 1 else ""
+    return f"at least {_TIGHT_SHARE:.0%} of the limit is needed by {tight[0]}{others}"
+
+
+def _require_time(spec: TrialSpec) -> float:
+    """Return the least time of a trial in s, 0 where the limit is far from it.
+
+    Raises ConfigError if it exceeds the limit, unless somebody chose a short limit for
+    the course of the protocol, for a first look.
+    """
+    protocol = spec.scaled_protocol
+    speed_mps = spec.speed_cap_mps
+    # The bound takes a search, and is no longer than the path takes.
+    length_m = spec.course.reference_length_m
+    if speed_mps is None or length_m < _TIGHT_SHARE * protocol.limit_s * speed_mps:
+        return 0.0
+    least_s = spec.least_time_s or 0.0
+    is_chosen = protocol.own_limit == 0.0 and spec.world.start is None
+    if least_s > protocol.limit_s and not is_chosen:
+        raise ConfigError(
+            f"{spec.planner} in {spec.world.name} needs at least {least_s:.1f} s at"
+            f" {speed_mps:g} m/s, above limit_s = {protocol.limit_s:g} s; give a longer"
+            f" one in a protocol file with base: {spec.protocol.name}"
+        )
+    return least_s
 
 
 def describe_unscored(results: Rows) -> str:

@@ -80,9 +80,12 @@ def routes_figure(worlds: Mapping[int, World]) -> Figure:
     for number, points in paths_m.items():
         color = palette.PLANNERS[number % len(palette.PLANNERS)]
         axes.plot(*points.T, color=color, linewidth=1.5)
+        axes.plot(*points[0], "o", color=palette.START, markersize=5)
         axes.plot(*points[-1], "*", color=palette.GOAL, markersize=9)
+        label_x, label_y = points[len(points) // 8].tolist()
         axes.text(
-            *points[len(points) // 8],
+            label_x,
+            label_y,
             str(number),
             color=palette.WHITE,
             fontsize=7,

@@ -62,9 +62,10 @@ def draw_ends(
 
     lengths_m = np.empty((len(places), len(places)))
     narrow_m = np.empty_like(lengths_m)
+    rows, columns = blocks.T
     for k, (row, column) in enumerate(blocks):
-        measured = _measure_paths(free_blocks, narrow_blocks, row, column)
-        lengths_m[k], narrow_m[k] = measured[:, *blocks.T] * block_cells * cell_m
+        paths = _measure_paths(free_blocks, narrow_blocks, row, column)
+        lengths_m[k], narrow_m[k] = paths[:, rows, columns] * block_cells * cell_m
 
     # Both directions of a pair are one route.
     is_route = np.triu(lengths_m <= LONGEST_M, 1)
@@ -109,7 +110,7 @@ def _pool(mask: BoolGrid, block_cells: int) -> BoolGrid:
     padded = np.pad(mask, margins)
     rows, cols = padded.shape
     shape = (rows // block_cells, block_cells, cols // block_cells, block_cells)
-    blocks: BoolGrid = padded.reshape(shape).any(axis=(1, 3))
+    blocks: BoolGrid = np.logical_or.reduce(padded.reshape(shape), axis=(1, 3))
     return blocks
 
 
