@@ -31,7 +31,7 @@ ELSEWHERE = {
     "barn_hard.png": "barn show 0:100:5 --dataset barn_hard --out docs/figures/barn_hard.png",
     "office.png": "barn show out/office.yaml --out docs/figures/office.png, after docs/tutorials/own_world.md",
     "garden.png": "barn show out/garden.map --out docs/figures/garden.png, after docs/tutorials/own_world.md",
-    "routes.png": "barn show out/office.yaml --routes 12 --out docs/figures/routes.png, after docs/tutorials/own_world.md",
+    "routes.png": "barn show out/office.yaml --routes 12, after docs/tutorials/own_world.md",
     "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
     **dict.fromkeys(
         [f"worst_{name}.png" for name in ("dwa", "eband", "gap", "mppi", "policy")],

@@ -225,8 +225,8 @@ def _require_time(spec: TrialSpec) -> float:
     if speed_mps is None or length_m < _TIGHT_SHARE * protocol.limit_s * speed_mps:
         return 0.0
     least_s = spec.least_time_s or 0.0
-    is_chosen = protocol.own_limit == 0.0 and spec.world.start is None
-    if least_s > protocol.limit_s and not is_chosen:
+    is_first_look = spec.protocol.limit_is_chosen and spec.world.start is None
+    if least_s > protocol.limit_s and not is_first_look:
         raise ConfigError(
             f"{spec.planner} in {spec.world.name} needs at least {least_s:.1f} s at"
             f" {speed_mps:g} m/s, above limit_s = {protocol.limit_s:g} s; give a longer"

@@ -40,6 +40,7 @@ ANCHORS = ("map", "path_first", "path_last", "start")
 SOURCES = ("odometry", "truth")
 METRICS = ("challenge", "challenge_2022", "normalised_time_s_per_m")
 _UNLIMITED_M = 1000.0  # of x, in a rule that sets no limit
+_ARRIVAL_REACHES = 4.0  # of a robot: for the Jackal 1.02 m, more than any protocol has
 
 
 @dataclass(frozen=True)
@@ -342,7 +343,8 @@ class Protocol(Checked):
         So another robot sees the same course in its own size. Offsets of start and
         goal, the distances that start the clock and end the trial, and the reference
         speed scale; times stay. The protocol itself is returned for the standard robot,
-        for arenas and for worlds of standard cells.
+        for arenas and for worlds of standard cells. On courses of a world's own, only
+        the distance that ends the trial changes, for small robots.
 
         Args:
             world: World with cells in the size of the robot.
@@ -351,6 +353,12 @@ class Protocol(Checked):
         Raises:
             ConfigError: The robot does not fit between back wall and obstacles.
         """
+        if world.start is not None:
+            # A small robot has to come closer to a goal that is made for it.
+            reach_m = max(map(abs, chassis.extent_m))
+            arrival_m = min(self.goal_distance_m, _ARRIVAL_REACHES * reach_m)
+            return replace(self, goal_distance_m=arrival_m)
+
         scale = world.resolution_m / STANDARD_CELL_M
         is_standard = not name_unless_standard(chassis) or math.isclose(scale, 1.0)
         if is_standard or world.corner_m is not None:
@@ -385,7 +393,7 @@ class Protocol(Checked):
             world: Its path is measured.
             max_speed_mps: Highest speed of the robot.
         """
-        if world.start is None:
+        if world.start is None or self.limit_is_chosen:
             return self
         speed_mps = min(max_speed_mps, self.slow_speed_mps)
         limit_s = self.own_limit * math.ceil(world.path_length_m / speed_mps)
@@ -398,6 +406,12 @@ class Protocol(Checked):
             failure_time_s=scale * self.failure_time_s,
             timeout_time_s=scale * self.timeout_time_s,
         )
+
+    @property
+    def limit_is_chosen(self) -> bool:
+        """Whether somebody chose the limit: no built-in protocol has it."""
+        built_in = {protocol.limit_s for protocol in PROTOCOLS.values()}
+        return self.own_limit == 0.0 or self.limit_s not in built_in
 
     @property
     def slow_speed_mps(self) -> float:

@@ -18,6 +18,8 @@ from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import draw_routes, fit_to_robot
 from barn_worlds.worlds.world import World
 
+# Data set whose worlds every robot meets in its own size.
+MANEUVERS = "maneuvers"
 # Worlds of a data set that stay in memory.
 MAX_CACHED_WORLDS = 2000
 _MAX_QUOTED_CHARACTERS = 300
@@ -86,7 +88,10 @@ class Dataset:
         self, world_number: int, robot: Robot, course: Sequence[float]
     ) -> World:
         """Load a world of this data set and return it as a robot drives it."""
-        return fit_to_robot(self.load(world_number), robot, course)
+        world = self.load(world_number)
+        if self.name == MANEUVERS:
+            world = world.resize(robot.reach_m / STANDARD_ROBOT.reach_m)
+        return fit_to_robot(world, robot, course)
 
     def split_into_routes(
         self,

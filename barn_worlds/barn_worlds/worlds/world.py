@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -269,6 +269,21 @@ class World:
         for wall in self.walls:
             geometry.occupy_wall(occupancy_map, wall)
         return occupancy_map
+
+    def resize(self, scale: float) -> "World":
+        """Return a copy of an arena without walls, all lengths times `scale`."""
+        poses = [
+            pose and Pose2D(scale * pose.x, scale * pose.y, pose.yaw)
+            for pose in (self.start, self.goal)
+        ]
+        x_m, y_m = self.corner_m or (0.0, 0.0)
+        return replace(
+            self,
+            resolution_m=scale * self.resolution_m,
+            corner_m=(scale * x_m, scale * y_m),
+            start=poses[0],
+            goal=poses[1],
+        )
 
     @property
     def course_numbers(self) -> tuple[float, ...]:
