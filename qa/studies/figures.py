@@ -32,6 +32,7 @@ ELSEWHERE = {
     "office.png": "barn show out/office.yaml --out docs/figures/office.png, after docs/tutorials/own_world.md",
     "garden.png": "barn show out/garden.map --out docs/figures/garden.png, after docs/tutorials/own_world.md",
     "routes.png": "barn show out/office.yaml --routes 12, after docs/tutorials/own_world.md",
+    "maneuvers.png": "barn show 2:21:3 --dataset maneuvers --out docs/figures/maneuvers.png",
     "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
     **dict.fromkeys(
         [f"worst_{name}.png" for name in ("dwa", "eband", "gap", "mppi", "policy")],

@@ -7,6 +7,7 @@ Lengths are in meters for a Jackal; other robots meet the same worlds in their o
 
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ Task = tuple[BoolGrid, tuple[float, ...]]
 
 
 class Canvas:
-    """A solid block of `width_m` x `height_m`, into which free places are cut."""
+    """A solid block into which free places are cut."""
 
     def __init__(self, width_m: float, height_m: float) -> None:
         """Fill the block; its lower left corner is the origin."""
@@ -48,7 +49,7 @@ class Canvas:
     def corridor(self, width_m: float, points: Sequence[Point]) -> None:
         """Free a corridor along axis-parallel legs."""
         half = width_m / 2.0
-        for (ax, ay), (bx, by) in zip(points, points[1:], strict=False):
+        for (ax, ay), (bx, by) in pairwise(points):
             low = (min(ax, bx) - half, min(ay, by) - half)
             self.cut(low, (max(ax, bx) + half, max(ay, by) + half))
 
