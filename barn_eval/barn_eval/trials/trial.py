@@ -313,9 +313,7 @@ def finish_trial(
         **columns: Further fields of its row.
     """
     world = spec.world
-    scores = score_trial(
-        verdict, spec.course, spec.scaled_protocol, spec.least_time_s
-    )
+    scores = score_trial(verdict, spec.course, spec.scaled_protocol, spec.least_time_s)
     if spec.least_time_s is None:
         # Zeros of failures alone would make a mean that is none.
         scores = replace(scores, efficiency=None)
