@@ -64,7 +64,7 @@ TASKS = {
         "challenge",
         "barn300",
         "0:300:6",
-        5_000_000,
+        3_000_000,
         # Five frames, 0.4 s apart, are a memory of a dead end.
         PolicyObservation(beams=40, frames=5, frame_steps=4),
         PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0, repeat=2),
@@ -73,7 +73,7 @@ TASKS = {
         "dynabarn",
         "dynabarn60",
         "all",
-        5_000_000,
+        1_600_000,
         # Three frames, 0.2 s apart, show how obstacles move.
         PolicyObservation(
             beams=60, range_limit_m=8.0, goal_limit_m=20.0, frames=3, frame_steps=2

@@ -123,8 +123,9 @@ def test_what_the_user_sets_wins():
 
 def test_the_shipped_policy_is_for_the_jackal_alone():
     message = r"^planner 'policy': the shipped policy was trained for the Jackal alone"
-    with pytest.raises(ConfigError, match=message):
-        configured("policy", HUSKY)
+    for name in ("", "moving"):
+        with pytest.raises(ConfigError, match=message):
+            configured("policy", HUSKY, policy_path=name)
     safety = configured("policy", HUSKY, policy_path="mine.npz").safety
     assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
 

@@ -26,6 +26,9 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 from barn_worlds.robots.robot import Robot
 
+# Policies that come with the package, by what `policy_path` says.
+SHIPPED = {"": "policy.npz", "moving": "policy_moving.npz"}
+
 # The planner's own robot, in arrays of many.
 _ONLY = np.zeros(1, np.intp)
 
@@ -35,7 +38,9 @@ class PolicyConfig(Checked):
     """The policy file, goal tolerance and checks."""
 
     policy_path: str = quantity(
-        "", "policy file (.npz or .onnx); empty: the one that comes with the package"
+        "",
+        "policy file (.npz or .onnx); empty: the one that comes with the package for"
+        " worlds that stand still, moving: that for moving obstacles",
     )
     goal_tolerance_m: float = quantity(
         0.25, "the goal is reached within this", "m", 0.01, 10.0
@@ -50,7 +55,9 @@ class PolicyConfig(Checked):
     @property
     def path(self) -> Path:
         """Path of the policy file, that of the package if none is set."""
-        return Path(self.policy_path) if self.policy_path else shipped_policy()
+        if self.policy_path in SHIPPED:
+            return shipped_policy(self.policy_path)
+        return Path(self.policy_path)
 
 
 class PolicyPlanner(ScanPlanner):
@@ -146,9 +153,10 @@ class PolicyPlanner(ScanPlanner):
         return self.policy.action.command(action)
 
 
-def shipped_policy() -> Path:
-    """Return the path of the policy (.npz) that comes with the package."""
-    return Path(str(importlib.resources.files("barn_planners"))) / "data" / "policy.npz"
+def shipped_policy(name: str = "") -> Path:
+    """Return the path of a policy (.npz) that comes with the package, of `SHIPPED`."""
+    data = Path(str(importlib.resources.files("barn_planners"))) / "data"
+    return data / SHIPPED[name]
 
 
 def _speed_cap_mps(config: PolicyConfig) -> float:
@@ -163,7 +171,7 @@ def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
     That one only drives the Jackal.
     """
     # A network learns one body: what is narrow for another is not in its weights.
-    if not config.policy_path:
+    if config.policy_path in SHIPPED:
         raise ConfigError(
             "the shipped policy was trained for the Jackal alone; "
             f"give one for {robot.name} (policy_path)"

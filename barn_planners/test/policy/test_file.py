@@ -17,7 +17,7 @@ from barn_planners.policy.file import (
     read_policy,
     write_policy,
 )
-from barn_planners.policy.planner import shipped_policy
+from barn_planners.policy.planner import SHIPPED, shipped_policy
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.formats.npz import encode_npy
 
@@ -191,7 +191,8 @@ def test_a_policy_is_judged_before_it_is_written(tmp_path):
         write_policy(tmp_path / "file" / "policy.npz", policy())
 
 
-def test_the_policy_of_the_package_says_where_it_is_from():
-    read = read_policy(shipped_policy())
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_policy_of_the_package_says_where_it_is_from(name):
+    read = read_policy(shipped_policy(name))
     assert read.layers[0] == read.observation.size
     assert {"algorithm", "steps", "seed", "trained_in"} <= set(read.about)

@@ -1,0 +1,285 @@
+"""What a planner that knows all motions reaches among moving obstacles.
+
+    python qa/studies/moving_oracle.py drive dynabarn60 --worlds 0:60:2 --speed 2.0
+    python qa/studies/moving_oracle.py starts dynabarn60
+
+`drive` searches ways in space and time and drives them in the simulator: a ceiling for
+planners that only see a scan. `starts` names worlds in which a robot that has not moved
+is run over.
+"""
+
+import math
+from dataclasses import replace
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy import ndimage
+
+from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.summary import summarize
+from barn_eval.running.direct import run_direct_trial
+from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.result import TrialResult
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_planners.interface import Decision, Observation, Planner, Task
+from barn_sim.seeds import time_until_hit
+from barn_worlds.base.arrays import BoolGrid, Floats
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.geometry.bodies import wall_bodies
+
+# Around the circle around the robot.
+MARGIN_M = 0.1
+# A way in space and time goes on by layers. In one the robot reaches the cells within
+# `_REACH_CELLS`.
+LAYER_S = 0.2
+_REACH_CELLS = 2
+LONGEST_S = 60.0
+# The plan is made anew so often, and the robot aims this far ahead in it.
+REPLANNING_S = 0.5
+LOOKAHEAD_S = 0.4
+# Share of the speed that plans count on: what is left brings the robot back to them.
+SPEED_SHARE = 0.9
+MAX_YAW_RATE_RADPS = 2.0
+# As in dynabarn60.
+WORLDS_OF_A_CLASS = 20
+# Phases of each world that `starts` looks at.
+PHASES = 100
+
+
+class SpaceTime:
+    """Where and when the center of the robot may be, in cells and layers."""
+
+    def __init__(self, spec: TrialSpec, speed_mps: float) -> None:
+        """Compute the free cells of all layers of a trial.
+
+        Args:
+            spec: The trial, whose phase is known here.
+            speed_mps: Speed that plans count on.
+        """
+        world = spec.world
+        self.cell_m = speed_mps * LAYER_S / _REACH_CELLS
+        left, bottom, right, top = world.bounds_m
+        self._corner = np.array([left, bottom])
+        self._x = np.arange(left, right, self.cell_m) + self.cell_m / 2.0
+        self._y = np.arange(bottom, top, self.cell_m) + self.cell_m / 2.0
+        self._goal = spec.course.goal
+        # Half a meter before what counts as arrival.
+        self._arrival_m = max(spec.protocol.goal_distance_m - 0.5, self.cell_m)
+        self._spec = spec
+
+        outline = spec.outline
+        corner_m = float(np.hypot(*outline.corners_m.T).max())
+        self._radius_m = MARGIN_M + corner_m + outline.radius_m
+        self._standing = self._standing_cells()
+        self._occupied: dict[int, BoolGrid] = {}
+
+    def _standing_cells(self) -> BoolGrid:
+        """Return the cells that walls and cylinders leave no room in."""
+        x, y = np.meshgrid(self._x, self._y, indexing="ij")
+        occupied = np.zeros(x.shape, np.bool_)
+        for shape in wall_bodies(self._spec.world.walls).shapes():
+            along = np.abs((x - shape[0]) * shape[5] + (y - shape[1]) * shape[6])
+            across = np.abs((y - shape[1]) * shape[5] - (x - shape[0]) * shape[6])
+            gap = np.hypot(
+                np.maximum(along - shape[3], 0.0), np.maximum(across - shape[4], 0.0)
+            )
+            occupied |= gap < self._radius_m
+        reach_m = self._radius_m + self._spec.world.cylinder_radius_m
+        for center in self._spec.world.cylinders_m:
+            occupied |= np.hypot(x - center[0], y - center[1]) < reach_m
+        return occupied
+
+    def occupied(self, layer: int) -> BoolGrid:
+        """Return the cells that are occupied from a layer to the next one."""
+        if layer not in self._occupied:
+            occupied = self._standing.copy()
+            tracks = self._spec.world.tracks
+            # A box counts as the circle around it.
+            radii = np.hypot(*(tracks.size_m.T / 2.0)) + tracks.radius_m
+            begin_s = self._spec.phase_s + layer * LAYER_S
+            positions, _ = tracks.over(begin_s + np.array([0.0, 0.5, 1.0]) * LAYER_S)
+            for places in positions:
+                for (px, py), radius in zip(places, radii, strict=True):
+                    dx = (self._x - px)[:, None]
+                    dy = (self._y - py)[None]
+                    occupied |= dx * dx + dy * dy < (self._radius_m + radius) ** 2
+            self._occupied[layer] = occupied
+        return self._occupied[layer]
+
+    def plan(self, position: Floats, time_s: float) -> Floats:
+        """Return places (n, 2) in m at layers from now on, the fastest way to the goal.
+
+        Without a way to the goal it is the one that lasts longest.
+
+        Args:
+            position: x and y (2,) of the robot in the map frame, in m.
+            time_s: Time since the start of the trial.
+        """
+        first = round(time_s / LAYER_S)
+        size = (len(self._x), len(self._y))
+        cell = np.floor((position - self._corner) / self.cell_m).astype(int)
+        cell = np.clip(cell, 0, np.array(size) - 1)
+        reached = np.zeros(size, np.bool_)
+        reached[tuple(cell)] = True
+        x, y = np.meshgrid(self._x, self._y, indexing="ij")
+        arrived = np.hypot(x - self._goal.x, y - self._goal.y) < self._arrival_m
+
+        disc = np.hypot(*np.mgrid[-2:3, -2:3]) <= _REACH_CELLS
+        layers = [reached]
+        for layer in range(int(LONGEST_S / LAYER_S)):
+            spread = ndimage.binary_dilation(layers[-1], disc)
+            spread &= ~self.occupied(first + layer)
+            if not spread.any():
+                break
+            layers.append(spread)
+            if (spread & arrived).any():
+                break
+
+        # Backwards from the cell nearest to the goal, each step as short as possible.
+        distance = np.hypot(x - self._goal.x, y - self._goal.y)
+        distance[~layers[-1]] = np.inf
+        here = np.array(np.unravel_index(distance.argmin(), size))
+        cells = [here]
+        for cells_before in reversed(layers[:-1]):
+            before = np.argwhere(cells_before)
+            steps = np.hypot(*(before - here).T)
+            near = before[steps <= _REACH_CELLS]
+            # Of all predecessors the one nearest to the start: the way is straight.
+            to_start = np.hypot(*(near - cell).T)
+            here = near[to_start.argmin()]
+            cells.append(here)
+        places: Floats = self._corner + (np.array(cells[::-1]) + 0.5) * self.cell_m
+        return places
+
+
+class Oracle(Planner):
+    """Drives the ways that `SpaceTime` finds."""
+
+    def __init__(self, spec: TrialSpec, speed_mps: float) -> None:
+        """Prepare for one trial, whose obstacles it knows."""
+        self._speed_mps = speed_mps
+        self._start = spec.course.start
+        self._space_time = SpaceTime(spec, SPEED_SHARE * speed_mps)
+        self._plan = np.zeros((1, 2))
+        self._planned_s = -math.inf
+
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (it knows the goal)
+        """Forget the last plan; the goal is known."""
+        self._planned_s = -math.inf
+
+    def step(self, observation: Observation) -> Decision:
+        """Drive to where the robot should be in a moment."""
+        now_s = observation.stamp_ns / NANOSECONDS_PER_SECOND
+        pose = self._start @ observation.pose
+        if now_s - self._planned_s >= REPLANNING_S:
+            position = np.array([pose.x, pose.y])
+            self._plan = self._space_time.plan(position, now_s)
+            self._planned_s = now_s
+
+        # Between two layers the robot goes straight.
+        ahead = (now_s - self._planned_s + LOOKAHEAD_S) / LAYER_S
+        layers = np.arange(len(self._plan))
+        target_x = float(np.interp(ahead, layers, self._plan[:, 0]))
+        target_y = float(np.interp(ahead, layers, self._plan[:, 1]))
+        local = pose.inverse() @ Pose2D(target_x, target_y, 0.0)
+        distance_m = math.hypot(local.x, local.y)
+        if distance_m < 0.5 * self._space_time.cell_m:
+            return Decision(Velocity2D(0.0, 0.0))
+
+        # Backwards if the place lies behind.
+        direction = 1.0 if local.x >= 0.0 else -1.0
+        bearing = math.atan2(direction * local.y, direction * local.x)
+        yaw_rate = min(max(5.0 * bearing, -MAX_YAW_RATE_RADPS), MAX_YAW_RATE_RADPS)
+        speed = min(distance_m / LOOKAHEAD_S, self._speed_mps) * math.cos(bearing) ** 2
+        return Decision(Velocity2D(direction * speed, yaw_rate))
+
+
+@click.group()
+def main() -> None:
+    """Tell what is possible among moving obstacles, and what is not."""
+
+
+@main.command()
+@click.argument("dataset")
+@click.option("--worlds", default="all", show_default=True, help="Which of its worlds.")
+@click.option("--speed", default=2.0, show_default=True, help="Speed in m/s.")
+@click.option("--protocol", default="dynabarn", show_default=True, help="Its rules.")
+@click.option("--repetitions", default=1, show_default=True, help="Phases of a world.")
+@click.option("--seed", default=1, show_default=True, help="As of `barn run`.")
+def drive(
+    dataset: str,
+    worlds: str,
+    speed: float,
+    protocol: str,
+    repetitions: int,
+    seed: int,
+) -> None:
+    """Drive the oracle in trials as `barn run` has them, by 20 worlds of a class."""
+    rules = load_protocol(protocol)
+    config = RunConfig(
+        dataset=dataset,
+        worlds=worlds,
+        planners=(PlannerChoice("gap"),),
+        protocol=rules,
+        simulator=simulator_config(rules),
+        repetitions=repetitions,
+        seed=seed,
+    )
+    results: dict[int, list[TrialResult]] = {}
+    for trial in config.trials():
+        spec = replace(trial, planner="oracle", declared_mps=speed)
+        result = run_direct_trial(spec, planner=Oracle(spec, speed)).result
+        results.setdefault(spec.world_number // WORLDS_OF_A_CLASS, []).append(result)
+        click.echo(f"{spec.trial_id}: {result.outcome.value}", err=True)
+
+    table = Table("worlds", "trials", "success [%]", "outcomes")
+    for group, rows in sorted(results.items()):
+        summary = summarize(rows)
+        first = WORLDS_OF_A_CLASS * group
+        counts = [f"{name} {count}" for name, count in summary.outcomes.items()]
+        table.add_row(
+            f"{first} to {first + WORLDS_OF_A_CLASS - 1}",
+            str(len(rows)),
+            MEASURES["success"].text(summary["success"]),
+            ", ".join(counts),
+        )
+    Console().print(table)
+
+
+@main.command()
+@click.argument("dataset")
+@click.option("--worlds", default="all", show_default=True, help="Which of its worlds.")
+@click.option(
+    "--limit", default=30.0, show_default=True, help="Time in s at the start."
+)
+def starts(dataset: str, worlds: str, limit: float) -> None:
+    """Name the worlds in which a robot that has not moved is run over."""
+    data = open_dataset(dataset)
+    rules = load_protocol("dynabarn")
+    config = RunConfig(
+        dataset=dataset,
+        worlds=worlds,
+        planners=(PlannerChoice("gap"),),
+        protocol=rules,
+        simulator=simulator_config(rules),
+    )
+    for number in select_worlds(worlds, data.world_numbers):
+        (spec,) = config.trials([number])
+        longest_s = max(item.motion.period_s for item in spec.world.moving)
+        start = spec.course.start
+        phases = np.linspace(0.0, longest_s, PHASES, endpoint=False).tolist()
+        hits = [
+            time_until_hit(spec.world, spec.outline, start, phase, limit)
+            for phase in phases
+        ]
+        share = np.isfinite(hits).mean()
+        if share > 0.0:
+            click.echo(f"world {number}: in {100.0 * share:.0f} % of the phases")
+
+
+if __name__ == "__main__":
+    main()
