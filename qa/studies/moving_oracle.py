@@ -31,8 +31,8 @@ from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset, select_worlds
 from barn_worlds.geometry.bodies import wall_bodies
 
-# Around the circle around the robot.
-MARGIN_M = 0.1
+# Around the circle around the robot: the next one where the one before leaves no way.
+MARGINS_M = (0.2, 0.1, 0.0)
 # A way in space and time goes on by layers. In one the robot reaches the cells within
 # `_REACH_CELLS`.
 LAYER_S = 0.2
@@ -73,12 +73,13 @@ class SpaceTime:
 
         outline = spec.outline
         corner_m = float(np.hypot(*outline.corners_m.T).max())
-        self._radius_m = MARGIN_M + corner_m + outline.radius_m
-        self._standing = self._standing_cells()
-        self._occupied: dict[int, BoolGrid] = {}
+        self._circle_m = corner_m + outline.radius_m
+        self._standing = {margin: self._standing_cells(margin) for margin in MARGINS_M}
+        self._occupied: dict[tuple[int, float], BoolGrid] = {}
 
-    def _standing_cells(self) -> BoolGrid:
+    def _standing_cells(self, margin_m: float) -> BoolGrid:
         """Return the cells that walls and cylinders leave no room in."""
+        radius_m = self._circle_m + margin_m
         x, y = np.meshgrid(self._x, self._y, indexing="ij")
         occupied = np.zeros(x.shape, np.bool_)
         for shape in wall_bodies(self._spec.world.walls).shapes():
@@ -87,16 +88,18 @@ class SpaceTime:
             gap = np.hypot(
                 np.maximum(along - shape[3], 0.0), np.maximum(across - shape[4], 0.0)
             )
-            occupied |= gap < self._radius_m
-        reach_m = self._radius_m + self._spec.world.cylinder_radius_m
+            occupied |= gap < radius_m
+        reach_m = radius_m + self._spec.world.cylinder_radius_m
         for center in self._spec.world.cylinders_m:
             occupied |= np.hypot(x - center[0], y - center[1]) < reach_m
         return occupied
 
-    def occupied(self, layer: int) -> BoolGrid:
+    def occupied(self, layer: int, margin_m: float) -> BoolGrid:
         """Return the cells that are occupied from a layer to the next one."""
-        if layer not in self._occupied:
-            occupied = self._standing.copy()
+        key = (layer, margin_m)
+        if key not in self._occupied:
+            occupied = self._standing[margin_m].copy()
+            radius_m = self._circle_m + margin_m
             tracks = self._spec.world.tracks
             # A box counts as the circle around it.
             radii = np.hypot(*(tracks.size_m.T / 2.0)) + tracks.radius_m
@@ -106,9 +109,9 @@ class SpaceTime:
                 for (px, py), radius in zip(places, radii, strict=True):
                     dx = (self._x - px)[:, None]
                     dy = (self._y - py)[None]
-                    occupied |= dx * dx + dy * dy < (self._radius_m + radius) ** 2
-            self._occupied[layer] = occupied
-        return self._occupied[layer]
+                    occupied |= dx * dx + dy * dy < (radius_m + radius) ** 2
+            self._occupied[key] = occupied
+        return self._occupied[key]
 
     def plan(self, position: Floats, time_s: float) -> Floats:
         """Return places (n, 2) in m at layers from now on, the fastest way to the goal.
@@ -128,32 +131,45 @@ class SpaceTime:
         x, y = np.meshgrid(self._x, self._y, indexing="ij")
         arrived = np.hypot(x - self._goal.x, y - self._goal.y) < self._arrival_m
 
+        for margin_m in MARGINS_M:
+            layers = self._spread(reached, arrived, first, margin_m)
+            if (layers[-1] & arrived).any():
+                break
+
+        # Backwards from the cell nearest to the goal.
+        distance = np.hypot(x - self._goal.x, y - self._goal.y)
+        distance[~layers[-1]] = np.inf
+        here = np.array(np.unravel_index(distance.argmin(), size))
+        cells = [here]
+        step = np.zeros(2)
+        for cells_before in reversed(layers[:-1]):
+            before = np.argwhere(cells_before)
+            steps = here - before
+            is_near = np.hypot(*steps.T) <= _REACH_CELLS
+            # The robot turns slowly, so that one is best whose step changes least.
+            changes = np.hypot(*(steps[is_near] - step).T)
+            best = changes.argmin()
+            step = steps[is_near][best]
+            here = before[is_near][best]
+            cells.append(here)
+        places: Floats = self._corner + (np.array(cells[::-1]) + 0.5) * self.cell_m
+        return places
+
+    def _spread(
+        self, reached: BoolGrid, arrived: BoolGrid, first: int, margin_m: float
+    ) -> list[BoolGrid]:
+        """Return the cells that are reached by layer, to the goal or the last way."""
         disc = np.hypot(*np.mgrid[-2:3, -2:3]) <= _REACH_CELLS
         layers = [reached]
         for layer in range(int(LONGEST_S / LAYER_S)):
             spread = ndimage.binary_dilation(layers[-1], disc)
-            spread &= ~self.occupied(first + layer)
+            spread &= ~self.occupied(first + layer, margin_m)
             if not spread.any():
                 break
             layers.append(spread)
             if (spread & arrived).any():
                 break
-
-        # Backwards from the cell nearest to the goal, each step as short as possible.
-        distance = np.hypot(x - self._goal.x, y - self._goal.y)
-        distance[~layers[-1]] = np.inf
-        here = np.array(np.unravel_index(distance.argmin(), size))
-        cells = [here]
-        for cells_before in reversed(layers[:-1]):
-            before = np.argwhere(cells_before)
-            steps = np.hypot(*(before - here).T)
-            near = before[steps <= _REACH_CELLS]
-            # Of all predecessors the one nearest to the start: the way is straight.
-            to_start = np.hypot(*(near - cell).T)
-            here = near[to_start.argmin()]
-            cells.append(here)
-        places: Floats = self._corner + (np.array(cells[::-1]) + 0.5) * self.cell_m
-        return places
+        return layers
 
 
 class Oracle(Planner):
