@@ -51,8 +51,12 @@ COMMANDS = {"wrong_type": String, "wall_clock": TwistStamped}
 
 class ForeignPlanner(Node):
     def __init__(self, kind, heard):
-        super().__init__("simulator" if kind == "twin" else "foreign")
+        simulated = Parameter("use_sim_time", value=kind == "timer")
+        name = "simulator" if kind == "twin" else "foreign"
+        super().__init__(name, parameter_overrides=[simulated])
         self.kind = kind
+        if kind == "timer":
+            self.create_timer(0.2, lambda: self.commands.publish(self.command()))
         self.cycles = 0
         sensor = qos_profile_sensor_data  # as a free running simulator sends its scans
         qos = sensor if kind == "best_effort" else 10
@@ -98,7 +102,9 @@ class ForeignPlanner(Node):
             sender.publish(message)
         if self.kind in self.requests:
             self.service.call_async(self.request)
-        if self.kind == "silent" or (self.kind == "dozes" and self.cycles % 10 > 4):
+        if self.kind in ("silent", "timer") or (
+            self.kind == "dozes" and self.cycles % 10 > 4
+        ):
             return
         if self.cycles > CYCLES:
             self.fail()

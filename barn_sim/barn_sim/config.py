@@ -312,6 +312,14 @@ class SimulatorNodeConfig(Checked):
     lockstep: bool = quantity(
         False, "wait for one command after each scan instead of running freely"
     )
+    planner_rate_hz: float = quantity(
+        0.0,
+        "in lockstep, rate of the commands that are waited for; 0: one after each scan,"
+        " or as is found out",
+        "Hz",
+        0.0,
+        1000.0,
+    )
     start_paused: bool = quantity(False, "start paused")
     command_type: str = quantity(
         "auto",

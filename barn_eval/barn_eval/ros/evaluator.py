@@ -12,7 +12,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean
@@ -29,7 +29,7 @@ from barn_eval.ros.evaluator_loop import StopRequested, TrialEnded
 from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
 from barn_eval.ros.supervision.process import EventChannel
-from barn_eval.ros.trial import RosTrial, RunContext
+from barn_eval.ros.trial import MUTUAL_WAITS, RosTrial, RunContext
 from barn_eval.running.reporting import Reporter, RunProgress
 from barn_eval.running.run import describe_unscored
 from barn_eval.trials.outcome import (
@@ -50,7 +50,7 @@ from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import read_json
-from barn_worlds.base.types import nanoseconds
+from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import declare_parameters
 
@@ -260,6 +260,7 @@ class TrialRunner:
 
     _failed_attempts: int = 0
     _driven_trials: int = 0
+    _has_told_rate: bool = False
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
         """Run each trial, again where it must be repeated, and keep its record.
@@ -280,22 +281,21 @@ class TrialRunner:
             first = self._driven_trials == 0 or self._failed_attempts > 0
             trial = RosTrial(self.context, spec, recorder, first=first)
             verdict = trial.run()
-            is_others_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
-            if trial.released and is_others_fault and not self.isolated:
+            if trial.released and _is_others_fault(verdict) and not self.isolated:
                 verdict = replace(
                     verdict,
                     detail=f"{verdict.detail}; {PLANNER_SUSPECTED}",
                     culprit=PLANNER,
                 )
 
-            missed_cycles = self._settle(verdict)
+            counts = self._settle(verdict)
             if trial.released:
                 self._driven_trials += 1
             if self._must_repeat(verdict, trial):
                 return False
 
             duration_s = time.monotonic() - start_s
-            wall_clock = self._wall_clock(trial, verdict, duration_s, missed_cycles)
+            wall_clock = self._wall_clock(trial, verdict, duration_s, counts)
             trajectory = trial.trial.log.trajectory()
             clearance_by = "world"
             if spec.system.frame != "world":
@@ -335,8 +335,7 @@ class TrialRunner:
         # A planner may end between two trials, for instance because it has reached its
         # goal: its successor drives.
         never_began = verdict.outcome is Outcome.PLANNER_DIED and not trial.released
-        is_others_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
-        if loop.supervisor is None or not (never_began or is_others_fault):
+        if loop.supervisor is None or not (never_began or _is_others_fault(verdict)):
             self._failed_attempts = 0
             return False
 
@@ -354,14 +353,14 @@ class TrialRunner:
             )
         return False
 
-    def _settle(self, verdict: Verdict) -> int:
-        """Pause the simulator, restart doubtful processes, return missed cycles."""
+    def _settle(self, verdict: Verdict) -> dict[str, int]:
+        """Pause the simulator, restart doubtful processes, return its counts."""
         loop = self.context.loop
         doubtful = _DOUBTFUL_PROCESS.get(verdict.outcome)
-        missed_cycles = 0
+        counts = {}
         if doubtful != SIMULATOR:
             try:
-                missed_cycles = self.context.simulator.pause()
+                counts = self.context.simulator.pause()
             except TrialEnded as end:
                 loop.node.get_logger().warning(f"after the verdict: {end}")
                 doubtful = SIMULATOR
@@ -371,16 +370,17 @@ class TrialRunner:
         policy = self.context.config.restart_planner
         if policy == "each_trial" or (policy == "on_fault" and doubtful == PLANNER):
             loop.restart(PLANNER, _RESTART_LIMIT_S)
-        return missed_cycles
+        return counts
 
     def _wall_clock(
         self,
         trial: RosTrial,
         verdict: Verdict,
         duration_s: float,
-        missed_cycles: int,
+        counts: Mapping[str, int],
     ) -> WallClock:
         """Return duration, pace, answer times and missed cycles for a trial's row."""
+        missed_cycles = counts.get("missed_commands", 0)
         # Only the drive counts: the waits before it say nothing about the speed.
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         adapter = trial.adapter
@@ -390,12 +390,20 @@ class TrialRunner:
 
         spec = trial.trial.spec
         period_s = spec.simulator.scan_steps * spec.simulator.control_period_s
+        rate_hz, rate_source = self._planner_rate(counts)
         # A planner slower than the scans misses none of its own periods.
-        rate_hz = self.context.config.planner_rate_hz
         if rate_hz:
             period_s = 1.0 / rate_hz
         period_ns = nanoseconds(period_s)
         commands_ns = adapter.commands_ns
+
+        # The wait for a planner's timer says nothing about its computing.
+        answer_times_s = adapter.response_times_s
+        compute_clock = "wall"
+        channel = self.context.channel
+        if rate_source and channel is not None and channel.processor_times_s:
+            answer_times_s = channel.processor_times_s
+            compute_clock = "processor"
 
         # While a longer cycle is under way, no command is owed.
         if max(spec.compute.charged_s, spec.compute.period_s) <= period_s:
@@ -408,12 +416,43 @@ class TrialRunner:
         return WallClock.from_answer_times(
             duration_s,
             factor,
-            adapter.response_times_s,
+            answer_times_s,
+            compute_clock=compute_clock,
+            planner_rate_hz=rate_hz,
+            rate_source=rate_source,
             missed_cycles=missed_cycles,
             missed_share=share_of_missed(
                 missed_cycles, commands_ns, adapter.now_ns, period_ns
             ),
         )
+
+    def _planner_rate(self, counts: Mapping[str, int]) -> tuple[float | None, str]:
+        """Return a planner's own rate in Hz with its source; None and empty for none.
+
+        The user is told once of a rate that the simulator has found.
+        """
+        declared_hz = self.context.config.planner_rate_hz
+        period_ns = counts.get("period_ns", 0)
+        if period_ns and not counts["is_declared"]:
+            rate_hz = 1.0 / seconds(period_ns)
+            if not self._has_told_rate:
+                self._has_told_rate = True
+                self.context.loop.note(
+                    f"the planner sends {rate_hz:.3g} commands per simulated second,"
+                    " which alone are waited for; --ros planner_rate_hz declares that"
+                )
+            return rate_hz, "found"
+        if declared_hz:
+            return declared_hz, "declared"
+        if period_ns:
+            return 1.0 / seconds(period_ns), "declared"
+        return None, ""
+
+
+def _is_others_fault(verdict: Verdict) -> bool:
+    """Return whether something else than the planner has failed, this time."""
+    is_others = verdict.fault in (SIMULATOR, ENVIRONMENT)
+    return is_others and verdict.outcome not in MUTUAL_WAITS
 
 
 if __name__ == "__main__":

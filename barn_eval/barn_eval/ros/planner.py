@@ -259,9 +259,17 @@ class PlannerClient:
 
     def clock_problem(self) -> str:
         """Return that use_sim_time is off in the planner, if it said so, else empty."""
-        if self.parameters.get(f"{self._node.name} use_sim_time") == "False":
+        if self._use_sim_time() == "False":
             return f"use_sim_time is off in {self._node.name}"
         return ""
+
+    def follows_clock(self) -> bool:
+        """Return whether the planner has said that it uses simulated time."""
+        return self._use_sim_time() == "True"
+
+    def _use_sim_time(self) -> str:
+        """Return the planner's parameter use_sim_time as a text, empty if unknown."""
+        return self.parameters.get(f"{self._node.name} use_sim_time", "")
 
     def _wait(
         self,

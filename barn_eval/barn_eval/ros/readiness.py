@@ -324,6 +324,10 @@ class Watchdog:
             self._commands = commands
             self._last_command_s = now_s
 
+    def is_clock_standing(self, now_s: float) -> bool:
+        """Return whether time has stood for about as long as a command is waited for."""
+        return now_s - self._last_tick_s > 0.9 * self._patience.command_s
+
     def publisher_seen(self, now_s: float) -> None:
         """Note that at this time the graph has the planner's publisher of commands."""
         self._last_publisher_s = now_s

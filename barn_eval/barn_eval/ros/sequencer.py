@@ -9,12 +9,14 @@ of a simulated time. So a message sent between two ticks of /clock belongs to th
 import math
 from bisect import bisect_right, insort_left, insort_right
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from operator import attrgetter
 
 _SENT_NS = attrgetter("sent_ns")
+# Ticks that wait for the command of the oldest one.
+_MOST_OPEN_TICKS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,18 +46,32 @@ class TickSequencer:
     A tick is complete when the tick after the next scan's has begun: a command is
     handed to the simulator and to the recorder one after the other, so ticks may
     overtake it. In lockstep none goes beyond the next scan, which the planner has to
-    answer before. No scan comes while a planner is charged for its computing.
+    answer before. No scan comes while a planner is charged for its computing. A planner
+    with a rate of its own does not answer each scan, so of its ticks those with an
+    answer are known.
     """
 
-    def __init__(self, scan_topic: str, *, fenced: bool = False) -> None:
+    def __init__(
+        self,
+        scan_topic: str,
+        *,
+        fenced: bool = False,
+        command_topic: str = "",
+        answered_ns: Collection[int] = (),
+    ) -> None:
         """Start without a tick.
 
         Args:
             scan_topic: Name of the topic of scans.
             fenced: Ticks arrive faster than other messages. A later tick then shows
                 only that ticks up to `acknowledge` are complete.
+            command_topic: Name of the topic of commands.
+            answered_ns: Simulated times of ticks that need a command to be complete;
+                it may grow.
         """
         self._scan_topic = scan_topic
+        self._command_topic = command_topic
+        self._answered_ns = answered_ns
         # Without a fence, every tick counts as acknowledged.
         self._acknowledged_ns = -math.inf if fenced else math.inf
         self._open: deque[Tick] = deque()
@@ -118,10 +134,19 @@ class TickSequencer:
 
     def _first_is_complete(self) -> bool:
         """Return whether a tick is there, and acknowledged, after the next scan's."""
+        if len(self._open) <= _MOST_OPEN_TICKS and self._lacks_command():
+            return False
         for tick, next_tick in pairwise(islice(self._open, 1, None)):
             if any(message.topic == self._scan_topic for message in tick.messages):
                 return next_tick.stamp_ns <= self._acknowledged_ns
         return False
+
+    def _lacks_command(self) -> bool:
+        """Return whether the oldest tick has an answer that has not arrived yet."""
+        if not self._open or self._open[0].stamp_ns not in self._answered_ns:
+            return False
+        messages = self._open[0].messages
+        return all(message.topic != self._command_topic for message in messages)
 
     def _settle(self) -> None:
         """Move messages that were sent after the next tick began on to that tick."""

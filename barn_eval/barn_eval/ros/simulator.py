@@ -23,6 +23,7 @@ from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import BarnError
+from barn_worlds.base.types import seconds
 from barn_worlds.ros.private_line import PrivateLine, Reading
 
 _CHECK_PERIOD_S = 0.02  # between two looks at the simulator's connections
@@ -50,6 +51,10 @@ class SimulatorChannel:
         self.participant = b""
         # What other nodes have asked of the simulator, in vain.
         self.interference: list[str] = []
+        # Since the reset, of a planner with a rate of its own: stamps of the readings
+        # that it has answered, and what its processes have computed for each.
+        self.answered_ns: set[int] = set()
+        self.processor_times_s: list[float] = []
         self._loop = loop
         self._line = line
         self._topic_names = topic_names
@@ -92,6 +97,8 @@ class SimulatorChannel:
             # Before the request, since the first readings of a trial come before the
             # answer to it.
             self._drops_readings = False
+            self.answered_ns.clear()
+            self.processor_times_s.clear()
 
         # A number of the clock keeps an answer to an earlier evaluator apart.
         number = time.monotonic_ns()
@@ -119,6 +126,10 @@ class SimulatorChannel:
                     self._readings.append(Message(topic, packet.data, packet.sent_ns))
             elif "answer" in packet:
                 self._answers[packet["answer"]] = packet
+            elif "answered" in packet:
+                self.answered_ns.add(packet["answered"])
+                if packet["processor_ns"] is not None:
+                    self.processor_times_s.append(seconds(packet["processor_ns"]))
             else:
                 self.interference.append(packet["interference"])
 
@@ -264,10 +275,9 @@ class SimulatorClient:
         """Unpause the simulator: simulated time runs from now on."""
         self._pause(False)
 
-    def pause(self) -> int:
-        """Pause the simulator; return in how many cycles it missed a command, or 0."""
-        # Cycles of the trial in which it waited in vain for one.
-        return self._pause(True).get("missed_commands", 0)
+    def pause(self) -> dict[str, int]:
+        """Pause the simulator; return its counts of the trial by name, {} for none."""
+        return self._pause(True)
 
     def _pause(self, on: bool) -> dict[str, int]:
         """Pause or unpause the simulator; return counts from its answer, or {}."""

@@ -7,7 +7,7 @@ simulator and the planner.
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -209,7 +209,15 @@ class TrialQueue:
         self._channel = channel
         self._reset_ns = reset_ns
         self._released = False
-        self._sequencer = TickSequencer(topics.scan, fenced=channel is not None)
+        answered_ns: Collection[int] = ()
+        if channel is not None:
+            answered_ns = channel.answered_ns
+        self._sequencer = TickSequencer(
+            topics.scan,
+            fenced=channel is not None,
+            command_topic=topics.command,
+            answered_ns=answered_ns,
+        )
         # Latest tick that came by DDS, and the last acknowledgment to the simulator.
         self._dds_tick_ns = 0
         self._acknowledged_ns = 0

@@ -64,6 +64,9 @@ _UNEXPLAINED = (
     Outcome.PLANNER_STALLED,
 )
 _CLOCK_RELATED = _UNEXPLAINED[:2]
+# Outcomes that may mean that planner and clock wait for each other. No attempt at such
+# a trial would end otherwise.
+MUTUAL_WAITS = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED)
 
 
 class RunContext:
@@ -437,8 +440,24 @@ class RosTrial:
             simulated_s=simulated_s,
             waited_s=waited_s,
         )
-        if fault is not None:
-            raise TrialEnded(*fault)
+        if fault is None:
+            return
+        outcome, detail = fault
+        culprit = ""
+        # Then neither the planner nor the simulator can go on.
+        planner = self._context.planner
+        if (
+            outcome in MUTUAL_WAITS
+            and watchdog.is_clock_standing(now_s)
+            and planner.follows_clock()
+        ):
+            culprit = ENVIRONMENT
+            detail += (
+                "; lockstep waits for a command, and the planner may wait for the"
+                " clock: declare its rate by --ros planner_rate_hz, set command_wait_s"
+                " below patience.command_s, or run with --ros lockstep=false"
+            )
+        raise TrialEnded(outcome, detail, culprit)
 
     def _begin(self, origin_ns: int) -> TrialAdapter:
         """Begin the bag at the first tick's time; return the adapter that judges."""

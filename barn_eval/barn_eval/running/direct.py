@@ -78,7 +78,10 @@ def run_direct_trial(
     if driver.cycle_times:
         real_time_factor = verdict.duration_s / duration_s
     wall_clock = WallClock.from_answer_times(
-        duration_s, real_time_factor, [sum(taken) for taken in driver.cycle_times]
+        duration_s,
+        real_time_factor,
+        [sum(taken) for taken in driver.cycle_times],
+        compute_clock="processor",
     )
     trial = driver.trial
     is_measured = spec.compute_mode == MEASURED

@@ -37,8 +37,8 @@ MAX_MISSED_SHARE = 0.02
 
 # Of rows and run.json. It rises whenever their keys change, as a test holds. Rows of
 # earlier schemas lack some keys of later ones.
-SCHEMA_VERSION = 4
-READABLE_SCHEMAS = (2, 3, 4)
+SCHEMA_VERSION = 5
+READABLE_SCHEMAS = (2, 3, 4, 5)
 _MAX_DELAY_BYTES = 1 << 24
 
 
@@ -54,6 +54,15 @@ class WallClock:
     compute_p50_ms: float | None = None
     compute_p95_ms: float | None = None
     compute_max_ms: float | None = None
+
+    # By which clock: "processor", or over ROS "wall", which includes waits for the
+    # planner and the transport.
+    compute_clock: str = ""
+
+    # Over ROS, the rate of a planner that does not answer each scan, and whether it is
+    # "declared" or "found" in lockstep.
+    planner_rate_hz: float | None = None
+    rate_source: str = ""
 
     # By which processor time becomes that of the reference computer
     # (`barn_eval.running.direct.pace`); waiting is as long there.
@@ -83,7 +92,7 @@ class WallClock:
         duration_s: float,
         real_time_factor: float | None,
         answer_times_s: Sequence[float],
-        **missed: Any,
+        **fields: Any,
     ) -> "WallClock":
         """Return figures with median, 95th percentile and maximum of answer times.
 
@@ -91,13 +100,13 @@ class WallClock:
             duration_s: Wall-clock time that the trial took.
             real_time_factor: Simulated by wall-clock time, if that makes sense.
             answer_times_s: What the planner took for each answer.
-            **missed: Fields about commands that were not in time.
+            **fields: Fields about the clock, the rate and commands that came late.
         """
         times_ms: list[Any] = [None] * 3
         if answer_times_s:
             percentiles_s = np.percentile(answer_times_s, [50.0, 95.0, 100.0])
             times_ms = (1e3 * percentiles_s).tolist()
-        return cls(duration_s, real_time_factor, *times_ms, **missed)
+        return cls(duration_s, real_time_factor, *times_ms, **fields)
 
     def with_pace(
         self,

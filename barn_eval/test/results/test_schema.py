@@ -272,7 +272,11 @@ def test_another_configuration_is_refused_with_the_commits(folder, rejected):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"schema_version": 2', '"schema_version": 9', "schema_version must be 2 or 3"),
+        (
+            '"schema_version": 2',
+            '"schema_version": 9',
+            "schema_version must be 2 or 3 or 4",
+        ),
         ('"isolate"', '"isolated"', "unknown key 'ros.isolated'"),
     ],
 )

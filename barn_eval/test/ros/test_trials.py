@@ -232,6 +232,37 @@ def test_every_planner_fault_is_an_outcome(tmp_path):
     assert names == {result.trial_id for result in results}
 
 
+def test_a_timer_on_simulated_time_is_found_out_and_not_waited_for(tmp_path):
+    setup = replace(ros.PATIENT, command_wait_s=2.0)
+    protocol = replace(ros.SHORT, limit_s=6.0, timeout_time_s=6.0)
+    first, second = ros.drive_kinds(
+        tmp_path, "timer", setup=setup, protocol=protocol, repetitions=2
+    )
+    for result in (first, second):
+        clock = result.wall_clock
+        assert result.outcome is Outcome.TIMEOUT
+        assert (clock.planner_rate_hz, clock.rate_source) == (5.0, "found")
+        assert (clock.compute_clock, clock.missed_cycles) == ("processor", 0)
+        # The planner's own time, without what passes from one timer to the next.
+        assert clock.compute_p50_ms < 100.0
+    stamps = [
+        stamp
+        for stamp, _ in ros.messages(tmp_path / "run" / "bags" / second.trial_id)[
+            "/cmd_vel"
+        ]
+    ]
+    assert set(np.diff(stamps)) == {200_000_000}
+
+
+def test_a_clock_and_a_planner_that_wait_for_each_other_are_nobodys_fault(tmp_path):
+    patience = replace(ros.PATIENT.patience, command_s=2.0)
+    setup = replace(ros.PATIENT, patience=patience)
+    (result,) = ros.drive_kinds(tmp_path, "timer", setup=setup)
+    assert (result.outcome, result.fault) == (Outcome.NO_FIRST_MOTION, "environment")
+    assert "--ros planner_rate_hz" in result.detail
+    assert result.wall_clock.attempts == 1
+
+
 def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     setup = replace(ros.PATIENT, lockstep=False, real_time_factor=1.0)
     (result,) = ros.drive_kinds(tmp_path, "dozes", setup=setup)

@@ -8,13 +8,19 @@ Requests are objects {"number": n, "do": NAME, ...}; the answer to each is
     pause, with "on"; reset: as the services of the node
 {"heard": STAMP} tells up to which stamp of /clock, in ns, the evaluator has heard by
 DDS, and {"heard": null} that it need not hear anything before the next reset; neither
-has an answer.
+has an answer. {"planner": PID} names the process, with its descendants, that the
+planner runs in. {"answered": STAMP, "processor_ns": N} follows where a planner with a
+rate of its own has answered the readings of that stamp, for which these processes have
+computed so long; N is null if they are not known.
 Requests of others to the node are refused and reported as {"interference": TEXT}. What
 the evaluator sets is no parameter of ROS: anybody could read there which world it is.
 """
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -67,6 +73,9 @@ class Leader:
         self.config = config
         self.heard_ns = 0
         self.is_awaited = False
+        self._planner_pid = 0
+        self._planner_pids: list[int] = []
+        self._reading_processor_ns = 0
         self._name: str = node.get_name()
         self._reset = reset
         self._pause = pause
@@ -81,11 +90,46 @@ class Leader:
         self._line.send(interference=deed)
         return "this simulator is led by an evaluator"
 
+    def begin_reading(self) -> None:
+        """Begin to measure what the planner computes for a reading."""
+        self._reading_processor_ns = self._processor_time_ns()
+
+    def report_answer(self, stamp_ns: int) -> None:
+        """Tell the evaluator that readings are answered, and what that has taken."""
+        computed_ns = None
+        if self._planner_pids:
+            computed_ns = self._processor_time_ns() - self._reading_processor_ns
+            # The time of a process that has ended is missing.
+            computed_ns = max(0, computed_ns)
+        self._line.send(answered=stamp_ns, processor_ns=computed_ns)
+
+    def is_planner_busy(self) -> bool:
+        """Return whether the main thread of a planner's process wants a processor."""
+        for pid in self._planner_pids:
+            with suppress(OSError):
+                text = Path(f"/proc/{pid}/stat").read_text("utf-8", "replace")
+                # The name before the state, in parentheses, may hold anything.
+                if text.rpartition(")")[2].split()[0] == "R":
+                    return True
+        return False
+
+    def _processor_time_ns(self) -> int:
+        """Return the time on processors so far of the planner's living processes."""
+        total_ns = 0
+        for pid in self._planner_pids:
+            with suppress(OSError):
+                # On Linux, the identity of a process's clock follows from the PID.
+                total_ns += time.clock_gettime_ns(~pid << 3 | 2)
+        return total_ns
+
     def _listen(self) -> None:
         """Receive from the line until it ends; queue requests in the executor."""
         while (request := self._line.receive(wait=True)) is not None:
             if isinstance(request, Reading):
                 # An evaluator has no readings to send.
+                continue
+            if "planner" in request:
+                self._planner_pid = request["planner"]
                 continue
             if "heard" not in request:
                 self._executor.create_task(self._serve, request)
@@ -107,6 +151,9 @@ class Leader:
             case "introduce":
                 return True, self._identity
             case "pause":
+                # By the end of a pause all processes of the planner have started.
+                if not request["on"] and self._planner_pid:
+                    self._planner_pids = list(_family(self._planner_pid))
                 return self._pause(request["on"])
             case "reset":
                 self.heard_ns = 0
@@ -122,3 +169,14 @@ class Leader:
         names = ", ".join(sorted(parameter.name for parameter in parameters))
         reason = self.refuse(f"set {names} of {self._name}")
         return SetParametersResult(successful=False, reason=reason)
+
+
+def _family(pid: int) -> Iterator[int]:
+    """Yield the PIDs of a process and of all its descendants."""
+    yield pid
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        children: list[str] = []
+        with suppress(OSError):
+            children = file.read_text("ascii").split()
+        for child in children:
+            yield from _family(int(child))

@@ -27,6 +27,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from barn_sim.config import RunConfig, SimulatorNodeConfig, with_robot
 from barn_sim.ros.leader import Answer, Leader
+from barn_sim.ros.rhythm import Rhythm
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
@@ -53,6 +54,8 @@ _PUBLISHER_CHECK_S = 0.1
 _PAUSED_CLOCK_S = 0.2
 # Instants that an evaluator may lag behind: publishers keep ten messages of a topic.
 _INSTANTS_AHEAD = 5
+# For messages to arrive; a planner that then does nothing has read everything.
+_READING_S = 0.002
 # The longest wait, so that the node notices in time that it should stop.
 _WAIT_S = 0.05
 # A machine that is further behind the wall clock does not catch up.
@@ -99,7 +102,8 @@ class SimulatorNode(Node):
         warn_about_unknown_parameters(self)
 
         warm_up()
-        self.trial = begin_trial(self._defaults, self._config)
+        self._rhythm = Rhythm(self._config.planner_rate_hz)
+        self.trial = begin_trial(self._defaults, self._config, self._rhythm)
         self._paused = self._config.start_paused
         # The trial that `_due_s` belongs to: the wall-clock time of its next reading.
         self._paced_trial: SimulatedTrial | None = None
@@ -138,7 +142,7 @@ class SimulatorNode(Node):
                 self._advance_freely()
 
     def _advance_in_lockstep(self) -> None:
-        """Publish an instant, wait for a command if it has a scan, advance one period.
+        """Publish an instant, wait for a command if one is due, advance one period.
 
         Without a command in time, it advances all the same and counts a missed one.
         """
@@ -153,16 +157,36 @@ class SimulatorNode(Node):
             trial.answer = None
             self._outputs.publish(trial.readings())
 
-        deadline = time.monotonic() + trial.config.command_wait_s
-        while trial.awaits_answer and trial.answer is None:
-            remaining_s = deadline - time.monotonic()
-            if remaining_s <= 0.0:
-                trial.missed += 1
-                break
+        if not trial.awaits_answer:
+            self._await_reading(trial)
+        elif trial.answer is None and not self._await_answer(trial):
+            return
+        trial.step()
+
+    def _await_reading(self, trial: SimulatedTrial) -> None:
+        """Give a planner with a rate of its own the time to read what is published.
+
+        Its next command would otherwise come from readings that are long past. It gets
+        no longer than on a robot.
+        """
+        end_s = time.monotonic() + trial.config.control_period_s
+        is_busy = self._rhythm.period_ns > 0
+        while is_busy and time.monotonic() < end_s:
+            self._serve(_READING_S)
+            is_busy = self._leader is not None and self._leader.is_planner_busy()
+
+    def _await_answer(self, trial: SimulatedTrial) -> bool:
+        """Wait for a command in a trial; return whether the trial goes on after it."""
+        rhythm = self._rhythm
+        rhythm.begin_wait(time.monotonic())
+        if self._leader is not None:
+            self._leader.begin_reading()
+        while (remaining_s := rhythm.remaining_s(time.monotonic())) > 0.0:
             self._serve(min(remaining_s, _WAIT_S))
             if self._paused or self.stopping or self.trial is not trial:
-                return
-        trial.step()
+                return False
+        rhythm.end_wait(trial.now_ns)
+        return True
 
     def _is_ahead(self) -> bool:
         """Tell whether the evaluator, if any, has yet to hear five control periods."""
@@ -241,7 +265,11 @@ class SimulatorNode(Node):
             self.get_logger().error(
                 f"cmd_vel: not a number: {velocity}; the robot stops"
             )
+        rhythm = self._rhythm
+        if self._leader is not None and rhythm.is_timed_by_planner:
+            self._leader.report_answer(self.trial.now_ns)
         self.trial.take(velocity)
+        rhythm.hear(self.trial.now_ns, time.monotonic())
 
     def _reset(self) -> Answer:
         """Replace the trial by one of the current parameters; publish its start.
@@ -250,7 +278,9 @@ class SimulatorNode(Node):
         """
         before = self.trial
         try:
-            trial = begin_trial(self._next_config(), self._config, before.now_ns)
+            trial = begin_trial(
+                self._next_config(), self._config, self._rhythm, before.now_ns
+            )
         except BarnError as error:
             self.get_logger().error(f"reset: {error}")
             return False, str(error)
@@ -275,6 +305,8 @@ class SimulatorNode(Node):
             "version": STATUS_VERSION,
             "simulated_s": round(seconds(self.trial.simulator.stamp_ns), 3),
             **self.trial.counts(),
+            "period_ns": self._rhythm.period_ns,
+            "is_declared": self._rhythm.is_declared,
             "scan_subscriptions": self._outputs.scan_subscriptions(),
             "command_publishers": self._commands.publishers(),
         }

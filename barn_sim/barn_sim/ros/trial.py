@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
+from barn_sim.ros.rhythm import Rhythm
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
@@ -29,6 +30,9 @@ class SimulatedTrial:
     cycle_timer: CycleTimer
     """In lockstep, when the planner may answer and when its commands take effect."""
 
+    rhythm: Rhythm
+    """In lockstep, which instants the planner answers."""
+
     published: bool = False
     """Whether the readings of this instant have been published."""
 
@@ -42,9 +46,6 @@ class SimulatedTrial:
 
     commands: int = 0
     """How many commands came."""
-
-    missed: int = 0
-    """How often lockstep got no command in time."""
 
     extra: int = 0
     """How many commands came when none was expected."""
@@ -70,10 +71,13 @@ class SimulatedTrial:
         """
         sensors = self.simulator.sense()
         has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
+        is_free = self.cycle_timer.is_free(sensors.stamp_ns)
         self.published = True
-        self.awaits_answer = has_scan and self.cycle_timer.is_free(sensors.stamp_ns)
+        self.awaits_answer = is_free and self.rhythm.expects(
+            self.now_ns, has_scan=has_scan
+        )
         for message in self.messages.sensors(sensors, self.now_ns):
-            if self.awaits_answer or message.topic is not SCAN:
+            if is_free or message.topic is not SCAN:
                 yield message
 
     def step(self) -> None:
@@ -117,7 +121,7 @@ class SimulatedTrial:
         """Return how many commands came, were missed, invalid and extra, by name."""
         return {
             "commands": self.commands,
-            "missed_commands": self.missed,
+            "missed_commands": self.rhythm.missed,
             "invalid_commands": self.simulator.invalid_commands,
             "extra_commands": self.extra,
         }
@@ -131,13 +135,14 @@ class SimulatedTrial:
 
 
 def begin_trial(
-    config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0
+    config: RunConfig, node: SimulatorNodeConfig, rhythm: Rhythm, before_ns: int = 0
 ) -> SimulatedTrial:
     """Load world and robot; return a trial whose clock starts at the next full second.
 
     Args:
         config: World, start pose, seed and robot of the trial.
         node: Frames and mode of the node.
+        rhythm: Which instants the planner answers, as far as earlier trials show.
         before_ns: Last time on the clock.
 
     Raises:
@@ -147,6 +152,7 @@ def begin_trial(
     config = replace(config, chassis=load_robot(config.robot).chassis)
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
+    rhythm.begin_trial(nanoseconds(config.control_period_s), config.command_wait_s)
     scan_period_s = None
     if not node.lockstep:
         scan_period_s = 1.0 / config.lidar.rate_hz
@@ -158,4 +164,5 @@ def begin_trial(
         origin_ns=(before_ns // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND,
         world_name=world.name,
         cycle_timer=CycleTimer(config.compute, config.compute_seed),
+        rhythm=rhythm,
     )

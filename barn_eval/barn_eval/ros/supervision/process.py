@@ -160,6 +160,11 @@ class SupervisedProcess:
         return self._events.fileno()
 
     @property
+    def pid(self) -> int:
+        """Process ID of the launcher, of which the command is a descendant."""
+        return self._launcher.pid
+
+    @property
     def ended(self) -> bool:
         """Whether `read` has seen the end of the process and all its descendants."""
         return self.end is not None

@@ -279,6 +279,10 @@ class _Supervisor:
         self._processes[name] = SupervisedProcess(
             name, command, environment, self._log(name), sockets, kind
         )
+        # A simulator that is started anew has heard of no planner, either.
+        if name != EVALUATOR and PLANNER in self._processes:
+            line = private_line.PrivateLine(os.dup(self._evaluator_line.fileno()))
+            line.send(planner=self._processes[PLANNER].pid)
 
     def _handle(self, event: dict[str, str]) -> None:
         """Do what an event of the evaluator asks for; ProcessError if it refuses."""
