@@ -124,7 +124,8 @@ class PlannerLink(Checked):
     )
     planner_rate_hz: float = quantity(
         0.0,
-        "rate at which the planner is to send commands; 0: the protocol's",
+        "rate at which the planner sends commands: lockstep waits for these alone; 0:"
+        " one for each scan, or as is found out",
         "Hz",
         0.0,
         1000.0,
