@@ -19,6 +19,7 @@ from barn_eval.ros.supervision.nodes import discovery_range
 from barn_eval.trials.outcome import PLANNER, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
+from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
@@ -144,18 +145,21 @@ class PlannerClient:
         """Wait until all lifecycle nodes are active, or raise PlannerNotReady."""
         self._wait(self.inactive_nodes, self._patience.lifecycle_s, "managed nodes: ")
 
-    def await_presence(self, limit_s: float) -> Finding:
+    def await_presence(self, limit_s: float, *, first: bool) -> Finding:
         """Wait until the planner's endpoints on the graph are complete for a time.
 
         Args:
             limit_s: Longest wait.
+            first: Whether no trial has been driven yet.
 
         Returns:
             Type, reliability and sender of its commands.
 
         Raises:
-            TrialEnded: If something is still missing after the limit, or if a type is
-                wrong for longer than `mismatch_s`.
+            TrialEnded: If something is still missing after the limit, or if a type or
+                QoS is wrong for longer than `mismatch_s`.
+            BarnError: If a QoS is wrong for so long before any trial: the others would
+                end in the same way.
         """
         complete_since_s: float | None = None
         wrong_since_s: float | None = None
@@ -167,13 +171,16 @@ class PlannerClient:
             now_s = self._loop.now_s
             finding = inspect(self._view.graph(), self._needs)
 
-            if finding.outcome is not Outcome.WRONG_MESSAGE_TYPE:
+            is_wrong_type = finding.outcome is Outcome.WRONG_MESSAGE_TYPE
+            if not (is_wrong_type or finding.has_unfit_qos):
                 wrong_since_s = None
             else:
-                # A planner before this one may have left a publisher of another type,
-                # which is about to be replaced.
+                # A planner before this one may have left endpoints, which are about to
+                # be replaced.
                 wrong_since_s = wrong_since_s or now_s
                 if now_s - wrong_since_s > self._patience.mismatch_s:
+                    if first and not is_wrong_type:
+                        raise BarnError(f"planner: {finding.text()}")
                     raise TrialEnded(finding.outcome, finding.text())
 
             is_complete = not finding.missing and (self._name or finding.command_node)

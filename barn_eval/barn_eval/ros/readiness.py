@@ -89,6 +89,8 @@ class Finding:
     missing: tuple[str, ...] = ()
     outcome: Outcome = Outcome.PLANNER_NOT_READY
     command_reliable: bool = True
+    # Whether a subscription is of a QoS that its publishers never offer.
+    has_unfit_qos: bool = False
 
     def text(self) -> str:
         """Return what is missing, joined by "; "; empty if nothing is."""
@@ -98,6 +100,7 @@ class Finding:
 class _Problem(NamedTuple):
     text: str
     is_wrong_type: bool = False
+    is_unfit_qos: bool = False
 
 
 def inspect(graph: Graph, needs: Needs) -> Finding:
@@ -142,6 +145,7 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
         tuple(missing),
         outcome,
         all(endpoint.reliable for endpoint in commands),
+        any(problem.is_unfit_qos for problem in problems),
     )
 
 
@@ -209,11 +213,14 @@ def _input_problems(graph: Graph, needs: Needs) -> Iterator[_Problem]:
         )
         if writers and not any(compatible):
             quality = "transient local durability"
+            remedy = "volatile durability (in rclpy depth 10 alone)"
             if typed_readers[0].reliable and not writers[0].reliable:
                 quality = "reliable delivery"
+                remedy = "best effort (in rclpy qos_profile_sensor_data)"
             yield _Problem(
                 f"the subscription to {topic} asks for {quality}, which its publisher"
-                " does not offer"
+                f" does not offer; subscribe with {remedy}",
+                is_unfit_qos=True,
             )
 
 

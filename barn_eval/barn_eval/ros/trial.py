@@ -294,7 +294,7 @@ class RosTrial:
         queue = context.make_queue(reset_ns)
         self._queue = queue
 
-        finding = planner.await_presence(planner_limit_s)
+        finding = planner.await_presence(planner_limit_s, first=self._first)
         # A reliable subscription hears nothing of a best-effort publisher.
         qos = RELIABLE if finding.command_reliable else BEST_EFFORT
         context.subscriber.subscribe(context.topics.command, finding.command_type, qos)

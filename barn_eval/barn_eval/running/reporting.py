@@ -225,6 +225,7 @@ class RunProgress:
         self._last_line_s = self._start_s
         self.last_line_count = -1
         self._last_notice = ""
+        self._quotations: set[str] = set()
 
     def take(self, event: Event) -> None:
         """Tell the reporter of an event; count it if it is a trial's result."""
@@ -233,7 +234,7 @@ class RunProgress:
             if event.is_warning:
                 self.reporter.warn(event.text)
             elif event.text != self._last_notice:
-                self.reporter.notify(event.text)
+                self.reporter.notify(self._without_repetition(event.text))
             self._last_notice = event.text
         elif isinstance(event, TrialLoss):
             self.reporter.warn(
@@ -241,6 +242,17 @@ class RunProgress:
             )
         else:
             self._take_result(event)
+
+    def _without_repetition(self, text: str) -> str:
+        """Return a notice; lines after its first are left out if they came before."""
+        first_line, _, quotation = text.partition("\n")
+        if not quotation:
+            return text
+        if quotation in self._quotations:
+            # All workers meet the same error.
+            return f"{first_line} as above"
+        self._quotations.add(quotation)
+        return text
 
     def _take_result(self, result: TrialResult) -> None:
         """Count a result; tell it in a line unless the run has too many trials."""

@@ -124,11 +124,15 @@ def test_incompatible_quality_of_service():
     finding = inspect(graph(COMMAND, subscriptions=inputs), NEEDS)
     assert finding.text() == (
         "the subscription to /scan asks for reliable delivery, "
-        "which its publisher does not offer"
+        "which its publisher does not offer; "
+        "subscribe with best effort (in rclpy qos_profile_sensor_data)"
     )
+    assert finding.has_unfit_qos
     inputs = (INPUTS[0], Endpoint("/odom", ODOMETRY, b"o", latched=True))
     finding = inspect(graph(COMMAND, subscriptions=inputs), NEEDS)
     assert "transient local durability" in finding.text()
+    assert finding.has_unfit_qos
+    assert not inspect(graph(subscriptions=INPUTS), NEEDS).has_unfit_qos
 
 
 def test_an_input_that_is_listened_for_elsewhere_is_hinted_at():
@@ -154,7 +158,8 @@ def test_a_goal_that_the_evaluator_would_send_in_vain():
     needs = Needs("/cmd_vel", "auto", [("/goal_pose", POSE_STAMPED)], offered=offered)
     command = commander(node="/nav")
     assert inspect(graph(command, subscriptions=[latched]), needs).text() == (
-        "the subscription to /goal_pose asks for transient local durability, which its publisher does not offer"
+        "the subscription to /goal_pose asks for transient local durability, which its publisher does not offer;"
+        " subscribe with volatile durability (in rclpy depth 10 alone)"
     )
     by_action = Graph([command], [], [("/navigate_to_pose", ACTION)])
     assert inspect(by_action, needs).text() == (

@@ -18,7 +18,8 @@ KIND says what the command is:
 When the supervisor writes, or its end of the socket closes because it died, the
 launcher ends the command and all its descendants: by SIGINT first, as Ctrl-C does it,
 then SIGTERM, then SIGKILL. What the command prints goes to the launcher's own output;
-of a great deal only beginning and end.
+of a great deal only beginning and end, and of a planner nothing after such a signal:
+complaints about it would look like a fault.
 
 The launcher is two processes, of which the second does the work. If either is killed,
 at the same time as the supervisor too, the other ends what is left. A launcher that
@@ -374,6 +375,8 @@ class _Launcher:
         finally:
             os.close(self._output.writer)
         is_orderly = self._wait(child)
+        if kind != SUITE and child.poll() is None:
+            self._output.mute()
         self._end(child, hurried=not is_orderly)
         self._output.finish()
         if is_orderly:
@@ -486,6 +489,13 @@ class _Output:
         self._tail = bytearray()
         self._head_room = HEAD_BYTES
         self._dropped = 0
+        self._is_muted = False
+
+    def mute(self) -> None:
+        """Print what has been written so far, and drop what follows."""
+        while select.select(self.readers, [], [], 0.0)[0]:
+            self.read()
+        self._is_muted = True
 
     def read(self, max_tail: int = 2 * TAIL_BYTES) -> None:
         """Print the first 5 MB of the output, and keep the end of what follows.
@@ -499,6 +509,8 @@ class _Output:
                 if not data:
                     os.close(reader)
                     self.readers = []
+                if self._is_muted:
+                    continue
                 _print(data[: self._head_room])
                 self._tail += data[self._head_room :]
                 self._head_room = max(0, self._head_room - len(data))

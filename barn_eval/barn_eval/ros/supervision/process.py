@@ -129,6 +129,8 @@ class SupervisedProcess:
         """
         self.name = name
         self.log = log
+        # Where in the log begins what this start prints.
+        self.log_begin = 0
         # How it ended in words, once that is known.
         self.end: str | None = None
         # Whether it ended because its launcher did.
@@ -144,6 +146,7 @@ class SupervisedProcess:
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
+                self.log_begin = output.tell()
                 self._launcher = subprocess.Popen(  # noqa: S603
                     [*LAUNCHER, str(descriptor), kind, "--", *command],
                     env=dict(environment) | {_MARK: self._mark},
@@ -235,19 +238,20 @@ def _find_marked(mark: str) -> list[int]:
     return pids
 
 
-def last_lines(log: Path, count: int = 10) -> str:
+def last_lines(log: Path, count: int = 10, begin: int = 0) -> str:
     """Return the last lines of a log as one indented text that names the file.
 
     Args:
         log: File of what a process has printed.
         count: Number of lines.
+        begin: Number of bytes at its beginning to leave out.
 
     Returns:
         The lines, shortened, below one that names the file.
     """
     try:
         with log.open("rb") as file:
-            file.seek(max(0, os.fstat(file.fileno()).st_size - 16384))
+            file.seek(max(begin, os.fstat(file.fileno()).st_size - 16384))
             lines = file.read().decode("utf-8", "replace").splitlines()
     except OSError as error:
         lines = [f"({error.strerror or error})"]

@@ -316,7 +316,9 @@ class _Supervisor:
         """Return the error that ends a run, with the log of the process it names."""
         for name in self._nodes:
             if f"the {name} " in reason:
-                return ProcessError(f"{reason}; {last_lines(self._log(name))}")
+                # The notice of its end has quoted more, once.
+                count = 1 if name in self._quoted_logs else 10
+                return ProcessError(f"{reason}; {last_lines(self._log(name), count)}")
         return ProcessError(reason)
 
     def _repeat(self, reason: str) -> None:
@@ -334,7 +336,8 @@ class _Supervisor:
         # The evaluator may want a planner of its own for each trial: no news. Asked
         # before the process is stopped, which counts as stopping whatever went before.
         policy = self.config.ros.restart_planner
-        is_expected = name == PLANNER and process.stopping and policy == "each_trial"
+        is_asked = process.stopping
+        is_expected = name == PLANNER and is_asked and policy == "each_trial"
 
         del self._processes[name]
         process.stop()
@@ -342,7 +345,8 @@ class _Supervisor:
             raise ProcessError(f"the {name} {end}")
 
         if not is_expected:
-            self._notice_end(process)
+            # However a process takes the signal that we sent is no news.
+            self._notice_end(process, "is started anew" if is_asked else end)
 
         if name == EVALUATOR:
             yield from self._handle_lost_evaluator(process)
@@ -353,15 +357,15 @@ class _Supervisor:
         else:
             self._schedule_start(name)
 
-    def _notice_end(self, process: SupervisedProcess) -> None:
+    def _notice_end(self, process: SupervisedProcess, end: str) -> None:
         """Tell the user how a process ended; at its first end, quote its log."""
-        text = f"{process.name} {process.end}"
+        text = f"{process.name} {end}"
         if self._trial:
             text += f" in trial {self._trial}"
         # Its log is quoted once: later ends are often consequences of the first.
         if process.name not in self._quoted_logs:
             self._quoted_logs.add(process.name)
-            text += f"; {last_lines(process.log)}"
+            text += f"; {last_lines(process.log, begin=process.log_begin)}"
         self.notice(text)
 
     def _handle_lost_evaluator(

@@ -149,6 +149,27 @@ def test_the_exit_code_and_what_was_printed_are_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "kind",
+    [
+        launcher.SUITE,
+        launcher.PLANNER,
+        pytest.param(launcher.ISOLATED, marks=KEPT_APART),
+    ],
+)
+def test_the_log_of_a_planner_ends_where_it_is_stopped(tmp_path, kind):
+    script = "import time; print('drives', flush=True)\ntime.sleep(600)"
+    log = tmp_path / "planner.log"
+    log.write_text("of the start before\n")
+    command = [sys.executable, "-c", script]
+    process = SupervisedProcess("planner", command, os.environ, log, kind=kind)
+    until(lambda: "drives" in log.read_text())
+    process.stop()
+    assert ("KeyboardInterrupt" in log.read_text()) is (kind == launcher.SUITE)
+    quotation = last_lines(log, begin=process.log_begin)
+    assert quotation.startswith(f"the end of {log}:\n  drives")
+
+
+@pytest.mark.parametrize(
     "kind", [launcher.SUITE, pytest.param(launcher.ISOLATED, marks=KEPT_APART)]
 )
 def test_an_unknown_command_is_told(tmp_path, kind):
