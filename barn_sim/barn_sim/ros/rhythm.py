@@ -159,6 +159,8 @@ class Rhythm:
         """Learn from an instant of a search; end it once the commands agree."""
         if not is_answered:
             self._silent_instants += 1
+            if not self.period_ns:
+                self.missed += 1
             return
         self._silent_instants = 0
         if self.period_ns:
