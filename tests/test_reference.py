@@ -139,7 +139,13 @@ def test_preset_files_hold_their_changes_and_the_full_file_all():
         changes = values_of(tool.simulator(), f"{name}.yaml", tool.SIMULATOR)
         assert replace_dotted(SimulatorConfig(), changes, name) == PRESETS[name]
     values = values_of(tool.simulator(), "simulator.yaml", tool.SIMULATOR)
-    fixed = {"lockstep", "start_paused", "command_type", "scan_reliability"}
+    fixed = {
+        "lockstep",
+        "planner_rate_hz",
+        "start_paused",
+        "command_type",
+        "scan_reliability",
+    }
     fixed |= {"ground_truth", "map_frame", "odom_frame", "base_frame", "lidar_frame"}
     changed = {name: value for name, value in values.items() if name not in fixed}
     assert fixed < set(values)
