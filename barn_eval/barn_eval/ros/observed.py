@@ -131,9 +131,9 @@ class ObservedSystem:
     def release(self) -> None:
         """Do nothing: time passes in a system in any case."""
 
-    def pause(self) -> int:
-        """Return 0: nothing is paused, and nothing waits for commands."""
-        return 0
+    def pause(self) -> dict[str, int]:
+        """Return no counts: nothing is paused, and nothing waits for commands."""
+        return {}
 
     def _reset(self, spec: TrialSpec, limit_s: float) -> None:
         """Put the robot at the start, or have the operator do it and say so."""
