@@ -98,6 +98,9 @@ class TrialSpec:
     @property
     def metric(self) -> str:
         """Key of the measure that ranks planners in this trial's world."""
+        # Without a bound there is no efficiency to rank by.
+        if self.least_time_s is None:
+            return self.protocol.metric
         return self.scaled_protocol.ranking_metric(
             self.world, self.simulator.drive.max_speed_m_s
         )

@@ -93,6 +93,10 @@ def test_routes_are_ranked_by_efficiency_and_barns_worlds_as_before(rooms, tmp_p
     ):
         (spec,) = request_of(rooms, tmp_path, **options).trials()
         assert spec.metric == metric
+    # Nobody knows how fast a planner is that was started by hand, nor its bound.
+    (spec,) = request_of(rooms, tmp_path, routes=1).trials()
+    unknown = replace(spec, declared_mps=0.0, planner_config="")
+    assert unknown.metric == "challenge"
 
 
 def test_the_limit_follows_from_the_path(rooms, tmp_path):
