@@ -28,6 +28,7 @@ _ROUNDING = 1e-9
 # Fewer worlds than these say too little about how alike the trials of a world are.
 _MIN_INFORMATIVE_WORLDS = 3
 _MAX_WORLDS = 1_000_000
+_HIGH_SHARE = 0.97
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,8 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
 
     The quantile is Student's with one degree of freedom less than worlds (Franco et
     al. 2019, "Comparative study of confidence intervals for proportions in complex
-    sample surveys"). Where all worlds are alike, each world counts as one trial.
+    sample surveys"). Where all worlds are alike, each world counts as one trial. Above
+    0.97, it is as wide as Clopper's and Pearson's where that is wider.
 
     Args:
         successes: 1 for each trial that succeeded, else 0 (n,).
@@ -196,7 +198,11 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
     middle = (p + z * z / (2.0 * effective)) / scale
     variance = p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2
     half = z * math.sqrt(variance) / scale
-    return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
+    interval = Interval(p, max(0.0, middle - half), min(1.0, middle + half))
+    # Near 1 Wilson's covers less than it says, Clopper and Pearson's never.
+    if p > _HIGH_SHARE:
+        return interval.widen_to(*Share(p, effective).limits)
+    return interval
 
 
 def effective_trials(

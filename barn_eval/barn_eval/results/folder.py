@@ -19,6 +19,7 @@ OUT/replays/                pages of replays, and bags made for them afterwards
 """
 
 import fcntl
+import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -70,6 +71,7 @@ class ResultsFolder:
         `results` are the scored rows that the folder has.
         """
         self.path = path
+        self._stat = path.stat()
         self._rows = RowFile(path)
         self._places = {spec.trial_id: place for place, spec in enumerate(specs)}
         self.completed = self._in_order(results)
@@ -165,8 +167,17 @@ class ResultsFolder:
         """Append commands, track and, last, row of a trial, each synced to the disk.
 
         Raises:
+            StoreError: Another folder has taken the place of this one.
             ValueError: The trial has a row already.
         """
+        with convert_os_errors(StoreError, f"{self.path}: cannot be written"):
+            is_same = os.path.samestat(self.path.stat(), self._stat)
+        # A planner that moves the folder away would have its trials a second time.
+        if not is_same:
+            raise StoreError(
+                f"{self.path}: is not the folder any more that this run began; somebody"
+                " moved that"
+            )
         trial_id = record.result.trial_id
         if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} has a result already")

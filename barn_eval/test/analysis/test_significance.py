@@ -105,6 +105,12 @@ def test_shares_are_wilsons_with_students_quantile():
     assert limits(share) == pytest.approx((0.8, *expected))
 
 
+def test_high_shares_are_as_wide_as_clopper_and_pearson():
+    """Wilson's, at 98 of 100, would leave out a true share of 0.995."""
+    share = proportion(np.array([1] * 98 + [0] * 2), np.arange(100))
+    assert share.high > 0.995
+
+
 def test_shares_know_that_trials_of_a_world_are_alike():
     worlds = np.repeat(np.arange(50), 3)
     alike = proportion(np.repeat([1] * 40 + [0] * 10, 3), worlds)

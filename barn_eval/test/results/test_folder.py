@@ -22,7 +22,7 @@ from barn_eval.trials.run_config import (
     PlannerChoice,
     RunConfig,
 )
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, StoreError
 
 GAP = RunConfig(
     worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
@@ -61,6 +61,21 @@ def test_a_folder_without_a_result_is_taken_over(tmp_path):
         r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here"
     ):
         keep(tmp_path, typo)
+
+
+def test_a_folder_that_was_moved_away_takes_no_result(tmp_path):
+    """Nor does what has taken its place, where its trials would be driven anew."""
+    out = tmp_path / "out"
+    with ResultsFolder.open(out, GAP, EXECUTION, GAP.trials()) as folder:
+        first, second, *_ = folder.remaining
+        folder.append(record(first))
+        out.rename(tmp_path / "away")
+        with refused("out: cannot be written: No such file", StoreError):
+            folder.append(record(second))
+        out.mkdir()
+        with refused("out: is not the folder any more that this run", StoreError):
+            folder.append(record(second))
+    assert list(out.iterdir()) == []
 
 
 def test_results_are_replaced_only_when_told_to(tmp_path):

@@ -293,8 +293,9 @@ class PageServer(ThreadingHTTPServer):
         Any other name may belong to a site that rebinds it to this address.
         """
         # The header may have a port, and an address of IPv6 its brackets.
-        name = urlsplit(f"//{host}").hostname or ""
+        name = ""
         try:
+            name = urlsplit(f"//{host}").hostname or ""
             ip_address(name)
         except ValueError:
             return name in ("localhost", self.server_name)

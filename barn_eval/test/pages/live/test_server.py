@@ -123,6 +123,7 @@ def test_the_page_and_replays_are_served_and_nothing_else(folder):
         ):  # fmt: skip
             assert get(page, path)[0] == 404, path
         assert get(page, "/state", "evil.example")[0] == 403
+        assert get(page, "/state", "[::1")[0] == 403
         assert get(page, "/state", "127.0.0.1:1")[0] == 200
     with pytest.raises(OSError, match="refused"):
         get(page, "/")
