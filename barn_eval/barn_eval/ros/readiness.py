@@ -295,7 +295,7 @@ class Watchdog:
         patience: WaitLimits,
         now_s: float,
         commands: int = 0,
-        tick: str = "tick of /clock",
+        tick: str = "no tick of /clock",
     ) -> None:
         """Start the watch of a trial.
 
@@ -303,7 +303,7 @@ class Watchdog:
             patience: Limits of waits.
             now_s: The evaluator's time, by which limits count.
             commands: Number of commands that came before the trial.
-            tick: What tells that time passes.
+            tick: What is said if time stands still, without how long.
         """
         self._tick = tick
         self._patience = patience
@@ -360,7 +360,7 @@ class Watchdog:
         """
         patience = self._patience
         if now_s - self._last_tick_s > patience.clock_s:
-            detail = f"no {self._tick} for {patience.clock_s:g} s"
+            detail = f"{self._tick} for {patience.clock_s:g} s"
             return Outcome.SIMULATOR_DIED, detail
         if now_s - self._last_publisher_s > patience.vanished_s:
             detail = "its publisher of commands has vanished from the graph"

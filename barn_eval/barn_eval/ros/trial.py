@@ -375,9 +375,9 @@ class RosTrial:
         loop = context.loop
         start_s = time.monotonic()
         next_look_s = loop.now_s
-        tick = "tick of /clock"
+        tick = "no tick of /clock"
         if context.system is not None:
-            tick = f"message on {context.topics.odometry}"
+            tick = f"no message on {context.topics.odometry}"
         watchdog = Watchdog(context.config.patience, loop.now_s, queue.commands, tick)
         goal_period_ns = nanoseconds(self._spec.protocol.goal_period_s)
         next_goal_ns = queue.now_ns + goal_period_ns
