@@ -273,8 +273,24 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
         planners=apply_parameters(planners, parameters, where),
         protocol=protocol,
         simulator=simulator_config(protocol, simulator, robot),
-        ros=replace_dotted(RosConfig(), ros, f"{where}ros"),
+        ros=replace_dotted(RosConfig(), _join_remaps(ros), f"{where}ros"),
     )
+
+
+def _join_remaps(ros: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings of mode ros with `remap.scan: /front/scan` as rules of `remap`."""
+    settings = {}
+    rules = []
+    for key, value in ros.items():
+        if key == "remap" and isinstance(value, Mapping):
+            rules += [f"{topic}:={name}" for topic, name in value.items()]
+        elif key.startswith("remap."):
+            rules.append(f"{key.removeprefix('remap.')}:={value}")
+        else:
+            settings[key] = value
+    if rules:
+        settings["remap"] = [*settings.get("remap", ()), *rules]
+    return settings
 
 
 def _reuse_commands(entries: list[Any], file_planners: object, where: str) -> list[Any]:

@@ -155,7 +155,9 @@ class RosConfig(PlannerLink):
         "", "namespace of simulator and evaluator, and of our planners; such as robot1"
     )
     remap: tuple[str, ...] = quantity(
-        (), "topics that go by another name in simulator and evaluator, as FROM:=TO"
+        (),
+        "topics that go by another name in simulator and evaluator, as FROM:=TO, or"
+        " one by one as remap.FROM=TO",
     )
     base_frame: str = quantity("base_link", "frame of the robot")
     lidar_frame: str = quantity("lidar_link", "frame of the scans")

@@ -15,7 +15,7 @@ from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 FILE = """
 schema_version: 1
@@ -154,6 +154,22 @@ def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
     ros = {"restart_planner": "each_trial", "patience": {"gate_s": 60.0}}
     nested = read_request(None, options | {"ros": ros})
     assert nested.config == experiment
+
+
+@pytest.mark.parametrize(
+    "ros",
+    [
+        {"remap": ["scan:=/front/scan"]},
+        {"remap": {"scan": "/front/scan"}},
+        {"remap.scan": "/front/scan"},
+    ],
+)
+def test_topics_are_renamed_by_rules_or_one_by_one(ros):
+    options = {"planners": "gap", "mode": "ros", "out": "x", "ros": ros}
+    assert read_request(None, options).config.ros.remap == ("scan:=/front/scan",)
+    wrong = options | {"ros": {"remap.scan": "front scan"}}
+    with pytest.raises(ConfigError, match="remap must be of the form FROM:=TO"):
+        read_request(None, wrong)
 
 
 def test_suite_nodes_and_foreign_commands_drive_together(tmp_path):
