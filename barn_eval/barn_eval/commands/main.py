@@ -33,17 +33,18 @@ MORE = {name: (example, page) for name, (_, example, page) in _ENTRIES.items()}
 # Other commands are the attribute `command` of the module of their name.
 # Commands that share a module have their own names there.
 _MODULES = {
-    "demo": "run",
-    "precision": "compare",
-    "metrics": "worlds",
-    "submit": "check",
-    "verify": "check",
-    "reproduce": "suite",
-    "bench": "suite",
-    "info": "suite",
-    "planners": "catalogs",
-    "protocols": "catalogs",
-    "robots": "catalogs",
+    "demo": "run:demo",
+    "precision": "compare:precision",
+    "metrics": "worlds:metrics",
+    "submit": "check:submit",
+    "verify": "check:verify",
+    "reproduce": "suite:reproduce",
+    "bench": "suite:bench",
+    "info": "suite:info",
+    "planners": "catalogs:planners",
+    "protocols": "catalogs:protocols",
+    "robots": "catalogs:robots",
+    "try": "attempt:command",
 }
 
 
@@ -70,8 +71,9 @@ class LazyGroup(click.Group):
         # The command had this name before, and scripts still use it.
         name = "run" if cmd_name == "campaign" else cmd_name
         if name in COMMANDS:
-            module = import_module(f"{__package__}.{_MODULES.get(name, name)}")
-            attribute = name if name in _MODULES else "command"
+            place = _MODULES.get(name, f"{name}:command")
+            module_name, _, attribute = place.partition(":")
+            module = import_module(f"{__package__}.{module_name}")
             command = cast(click.Command, getattr(module, attribute))
             example, page = MORE[name]
             # click shows an epilog below the options, as an example should be.

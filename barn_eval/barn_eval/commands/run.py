@@ -93,7 +93,20 @@ _EXECUTION = ExecutionConfig()
     multiple=True,
     metavar="[NAME=]COMMAND",
     help="Start a planner of your own (mode ros) [default name: of its script];"
-    " repeatable.",
+    " repeatable. {goal_x}, {goal_y}, {goal_yaw} and {frame} stand for the trial's goal.",
+)
+@click.option(
+    "--planner-package",
+    multiple=True,
+    metavar="[NAME=]DIR[:EXECUTABLE]",
+    help="Start one from the source of its ROS package, without a build; repeatable.",
+)
+@click.option(
+    "--planner-input",
+    multiple=True,
+    metavar="[NAME=]TEXT",
+    help="Write it to the planner's standard input, the goal in the same braces, \\n for"
+    " the end of a line.",
 )
 @parameters_option(
     "--set",

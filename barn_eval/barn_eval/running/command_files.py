@@ -5,6 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from barn_eval.running.planner_packages import PREFIX, find_executable
 from barn_eval.trials.identity import flatten
 from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
 from barn_worlds.base.files import write_durably
@@ -22,7 +23,8 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
 
     A file is a word, or the part of a word after := or =, that ends like a file of
     parameters, launch, code or weights. For `ros2 launch PACKAGE FILE` it is also the
-    launch file in the share folder of the package.
+    launch file in the share folder of the package. A package that is started from its
+    source has one hash, of its folder.
 
     Raises:
         ConfigError: If a file is too large or cannot be read.
@@ -34,24 +36,36 @@ def hash_command_files(words: Sequence[str]) -> dict[str, str]:
             paths[name] = Path(name)
     if len(words) > 3 and words[1] == "launch":
         paths[words[3]] = _find_launch_file(words[2], words[3])
-    return {
+    hashes = {
         name: _hash_file(path)
         for name, path in paths.items()
         if path.suffix in _SUFFIXES and path.is_file()
     }
+    if words[0].startswith(PREFIX):
+        executable = find_executable(words[0].removeprefix(PREFIX))
+        if executable.is_packaged:
+            hashes[str(executable.folder)] = hash_folder(executable.folder)
+        else:
+            source = executable.folder / f"{executable.name}.py"
+            hashes[str(source)] = _hash_file(source)
+    return hashes
 
 
 def hash_folder(folder: Path) -> str:
-    """Return one SHA-256 of all files below a folder and their names, without bytecode.
+    """Return one SHA-256 of all files below a folder and their names.
+
+    Bytecode and what is hidden, such as .git, do not count.
 
     Raises:
         ConfigError: If a file is too large or cannot be read.
     """
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        is_hidden = any(part.startswith(".") for part in name.parts)
         # Bytecode differs from one Python to the next, the code does not.
-        if path.is_file() and "__pycache__" not in path.parts:
-            line = f"{path.relative_to(folder)}\0{_hash_file(path)}\n"
+        if path.is_file() and "__pycache__" not in name.parts and not is_hidden:
+            line = f"{name}\0{_hash_file(path)}\n"
             digest.update(line.encode())
     return digest.hexdigest()
 

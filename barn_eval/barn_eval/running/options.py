@@ -64,6 +64,13 @@ class RunKeywords(TypedDict, total=False):
     """Command that starts a planner of your own in mode ros, or several as
     "NAME=COMMAND"."""
 
+    planner_package: str | Sequence[str] | None
+    """Package of a planner of your own, started from its source in mode ros:
+    "DIR:EXECUTABLE", or several as "NAME=DIR:EXECUTABLE"."""
+
+    planner_input: str | Sequence[str] | None
+    """Text for the standard input of such a planner, or several as "NAME=TEXT"."""
+
     ros: Parameters | None
     """Parameters of mode ros by dotted name."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.running.command_files import hash_command_files
+from barn_eval.running.planner_packages import PREFIX, find_executable
 from barn_eval.trials.run_config import COMPUTE_KEYS, PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict
@@ -38,17 +39,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
         )
     planners = [read_planner(entry, where) for entry in names or ()]
 
-    texts = () if commands is None else commands
-    if isinstance(commands, str):
-        texts = [commands]
-    are_texts = isinstance(texts, (list, tuple)) and all(
-        isinstance(text, str) for text in texts
-    )
-    if not are_texts:
-        raise ConfigError(
-            f"{where}planner_command must be a text or a list of texts,"
-            f" got {format_value(commands)}"
-        )
+    texts = read_texts(commands, "planner_command", where)
     for text in texts:
         # A command without a name belongs to the only planner, if there is one.
         if _NAMED_COMMAND.fullmatch(text) or not planners:
@@ -66,6 +57,69 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
     if not planners and entries is None:
         return [PlannerChoice()]
     return planners
+
+
+def read_texts(value: Any, option: str, where: str) -> list[str]:
+    """Return an option's texts, of which it may have none, one or a list.
+
+    Args:
+        value: Value of the option.
+        option: Its name.
+        where: Beginning of error messages.
+
+    Raises:
+        ConfigError: If it is something else.
+    """
+    texts = () if value is None else value
+    if isinstance(value, str):
+        texts = [value]
+    if not isinstance(texts, (list, tuple)) or not all(
+        isinstance(text, str) for text in texts
+    ):
+        raise ConfigError(
+            f"{where}{option} must be a text or a list of texts,"
+            f" got {format_value(value)}"
+        )
+    return list(texts)
+
+
+def package_command(text: str) -> str:
+    """Return the planner command of "[NAME=]DIR[:EXECUTABLE] [ARGUMENT...]"."""
+    match = _NAMED_COMMAND.fullmatch(text)
+    if match:
+        return f"{match[1]}={PREFIX}{match[2]}"
+    return PREFIX + text
+
+
+def give_inputs(
+    planners: Sequence[PlannerChoice], inputs: Any, where: str
+) -> list[PlannerChoice]:
+    """Return copies of planners with what is written to their standard input.
+
+    Args:
+        planners: The planners of a run.
+        inputs: "NAME=TEXT" texts, or one "TEXT" for the only planner. A backslash and n
+            stand for the end of a line.
+        where: Beginning of error messages.
+
+    Raises:
+        ConfigError: If a text names no planner.
+    """
+    names = [planner.name for planner in planners]
+    content: dict[str, str] = {}
+    for text in read_texts(inputs, "planner_input", where):
+        match = _NAMED_COMMAND.fullmatch(text)
+        name, lines = match.groups() if match else (names[0], text)
+        if name not in names or (match is None and len(names) > 1):
+            raise ConfigError(
+                f"{where}planner input {format_value(text)}: must be NAME=TEXT, with the"
+                f" name of a planner{suggest(name, names)}"
+            )
+        content[name] = lines.replace("\\n", "\n").rstrip("\n") + "\n"
+    return [
+        replace(planner, input=content.get(planner.name, planner.input))
+        for planner in planners
+    ]
 
 
 def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None:
@@ -131,6 +185,8 @@ def name_planner(command: str) -> str:
         words = words[1:]
 
     program = Path(words[0]).name
+    if words[0].startswith(PREFIX):
+        program = find_executable(words[0].removeprefix(PREFIX)).name
     arguments = [
         word for word in words[1:] if not word.startswith("-") and ":=" not in word
     ]

@@ -13,8 +13,11 @@ from barn_eval.results.run_file import WORLDS
 from barn_eval.running.options import RunOptions
 from barn_eval.running.planner_choices import (
     apply_parameters,
+    give_inputs,
+    package_command,
     read_planner,
     read_planners,
+    read_texts,
 )
 from barn_eval.running.planner_objects import PlannerObject, split_planner_objects
 from barn_eval.trials.protocol import (
@@ -263,9 +266,15 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
     if "bags" in ros:
         raise ConfigError(f"{where}ros.bags is given by bags (--bags)")
 
-    planners = read_planners(
-        content.pop("planners", None), content.pop("planner_command", None), where
+    commands = read_texts(
+        content.pop("planner_command", None), "planner_command", where
     )
+    packages = read_texts(
+        content.pop("planner_package", None), "planner_package", where
+    )
+    commands += [package_command(text) for text in packages]
+    planners = read_planners(content.pop("planners", None), commands, where)
+    planners = give_inputs(planners, content.pop("planner_input", None), where)
     parameters = _pop_mapping(content, "settings", where)
     config = from_dict(RunConfig, content, where.rstrip(": ") or "options")
     return replace(

@@ -30,13 +30,36 @@ from barn_worlds.base.config import (
     quantity,
 )
 from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
 
+# Characters of an input: they fit into a pipe that nobody reads yet.
+_MAX_INPUT = 4000
+
+# What stands for the goal of a trial in a planner's command or input.
+_PLACEHOLDER = re.compile(r"\{(goal_x|goal_y|goal_yaw|frame)\}")
+
 # Source of a planner object whose code cannot be read.
 UNKNOWN_SOURCE = "unknown"
+
+
+def fill_placeholders(text: str, goal: Pose2D, frame: str) -> str:
+    """Return a text with the goal in place of {goal_x}, {goal_y}, {goal_yaw}, {frame}.
+
+    Args:
+        text: Command or input of a planner.
+        goal: Goal of a trial, in m and rad.
+        frame: Frame of the goal.
+    """
+    values = {"frame": frame}
+    for name in ("x", "y", "yaw"):
+        # A parameter of ROS is a float only if it has a point.
+        values[f"goal_{name}"] = str(round(float(getattr(goal, name)), 6))
+    return _PLACEHOLDER.sub(lambda match: values[match[1]], text)
+
 
 COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
@@ -62,6 +85,9 @@ class PlannerChoice(Checked):
     overrides: dict[str, Any] = field(default_factory=dict)
     command: str = quantity(
         "", "of mode ros: command that starts it, in place of a node of the suite"
+    )
+    input: str = optional(
+        "", "what is written to the standard input of a planner with a command"
     )
     source: str = quantity(
         "", "of a planner given as a Python object: SHA-256 of its source, or unknown"
@@ -95,6 +121,15 @@ class PlannerChoice(Checked):
                 f"planner {self.name!r}: presets and parameters are for planners of the"
                 " registry"
             )
+        if self.input and not self.command:
+            raise ConfigError(
+                f"planner {self.name!r}: an input is for planners that a command starts"
+            )
+        if len(self.input) > _MAX_INPUT:
+            raise ConfigError(
+                f"planner {self.name!r}: an input must have at most {_MAX_INPUT}"
+                f" characters, got {len(self.input)}"
+            )
         if self.registered and self.max_speed_mps:
             raise ConfigError(
                 f"planner {self.name!r}: its speed cap follows from its parameters, it"
@@ -106,6 +141,11 @@ class PlannerChoice(Checked):
     def registered(self) -> bool:
         """Whether it is a planner of the registry: no command and no source."""
         return not (self.command or self.source)
+
+    @property
+    def takes_goal_at_start(self) -> bool:
+        """Whether its command or input has a placeholder of the goal."""
+        return bool(_PLACEHOLDER.search(self.command + self.input))
 
     @property
     def compute(self) -> Compute:
@@ -236,6 +276,8 @@ class RunConfig(Checked):
                 content["max_speed_mps"] = choice.max_speed_mps
             if choice.files:
                 content["files"] = choice.files
+            if choice.input:
+                content["input"] = choice.input
 
         compute = choice.compute
         if compute.is_declared:

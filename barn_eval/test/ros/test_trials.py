@@ -1,6 +1,7 @@
 """Trials over ROS: real processes over real DDS, each test on a domain of its own."""
 
 import importlib.util
+import json
 import os
 import re
 import shlex
@@ -442,3 +443,69 @@ def test_a_planner_that_does_not_start_ends_the_run(tmp_path, command, words):
     with pytest.raises(RunError, match=f"(?s){words}"):
         ros.run(tmp_path / "run", plan)
     assert not (tmp_path / "run" / "results.jsonl").exists()
+
+
+ASKING = """
+import rclpy
+from geometry_msgs.msg import Twist
+from sensor_msgs.msg import LaserScan
+
+def main():
+    x, y = float(input("x? ")), float(input("y? "))
+    print(f"goal {x:.1f} {y:.1f}", flush=True)
+    rclpy.init()
+    node = rclpy.create_node("asking")
+    commands = node.create_publisher(Twist, "drive", 10)
+    command = Twist()
+    command.linear.x = 0.3
+    answer = lambda scan: commands.publish(command)
+    node.create_subscription(LaserScan, "front/scan", answer, 10)
+    rclpy.spin(node)
+"""
+
+
+def test_a_planner_that_asks_for_its_goal_is_tried_and_driven(
+    tmp_path,
+):
+    (tmp_path / "asking.py").write_text(ASKING)
+
+    def barn(*words):
+        """Run the barn command in the folder of the test; return code and output."""
+        process = subprocess.run(
+            barn_words(shlex.join(words)),
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return process.returncode, process.stdout + process.stderr
+
+    package = ["--planner-package", "asking.py"]
+    code, output = barn("try", *package)
+    assert code == 3
+    assert "it asks for input: --planner-input" in output
+
+    package += ["--planner-input", "{goal_x}\\n{goal_y}", "--json"]
+    code, output = barn("try", *package)
+    assert code == 0, output
+    seen = json.loads(output)
+    assert seen["drives"]
+    assert seen["topics"]["cmd_vel"] == "/drive"
+    assert seen["topics"]["scan"] == "/front/scan"
+    assert seen["ros"] == {
+        "required_inputs": "[scan]",
+        "remap": "[cmd_vel:=/drive, scan:=/front/scan]",
+    }
+
+    # The line that is printed, in worlds with a short limit.
+    words = shlex.split(seen["run"].partition(" --out")[0])[1:]
+    words += ["--out", "run", "--worlds", "0:2", "--protocol", "short.yaml"]
+    (tmp_path / "short.yaml").write_text(
+        "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 2.0\nfirst_motion_limit_s: 2.0\n"
+        "timeout_time_s: 2.0\n"
+    )
+    code, output = barn(*words, "--workers", "1")
+    assert code == 0, output
+    # Each trial has a planner of its own, which is given that trial's goal.
+    (log,) = (tmp_path / "run" / "logs").rglob("planner.log")
+    assert log.read_text().count("goal 10.0 0.0") == 2

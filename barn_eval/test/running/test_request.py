@@ -12,10 +12,16 @@ from barn_eval.running.command_files import read_node_parameters, write_node_par
 from barn_eval.running.request import RunRequest, read_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig
-from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
+from barn_eval.trials.run_config import (
+    ExecutionConfig,
+    PlannerChoice,
+    RunConfig,
+    fill_placeholders,
+)
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.types import Pose2D
 
 FILE = """
 schema_version: 1
@@ -225,7 +231,38 @@ def test_a_command_gives_its_planner_a_name(command, name):
     assert (planner.name, planner.command) == (name, command)
 
 
+def test_a_package_is_a_command_and_an_input_belongs_to_its_planner(tmp_path):
+    (tmp_path / "mine.py").write_text("def main(): ...\n")
+    options = {
+        "mode": "ros",
+        "planner_package": f"ours={tmp_path}/mine.py --ros-args -p x:={{goal_x}}",
+        "planner_command": "theirs=python theirs.py",
+        "planner_input": "theirs={goal_x}\\n{goal_y}",
+        "out": "x",
+    }
+    theirs, ours = read_request(None, options).config.planners
+    assert ours.command == f"package:{tmp_path}/mine.py --ros-args -p x:={{goal_x}}"
+    assert list(ours.files) == [f"{tmp_path}/mine.py"]
+    assert theirs.input == "{goal_x}\n{goal_y}\n"
+    assert ours.takes_goal_at_start
+    assert theirs.takes_goal_at_start
+
+
+def test_a_goal_is_written_as_ros_reads_numbers():
+    text = "{goal_x} {goal_y} {goal_yaw} {frame} {other}"
+    filled = fill_placeholders(text, Pose2D(10, -1e-9, 1.5707963), "odom")
+    assert filled == "10.0 -0.0 1.570796 odom {other}"
+
+
 MISTAKES = """
+{planner_package: [nowhere], planners: [], mode: ros}
+    planner package 'nowhere': no folder or Python file nowhere
+{planner_package: 7, mode: ros}
+    planner_package must be a text or a list of texts, got 7
+{planner_command: mine=run me, planner_input: other=1, mode: ros}
+    planner input 'other=1': must be NAME=TEXT, with the name of a planner
+{planner_input: '1', planners: dwa, mode: ros}
+    planner 'dwa': an input is for planners that a command starts
 {planners: 'dwa,dwa:challenge'}
     names 'dwa' twice; make two runs and use `barn compare`
 {planners: []}

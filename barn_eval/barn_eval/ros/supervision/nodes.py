@@ -10,14 +10,16 @@ from typing import Any
 from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
 from barn_eval.running.planner_choices import split_command
+from barn_eval.running.planner_packages import PREFIX, Executable, find_executable
 from barn_eval.trials.ros_config import PlannerLink, RosConfig
-from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.run_config import PlannerChoice, RunConfig, fill_placeholders
 from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, SimulatorNodeConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import dump_yaml
+from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import ROBOTS, robot_yaml
 
 # Ends the detail of a fault that a planner without isolation may have caused.
@@ -48,6 +50,10 @@ class NodeProcess:
     arguments: tuple[str, ...] = ()
     # Whether the command is the user's.
     foreign: bool = False
+    # What is written to its standard input.
+    input: str = ""
+    # Where it starts from the source of a package, what that starts.
+    executable: Executable | None = None
 
     def write_parameters(self, folder: Path) -> list[str]:
         """Write FOLDER/NAME.yaml, if there are parameters; return the command to run.
@@ -145,20 +151,33 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
     return str(path.resolve())
 
 
-def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
+def planner(choice: PlannerChoice, run: RunConfig, goal: Pose2D) -> NodeProcess:
     """Return the planner's command: the user's own, or that of a node of the suite.
 
     Args:
         choice: The planner.
         run: Protocol and settings of the run.
+        goal: Goal of the next trial, for placeholders in command and input.
 
     Returns:
         The process to start.
     """
     setup = run.ros
     if choice.command:
-        command = tuple(split_command(choice.command))
-        return NodeProcess("planner", command, {}, foreign=True)
+        frame = setup.map_frame if run.protocol.map_given else setup.odom_frame
+        words = split_command(fill_placeholders(choice.command, goal, frame))
+        executable = None
+        if words[0].startswith(PREFIX):
+            executable = find_executable(words[0].removeprefix(PREFIX))
+            words[:1] = executable.command
+        return NodeProcess(
+            "planner",
+            tuple(words),
+            {},
+            foreign=True,
+            input=fill_placeholders(choice.input, goal, frame),
+            executable=executable,
+        )
 
     # The node would not find presets of the protocol and changes by the robot itself.
     planner_setup = run.resolve_planner(choice)

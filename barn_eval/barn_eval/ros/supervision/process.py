@@ -113,6 +113,7 @@ class SupervisedProcess:
         log: Path,
         sockets: Sequence[socket.socket] = (),
         kind: str = launcher.SUITE,
+        text: str = "",
     ) -> None:
         """Start the command under a launcher; what it prints is added to the log.
 
@@ -123,6 +124,7 @@ class SupervisedProcess:
             log: File that what it prints is added to.
             sockets: Inherited by the command under the same numbers.
             kind: What the launcher is told about the command.
+            text: What it reads from its standard input, which then stays open.
 
         Raises:
             ConfigError: If the log cannot be written.
@@ -142,7 +144,12 @@ class SupervisedProcess:
         supervisor_socket, launcher_socket = socket.socketpair()
         self._events = EventChannel(supervisor_socket)
         descriptor = launcher_socket.fileno()
-        with launcher_socket, convert_os_errors(ConfigError, log):
+        # A planner that asks for a second goal waits for it, as at a terminal.
+        reader, writer = map(os.fdopen, os.pipe(), ("r", "w"))
+        self._input = writer
+        writer.write(text)
+        writer.flush()
+        with launcher_socket, reader, convert_os_errors(ConfigError, log):
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
@@ -150,7 +157,7 @@ class SupervisedProcess:
                 self._launcher = subprocess.Popen(  # noqa: S603
                     [*LAUNCHER, str(descriptor), kind, "--", *command],
                     env=dict(environment) | {_MARK: self._mark},
-                    stdin=subprocess.DEVNULL,
+                    stdin=reader if text else subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     pass_fds=[descriptor, *(end.fileno() for end in sockets)],
@@ -200,6 +207,7 @@ class SupervisedProcess:
             self._kill_leftovers()
         self._events.close()
         self._launcher.wait()
+        self._input.close()
 
     def wait(self, limit_s: float) -> None:
         """Wait for the end of the process, at most `limit_s`; end nothing."""

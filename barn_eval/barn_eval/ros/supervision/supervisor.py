@@ -25,6 +25,7 @@ from barn_eval.ros.supervision.process import (
     last_lines,
 )
 from barn_eval.running.command_files import write_node_parameters
+from barn_eval.running.planner_sources import explain_end
 from barn_eval.trials.outcome import (
     ENVIRONMENT,
     PLANNER,
@@ -120,6 +121,15 @@ class _Supervisor:
         )
         # Evaluator and planner node know no other planners of the run.
         self.config = replace(self.config, planners=(planner,))
+        if planner.takes_goal_at_start:
+            # It is not told of a second goal, so each trial has a planner of its own.
+            inputs = [x for x in self.config.ros.required_inputs if x != "goal_pose"]
+            ros = replace(
+                self.config.ros,
+                restart_planner="each_trial",
+                required_inputs=tuple(inputs),
+            )
+            self.config = replace(self.config, ros=ros)
         self._evaluator: EventChannel | None = None
         self._processes: dict[str, SupervisedProcess] = {}
         # Monotonic times at which processes are to be started, and were last.
@@ -150,7 +160,7 @@ class _Supervisor:
         line = self._simulator_line.fileno()
         self._nodes = {
             SIMULATOR: nodes.simulator(self.config.ros, line, self._robot),
-            PLANNER: nodes.planner(planner, self.config),
+            PLANNER: nodes.planner(planner, self.config, self.trials[0].goal),
         }
         _copy_planner_files(planner, self.logs)
 
@@ -229,9 +239,17 @@ class _Supervisor:
             if name == EVALUATOR:
                 self._start_evaluator()
             else:
+                if name == PLANNER and self._remaining:
+                    self._nodes[name] = self._planner_of_next_trial()
                 # The planner gets no socket: it must not reach the private line.
                 sockets = [self._simulator_line] if name == SIMULATOR else []
                 self._start(self._nodes[name], sockets)
+
+    def _planner_of_next_trial(self) -> NodeProcess:
+        """Return the planner's process with the goal of the next trial."""
+        (planner,) = self.config.planners
+        spec = next(iter(self._remaining.values()))
+        return nodes.planner(planner, self.config, spec.goal)
 
     def _start_evaluator(self) -> None:
         """Write assignment.json with the trials left, and start an evaluator."""
@@ -266,9 +284,12 @@ class _Supervisor:
         name = node.name
         command = node.write_parameters(self.logs)
         self._started_s[name] = time.monotonic()
-        environment = self.environment
+        environment = dict(self.environment)
         if node.foreign:
             environment = nodes.foreign_environment(environment)
+        if node.executable is not None:
+            prefix = self.logs / "prefix"
+            environment |= node.executable.make_prefix(prefix, environment)
 
         # Only the planner is isolated: simulator and evaluator are trusted.
         kind = launcher.SUITE
@@ -277,7 +298,7 @@ class _Supervisor:
             if self._isolated:
                 kind = f"{launcher.ISOLATED}:{self.store.folder}"
         self._processes[name] = SupervisedProcess(
-            name, command, environment, self._log(name), sockets, kind
+            name, command, environment, self._log(name), sockets, kind, node.input
         )
         # A simulator that is started anew has heard of no planner, either.
         if name != EVALUATOR and PLANNER in self._processes:
@@ -316,9 +337,16 @@ class _Supervisor:
         """Return the error that ends a run, with the log of the process it names."""
         for name in self._nodes:
             if f"the {name} " in reason:
+                log = self._log(name)
                 # The notice of its end has quoted more, once.
                 count = 1 if name in self._quoted_logs else 10
-                return ProcessError(f"{reason}; {last_lines(self._log(name), count)}")
+                printed = last_lines(log, count)
+                (planner,) = self.config.planners
+                if name == PLANNER and planner.command:
+                    hint = explain_end(planner.command, last_lines(log))
+                    if hint:
+                        printed = f"{hint}; see {log}"
+                return ProcessError(f"{reason}; {printed}")
         return ProcessError(reason)
 
     def _repeat(self, reason: str) -> None:

@@ -1,0 +1,98 @@
+"""`barn try`: a planner of your own, tried for ten seconds."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from barn_eval.commands.options import json_option, print_notes, print_output, reporter
+from barn_eval.commands.tables import table
+from barn_eval.ros.work import require_ros
+from barn_eval.running.request import RunRequest, read_request
+
+if TYPE_CHECKING:
+    from barn_eval.ros.attempt import Attempt
+
+_NOT_READY = 3
+"""Exit code if the planner sends no commands."""
+
+
+@click.command("try")
+@click.argument("planner_command", required=False, metavar="[COMMAND]")
+@click.option(
+    "--planner-package",
+    metavar="DIR[:EXECUTABLE]",
+    help="Start the planner from the source of its ROS package instead.",
+)
+@click.option(
+    "--planner-input",
+    metavar="TEXT",
+    help="Write it to the planner's standard input; {goal_x}, {goal_y}, {goal_yaw} and"
+    " {frame} stand for the goal, there and in COMMAND.",
+)
+@json_option
+def command(as_json: bool, **planner: str | None) -> int:
+    """Start a planner beside a simulator, and say what it lacks for trials.
+
+    COMMAND starts it, as in `barn run --planner-command`. It takes ten seconds: the
+    modules that it imports, its topics, a goal, scans, and its first commands. The last
+    line printed is the `barn run` to type.
+    """
+    options = {"mode": "ros", "worlds": "0", **planner}
+    if not any((planner["planner_command"], planner["planner_package"])):
+        raise click.UsageError("give a COMMAND or --planner-package")
+    request = read_request(None, options)
+    require_ros(request.config, reporter)
+    # Only here: it imports rclpy, which need not be installed.
+    from barn_eval.ros.attempt import try_planner  # noqa: PLC0415
+
+    (spec,) = request.trials()
+    with tempfile.TemporaryDirectory() as folder:
+        attempt = try_planner(request.config, spec.goal, Path(folder))
+    line = _run_line(request, attempt, planner)
+    drives = attempt.first_command_s is not None
+    content = {"drives": drives, **asdict(attempt), "run": line}
+    rows = _rows(attempt)
+    print_output(as_json, content, *[table(("", "seen"), rows)] * bool(rows))
+    if not as_json:
+        print_notes(*attempt.problems)
+    # In one line, to be copied.
+    if attempt.topics and not as_json:
+        click.echo(line)
+    return 0 if drives else _NOT_READY
+
+
+def _rows(attempt: Attempt) -> list[tuple[str, str]]:
+    """Return what was seen as rows of a table."""
+    rows = [(name, topic or "none") for name, topic in attempt.topics.items()]
+    for topic, kind in attempt.unserved.items():
+        rows.append((topic, f"{kind}, which nobody publishes here"))
+    if attempt.first_command_s is not None:
+        rows.append(("first command", f"{attempt.first_command_s:.2f} s after a scan"))
+    if attempt.command_rate_hz is not None:
+        rows.append(("commands", f"{attempt.command_rate_hz:.1f} Hz"))
+    if attempt.scan_rate_hz is not None:
+        rows.append(("scans", f"{attempt.scan_rate_hz:.1f} Hz"))
+    return rows
+
+
+def _run_line(
+    request: RunRequest, attempt: Attempt, planner: Mapping[str, str | None]
+) -> str:
+    """Return the `barn run` for the planner as it was started, with what it needs."""
+    words = ["barn run --worlds 0 --protocol challenge --mode ros"]
+    for option, text in planner.items():
+        if text:
+            arguments = "" if option == "planner_input" else attempt.arguments
+            flag = option.replace("_", "-")
+            words.append(f"--{flag} {shlex.quote(text + arguments)}")
+    for key, value in attempt.ros.items():
+        words.append(f"--ros {shlex.quote(f'{key}={value}')}")
+    (choice,) = request.config.planners
+    return " ".join([*words, f"--out out/{choice.name}"])

@@ -1,0 +1,296 @@
+"""A planner without a trial: whether it starts, what it hears, when it commands."""
+
+import os
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import rclpy
+from rclpy.node import Node
+
+from barn_eval.ros.graph import GraphView
+from barn_eval.ros.readiness import (
+    TWIST,
+    TWIST_STAMPED,
+    Endpoint,
+    Graph,
+    short_type,
+)
+from barn_eval.ros.supervision import launcher, nodes
+from barn_eval.ros.supervision.nodes import NodeProcess
+from barn_eval.ros.supervision.process import SupervisedProcess, last_lines
+from barn_eval.running.planner_sources import explain_end, read_source
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import RunConfig
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.messages import decode
+from barn_worlds.messages.encode import PoseStampedEncoder
+from barn_worlds.messages.topics import (
+    BEST_EFFORT,
+    CMD_VEL,
+    CMD_VEL_STAMPED,
+    FRAMES,
+    GOAL_POSE,
+    ODOM,
+    SCAN,
+    TF,
+    Topic,
+)
+from barn_worlds.robots.files import STANDARD_ROBOT
+from barn_worlds.ros.domain import reserve_domain
+from barn_worlds.ros.topics import create_publisher, find_message_class, subscribe
+
+_GRAPH_LIMIT_S = 6.0  # for the planner to be on the graph
+_STEADY_S = 0.7  # without a change there
+_SCAN_LIMIT_S = 8.0
+_COMMAND_LIMIT_S = 4.0  # for the first command, from the first scan on
+_LISTEN_S = 2.0  # from then on
+_GOAL_PERIOD_S = 0.5
+_COMMANDS = {TWIST: CMD_VEL, TWIST_STAMPED: CMD_VEL_STAMPED}
+_INPUTS = (SCAN, ODOM, GOAL_POSE)
+_NOT_FINITE = "it commands NaN or infinity"
+_NO_GOAL = (
+    "it takes no goal from a topic or an action. The challenge's is (10, 0) in odom: give"
+    " it by a parameter (--ros-args -p NAME:={goal_x}) or by --planner-input"
+)
+
+
+@dataclass
+class Attempt:
+    """What was seen of a planner."""
+
+    # Topics by what they carry: cmd_vel, scan, odom, goal_pose, tf; empty for none.
+    topics: dict[str, str] = field(default_factory=dict)
+    # Topics that it listens to and nobody serves, with their types.
+    unserved: dict[str, str] = field(default_factory=dict)
+    first_command_s: float | None = None
+    command_rate_hz: float | None = None
+    scan_rate_hz: float | None = None
+    # What keeps it from driving or may do so, with what to do.
+    problems: list[str] = field(default_factory=list)
+    # Options of mode ros that it needs, and arguments of its own.
+    ros: dict[str, str] = field(default_factory=dict)
+    arguments: str = ""
+
+
+def connect(graph: Graph) -> Attempt:
+    """Return how a planner's topics meet the suite's, and what options that takes.
+
+    Args:
+        graph: The endpoints of the planner alone.
+    """
+    attempt = Attempt()
+    inputs = []
+    rules = []
+    for topic in (CMD_VEL, *_INPUTS):
+        endpoints = graph.subscriptions if topic in _INPUTS else graph.publishers
+        name = _choose(topic, endpoints)
+        attempt.topics[topic.name] = name
+        if name and topic in _INPUTS:
+            inputs.append(topic.name)
+        if name not in ("", topic.path):
+            rules.append(f"{topic.name}:={name}")
+    if not attempt.topics["goal_pose"] and graph.actions:
+        name, kind = graph.actions[0]
+        attempt.topics["goal_pose"] = f"action {name}"
+        attempt.ros |= {"goal_by": "action", "goal_action": name.lstrip("/")}
+        attempt.ros["goal_action_type"] = kind
+    elif len(inputs) < len(_INPUTS):
+        attempt.ros["required_inputs"] = f"[{', '.join(inputs)}]"
+    if rules:
+        attempt.ros["remap"] = f"[{', '.join(rules)}]"
+    hears_tf = any(item.topic == TF.name for item in graph.subscriptions)
+    attempt.topics["tf"] = TF.name if hears_tf else ""
+    return attempt
+
+
+def _choose(topic: Topic, endpoints: Iterable[Endpoint]) -> str:
+    """Return the name under which a planner has a topic, empty if it has none."""
+    types = _COMMANDS if topic is CMD_VEL else (topic.type_name,)
+    names = sorted(item.topic for item in endpoints if item.type_name in types)
+    # Of several, that which is called most like it.
+    word = topic.name.partition("_")[0]
+    names.sort(key=lambda name: (name != topic.path, word not in name))
+    return names[0] if names else ""
+
+
+def try_planner(run: RunConfig, goal: Pose2D, logs: Path) -> Attempt:
+    """Start the run's only planner beside a simulator, and return what it does.
+
+    Args:
+        run: The run that it is meant for.
+        goal: Goal in the planning frame, in m and rad.
+        logs: Folder for what the processes print.
+
+    Raises:
+        BarnError: If a process cannot be started.
+    """
+    (choice,) = run.planners
+    source = read_source(choice.command)
+    planner = nodes.planner(choice, run, goal)
+    with reserve_domain(os.environ) as domain:
+        environment = nodes.environment(os.environ, domain)
+        # The node here is on the same domain.
+        os.environ.update(environment)
+        variables = nodes.foreign_environment(environment)
+        if planner.executable is not None:
+            variables |= planner.executable.make_prefix(logs / "prefix", variables)
+        problems = [
+            f"the module {name} is missing: {supplier}"
+            for name, supplier in source.missing_modules(variables).items()
+        ]
+        if problems:
+            return Attempt(problems=problems)
+
+        with _running(planner, variables, logs) as process, _listening() as node:
+            view = GraphView(node)
+            graph = _await_graph(process, view, node)
+            if process.ended:
+                printed = last_lines(process.log)
+                reason = explain_end(choice.command, printed) or printed
+                return Attempt(problems=[f"it {process.end}; {reason}"])
+            attempt = connect(graph)
+            if not choice.takes_goal_at_start and not attempt.topics["goal_pose"]:
+                attempt.arguments = source.goal_arguments()
+                if not attempt.arguments:
+                    attempt.problems.append(_NO_GOAL)
+
+            rules = attempt.ros.get("remap", "[]")[1:-1].split(", ")
+            setup = RosConfig(lockstep=False, remap=tuple(filter(None, rules)))
+            simulator = nodes.simulator(setup, -1, STANDARD_ROBOT.name)
+            parameters = {**simulator.parameters, "start_paused": False}
+            simulator = replace(simulator, parameters=parameters)
+            with _running(simulator, environment, logs):
+                _Observation(attempt, node, graph).run(goal)
+                topics = {item.topic for item in view.graph().publishers}
+        topics |= {*attempt.topics.values(), "/parameter_events"}
+        for item in graph.subscriptions:
+            if item.topic not in topics:
+                attempt.unserved[item.topic] = short_type(item.type_name)
+    if attempt.topics["tf"] and find_message_class(TF.type_name) is None:
+        attempt.problems.append(
+            "it listens to /tf, which is off without tf2_msgs: make install builds that"
+            " where a C++ compiler is, and a full installation of ROS 2 has it"
+        )
+    return attempt
+
+
+@contextmanager
+def _running(
+    process: NodeProcess, environment: Mapping[str, str], logs: Path
+) -> Iterator[SupervisedProcess]:
+    """Run a process while the block runs."""
+    supervised = SupervisedProcess(
+        process.name,
+        process.write_parameters(logs),
+        environment,
+        logs / f"{process.name}.log",
+        kind=launcher.PLANNER if process.foreign else launcher.SUITE,
+        text=process.input,
+    )
+    try:
+        yield supervised
+    finally:
+        supervised.stop()
+
+
+@contextmanager
+def _listening() -> Iterator[Node]:
+    """Have a node of this process while the block runs."""
+    rclpy.init(args=[])
+    try:
+        yield Node("barn_try")
+    finally:
+        rclpy.shutdown()
+
+
+def _await_graph(process: SupervisedProcess, view: GraphView, node: Node) -> Graph:
+    """Return the planner's endpoints once it commands and they change no more.
+
+    It returns earlier if the planner ends, and after a limit in any case.
+    """
+    start_s = time.monotonic()
+    change_s = start_s
+    graph = view.graph()
+    while not process.ended and time.monotonic() < start_s + _GRAPH_LIMIT_S:
+        rclpy.spin_once(node, timeout_sec=0.1)
+        process.read()
+        latest = view.graph()
+        if len(latest.endpoints) != len(graph.endpoints):
+            change_s = time.monotonic()
+        graph = latest
+        is_steady = time.monotonic() > change_s + _STEADY_S
+        if is_steady and _choose(CMD_VEL, graph.publishers):
+            break
+    return graph
+
+
+class _Observation:
+    """Times of scans and commands while a planner has a goal."""
+
+    def __init__(self, attempt: Attempt, node: Node, graph: Graph) -> None:
+        """Subscribe to commands and scans under the planner's names."""
+        self._attempt = attempt
+        self._node = node
+        self._commands_s: list[float] = []
+        self._scans_s: list[float] = []
+        scan = replace(SCAN, name=attempt.topics["scan"] or SCAN.path)
+        subscribe(node, scan, len, self._hear_scan, BEST_EFFORT)
+        for item in graph.publishers:
+            if item.topic == attempt.topics["cmd_vel"]:
+                kind = item.type_name
+                topic = replace(_COMMANDS[kind], name=item.topic)
+                read = partial(decode.command, type_name=kind)
+                subscribe(node, topic, read, self._hear_command, BEST_EFFORT)
+
+    def _hear_scan(self, _: int) -> None:
+        self._scans_s.append(time.monotonic())
+
+    def _hear_command(self, command: Velocity2D) -> None:
+        self._commands_s.append(time.monotonic())
+        if not command.is_finite() and _NOT_FINITE not in self._attempt.problems:
+            self._attempt.problems.append(_NOT_FINITE)
+
+    def run(self, goal: Pose2D) -> None:
+        """Give the planner the goal, and note when its commands come."""
+        attempt = self._attempt
+        goals = None
+        if attempt.topics["goal_pose"].startswith("/"):
+            topic = replace(GOAL_POSE, name=attempt.topics["goal_pose"])
+            goals = create_publisher(self._node, topic)
+        message = PoseStampedEncoder(FRAMES.odom).encode(goal, 0)
+
+        deadline_s = time.monotonic() + _SCAN_LIMIT_S
+        next_goal_s = 0.0
+        while time.monotonic() < deadline_s:
+            rclpy.spin_once(self._node, timeout_sec=0.05)
+            if not self._scans_s:
+                continue
+            if goals is not None and time.monotonic() > next_goal_s:
+                next_goal_s = time.monotonic() + _GOAL_PERIOD_S
+                goals.publish(message)
+            deadline_s = self._scans_s[0] + _COMMAND_LIMIT_S
+            if self._commands_s:
+                deadline_s = max(self._scans_s[0], self._commands_s[0]) + _LISTEN_S
+
+        attempt.scan_rate_hz = _rate_hz(self._scans_s)
+        attempt.command_rate_hz = _rate_hz(self._commands_s)
+        if not attempt.topics["cmd_vel"]:
+            attempt.problems.append("it has no publisher of Twist or TwistStamped")
+        elif self._commands_s and self._scans_s:
+            delay_s = self._commands_s[0] - self._scans_s[0]
+            attempt.first_command_s = max(0.0, delay_s)
+        else:
+            attempt.problems.append(
+                f"no command within {_COMMAND_LIMIT_S:g} s of scans"
+            )
+
+
+def _rate_hz(times_s: list[float]) -> float | None:
+    """Return the mean rate of events, None for fewer than three."""
+    if len(times_s) < 3:
+        return None
+    return (len(times_s) - 1) / (times_s[-1] - times_s[0])

@@ -1,0 +1,171 @@
+"""What the source of a planner says before it runs: imports, parameters, its start.
+
+Files are parsed and never executed; data/modules.json says what supplies modules.
+"""
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from barn_eval.running.planner_choices import split_command
+from barn_eval.running.planner_packages import PREFIX, find_executable, find_module
+from barn_worlds.base.text_files import read_json
+
+_SUPPLIERS = read_json(Path(__file__).parents[1] / "data" / "modules.json")
+_GOAL_PARAMETER = re.compile(
+    r"declare_parameter\(\s*.(\w*(?:goal|target)\w*_(x|y|yaw))\b"
+)
+_RUNS = re.compile(r"^(if |main\(|\w+\.\w+\()", re.MULTILINE)
+# Prints the names that a Python cannot import.
+_FIND = (
+    "import sys, importlib.util as util\n"
+    "print(*[name for name in sys.argv[1:] if util.find_spec(name) is None])"
+)
+
+
+@dataclass(frozen=True)
+class PlannerSource:
+    """The Python files of a planner command, as far as they are known."""
+
+    # Python that runs it, empty if it is no Python.
+    python: str = ""
+    # File that is started, and the folders that its own modules lie in.
+    start: Path | None = None
+    folders: tuple[Path, ...] = ()
+
+    def read(self) -> tuple[dict[Path, str], set[str]]:
+        """Return the texts of its own files, and the names of all other modules."""
+        texts: dict[Path, str] = {}
+        modules: set[str] = set()
+        queue = [self.start] if self.start else []
+        while queue:
+            path = queue.pop()
+            if path in texts or not path.is_file():
+                continue
+            texts[path] = path.read_text("utf-8", "replace")
+            for name, folders in _imports(texts[path], path, self.folders):
+                module = find_module(name, folders)
+                if module is not None:
+                    queue.append(module)
+                elif not any((folder / name).exists() for folder in folders):
+                    modules.add(name)
+        return texts, {name for name in modules if "." not in name}
+
+    def missing_modules(self, environment: Mapping[str, str]) -> dict[str, str]:
+        """Return what supplies each module that the planner's Python does not have.
+
+        Args:
+            environment: Variables that the planner is started with.
+        """
+        _, names = self.read()
+        if not names:
+            return {}
+        search = subprocess.run(  # noqa: S603
+            [self.python, "-c", _FIND, *sorted(names)],
+            env=dict(environment),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return {name: supplier(name) for name in search.stdout.split()}
+
+    def goal_arguments(self) -> str:
+        """Return ROS arguments that set its parameters of a goal, empty without any."""
+        texts, _ = self.read()
+        arguments = ""
+        for name, number in _GOAL_PARAMETER.findall("\n".join(texts.values())):
+            arguments += f" -p {name}:={{goal_{number}}}"
+        return arguments and f" --ros-args{arguments}"
+
+    def start_problem(self) -> str:
+        """Return that a script only defines what it should run, else empty."""
+        texts, _ = self.read()
+        text = texts.get(self.start, "") if self.start else ""
+        if "def main(" not in text or _RUNS.search(text):
+            return ""
+        return (
+            f"{self.start} only defines main and does not call it: start it by"
+            f" --planner-package {self.start}:main"
+        )
+
+
+def read_source(command: str) -> PlannerSource:
+    """Return the source of a planner command; nothing is known of other programs.
+
+    Raises:
+        ConfigError: If it names a package without that executable.
+    """
+    words = split_command(command)
+    if words[0].startswith(PREFIX):
+        executable = find_executable(words[0].removeprefix(PREFIX))
+        folders = tuple(executable.import_path)
+        return PlannerSource(executable.command[0], executable.source(), folders)
+    scripts = [Path(word) for word in words[1:] if word.endswith(".py")]
+    if not re.fullmatch(r"python[\d.]*", Path(words[0]).name) or not scripts:
+        return PlannerSource()
+    return PlannerSource(words[0], scripts[0], (scripts[0].parent,))
+
+
+def supplier(module: str) -> str:
+    """Return what supplies a module, as a line to type where there is one."""
+    for pattern, text in _SUPPLIERS.items():
+        if re.fullmatch(pattern, module):
+            return str(text).format(name=module.replace("_", "-"))
+    return f"not known here; see the planner's page, or try: pip install {module}"
+
+
+def explain_end(command: str, printed: str) -> str:
+    """Return why a planner ended at its start and what to type, empty if unknown.
+
+    Args:
+        command: The planner command.
+        printed: The end of what it printed.
+    """
+    match = re.search(r"No module named '(\w+)", printed)
+    if match:
+        return f"the module {match[1]} is missing: {supplier(match[1])}"
+    if "EOFError" in printed:
+        return (
+            "it asks for input: --planner-input '{goal_x} {goal_y}', or"
+            " '{goal_x}\\n{goal_y}' if it asks for one number at a time"
+        )
+    return "" if "Error" in printed else read_source(command).start_problem()
+
+
+def _imports(
+    text: str, path: Path, folders: tuple[Path, ...]
+) -> Iterator[tuple[str, tuple[Path, ...]]]:
+    """Yield modules that a file imports, with the folders to look for them in.
+
+    Those that it tries to import are left out: it may do without.
+    """
+    try:
+        nodes = list(ast.walk(ast.parse(text)))
+    except (SyntaxError, ValueError):
+        # Python itself says what is wrong, once the planner is started.
+        return
+    optional: set[ast.AST] = set()
+    for node in nodes:
+        if isinstance(node, ast.Try):
+            optional.update(ast.walk(node))
+    for node in nodes:
+        if node in optional:
+            continue
+        match node:
+            case ast.Import(aliases):
+                names = [alias.name for alias in aliases]
+                where = folders
+            case ast.ImportFrom(module, aliases, level):
+                prefix = f"{module}." if module else ""
+                names = [prefix + alias.name for alias in aliases]
+                where = (path.parents[level - 1],) if level else folders
+            case _:
+                continue
+        for name in names:
+            # A package first, which may import modules of its own.
+            parts = name.split(".")
+            for end in range(1, len(parts) + 1):
+                yield ".".join(parts[:end]), where

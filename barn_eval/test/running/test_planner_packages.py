@@ -1,0 +1,168 @@
+"""Planners from the source of packages that nobody built."""
+
+import subprocess
+
+import pytest
+
+from barn_eval.running.planner_packages import find_executable
+from barn_eval.running.planner_sources import explain_end, read_source
+from barn_worlds.base.errors import ConfigError
+
+SETUP = """
+from setuptools import setup
+raise SystemExit("it was executed")
+package_name = "follow"
+setup(
+    name=package_name,
+    entry_points={"console_scripts": [
+        # "old = follow.old:main",
+        "follower = follow.node:main",
+        f"{package_name}_viewer = {package_name}.viewer:run",
+    ]},
+)
+"""
+CFG = """
+[options.entry_points]
+console_scripts =
+    wanderer = wander.node:main
+"""
+CMAKE = """
+install(PROGRAMS
+  scripts/drive.py scripts/run.sh
+  DESTINATION lib/${PROJECT_NAME})
+"""
+
+
+def write_package(folder, name, files):
+    for path, text in {
+        "package.xml": f"<package><name>{name}</name></package>",
+        **files,
+    }.items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    """Three packages as somebody cloned them, with the copies of a build."""
+    node = (
+        "import sys\nfrom helper.words import WORD\ndef main(): print(WORD, sys.argv)\n"
+    )
+    follow = {"setup.py": SETUP, "follow/__init__.py": "", "follow/node.py": node}
+    write_package(tmp_path / "src" / "follow", "follow", follow)
+    helper = {
+        "setup.py": "",
+        "helper/__init__.py": "",
+        "helper/words.py": "WORD = 'hello'\n",
+    }
+    write_package(tmp_path / "src" / "helper", "helper", helper)
+    write_package(tmp_path / "build" / "follow", "follow", follow)
+    return tmp_path
+
+
+def test_an_executable_of_a_workspace_starts_as_it_would_be_installed(
+    workspace, tmp_path
+):
+    executable = find_executable(f"{workspace}:follower")
+    variables = executable.make_prefix(tmp_path / "prefix", {"PYTHONPATH": "/last"})
+    assert variables["PYTHONPATH"].endswith(":/last")
+    process = subprocess.run(
+        [*executable.command, "--ros-args"],
+        env=variables,
+        cwd=workspace / "build",
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert process.stdout == "hello ['follower', '--ros-args']\n"
+    share = tmp_path / "prefix" / "share" / "helper"
+    assert (share / "package.xml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "files", "entries"),
+    [
+        ("a", {"setup.cfg": CFG}, [("wanderer", "wander.node:main")]),
+        ("b", {"CMakeLists.txt": CMAKE}, [("drive.py", "scripts/drive.py")]),
+    ],
+)
+def test_executables_of_other_kinds_of_packages(tmp_path, name, files, entries):
+    write_package(tmp_path / name, name, files)
+    executable = find_executable(str(tmp_path / name))
+    assert [(executable.name, executable.entry)] == entries
+
+
+def test_an_entry_and_a_file_can_be_named(workspace):
+    assert (
+        find_executable(f"{workspace}/src/follow:follow.node:run").entry
+        == "follow.node:run"
+    )
+    file = workspace / "src/follow/follow/node.py"
+    executable = find_executable(str(file))
+    assert (executable.entry, executable.source()) == ("node:main", file)
+
+
+COMPUTED = "console_scripts = []\nd = {'console_scripts': [f'{name()} = a:b']}\n"
+COMPILED = "add_executable(planner_node src/planner.cpp)\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "name", "problem"),
+    [
+        (
+            {"setup.py": SETUP},
+            "",
+            "name one of its executables: .*/p:follower, .*/p:follow_viewer",
+        ),
+        (
+            {"setup.py": SETUP},
+            ":folower",
+            "no executable 'folower'; did you mean 'follower'?",
+        ),
+        ({"setup.py": COMPUTED}, "", "p/setup.py: cannot read .* without executing it"),
+        ({"setup.py": "def ("}, "", "p/setup.py: .*invalid syntax|was never closed"),
+        ({"setup.cfg": "x"}, "", "p/setup.cfg: File contains no section headers"),
+        ({"setup.py": ""}, "", "name the function to start: DIR:MODULE:FUNCTION"),
+        (
+            {"CMakeLists.txt": COMPILED},
+            "",
+            'planner_node of .* is compiled; .* --planner-command "ros2 run p planner_node"',
+        ),
+    ],
+)
+def test_what_cannot_be_started_is_refused_with_what_to_type(
+    tmp_path, files, name, problem
+):
+    write_package(tmp_path / "p", "p", files)
+    with pytest.raises(ConfigError, match=f"(?s){problem}"):
+        find_executable(f"{tmp_path}/p{name}")
+
+
+def test_modules_are_looked_for_through_a_packages_own_files(workspace):
+    node = workspace / "src/follow/follow/node.py"
+    node.write_text(
+        "import nowhere_a.part\nfrom . import near\nfrom helper import words\n"
+        "try:\n    import nowhere_b\nexcept ImportError:\n    pass\n"
+        "self.declare_parameter('goal_x', 1.0)\n"
+    )
+    (workspace / "src/follow/follow/near.py").write_text(
+        "from tf2 import x\nimport json\n"
+    )
+    source = read_source(f"package:{workspace}:follower")
+    missing = source.missing_modules({})
+    assert list(missing) == ["nowhere_a", "tf2"]
+    assert "PyPI is another one" in missing["tf2"]
+    assert source.goal_arguments() == " --ros-args -p goal_x:={goal_x}"
+
+
+def test_an_end_without_a_word_is_explained(tmp_path):
+    script = tmp_path / "silent.py"
+    script.write_text("import sys\n\ndef main():\n    print(1)\n")
+    command = f"python {script}"
+    assert f"--planner-package {script}:main" in explain_end(command, "")
+    assert "input" in explain_end(command, "EOFError: EOF when reading a line")
+    missing = "ModuleNotFoundError: No module named 'cv2.aruco'"
+    assert explain_end(command, missing).endswith("opencv-python-headless")
+    script.write_text(script.read_text() + "\nmain()\n")
+    assert explain_end(command, "") == ""
