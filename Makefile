@@ -7,6 +7,7 @@ VENV := .venv
 LOWEST := build/lowest
 BIN := $(CURDIR)/$(VENV)/bin
 WHEELS := wheels/$(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
+MESSAGES := wheels/messages/$(notdir $(WHEELS))
 OUT ?= out/demo
 BENCH ?= out/bench.json
 # extras stay in the lock: an older pip refuses `coverage[toml]` once a release newer than the locked one is out
@@ -74,7 +75,17 @@ bench-check: extras
 	$(BIN)/barn bench --set ros=false $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
 	mv $(BENCH).new $(BENCH)
 
-install: $(VENV)/compiled
+install: $(VENV)/compiled $(VENV)/stand_ins
+
+# what planners of others import and PyPI does not have: ros_stand_ins/README.md. Types of messages are compiled once for
+# each Python.
+$(VENV)/stand_ins: $(VENV)/installed $(wildcard ros_stand_ins/*.py ros_stand_ins/*/*.py ros_stand_ins/*/*/*/*)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps ./ros_stand_ins
+	test -d $(MESSAGES) || $(BIN)/python ros_stand_ins/build_messages.py $(MESSAGES) tf2_msgs > /dev/null 2>&1 \
+		|| echo "tf2_msgs needs a C++ compiler and the headers of Python: /tf is off"
+	test ! -d $(MESSAGES) || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-index --no-deps \
+		--find-links $(MESSAGES) barn-tf2-msgs
+	touch $@
 
 # numba keeps the suite's kernels once they have been compiled for trials of each planner and for a robot among obstacles
 $(VENV)/compiled: $(VENV)/installed

@@ -10,11 +10,24 @@ from pathlib import Path
 from typing import Any
 
 from setuptools import build_meta
+from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
 COMMIT = (
     ROOT / "barn_eval" / "barn_eval" / "data" / "commit"
 )  # which barn_eval reads where there is no repository
+
+PATH_FILE = ROOT / "ros_stand_ins" / "barn_ros_stand_ins.pth"
+
+
+class BuildWithPathFile(build_py):
+    """Builds with the file that imports the stand-ins whenever Python starts."""
+
+    def run(self) -> None:
+        """Build the packages and copy the file beside them."""
+        super().run()
+        self.copy_file(str(PATH_FILE), self.build_lib)
+
 
 # What an installer asks besides; an editable installation runs from the repository, which knows its commit.
 build_editable = build_meta.build_editable
