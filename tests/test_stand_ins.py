@@ -108,7 +108,7 @@ def test_a_single_entry_is_of_its_time_only():
     core = tf2_py.BufferCore()
     core.set_transform(transform("odom", "base", 10.0, 3.0), "test")
     assert core.can_transform_core("odom", "base", Time(seconds=10.0))[0]
-    with pytest.raises(tf2_py.ExtrapolationException, match="only time 10.0"):
+    with pytest.raises(tf2_py.ExtrapolationException, match=r"only time 10\.0"):
         core.lookup_transform_core("odom", "base", Time(seconds=10.5))
 
 
