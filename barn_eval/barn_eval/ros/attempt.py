@@ -45,7 +45,7 @@ from barn_worlds.ros.topics import create_publisher, find_message_class, subscri
 
 _GRAPH_LIMIT_S = 6.0  # for the planner to be on the graph
 _STEADY_S = 0.7  # without a change there
-_SCAN_LIMIT_S = 8.0
+_SCAN_LIMIT_S = 180.0  # for the first scan: kernels may be compiled before
 _COMMAND_LIMIT_S = 4.0  # for the first command, from the first scan on
 _LISTEN_S = 2.0  # from then on
 _GOAL_PERIOD_S = 0.5
@@ -280,7 +280,9 @@ class _Observation:
         attempt.command_rate_hz = _rate_hz(self._commands_s)
         if not attempt.topics["cmd_vel"]:
             attempt.problems.append("it has no publisher of Twist or TwistStamped")
-        elif self._commands_s and self._scans_s:
+        elif not self._scans_s:
+            attempt.problems.append("the simulator sends no scans")
+        elif self._commands_s:
             delay_s = self._commands_s[0] - self._scans_s[0]
             attempt.first_command_s = max(0.0, delay_s)
         else:

@@ -27,7 +27,7 @@ _DEPTH = 4
 _BUILD_FOLDERS = frozenset(["build", "install", "log"])
 _SCRIPT = re.compile(r"\s*'?([\w.{}-]+)\s*=\s*([\w.{}]+:\w+)")
 _PROGRAMS = re.compile(r"install\s*\(\s*PROGRAMS\s([^)]*?)\sDESTINATION", re.DOTALL)
-_COMPILED = re.compile(r"add_executable\s*\(\s*([\w${}.-]+)")
+_COMPILED = re.compile(r"add_(?:executable|library)\s*\(\s*([\w${}.-]+)")
 # Starts an entry as an installed script does, without the working directory in the
 # import path, where the folders of a source tree would hide installed packages.
 _START = (
