@@ -204,7 +204,7 @@ def _listening() -> Iterator[Node]:
     try:
         yield Node("barn_try")
     finally:
-        rclpy.shutdown()
+        rclpy.try_shutdown()
 
 
 def _await_graph(process: SupervisedProcess, view: GraphView, node: Node) -> Graph:
