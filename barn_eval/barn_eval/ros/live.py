@@ -68,7 +68,13 @@ def run_observed(
             logs = Path(stack.enter_context(TemporaryDirectory(prefix="barn_")))
             log = logs / "planner.log"
             command = node.write_parameters(logs)
-            process = SupervisedProcess("planner", command, os.environ, log)
+            environment = dict(os.environ)
+            if node.executable is not None:
+                prefix = logs / "prefix"
+                environment |= node.executable.make_prefix(prefix, environment)
+            process = SupervisedProcess(
+                "planner", command, environment, log, text=node.input
+            )
             stack.callback(_keep_log, log, request.out / LOGS)
             stack.callback(process.stop)
         evaluator.main([], defaults, raises=True)

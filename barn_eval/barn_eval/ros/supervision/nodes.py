@@ -151,21 +151,37 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
     return str(path.resolve())
 
 
-def planner(choice: PlannerChoice, run: RunConfig, goal: Pose2D) -> NodeProcess:
+def planner(
+    choice: PlannerChoice, run: RunConfig, goal: Pose2D | None = None
+) -> NodeProcess:
     """Return the planner's command: the user's own, or that of a node of the suite.
 
     Args:
         choice: The planner.
         run: Protocol and settings of the run.
-        goal: Goal of the next trial, for placeholders in command and input.
+        goal: Goal of the next trial, for placeholders in command and input; None where
+            it is not known when the planner starts.
 
     Returns:
         The process to start.
+
+    Raises:
+        ConfigError: If there are placeholders of a goal that is not known.
     """
     setup = run.ros
     if choice.command:
+        if goal is None and choice.takes_goal_at_start:
+            raise ConfigError(
+                f"planner {choice.name!r}: no goal is known at its start, for"
+                " {goal_x} and its like"
+            )
         frame = setup.map_frame if run.protocol.map_given else setup.odom_frame
-        words = split_command(fill_placeholders(choice.command, goal, frame))
+        command = choice.command
+        text = choice.input
+        if goal is not None:
+            command = fill_placeholders(command, goal, frame)
+            text = fill_placeholders(text, goal, frame)
+        words = split_command(command)
         executable = None
         if words[0].startswith(PREFIX):
             executable = find_executable(words[0].removeprefix(PREFIX))
@@ -175,7 +191,7 @@ def planner(choice: PlannerChoice, run: RunConfig, goal: Pose2D) -> NodeProcess:
             tuple(words),
             {},
             foreign=True,
-            input=fill_placeholders(choice.input, goal, frame),
+            input=text,
             executable=executable,
         )
 
