@@ -54,9 +54,12 @@ def test_a_campaign_file(rejected, tmp_path, case):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    "value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"]
-)
+def test_a_setting_like_a_date_is_a_text(rejected):
+    error = rejected("run", "--set", "dwa.max_speed_mps=2001-13-99")
+    assert "dwa.max_speed_mps must be a number, got '2001-13-99'" in error
+
+
+@pytest.mark.parametrize("value", ["!!int x", "[" * 2000, "9" * 5000, "\ud800"])
 def test_a_setting(rejected, value):
     assert rejected("run", "--set", f"dwa.max_speed_mps={value}").startswith(
         "error: --set 'dwa.max_speed_mps="
