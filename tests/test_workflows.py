@@ -115,11 +115,11 @@ def test_the_lock_for_a_workspace_has_the_releases_of_the_lock():
     assert names <= {pin.partition("==")[0].lower() for pin in workspace}
 
 
-def test_the_readme_leads_from_an_empty_machine_to_a_workspace():
-    readme = (ROOT / "README.md").read_text()
-    (install,) = re.findall(r"pip install -r src/barn/(\S+)", readme)
+def test_the_page_leads_from_an_empty_machine_to_a_workspace():
+    page = (ROOT / "docs/install.md").read_text()
+    (install,) = re.findall(r"pip install -r src/barn/(\S+)", page)
     assert (ROOT / install).is_file() and install.endswith(".lock")
-    (skipped,) = re.findall(r'--skip-keys "\$\((.*)\)"', readme)
+    (skipped,) = re.findall(r'--skip-keys "\$\((.*)\)"', page)
     command = skipped.replace("src/barn/", "")
     done = subprocess.run(
         ["bash", "-c", command], cwd=ROOT, check=True, capture_output=True, text=True

@@ -17,7 +17,13 @@ def extra_message_types(tmp_path_factory):
     None where they are installed.
     """
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
+    # A second copy of an installed package would not find the libraries of the first.
+    names = [
+        name
+        for name in ("nav2_msgs", "tf2_msgs")
+        if importlib.util.find_spec(name) is None
+    ]
+    if not names:
         return None
     if not (
         importlib.util.find_spec("rosidl_generator_py")
@@ -27,7 +33,7 @@ def extra_message_types(tmp_path_factory):
         pytest.skip("neither nav2_msgs nor what builds it is installed")
     folder = tmp_path_factory.mktemp("messages")
     script = Path(__file__).with_name("message_packages.py")
-    command = [sys.executable, str(script), str(folder), "nav2_msgs", "tf2_msgs"]
+    command = [sys.executable, str(script), str(folder), *names]
     built = subprocess.run(command, check=False, capture_output=True, text=True)
     if built.returncode and "Python.h" in built.stderr:
         pytest.skip("the headers of Python are not installed")

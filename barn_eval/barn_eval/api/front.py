@@ -1,7 +1,7 @@
 """The functions and classes at the top of `barn_eval`."""
 
 from barn_eval.api.results import Results, compare, load, replay, report
-from barn_eval.api.run import run, sweep
+from barn_eval.api.run import judge, run, sweep
 from barn_eval.running.dry_run import DryRun
 from barn_eval.running.options import RunKeywords, RunOptions
 from barn_eval.running.reporting import Reporter
@@ -13,6 +13,7 @@ __all__ = [
     "RunKeywords",
     "RunOptions",
     "compare",
+    "judge",
     "load",
     "replay",
     "report",

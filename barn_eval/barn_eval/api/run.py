@@ -12,12 +12,15 @@ from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows
 from barn_eval.api.results import Results
 from barn_eval.ros.work import run_request
 from barn_eval.running.dry_run import DryRun, estimate_run
+from barn_eval.running.judge import JudgeOptions
+from barn_eval.running.judge import judge as judge_bags
 from barn_eval.running.options import RunKeywords, RunOptions, Worlds
 from barn_eval.running.planner_objects import Planners
 from barn_eval.running.reporting import Reporter, make_reporter
 from barn_eval.running.request import RunRequest, read_request
 from barn_eval.running.settings import grid
 from barn_eval.trials.protocol import Protocol
+from barn_worlds.base.config import from_dict
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -150,3 +153,31 @@ def _read_request(file: str | Path | None, options: RunOptions) -> RunRequest:
     if unknown:
         raise TypeError(f"a run has no option {min(unknown)!r}")
     return read_request(Path(file) if file else None, options)
+
+
+def judge(
+    bags: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    course: Sequence[float] = (),
+    overwrite: bool = False,
+    **options: Any,
+) -> Results:
+    """Judge trials that somebody else ran, from their bags, as `barn judge` does.
+
+    Args:
+        bags: One bag or several, of one simulator or robot.
+        out: Folder of the results.
+        course: Start x, y, yaw and goal x, y in m and rad, in place of the bags'.
+        overwrite: Remove other results from the folder first.
+        options: Options of `barn judge` by name, such as `pose="/odom"`.
+
+    Raises:
+        BarnError: If a bag cannot be read or an option is wrong.
+    """
+    if isinstance(bags, str | Path):
+        bags = [bags]
+    paths = [Path(bag) for bag in bags]
+    judge_options = from_dict(JudgeOptions, options, "judge")
+    judge_bags(paths, Path(out), judge_options, course, overwrite=overwrite)
+    return Results(Path(out))

@@ -529,7 +529,7 @@ def plan(
         out: The PDF.
         robot: Robot that is to drive there.
         course: As for `draw`.
-        **config: Fields of `barn_worlds.drawing.plan.PlanConfig`: what it is built of,
+        config: Fields of `barn_worlds.drawing.plan.PlanConfig`: what it is built of,
             and how the plan is printed.
 
     Raises:

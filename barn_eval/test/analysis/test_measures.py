@@ -74,13 +74,15 @@ def test_a_better_robot_is_faster_safer_and_smoother():
         "mean_speed_mps",
         "recoveries",
         "real_time_factor",
+        "waited_s",
+        "not_at_fault",
     }
     assert COMPARED[-3:] == ("rotation_rad", "compute_p50_ms", "compute_p95_ms")
     assert not sides[""] & {
         *COMPARED,
         *RANKINGS.values(),
     }  # there is no better one by these
-    assert len(sides["smaller"]) == len(MEASURES) - 13
+    assert len(sides["smaller"]) == len(MEASURES) - 15
 
 
 def test_what_a_robot_drives_counts_where_it_arrives():
@@ -101,6 +103,9 @@ efficiency [%]: 50.0
 least time possible [s]: 5.05
 driven length [m]: 5.500
 driven by path length: 1.100
+time before the clock [s]: 1.90
+hit at rest [%]: 0.0
+hit without fault [%]: 0.0
 mean speed [m/s]: 0.500
 smallest clearance [m]: 0.100
 mean clearance [m]: 0.300

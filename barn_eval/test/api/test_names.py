@@ -96,6 +96,10 @@ def test_every_command_has_its_function():
         "demo": "run",
         "show": "draw",
         "worlds": "generate save resize datasets",
+        "course": "plan survey",
+        "planners": "run",
+        "protocols": "run",
+        "try": "run",
         "robots": "names load draw",
         "difficulty": "predict",
         # which choose what to run; these run it

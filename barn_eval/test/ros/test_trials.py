@@ -155,20 +155,24 @@ def assert_equal_bytes(ros, direct):
     transforms = set() if HAS_TRANSFORMS else TRANSFORMS
     assert set(direct) - set(ros) == transforms
     assert len(direct) > 12 + len(transforms)
+    # A simulator over ROS says frames at its reset as well, for who listens already.
+    over_ros = dict(ros)
+    if HAS_TRANSFORMS:
+        over_ros["/tf"] = ros["/tf"][1:]
     for topic in set(direct) - transforms:
         if topic == "/goal_pose":
             # sent again when the evaluator comes to it: equal but for the stamp
-            goals = {data[12:] for data in ros[topic]}
+            goals = {data[12:] for data in over_ros[topic]}
             assert goals == {data[12:] for data in direct[topic]}
             continue
         if topic not in SHOWN_AFTER_COMMANDS:
-            assert len(ros[topic]) == len(direct[topic]), topic
-        for got, expected in zip(ros[topic], direct[topic], strict=False):
+            assert len(over_ros[topic]) == len(direct[topic]), topic
+        for got, expected in zip(over_ros[topic], direct[topic], strict=False):
             size = len(expected)
             assert got[:size] == expected, topic
             padding = bytes(-size % 4)
             assert got[size:] == padding[: len(got) - size], topic
-        assert len(direct[topic]) - len(ros[topic]) <= 1
+        assert len(direct[topic]) - len(over_ros[topic]) <= 1
 
 
 def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):

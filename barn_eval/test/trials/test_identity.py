@@ -30,12 +30,14 @@ def experiment(protocol=CHALLENGE, worlds="0,9", **changes):
     return RunConfig(worlds=worlds, protocol=protocol, simulator=simulator, **changes)
 
 
-def test_six_protocols_are_offered():
+def test_eight_protocols_are_offered():
     names = [
         "challenge",
         "challenge_2022",
         "challenge_2022_03",
         "dynabarn",
+        "dynabarn_clear",
+        "dynabarn_clock",
         "known_map",
         "paper2020",
     ]

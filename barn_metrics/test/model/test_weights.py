@@ -83,7 +83,7 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ),
         ({"planners": []}, "planners must be from 1 to 16"),
         ({"planners": [7]}, "planners[0] must be"),
-        ({"planners": "dwa"}, "m0_weights1 must be 7 x 6 of f8"),
+        ({"planners": "dwa"}, "planners must be a list, got 'dwa'"),
         ({"members": []}, "members must be from 1 to 64"),
         (
             {"members": [{"kind": "sequence", "weight": 1.0, "layers": 1}] * 65},

@@ -104,7 +104,7 @@ def test_checksum_tells_content_but_not_names_apart():
         ({"grid": np.full((30, 30), 2)}, "zeros and ones, got 2 in row 0, column 0"),
         ({"grid": np.full((30, 30), np.nan)}, "zeros and ones, got nan in row 0"),
         ({"grid": np.full((30, 30), "a")}, "zeros and ones, got values of type <U1"),
-        ({"grid": [[0]]}, "two-dimensional array, got list"),
+        ({"grid": [[0]]}, r"two-dimensional array, got \[\[0\]\]"),
         ({"path": STRAIGHT[:, :1]}, r"rows and columns \(n, 2\)"),
         ({"path": STRAIGHT[:0]}, "1 to 1000000 cells, got 0"),
         ({"path": STRAIGHT + 0.5}, "whole numbers"),
