@@ -67,7 +67,8 @@ def test_by_odometry_alone_places_hold_among_each_other(built):
     assert np.hypot(*off_m.T).max() < 0.003
 
 
-def test_the_course_as_built_is_driven(built, tmp_path, capsys):
+def test_the_course_as_built_is_driven(built, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where results go
     _, bag = built
     out = tmp_path / f"as_built_{NUMBER}.world.yaml"
     with pytest.raises(SystemExit, match="0"):
