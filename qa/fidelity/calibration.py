@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from published import FAILURE_TIME_S, TimedTrials, read_published
 
+from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import (
     mean_interval,
     rank_correlation,

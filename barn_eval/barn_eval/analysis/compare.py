@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import (
     COMPARED,
     MEASURES,
@@ -15,13 +16,12 @@ from barn_eval.analysis.measures import (
     ranking_measure,
     with_moving_measures,
 )
+from barn_eval.analysis.notes import list_notes
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import (
-    Entry,
     Source,
     group_by_planner,
-    list_notes,
     read_source,
     require_same_task,
     select_planners,

@@ -6,8 +6,8 @@ from itertools import groupby
 
 import numpy as np
 
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import MEASURES, SHOWN
-from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.trials.result import Rows, TrialResult
 

@@ -6,18 +6,16 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from barn_eval.analysis.measures import MEASURES, SCORED, Measure, ranking_measure
-from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.sources import (
+from barn_eval.analysis.entries import (
     BoardClass,
     Entry,
-    Source,
     board_class,
     label_entries,
-    planner_choices,
     read_entries,
-    require_same_task,
 )
+from barn_eval.analysis.measures import MEASURES, SCORED, Measure, ranking_measure
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import Source, planner_choices, require_same_task
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results

@@ -16,6 +16,7 @@ from barn_eval.analysis.compare import (
     describe_parameter_changes,
 )
 from barn_eval.analysis.difficulty import Band, WorldOrder, make_bands
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import (
     COMPARED,
     DRIVEN,
@@ -26,7 +27,7 @@ from barn_eval.analysis.measures import (
     with_moving_measures,
 )
 from barn_eval.analysis.significance import ALPHA, holm
-from barn_eval.analysis.sources import Entry, Source
+from barn_eval.analysis.sources import Source
 from barn_eval.analysis.summary import Summary, finite_keys, summarize
 from barn_eval.analysis.tables import (
     bands_table,

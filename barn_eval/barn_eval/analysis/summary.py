@@ -15,6 +15,7 @@ from barn_eval.analysis.compare import (
     compare,
     trial_values,
 )
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import (
     DRIVEN,
     MEASURES,
@@ -25,7 +26,7 @@ from barn_eval.analysis.measures import (
 )
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.sources import Entry, group_by_planner
+from barn_eval.analysis.sources import group_by_planner
 from barn_eval.analysis.statistics import repetition_spread
 from barn_eval.analysis.verdict import (
     Conclusion,

@@ -15,7 +15,9 @@ from barn_eval.analysis.compare import (
     require_pairs,
     trial_values,
 )
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import MEASURES, Measure, ranking_measure
+from barn_eval.analysis.notes import list_notes
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import (
     ALPHA,
@@ -26,7 +28,6 @@ from barn_eval.analysis.significance import (
     p_text,
     worlds_for_difference,
 )
-from barn_eval.analysis.sources import Entry, list_notes
 from barn_eval.analysis.statistics import TrialValues, difference, matched_trials
 from barn_eval.analysis.text_table import count_noun, join_names
 from barn_eval.trials.result import RowsByPlanner

@@ -14,13 +14,13 @@ from typing import overload
 import pandas as pd
 from matplotlib.axes import Axes
 
+from barn_eval.analysis.entries import entries_of
 from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.pandas_tables import pandas_of_arrow, pandas_table
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import estimate_precision
 from barn_eval.analysis.sources import (
     Source,
-    entries_of,
     group_by_planner,
     read_source,
     select_planners,

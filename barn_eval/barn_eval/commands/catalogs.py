@@ -62,18 +62,7 @@ def planners(planner: str | None, as_json: bool) -> None:
     with --set NAME.PARAMETER=VALUE.
     """
     if planner is None:
-        entries = {name: planner_entry(name) for name in planner_names()}
-        content = [
-            {"planner": name, "presets": list(entry.presets), "summary": entry.summary}
-            for name, entry in entries.items()
-        ]
-        rows = [
-            (name, ", ".join(entry.presets), entry.summary)
-            for name, entry in entries.items()
-        ]
-        print_output(
-            as_json, content, table(("planner", "presets", "what it is"), rows)
-        )
+        _print_planners(as_json)
         return
 
     name, _colon, preset = planner.partition(":")

@@ -8,9 +8,11 @@ from typing import Any
 
 import click
 
+from barn_eval.analysis.entries import entries_of
 from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows, sweep_table
+from barn_eval.analysis.notes import list_notes
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.sources import entries_of, list_notes, read_source
+from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.summary import RunSummary, summarize_run
 from barn_eval.analysis.tables import (
     FEWEST_WORLDS,
@@ -325,7 +327,7 @@ def print_results(
     scored: Rows = []
     notes: list[str] = []
     if any(row.is_scored for row in results):
-        source = read_source(request.out)
+        source = read_source(request.out, results)
         scored = source.comparable_results
         notes = list_notes(entries_of([source]))
     summary = summarize_run(scored) if scored else None
@@ -345,7 +347,7 @@ def print_results(
         if show_all:
             lines.append(rich_table(summary_table(summary.planners)))
             lines += map(rich_table, map(comparison_table, summary.comparisons))
-        lines.append(_verdict(summary, show_all))
+        lines.append(conclude(summary, show_all=show_all))
     lines.append(describe_failures(results))
     print_output(False, None, *filter(None, lines))
 
@@ -356,16 +358,21 @@ def print_results(
     print_notes(note, f"next: barn report {shlex.quote(str(request.out))}")
 
 
-def _verdict(summary: RunSummary, show_all: bool) -> str:
-    """Return the conclusion, or that there are too few worlds for one."""
+def conclude(summary: RunSummary, *, show_all: bool) -> str:
+    """Return the verdict on the planners of a run, or that it has too few worlds.
+
+    Args:
+        summary: The run; without a rival there is no verdict.
+        show_all: Whether to say how sure it is as well.
+    """
+    if len(summary.planners) == 1:
+        return ""
     worlds = summary.ranking.worlds
     if worlds < FEWEST_WORLDS:
         return (
             f"{count_noun(worlds, 'world')}: too few to compare planners (at least"
             f" {FEWEST_WORLDS}, better 20)"
         )
-    if len(summary.planners) == 1:
-        return ""
     return summary.verdict if show_all else summary.conclusion.short
 
 

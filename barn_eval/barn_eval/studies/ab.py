@@ -13,9 +13,10 @@ from shutil import which
 from typing import Any
 
 from barn_eval.analysis.compare import Comparison, compare, trial_values
+from barn_eval.analysis.entries import read_entries
 from barn_eval.analysis.measures import MEASURES, SHOWN, ranking_measure
+from barn_eval.analysis.notes import find_mixture
 from barn_eval.analysis.sequential import Decision, decide, plan_looks
-from barn_eval.analysis.sources import find_mixture, read_entries
 from barn_eval.pages.template import render
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE

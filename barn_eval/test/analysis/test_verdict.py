@@ -12,9 +12,11 @@ from analysis.test_compare import results, scored
 from refusals import refused
 
 from barn_eval.analysis.compare import adjust_by_holm, compare
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.notes import find_mixture
 from barn_eval.analysis.significance import paired_difference
-from barn_eval.analysis.sources import Entry, Source, find_mixture
+from barn_eval.analysis.sources import Source
 from barn_eval.analysis.statistics import TrialValues
 from barn_eval.analysis.verdict import (
     conclude_comparison,

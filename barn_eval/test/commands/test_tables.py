@@ -25,7 +25,7 @@ from barn_eval.analysis.tables import (
     summary_table,
     trials_table,
 )
-from barn_eval.commands import options
+from barn_eval.commands import options, run
 from barn_eval.commands.main import main
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.results.folder import read_results
@@ -160,6 +160,20 @@ def test_planners_that_a_test_separates_have_ranks_of_their_own():
 def test_few_worlds_have_no_intervals(worlds, has_intervals):
     table = ranked_table(summarize_run(results_of(["a", "b"], worlds)))
     assert any("[" in cell for cell in table.rows[0]) == has_intervals
+
+
+@pytest.mark.parametrize(
+    ("planners", "worlds", "words"),
+    [
+        ("a", 3, ""),
+        ("ab", 3, "3 worlds: too few to compare planners (at least 6, better 20)"),
+        ("ab", 6, "a ranks first; its lead over b is not significant"),
+    ],
+)
+def test_a_run_of_few_worlds_has_no_verdict(planners, worlds, words):
+    summary = summarize_run(results_of(planners, worlds))
+    verdict = run.conclude(summary, show_all=False)
+    assert verdict.startswith(words) and bool(verdict) == bool(words)
 
 
 def test_failures_take_a_line_and_explain_themselves():

@@ -14,7 +14,7 @@ from refusals import refused
 
 import barn_eval as barn
 from barn_eval.analysis.leaderboard import make_boards
-from barn_eval.analysis.sources import assumption_text
+from barn_eval.analysis.notes import assumption_text
 from barn_eval.pages.report.page import build_report, plot
 from barn_eval.results.run_file import RunFile
 from barn_eval.running import direct

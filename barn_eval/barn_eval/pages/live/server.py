@@ -15,9 +15,10 @@ from socketserver import TCPServer
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
+from barn_eval.analysis.entries import entries_of
 from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.sources import Source, entries_of, read_source
+from barn_eval.analysis.sources import Source, read_source
 from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.analysis.verdict import Conclusion, conclude_results, list_cautions

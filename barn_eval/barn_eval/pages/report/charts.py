@@ -16,6 +16,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from barn_eval.analysis.compare import PairedMeasure
 from barn_eval.analysis.difficulty import TIME, WorldOrder, results_by_world
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.leaderboard import sweep_parameters
 from barn_eval.analysis.measures import (
     MEASURES,
@@ -27,7 +28,6 @@ from barn_eval.analysis.measures import (
 from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
-from barn_eval.analysis.sources import Entry
 from barn_eval.pages.figures import (
     OUTCOME_COLORS,
     WIDTH_IN,

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from barn_eval.analysis.difficulty import WorldOrder
-from barn_eval.analysis.sources import Entry, read_entries
+from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.pages.figures import new_figure, plain_text
 from barn_eval.pages.report.charts import ChartData, MakePanels, Panels, chart

@@ -11,10 +11,11 @@ from urllib.parse import quote
 from matplotlib.axes import Axes
 
 from barn_eval.analysis.difficulty import order_worlds
+from barn_eval.analysis.entries import Entry, read_entries
 from barn_eval.analysis.measures import ranking_measure, require_measures
 from barn_eval.analysis.overview import analyze, make_tables, reproduce
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.sources import Entry, read_entries, require_same_task
+from barn_eval.analysis.sources import require_same_task
 from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import list_cautions

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.entries import Entry
 from barn_eval.analysis.measures import MEASURES, SHOWN, with_moving_measures
-from barn_eval.analysis.sources import Entry, Source, read_worlds
+from barn_eval.analysis.sources import Source, read_worlds
 from barn_eval.pages.replay.payload import (
     MAX_MILLIMETERS_M,
     Arrays,

@@ -20,8 +20,8 @@ from report_work import EVIL
 from text_tables import answers_of
 
 import barn_eval as barn
+from barn_eval.analysis.entries import read_entries
 from barn_eval.analysis.planners import assign_colors
-from barn_eval.analysis.sources import read_entries
 from barn_eval.pages.replay.files import draw_views, write_replay
 from barn_eval.pages.report.maps import overlay, select_trials
 from barn_eval.results.bags.recorded import read_recorded_trial

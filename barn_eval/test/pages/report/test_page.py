@@ -20,9 +20,10 @@ from browser import violations
 from refusals import refused
 from report_work import EVIL, campaign, recorded_track, rewrite_rows
 
+from barn_eval.analysis.entries import read_entries
 from barn_eval.analysis.overview import reproduce
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.sources import Source, read_entries, read_source
+from barn_eval.analysis.sources import Source, read_source
 from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.api.results import report as write_folders

@@ -1,0 +1,244 @@
+"""Planners of results folders, with labels, colors and the class of their board."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+from barn_eval.analysis.planners import assign_colors, spelling
+from barn_eval.analysis.sources import (
+    Source,
+    group_by_planner,
+    planner_choices,
+    read_source,
+)
+from barn_eval.running.setting_folders import expand_sweeps, parse_folder_name
+from barn_eval.trials.result import (
+    COMPUTE_MODE_LABELS,
+    Rows,
+    TrialResult,
+    describe_computer,
+)
+from barn_worlds.base.errors import ConfigError
+
+# The slowest class of speed caps; each class is twice as fast as the one before.
+_SLOWEST_CLASS_MPS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """The trials of one planner of one folder, under a label and color of their own."""
+
+    label: str
+    color: str
+    source: Source
+    planner: str
+    results: tuple[TrialResult, ...]
+
+    @property
+    def setting(self) -> dict[str, float | str]:
+        """Swept parameter values from the folder's name; empty for other folders."""
+        return parse_folder_name(self.source.path)
+
+    def where(self, holds: Callable[[TrialResult], bool]) -> "Entry":
+        """Return a copy of the entry with the results for which `holds` is true."""
+        return replace(self, results=tuple(filter(holds, self.results)))
+
+
+class BoardClass(NamedTuple):
+    """What planners must share, beside their task, to be ranked together."""
+
+    protocol: str
+    system: str
+    speed_class_mps: float
+    computing: str
+
+    @property
+    def speed_text(self) -> str:
+        """The speed class in words; empty for rows of versions without caps."""
+        if not self.speed_class_mps:
+            return ""
+        return f"up to {self.speed_class_mps:g} m/s"
+
+    def difference(self, other: "BoardClass") -> str:
+        """Return how this class differs from another, in words; empty if equal."""
+        if self.protocol != other.protocol:
+            return f"{self.protocol} protocol"
+        if self.system != other.system:
+            return self.system or "the suite's simulator"
+        if self.speed_class_mps != other.speed_class_mps:
+            return self.speed_text or "unknown speed"
+        if self.computing != other.computing:
+            return self.computing or "unknown computing"
+        return ""
+
+
+def board_class(entry: Entry) -> BoardClass:
+    """Return what decides with whom an entry can be ranked.
+
+    Raises:
+        ConfigError: Its trials have several protocols.
+    """
+    protocols = {result.protocol for result in entry.results}
+    if len(protocols) > 1:
+        raise ConfigError(
+            f"{entry.source.path}: {entry.planner} has trials of several protocols"
+        )
+    return BoardClass(
+        protocol=protocols.pop(),
+        system=entry.source.system.label,
+        speed_class_mps=_speed_class_mps(entry.results),
+        computing=computing_of(entry.results).class_name,
+    )
+
+
+def _speed_class_mps(results: Rows) -> float:
+    """Return the upper end [m/s] of the speed class of one planner's highest cap.
+
+    The classes end at 0.5 m/s, 1 m/s, 2 m/s and so on, and below 0.5 m/s at halves of
+    it. Rows of versions without caps are in class 0.
+    """
+    # A planner that is faster in some worlds belongs among the faster ones.
+    cap_mps = max(result.speed_cap_mps or 0.0 for result in results)
+    if not cap_mps:
+        return 0.0
+    # A cap at the end of a class belongs to it in spite of rounding.
+    doublings = math.ceil(math.log2(cap_mps / _SLOWEST_CLASS_MPS) - 1e-9)
+    return _SLOWEST_CLASS_MPS * 2.0**doublings
+
+
+@dataclass(frozen=True)
+class Computing:
+    """How trials of a planner charge its computing."""
+
+    modes: tuple[str, ...]
+    """Labels of the compute modes; none for rows of versions without them."""
+
+    computer: float
+    """Speed of the computer that the scores assume, 1 for the reference computer.
+
+    It is the median over trials that charge nothing or what the planner declares, and 0
+    if there is none.
+    """
+
+    @property
+    def is_too_slow(self) -> bool:
+        """Whether scores assume a computer faster than the reference computer."""
+        return self.computer > 1.0
+
+    @property
+    def text(self) -> str:
+        """The faster computer that scores assume, in words, or else the compute modes.
+
+        Empty if neither is known. A computer no faster than the reference is not named.
+        """
+        return describe_computer(self.computer) or " and ".join(self.modes)
+
+    @property
+    def class_name(self) -> str:
+        """Class of a board: a faster computer, or the compute modes in words."""
+        if self.is_too_slow:
+            return "computing on a faster computer"
+        return self.text
+
+
+def computing_of(results: Rows) -> Computing:
+    """Return compute modes and median assumed computer speed of one planner's rows."""
+    # Rows of one planner may differ if a folder was resumed with another option.
+    modes = {
+        COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
+    }
+    computers = []
+    for result in results:
+        if result.wall_clock.computer is not None:
+            computers.append(result.wall_clock.computer)
+    computer = 0.0
+    if computers:
+        # A median, since single trials may have met a busy machine.
+        computer = median(computers)
+    return Computing(tuple(sorted(modes)), computer)
+
+
+def read_entries(paths: Sequence[Path]) -> list[Entry]:
+    """Read results folders and sweeps; return a labeled entry per planner and folder.
+
+    The folder of a sweep stands for the folders of its settings.
+
+    Raises:
+        ConfigError: A folder is named twice, holds no run or mixes tasks.
+        BarnError: A file cannot be read.
+    """
+    folders = expand_sweeps(paths)
+    # Twice the same trials would look like twice the evidence.
+    for path, count in Counter(path.resolve() for path in folders).items():
+        if count > 1:
+            raise ConfigError(f"{path}: is named twice")
+    return entries_of([read_source(path) for path in folders])
+
+
+def entries_of(sources: Sequence[Source]) -> list[Entry]:
+    """Return an entry per planner of each folder, with distinct labels and colors."""
+    entries = []
+    for source in sources:
+        for planner, results in group_by_planner(source.comparable_results).items():
+            entries.append(Entry("", "", source, planner, tuple(results)))
+    return label_entries(entries)
+
+
+def label_entries(entries: Sequence[Entry]) -> list[Entry]:
+    """Return copies of entries with new labels and colors, distinct from each other.
+
+    Entries of one planner are labeled by the settings in which they differ, or else by
+    their folders.
+    """
+    by_setting = []
+    by_name = []
+    by_path = []
+    for entry in entries:
+        name = spelling(entry.planner)
+        same_planner = [other for other in entries if other.planner == entry.planner]
+        by_setting.append(name + _distinct_settings(entry, same_planner))
+        folder = f" ({entry.source.path.resolve().name})"
+        by_name.append(name + folder if len(same_planner) > 1 else name)
+        by_path.append(f"{name} ({entry.source.path})")
+
+    # Paths are distinct in any case; the shorter labels are tried first.
+    for labels in (by_setting, by_name, by_path):
+        if len(set(labels)) == len(entries):
+            break
+    colors = assign_colors([entry.planner for entry in entries])
+    return [
+        replace(entry, label=label, color=color)
+        for entry, label, color in zip(entries, labels, colors, strict=True)
+    ]
+
+
+def _distinct_settings(entry: Entry, same_planner: Sequence[Entry]) -> str:
+    """Return as " (KEY=VALUE, ...)" settings that differ among a planner's entries."""
+    settings = _planner_settings(entry)
+    other_settings = [_planner_settings(other) for other in same_planner]
+    texts = []
+    for key, value in settings.items():
+        # What all have in common does not tell them apart.
+        if any(other.get(key) != value for other in other_settings):
+            texts.append(f"{key.rpartition('.')[2]}={value}")
+    return f" ({', '.join(texts)})" if texts else ""
+
+
+def _planner_settings(entry: Entry) -> dict[str, Any]:
+    """Return preset, max_speed_mps and overrides of an entry's planner by key.
+
+    What is missing or malformed in run.json is left out.
+    """
+    choices = planner_choices(entry.source.configuration, entry.planner)
+    choice: dict[str, Any] = next(iter(choices), {})
+    settings = {
+        key: choice[key] for key in ("preset", "max_speed_mps") if choice.get(key)
+    }
+    overrides = choice.get("overrides")
+    if isinstance(overrides, dict):
+        settings |= overrides
+    return settings

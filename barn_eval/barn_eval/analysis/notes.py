@@ -1,0 +1,169 @@
+"""Warnings about results that are compared."""
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+
+from barn_eval.analysis.entries import Entry, board_class, computing_of
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import Source, group_by_planner
+from barn_eval.results.commands import count_equal_commands
+from barn_eval.results.rows import COMMANDS_FILE, read_trial_lines
+from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
+from barn_eval.trials.result import (
+    MAX_MISSED_SHARE,
+    Rows,
+    TrialResult,
+)
+
+_MAX_NAMED_TRIALS = 5
+
+
+def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield sentences on what entries that are compared do not have in common.
+
+    That is their class and the suite's commit; their tasks are equal.
+    """
+    classes = {entry.label: board_class(entry) for entry in entries}
+    if len(set(classes.values())) > 1:
+        texts = []
+        for label, shared in classes.items():
+            words = filter(None, (shared.speed_text, shared.computing))
+            texts.append(f"{label} {', '.join(words)}")
+        yield f"Compared across classes that boards rank apart: {'; '.join(texts)}."
+
+    folders: dict[str, Path] = {}
+    for entry in entries:
+        for session in entry.source.sessions:
+            commit = str(session.get("commit") or "unknown")
+            folders.setdefault(commit, entry.source.path)
+    if len(folders) > 1:
+        texts = [f"{commit[:12]} in {path}" for commit, path in folders.items()]
+        yield f"Commits differ: {', '.join(texts)}."
+
+
+def list_notes(entries: Sequence[Entry]) -> list[str]:
+    """Return all warnings on entries that are compared."""
+    notes = list(find_mixture(entries))
+    results: dict[Source, list[TrialResult]] = {}
+    for entry in entries:
+        results.setdefault(entry.source, []).extend(entry.results)
+    for source, rows in results.items():
+        notes += notes_on(source, rows)
+    notes += _find_equal_planners(results)
+    # One folder may have been read twice.
+    return list(dict.fromkeys(notes))
+
+
+def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
+    """Yield a sentence for two planners that succeed by equal commands."""
+    # Equal commands give equal rows. So the files of commands, which are large, are
+    # opened for suspects only.
+    planners: dict[Hashable, set[str]] = {}
+    for row in chain.from_iterable(results.values()):
+        if row.scores.success:
+            planners.setdefault(_drive_key(row), set()).add(row.planner)
+    suspects = {key for key, names in planners.items() if len(names) > 1}
+
+    trials = []
+    for source, rows in results.items():
+        suspected = [row for row in rows if _drive_key(row) in suspects]
+        # A table of results has no commands.
+        if not suspected or source.path.is_file():
+            continue
+        lines = read_trial_lines(source.path / COMMANDS_FILE)
+        for row in suspected:
+            if row.scores.success and row.trial_id in lines:
+                trials.append((_drive_key(row), row.planner, lines[row.trial_id]))
+    for pair, count in count_equal_commands(trials).items():
+        yield f"{' and '.join(pair)} have equal commands in {count} trials."
+
+
+def _drive_key(row: TrialResult) -> Hashable:
+    """Return what trials share in which equal commands were given."""
+    return (
+        row.world_checksum,
+        row.simulator_seed,
+        row.scores.traversal_time_s,
+        row.measures.driven_m,
+    )
+
+
+def notes_on(source: Source, results: Rows) -> list[str]:
+    """Return warnings on results: missing trials, late commands, slow planners.
+
+    Args:
+        source: The folder.
+        results: Some or all of its results.
+    """
+    notes = []
+    trials = len(source.results)
+    if source.planned and source.planned > trials:
+        notes.append(f"{source.path} is partial: {trials} of {source.planned} trials")
+    notes += _describe_observations(source.path, results)
+    notes.append("; ".join(_find_disturbances(source.path, results)))
+    for planner in group_by_planner(results):
+        if planner in source.commanded_mps:
+            notes.append(source.describe_commanded(planner))
+    notes.append(assumption_text(source.path, results))
+    if (source.path / SUBMISSION_FILE).exists():
+        notes.append(f"{source.path} only claims {', '.join(CLAIMED)}.")
+    return [note for note in notes if note]
+
+
+def _describe_observations(path: Path, results: Rows) -> Iterator[str]:
+    """Yield a sentence per system that was observed, and one on unknown contacts."""
+    systems = {row.observed.system for row in results if row.observed}
+    for system in sorted(systems):
+        yield f"{path}: trials of {system} were observed, not driven again"
+    unknown = sum(result.measures.contacts is None for result in results)
+    if unknown:
+        yield (
+            f"{path}: contacts of {unknown} of {len(results)} trials are unknown, as"
+            " nobody reported them, so a success may have touched an obstacle"
+        )
+
+
+def _find_disturbances(path: Path, results: Rows) -> Iterator[str]:
+    """Yield a sentence on trials with late commands and one on trials made again."""
+    # Over ROS a busy machine delays commands, which no score can tell apart from a slow
+    # planner.
+    late = sum(result.wall_clock.is_late for result in results)
+    if late:
+        yield (
+            f"{late} of {len(results)} trials in {path} are marked: more than "
+            f"{MAX_MISSED_SHARE:.0%} of their control periods had no command in time, "
+            "so they tell of the machine as well as of the planner"
+        )
+
+    repeated = [result for result in results if result.wall_clock.attempts > 1]
+    if repeated:
+        names = ", ".join(
+            f"{result.trial_id}: {result.wall_clock.retry_note}"
+            for result in repeated[:_MAX_NAMED_TRIALS]
+        )
+        rest = len(repeated) - _MAX_NAMED_TRIALS
+        if rest > 0:
+            names += f" and {rest} more"
+        yield (
+            f"{len(repeated)} of {len(results)} trials in {path} were not made at the "
+            f"first attempt: {names}"
+        )
+
+
+def assumption_text(path: Path, results: Rows) -> str:
+    """Return in one text which planners' scores assume a faster computer.
+
+    Args:
+        path: Folder of the results.
+        results: Results of any planners.
+
+    Returns:
+        The text, empty if there is no such planner.
+    """
+    notes = []
+    for planner, rows in group_by_planner(results).items():
+        computing = computing_of(rows)
+        if computing.is_too_slow:
+            notes.append(f"{spelling(planner)} in {path}: {computing.text}")
+    return "; ".join(notes)
