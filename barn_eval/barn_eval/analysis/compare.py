@@ -33,9 +33,7 @@ from barn_eval.analysis.statistics import (
     rank_correlation,
 )
 from barn_eval.analysis.text_table import join_names
-from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
-from barn_eval.results.table_files import is_table_file
 from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
 from barn_eval.trials.result import Rows, RowsByPlanner
@@ -349,7 +347,7 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
         folder, _, names = str(path).rpartition(":")
         path = Path(folder)
         planners = names.split(",")
-    source = read_source(path, None if is_table_file(path) else read_results(path))
+    source = read_source(path)
     groups = group_by_planner(source.comparable_results)
     return source, select_planners(path, groups, planners)
 

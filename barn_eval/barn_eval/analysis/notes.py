@@ -8,7 +8,6 @@ from barn_eval.analysis.entries import Entry, board_class, computing_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, group_by_planner
 from barn_eval.results.commands import count_equal_commands
-from barn_eval.results.rows import COMMANDS_FILE, read_trial_lines
 from barn_eval.results.run_file import CLAIMED, SUBMISSION_FILE
 from barn_eval.trials.result import (
     MAX_MISSED_SHARE,
@@ -67,14 +66,10 @@ def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
 
     trials = []
     for source, rows in results.items():
-        suspected = [row for row in rows if _drive_key(row) in suspects]
-        # A table of results has no commands.
-        if not suspected or source.path.is_file():
-            continue
-        lines = read_trial_lines(source.path / COMMANDS_FILE)
-        for row in suspected:
-            if row.scores.success and row.trial_id in lines:
-                trials.append((_drive_key(row), row.planner, lines[row.trial_id]))
+        for row in rows:
+            key = _drive_key(row)
+            if key in suspects and row.trial_id in source.commands:
+                trials.append((key, row.planner, source.commands[row.trial_id]))
     for pair, count in count_equal_commands(trials).items():
         yield f"{' and '.join(pair)} have equal commands in {count} trials."
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -64,8 +64,17 @@ class Source:
     planned: int | None
     """Number of trials of the whole run, None if unknown."""
 
-    tracks: Mapping[str, str] = field(default_factory=dict)
-    """Lines of tracks by trial."""
+    @cached_property
+    def tracks(self) -> Mapping[str, str]:
+        """Lines of tracks by trial; none for a table."""
+        return {} if self.kind == "table" else read_tracks(self.path)
+
+    @cached_property
+    def commands(self) -> Mapping[str, str]:
+        """Lines of kept commands by trial; none for a table."""
+        if self.kind == "table":
+            return {}
+        return read_trial_lines(self.path / COMMANDS_FILE)
 
     @cached_property
     def run_config(self) -> RunConfig:
@@ -131,12 +140,11 @@ class Source:
 
 
 def read_source(path: Path, rows: Rows | None = None) -> Source:
-    """Read run.json, scored rows and tracks of a results folder, finished or not.
+    """Read run.json and scored rows of a results folder, finished or not.
 
     Args:
         path: The folder, or a file with anybody's table.
-        rows: Its rows, if they have been read already. There may be none yet. Tracks
-            are not read then.
+        rows: Its rows, if they have been read already. There may be none yet.
 
     Raises:
         ConfigError: The folder holds no run, or results of another task.
@@ -148,13 +156,10 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
         )
         configuration = {"system": as_dict(TABLE_SYSTEM)}
         return Source(path, "table", tuple(results), configuration, (), None)
-    run_file = RunFile.read(path)
-    tracks: Mapping[str, str] = {}
     if rows is None:
-        results = read_results(path)
-        tracks = read_tracks(path)
-    else:
-        results = select_scored(run_file, rows)
+        rows = read_results(path)
+    run_file = RunFile.read(path)
+    results = select_scored(run_file, rows)
 
     choices = planner_choices(run_file.config)
     planners = [str(choice.get("name")) for choice in choices]
@@ -176,7 +181,6 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
         configuration=run_file.config,
         sessions=run_file.sessions,
         planned=_count_planned_trials(run_file.config),
-        tracks=tracks,
     )
 
 
@@ -219,8 +223,7 @@ def _fastest_commands(source: Source) -> dict[str, float]:
     if not speeds_mps:
         return {}
 
-    lines = read_trial_lines(source.path / COMMANDS_FILE)
-    tracks = source.tracks or read_tracks(source.path)
+    lines = source.commands
     for result in source.results:
         trial_id = result.trial_id
         if result.planner not in speeds_mps:
@@ -229,9 +232,9 @@ def _fastest_commands(source: Source) -> dict[str, float]:
         if trial_id in lines:
             _, commands = parse_commands_line(lines[trial_id], trial_id)
             speeds = commands[:, 0]
-        elif trial_id in tracks:
+        elif trial_id in source.tracks:
             # Free-running trials keep samples only, so the motion counts as well.
-            _, track = parse_track_line(tracks[trial_id], trial_id)
+            _, track = parse_track_line(source.tracks[trial_id], trial_id)
             speeds = track.samples[:, SPEEDS]
         fastest_mps = float(np.nanmax(np.abs(speeds), initial=0.0))
         speeds_mps[result.planner] = max(speeds_mps[result.planner], fastest_mps)
