@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 from barn_eval.analysis.entries import Entry, board_class, computing_of
@@ -16,6 +17,13 @@ from barn_eval.trials.result import (
 )
 
 _MAX_NAMED_TRIALS = 5
+# What successes by equal commands have in common.
+_drive_key = attrgetter(
+    "world_checksum",
+    "simulator_seed",
+    "scores.traversal_time_s",
+    "measures.driven_m",
+)
 
 
 def find_mixture(entries: Sequence[Entry]) -> Iterator[str]:
@@ -72,16 +80,6 @@ def _find_equal_planners(results: Mapping[Source, Rows]) -> Iterator[str]:
                 trials.append((key, row.planner, source.commands[row.trial_id]))
     for pair, count in count_equal_commands(trials).items():
         yield f"{' and '.join(pair)} have equal commands in {count} trials."
-
-
-def _drive_key(row: TrialResult) -> Hashable:
-    """Return what trials share in which equal commands were given."""
-    return (
-        row.world_checksum,
-        row.simulator_seed,
-        row.scores.traversal_time_s,
-        row.measures.driven_m,
-    )
 
 
 def notes_on(source: Source, results: Rows) -> list[str]:

@@ -35,18 +35,11 @@ _MAX_TALLIES = 12  # planners in the live table
 
 
 class Verbosity(Enum):
-    """What a console shows of a run."""
+    """What a console shows of a run, by the most trials that have a line each."""
 
-    QUIET = "warnings only"
-    NORMAL = "progress, and the trials of a run of at most ten"
-    VERBOSE = "progress and all trials"
-
-
-_MAX_TRIAL_LINES = {
-    Verbosity.QUIET: 0,
-    Verbosity.NORMAL: 10,
-    Verbosity.VERBOSE: math.inf,
-}
+    QUIET = 0  # only warnings
+    NORMAL = 10
+    VERBOSE = math.inf
 
 
 class Reporter:
@@ -88,12 +81,14 @@ class ConsoleReporter(Reporter):
         """Print to a console of rich; there is no bar before `show_progress`."""
         self._console = console
         self._verbosity = verbosity
-        self.max_trial_lines = _MAX_TRIAL_LINES[verbosity]
+        self.max_trial_lines = verbosity.value
         self._bar: Progress
 
     @property
     def _shows_bar(self) -> bool:
         """Whether the console is a terminal, or a notebook that can show a bar."""
+        if self._verbosity is Verbosity.QUIET:
+            return False
         # Notebooks need widgets for a bar; without them, they get lines.
         if self._console.is_jupyter:
             return find_spec("ipywidgets") is not None
@@ -112,7 +107,7 @@ class ConsoleReporter(Reporter):
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
         """Show planners and a bar until the context ends; or lines, if no terminal."""
-        if not self._shows_bar or self._verbosity is Verbosity.QUIET:
+        if not self._shows_bar:
             with super().show_progress(progress):
                 yield
             return
@@ -132,7 +127,7 @@ class ConsoleReporter(Reporter):
 
     def update(self, progress: "RunProgress") -> None:
         """Move the bar; without a terminal, print a line every `LINE_PERIOD_S`."""
-        if not self._shows_bar or self._verbosity is Verbosity.QUIET:
+        if not self._shows_bar:
             super().update(progress)
             return
         for task in self._bar.task_ids:
