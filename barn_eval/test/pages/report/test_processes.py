@@ -56,7 +56,7 @@ def test_processes_end_with_the_command(number):
         else:
             process.send_signal(number)
         process.wait(600.0)
-        until(lambda: not Path(f"/proc/{child}").exists())
+        assert until(lambda: not Path(f"/proc/{child}").exists())
     finally:
         process.kill()
         process.wait()

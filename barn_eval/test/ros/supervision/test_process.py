@@ -114,7 +114,7 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
         if also != "nobody":
             os.kill(launchers[also == "second launcher"], signal.SIGKILL)
         supervisor.wait()
-    until(lambda: not any(map(alive, (*pids, *launchers))))
+    assert until(lambda: not any(map(alive, (*pids, *launchers))))
 
 
 def launchers_of(pid):
