@@ -261,8 +261,9 @@ def compare_folders(
         ConfigError: There is nothing to compare.
         BarnError: As for `compare`.
     """
-    source_a, groups_a = read_selection(a)
-    source_b, groups_b = read_selection(b or a)
+    selections = [read_selection(path) for path in (a, b) if path]
+    source_a, groups_a = selections[0]
+    source_b, groups_b = selections[-1]
     # Before the tasks are compared, so that a wrong planner is named first.
     pairs = _pair_planners(a, b, list(groups_a), list(groups_b))
     require_same_task([source_a.path, source_b.path])

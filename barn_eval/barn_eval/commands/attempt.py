@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -11,7 +12,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from barn_eval.commands.options import json_option, print_notes, print_output, reporter
+from barn_eval.commands.options import (
+    console,
+    json_option,
+    print_json,
+    print_notes,
+    reporter,
+)
 from barn_eval.commands.tables import table
 from barn_eval.ros.work import require_ros
 from barn_eval.running.request import RunRequest, read_request
@@ -53,18 +60,24 @@ def command(as_json: bool, **planner: str | None) -> int:
     from barn_eval.ros.attempt import try_planner  # noqa: PLC0415
 
     (spec,) = request.trials()
-    with tempfile.TemporaryDirectory() as folder:
-        attempt = try_planner(request.config, spec.goal, Path(folder))
+    folder = Path(tempfile.mkdtemp(prefix="barn_try_"))
+    attempt = try_planner(request.config, spec.goal, folder)
+    # Problems name the planner's log.
+    if not attempt.problems:
+        shutil.rmtree(folder)
     line = _run_line(request, attempt, planner)
     drives = attempt.first_command_s is not None
     content = {"drives": drives, **asdict(attempt), "run": line}
     rows = _rows(attempt)
-    print_output(as_json, content, *[table(("", "seen"), rows)] * bool(rows))
-    if not as_json:
+    if as_json:
+        print_json(content)
+    else:
+        if rows:
+            console.print(table(("", "seen"), rows))
         print_notes(*attempt.problems)
-    # In one line, to be copied.
-    if attempt.topics and not as_json:
-        click.echo(line)
+        # In one line, to be copied.
+        if attempt.topics:
+            click.echo(line)
     return 0 if drives else _NOT_READY
 
 

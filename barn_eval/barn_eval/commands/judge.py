@@ -17,10 +17,10 @@ from barn_eval.commands.options import (
 )
 from barn_eval.commands.run import NOT_SCORED, print_results
 from barn_eval.running.judge import JudgeOptions, judge
+from barn_eval.running.reporting import describe_end
 from barn_worlds.base.config import fields_of
 
 _OPTIONS = JudgeOptions()
-_MANY = 10  # trials, of which each is no longer shown
 
 
 def _judge_options(command: Any) -> Any:
@@ -55,10 +55,9 @@ def command(
         run, results = judge(
             bags, out, JudgeOptions(**options), course or (), overwrite=overwrite
         )
-    print_results(run, results, as_json, show_all=len(results) < _MANY)
     for row in results:
-        # Of a trial that does not count, a table shows no reason.
-        reason = "" if row.is_scored else row.detail
-        for text in filter(None, (reason, row.remarks)):
-            print_notes(f"{row.trial_id}: {text}")
+        print_notes(f"{row.trial_id}: {describe_end(row)}")
+        if row.remarks:
+            print_notes(f"  {row.remarks}")
+    print_results(run, results, as_json, show_all=False)
     return 0 if all(row.is_scored for row in results) else NOT_SCORED

@@ -98,7 +98,9 @@ class JudgeOptions(Checked):
     def __post_init__(self) -> None:
         """Raise ConfigError for a value that is not allowed."""
         super().__post_init__()
-        self.numbers("world")
+        worlds = self.numbers("world")
+        are_whole = all(number.is_integer() for number in worlds)
+        self.require(are_whole, "world", "must be whole numbers, such as 0,30")
         self.numbers("contact_at")
         is_operator = self.contact == OPERATOR
         self.require(

@@ -256,8 +256,7 @@ class RunProgress:
         self._count(result)
         if self.total <= self.reporter.max_trial_lines:
             self.reporter.notify(
-                f"[{self.count}/{self.total}] {result.trial_id}:"
-                f" {_describe_end(result)}"
+                f"[{self.count}/{self.total}] {result.trial_id}: {describe_end(result)}"
             )
         self.reporter.update(self)
 
@@ -306,7 +305,7 @@ def format_duration(duration_s: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
-def _describe_end(result: TrialResult) -> str:
+def describe_end(result: TrialResult) -> str:
     """Return a trial's time or outcome in words, with remarks on its machine."""
     if result.scores.success:
         end = f"success in {result.scores.traversal_time_s:.2f} s"

@@ -56,7 +56,7 @@ def test_planners_of_a_table_are_compared(table, printed):
     assert (times["worlds"], times["p"] < 0.01) == (10, True)
     assert times["difference"]["high"] < 0.0
     assert rows["driven_m"]["paired"]["worlds"] == 0
-    assert "contacts of 12 of 12 trials are unknown" in " ".join(comparison["notes"])
+    assert "contacts of 24 of 24 trials are unknown" in " ".join(comparison["notes"])
 
 
 def test_the_challenges_files_are_compared_and_ranked(outs, printed):

@@ -289,7 +289,7 @@ def test_the_command_prints_rows_and_what_is_to_be_known(nearer, tmp_path, comma
     )
     code, out, err = command(line)
     assert code == 3
-    assert "mine_w0120_r00" in out
+    assert "mine_w0120_r00: " in err and "environment_failed" in out
     assert "contacts are unknown" in err and "before a verdict" in err
     (row,) = (tmp_path / "o" / "results.jsonl").read_text().splitlines()
     assert '"system":"lab"' in row

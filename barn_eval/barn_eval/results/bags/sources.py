@@ -136,7 +136,10 @@ class TopicChoice:
         """Return the end of a message, which lists the bag's topics."""
         types = self._bag.types.items()
         names = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(types))
-        return f"; it has {names or self._bag.problem or 'no topic'}"
+        # Of a bag that is cut off, the topics may be missing.
+        if not names and self._bag.problem:
+            return f"; {self._bag.problem}"
+        return f"; it has {names or 'no topic'}"
 
     def pose_reader(self) -> "PoseReader":
         """Return the reader of its poses; BagError, naming what is there, if none is."""
