@@ -91,6 +91,10 @@ class RunRequest:
         drawn. The run itself is returned where there are none.
         """
         config = self.config
+        if config.course and self.dataset.maps:
+            # It takes the place of all routes of a map.
+            courses = [config.course]
+            config = replace(config, course=())
         if not courses and not config.routes:
             return self
         worlds = self.dataset.split_into_routes(

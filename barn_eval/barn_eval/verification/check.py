@@ -142,14 +142,13 @@ class _Checker:
             rows.keys() if sample is None else sample_trials(sorted(rows), sample)
         )
         trials = []
+        missing_bags = []
         for trial_id, row in rows.items():
             bag = self._folder / BAGS / trial_id
             has_bag = bag.is_dir()
             result.bags += has_bag
             if not has_bag and not is_submission and self._keeps_bag(row):
-                result.problems.append(
-                    f"{bag}: is missing, bags of {self._config.bags} trials are kept"
-                )
+                missing_bags.append(bag)
             evidence = TrialEvidence(
                 row,
                 self._specs[trial_id],
@@ -159,6 +158,7 @@ class _Checker:
                 trial_id in sampled_ids,
             )
             trials.append(evidence)
+        self._check_bags(missing_bags)
         self._check_trials(trials)
         self._check_task()
 
@@ -175,6 +175,16 @@ class _Checker:
                     " makes of its rows"
                 )
         return result
+
+    def _check_bags(self, missing: Sequence[Path]) -> None:
+        """Report missing bags; whoever deletes all of them may do so to save space."""
+        if missing and not self._result.bags:
+            self._result.unchecked.append(f"{len(missing)} trials: no bag is there")
+            return
+        for bag in missing:
+            self._result.problems.append(
+                f"{bag}: is missing, bags of {self._config.bags} trials are kept"
+            )
 
     def _compare_planners(
         self,

@@ -1,6 +1,7 @@
 """Runs through several routes of one map: each is a world, ranked by efficiency, with time enough."""
 
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from barn_eval.running.run import check_limits
 from barn_eval.trials.protocol import CHALLENGE, load_protocol
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import OccupancyMap
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import write_map
 
 COURSES = [(1.0, 1.0, 0.0, 7.0, 1.0), (1.0, 3.0, 0.0, 7.0, 3.0)]
@@ -64,6 +66,30 @@ def test_each_of_several_courses_is_a_world(rooms, tmp_path):
     assert starts == [(1.0, 1.0), (1.0, 3.0)]
     (single,) = request_of(rooms, tmp_path, course=COURSES[:1]).trials()
     assert single.world.name == "rooms"
+
+
+def test_routes_of_a_map_are_worlds_by_name(rooms, tmp_path):
+    path = tmp_path / "rooms.yaml"
+    routes = "routes:\n  out: {start: [1, 1, 0], goal: [7, 1]}\n  back: {start: [7, 3, 3.14], goal: [1, 3]}\n"
+    path.write_text(rooms.read_text() + routes)
+    shutil.copy(rooms.with_suffix(".pgm"), tmp_path)
+    trials = request_of(path, tmp_path).trials()
+    names = [(spec.world_number, spec.world.name) for spec in trials]
+    assert names == [(0, "rooms route out"), (1, "rooms route back")]
+    assert [spec.course.start.x for spec in trials] == [1.0, 7.0]
+    # In a folder, each map has its own routes or one course.
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    for file in (path, *rooms.parent.glob("rooms.*")):
+        name = "a.yaml" if file == path else file.name
+        shutil.copy(file, folder / name)
+    worlds = open_dataset(folder)
+    names = [worlds.load(number).name for number in worlds.world_numbers]
+    assert names == ["a route out", "a route back", "rooms"]
+    # What the command line names takes the place of routes in the file.
+    (trial,) = request_of(path, tmp_path, course=COURSES[:1]).trials()
+    assert (trial.world.name, trial.course.goal.x) == ("rooms", 7.0)
+    assert len(request_of(path, tmp_path, routes=3).trials()) == 3
 
 
 @pytest.mark.parametrize(

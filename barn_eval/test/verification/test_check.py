@@ -140,6 +140,13 @@ def test_what_does_not_belong_together_is_named(folder, command, change, words):
     assert all(line.startswith(str(folder)) and len(line) < 500 for line in lines)
 
 
+def test_a_folder_without_any_bags_is_honest(folder):
+    shutil.rmtree(folder / "bags")
+    check = barn.results.check(folder)
+    assert (check.problems, check.driven) == ([], 2)
+    assert check.unchecked == ["2 trials: no bag is there"]
+
+
 def test_a_bag_that_was_cut_off_is_named(folder, command):
     (file,) = (folder / "bags" / "gap_w0000_r00").glob("*.mcap")
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])

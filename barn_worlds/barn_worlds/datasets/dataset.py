@@ -44,6 +44,8 @@ class Dataset:
     readers: Mapping[int, Callable[[], World]]
     # Of a data set in the suite's own format, else empty.
     manifest: Mapping[str, Any] = field(default_factory=dict)
+    # Readers of whole maps, where the worlds are routes that files of maps name.
+    maps: Mapping[int, Callable[[], World]] = field(default_factory=dict)
     _cache: dict[int, World] = field(default_factory=dict, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -102,6 +104,8 @@ class Dataset:
     ) -> dict[int, World]:
         """Return a world per route, numbered in the order of worlds and routes.
 
+        Routes that the files of maps name are left out.
+
         Args:
             robot: Robot that drives.
             courses: Start and goal of each route, as numbers for `parse_course`.
@@ -111,8 +115,9 @@ class Dataset:
         Raises:
             WorldError: If a course cannot be driven, or a world has too few routes.
         """
+        maps = replace(self, readers=self.maps or self.readers)
         routes: list[World] = []
-        for world in map(self.load, self.world_numbers):
+        for world in map(maps.load, maps.world_numbers):
             own = [fit_to_robot(world, robot, course) for course in courses]
             if count:
                 own += draw_routes(world, robot, count, seed)
@@ -198,8 +203,7 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
             dataset = _open_file(path)
         elif path.exists():
             single.require_ending(path)
-            reader = partial(single.read_world, path, robot)
-            dataset = Dataset(path.name, {single.number_in(path) or 0: reader})
+            dataset = _open_worlds(path.name, [path], robot)
         else:
             hint = suggest(str(source), dataset_files())
             raise WorldError(
@@ -243,11 +247,27 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
         if world_files:
             break
 
-    numbers = [single.number_in(file) for file in world_files]
-    is_unique = None not in numbers and len(set(numbers)) == len(world_files)
-    for place, (number, file) in enumerate(zip(numbers, world_files, strict=True)):
+    return _open_worlds(name, world_files, robot)
+
+
+def _open_worlds(name: str, files: Sequence[Path], robot: Robot) -> Dataset:
+    """Return the data set of files of one world, or of maps with routes, each."""
+    numbers = [single.number_in(file) for file in files]
+    is_unique = None not in numbers and len(set(numbers)) == len(files)
+    readers: dict[int, Callable[[], World]] = {}
+    routes: list[Callable[[], World]] = []
+    has_routes = False
+    for place, (number, file) in enumerate(zip(numbers, files, strict=True)):
         world_number = number if is_unique and number is not None else place
-        readers[world_number] = partial(single.read_world, file, robot)
+        reader = partial(single.read_world, file, robot)
+        readers[world_number] = reader
+        names = []
+        if single.ending(file) in single.MAP_ENDINGS:
+            names = map_server.read_route_names(file)
+        has_routes |= bool(names)
+        routes += [partial(reader, route) for route in names] or [reader]
+    if has_routes:
+        return Dataset(name, dict(enumerate(routes)), maps=readers)
     return Dataset(name, readers)
 
 

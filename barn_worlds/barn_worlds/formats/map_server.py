@@ -5,8 +5,8 @@ pixel that is not opaque is unknown, and what is behind it does not count.
 """
 
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.config import (
+    OPTIONAL,
     Checked,
     as_dict,
     from_dict,
@@ -22,6 +23,7 @@ from barn_worlds.base.config import (
     required,
 )
 from barn_worlds.base.errors import (
+    BarnError,
     ConfigError,
     WorldError,
     format_error,
@@ -45,7 +47,7 @@ UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
 MODES = ("trinary", "scale", "raw")
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP", "TGA", "PCX")
-_OWN_KEYS = ("start", "goal")  # that map_server does not know
+_OWN_KEYS = ("start", "goal", "routes")  # that map_server does not know
 _NUMBERS = ("resolution", "origin", "occupied_thresh", "free_thresh")
 # Gray values that map_saver writes. That of unknown cells lies between the thresholds.
 _FREE_GRAY = 254
@@ -56,8 +58,29 @@ _FREE_THRESHOLD = 0.196
 
 
 @dataclass(frozen=True)
+class MapRoute(Checked):
+    """Start and goal of one of the routes in a map's .yaml file."""
+
+    start: tuple[float, float, float] = required("x, y in m and yaw in rad")
+    goal: tuple[float, ...] = required("x, y in m (and yaw in rad)")
+    waypoints: Any = None  # declared to be refused by name
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError for numbers that are no pose, and for waypoints."""
+        super().__post_init__()
+        self.require(
+            self.waypoints is None,
+            "waypoints",
+            "are not driven, as a trial has one goal: write a route to each of them",
+        )
+        self.require(
+            len(self.goal) in (2, 3), "goal", "must be x and y, or x, y and yaw"
+        )
+
+
+@dataclass(frozen=True)
 class MapFile(Checked):
-    """The .yaml file of a map, with the keys of map_server and a course."""
+    """The .yaml file of a map, with the keys of map_server and a course or routes."""
 
     image: str = required("name of the image file beside it")
     resolution: float = required("size of a cell", "m", 0.005, 10.0)
@@ -72,6 +95,8 @@ class MapFile(Checked):
         (), "x, y in m and yaw in rad of a world's start"
     )
     goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of its goal")
+    # By name; each makes a world of its own.
+    routes: Mapping[str, MapRoute] = field(default_factory=dict, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         """Raise ConfigError for thresholds, origin or course that do not fit."""
@@ -91,6 +116,9 @@ class MapFile(Checked):
         self.require(len(self.start) in (0, 3), "start", "must be x, y and yaw")
         self.require(
             len(self.goal) in (0, 2, 3), "goal", "must be x and y, or x, y and yaw"
+        )
+        self.require(
+            not (self.start and self.routes), "start", "must be that of one of routes"
         )
         self.require("\0" not in self.image, "image", "must be the name of a file")
 
@@ -147,6 +175,20 @@ def read_map_file(path: Path) -> MapFile:
         return from_dict(MapFile, content, str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
+
+
+def read_route_names(path: Path) -> list[str]:
+    """Return the names of the routes in a map's .yaml file, in its order.
+
+    A file without routes, or one that cannot be read, has none.
+    """
+    try:
+        content = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
+    except BarnError:
+        # It is refused by name as soon as it is used.
+        return []
+    routes = content.get("routes") if isinstance(content, dict) else None
+    return list(routes) if isinstance(routes, dict) else []
 
 
 def read_map(path: Path, map_file: MapFile | None = None) -> OccupancyMap:

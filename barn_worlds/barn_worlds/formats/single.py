@@ -52,7 +52,7 @@ def number_in(path: Path) -> int | None:
     return int(numbers[-1]) if numbers and len(numbers[-1]) <= 9 else None
 
 
-def read_world(path: Path, robot: Robot) -> World:
+def read_world(path: Path, robot: Robot, route: str = "") -> World:
     """Return the world in a file of any of `ENDINGS`, its path planned if it has none.
 
     The path comes from path_N.npy in the same folder or in its sibling path_files,
@@ -67,6 +67,7 @@ def read_world(path: Path, robot: Robot) -> World:
     Args:
         path: File with one of `ENDINGS`.
         robot: Robot that paths, starts and goals are for.
+        route: Name of one of a map's `routes`, whose start and goal are taken.
 
     Raises:
         WorldError: If the file does not hold a world.
@@ -78,7 +79,7 @@ def read_world(path: Path, robot: Robot) -> World:
     if kind in GAZEBO_ENDINGS:
         return _read_gazebo(path, robot, name)
     if kind in MAP_ENDINGS:
-        return _read_map(path, robot, name)
+        return _read_map(path, robot, name, route)
     if kind == moving_ai.ENDING:
         return build_world(
             name,
@@ -161,12 +162,16 @@ def _read_gazebo(path: Path, robot: Robot, name: str) -> World:
     return world if course is None else plan_course(world, robot, course)
 
 
-def _read_map(path: Path, robot: Robot, name: str) -> World:
+def _read_map(path: Path, robot: Robot, name: str, route: str) -> World:
     """Return the world that a map_server map shows: BARN's, or the map as it is."""
     map_file = map_server.read_map_file(path)
     occupancy = map_server.read_map(path, map_file)
     course = None
     numbers = (*map_file.start, *map_file.goal)
+    if route:
+        ends = map_file.routes[route]
+        numbers = (*ends.start, *ends.goal)
+        name = f"{name} route {route}"
     if numbers:
         course = parse_course(numbers, f"{path}: start and goal")
 

@@ -269,7 +269,7 @@ class Chassis(Checked):
             (self.wheelbase_m == 0.0) == is_differential,
             "wheelbase_m",
             "must be 0 for a differential drive, which has one axle, and above 0 for "
-            "skid_steer",
+            f"skid_steer; kind is {self.kind}",
         )
         self.require(
             bool(self.casters_m) == is_differential,

@@ -233,6 +233,28 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
             "unknown key 'strat'; did you mean 'start'",
         ),
         (("[1.0, -2.0, 0.0]", "[1.0, 2.0, 0.5]"), "origin must have a yaw of 0"),
+        (
+            ("negate: 0", "negate: 0\nroutes: {a: {start: [0, 0, 0]}}"),
+            r"missing key 'routes\[a\].goal'",
+        ),
+        (
+            (
+                "negate: 0",
+                "negate: 0\nroutes: {a: {start: [0, 0, 0], goal: [1, 1], waypoints: [1]}}",
+            ),
+            r"routes\[a\].waypoints are not driven, as a trial has one goal: write a",
+        ),
+        (
+            ("negate: 0", "negate: 0\nroute: {a: {start: [0, 0, 0], goal: [1, 1]}}"),
+            "unknown key 'route'; did you mean 'routes'",
+        ),
+        (
+            (
+                "negate: 0",
+                "negate: 0\nstart: [0, 0, 0]\ngoal: [1, 1]\nroutes: {a: {start: [0, 0, 0], goal: [1, 1]}}",
+            ),
+            "start must be that of one of routes",
+        ),
         (("negate: 0", "negate: 2"), "negate must be from 0 to 1, got 2"),
         (
             ("free_thresh: 0.25", "free_thresh: 0.7"),

@@ -122,7 +122,7 @@ WRONG = {
     ),
     "wheels outside": ({"chassis.wheel_width_m": 0.12}, "footprint_m must enclose the wheels"),
     "upside down": ({"chassis.body_height_m": 0.1}, "body_height_m must be above ground_clearance_m = 0.13"),
-    "one axle": ({"chassis.wheelbase_m": 0.0}, "which has one axle, and above 0 for skid_steer"),
+    "one axle": ({"chassis.wheelbase_m": 0.0}, "above 0 for skid_steer; kind is skid_steer, got 0.0"),
     "casters": ({"chassis.casters_m": [[0.1, 0.1]]}, "casters_m must say where .*; skid_steer has none"),
     "lidar in the ground": (
         {"lidar.mount_z_m": -0.2},
