@@ -1,4 +1,4 @@
-"""A few fault cases, the page that lists all of them, and mutated files of strangers.
+"""A few fault cases, the log that lists all of them, and mutated files of strangers.
 
 `python qa/faults/faults.py` tries all cases; `python qa/fuzz/fuzz.py --reader NAME
 --inputs N` goes on for longer.
@@ -7,6 +7,7 @@
 import json
 import os
 import re
+import shutil
 
 import pytest
 from fuzz_readers import READERS
@@ -15,6 +16,7 @@ from waiting import run_python
 
 TOOL = ROOT / "qa" / "faults" / "faults.py"
 PAGE = ROOT / "docs" / "reliability.md"
+LOG = PAGE.with_suffix(".csv")
 QUICK = (
     "inputs/campaign-aliases",
     "inputs/xml-laughs",
@@ -40,17 +42,58 @@ def test_quick_cases_pass(tmp_path):
     assert again.stdout.strip() == "[]"
 
 
-def test_the_page_lists_exactly_the_cases_of_the_tool():
-    cases = json.loads(faults("--list", "--json").stdout)
-    names = {case["case"] for case in cases}
-    assert len(names) >= 80
-    rows = re.findall(r"(?m)^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"))
-    assert sorted(rows) == sorted(names)
-    for case in cases:
-        assert case["done"].endswith(".") and case["must"].endswith(".")
+@pytest.fixture
+def tool(monkeypatch):
+    """The tool as a module: its folder need not be there."""
+    monkeypatch.syspath_prepend(TOOL.parent)
+    import faults as tool  # noqa: PLC0415
+
+    return tool
 
 
-def test_a_page_without_a_place_for_the_table_is_refused(tmp_path):
+def test_the_log_has_exactly_the_cases_of_the_tool(tool):
+    rows = list(tool.read_log(LOG).values())
+    cases = tool.cases_by_family()
+    assert len(cases) >= 80
+    assert [row["case"] for row in rows] == [case.key for case in cases]
+    for row, case in zip(rows, cases, strict=True):
+        assert tuple(row) == tool.COLUMNS
+        assert (row["done"], row["must"]) == (case.done, case.must)
+        assert case.done.endswith(".") and case.must.endswith(".")
+        assert row["family"] == tool.FAMILIES[case.family]
+        assert row["status"] in {tool.PASSED, tool.FAILED, tool.SKIPPED, tool.UNTRIED}
+        assert (ROOT / row["held_by"]).is_file()
+        assert row["held_by"] == tool.source(case)
+        assert float(row["duration_s"] or 0.0) >= 0.0
+        assert re.fullmatch("[0-9a-f]{7,12}", row["since"])
+
+
+def test_the_page_sums_up_the_log(tool):
+    text = PAGE.read_text("utf-8")
+    shown = text.partition(tool.BEGIN)[2].partition(tool.END)[0].strip()
+    assert shown == tool.summary(tool.read_log(LOG).values())
+
+
+def test_new_measurements_replace_their_rows_alone(tool, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{tool.BEGIN}\nold\n{tool.END}\nafter\n")
+    shutil.copy(LOG, tmp_path / "page.csv")
+    old_rows = tool.read_log(LOG)
+    outcome = tool.Outcome(QUICK[0], tool.FAILED, "x" * 500, 61.6)
+    tool.write(page, {QUICK[0]: outcome})
+    new_rows = tool.read_log(tmp_path / "page.csv")
+    changed = [key for key, row in new_rows.items() if row != old_rows[key]]
+    assert changed == [QUICK[0]]
+    row = new_rows[QUICK[0]]
+    assert (row["status"], row["duration_s"]) == (tool.FAILED, "62")
+    assert row["measured"].endswith("x ...")
+    assert row["since"] == old_rows[QUICK[0]]["since"]
+    text = page.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n")
+    assert tool.summary(new_rows.values()) in text
+
+
+def test_a_page_without_a_place_for_the_summary_is_refused(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# Page\n")
     ended = faults("--only", QUICK[2], "--write", page, "--out", tmp_path / "out")
@@ -59,9 +102,7 @@ def test_a_page_without_a_place_for_the_table_is_refused(tmp_path):
     assert "no case matches x" in faults("--only", "x").stderr
 
 
-def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(TOOL.parent)
-    import faults as tool  # noqa: PLC0415 (of a folder that need not be there)
+def test_a_fault_that_is_not_met_fails(tool, tmp_path, monkeypatch):
     from fault_cases import kit  # noqa: PLC0415
 
     def act(lab):

@@ -5,19 +5,23 @@ All cases use the real commands.
     python qa/faults/faults.py --only 'campaign/*'
 
 Each case has a folder of its own, a time limit, and must leave no process behind. Exit
-code 1 if one failed. What was measured is kept in OUT/faults.json, from which `--write
-docs/reliability.md` renews the table; other rows stay.
+code 1 if one failed. OUT/faults.json keeps what was measured. From it, `--write
+docs/reliability.md` renews the log docs/reliability.csv and the summary on the page;
+rows of other cases stay.
 """
 
+import csv
 import fnmatch
+import functools
+import inspect
 import json
-import re
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -36,13 +40,25 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-BEGIN = "<!-- fault table -->"
-END = "<!-- end of the fault table -->"
+BEGIN = "<!-- fault summary: begin -->"
+END = "<!-- fault summary: end -->"
+COLUMNS = (
+    "case",
+    "family",
+    "done",
+    "must",
+    "status",
+    "measured",
+    "duration_s",
+    "since",
+    "held_by",
+)
 PASSED = "passed"
 FAILED = "failed"
 SKIPPED = "skipped"
 UNTRIED = "not tried"
-_MEASURED = 160  # characters of the table
+_MEASURED = 160  # characters in the log
+_ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
@@ -97,12 +113,17 @@ def try_case(case: Case, failed_folder: Path, labs: list[Lab]) -> Outcome:
 
 def select_cases(patterns: Sequence[str]) -> list[Case]:
     """Return the cases that match one of the patterns, all without any."""
-    cases = [
+    return [
         case
-        for key, case in CASES.items()
-        if not patterns or any(fnmatch.fnmatch(key, p) for p in patterns)
+        for case in cases_by_family()
+        if not patterns or any(fnmatch.fnmatch(case.key, p) for p in patterns)
     ]
-    return sorted(cases, key=lambda case: list(FAMILIES).index(case.family))
+
+
+def cases_by_family() -> list[Case]:
+    """Return all cases in the order of the families."""
+    families = list(FAMILIES)
+    return sorted(CASES.values(), key=lambda case: families.index(case.family))
 
 
 def read_outcomes(path: Path) -> dict[str, Outcome]:
@@ -112,82 +133,120 @@ def read_outcomes(path: Path) -> dict[str, Outcome]:
     return {row["case"]: Outcome(**row) for row in json.loads(path.read_text())}
 
 
-def table(rows: Mapping[str, str]) -> Iterator[str]:
-    """Yield the lines of the table, family by family; rows: by case."""
-    for family, title in FAMILIES.items():
-        yield f"\n### {title}\n"
-        yield "| case | what is done | what must happen | measured | s |"
-        yield "| --- | --- | --- | --- | ---: |"
-        yield from (rows[key] for key, case in CASES.items() if case.family == family)
+def read_log(path: Path) -> dict[str, dict[str, str]]:
+    """Return the rows of the log by case; empty if there is no log yet."""
+    if not path.exists():
+        return {}
+    with path.open(encoding="utf-8", newline="") as file:
+        return {row["case"]: row for row in csv.DictReader(file)}
 
 
-def row(case: Case, outcome: Outcome) -> str:
-    """Return the line of a case in the table."""
-    measured = outcome.measured
-    if len(measured) > _MEASURED:
-        measured = measured[:_MEASURED] + " ..."
-    word = "" if outcome.status == PASSED else f"**{outcome.status}** "
-    seconds = f"{outcome.duration_s:.0f}" if outcome.status != UNTRIED else ""
-    text = _cell(measured).replace("[", "\\[")  # no link
-    return f"{_beginning(case)}{word}{text} | {seconds} |"
+def source(case: Case) -> str:
+    """Return the file that holds the case, relative to the repository."""
+    act = case.act
+    while isinstance(act, functools.partial):
+        act = act.func
+    return Path(inspect.getfile(act)).relative_to(_ROOT).as_posix()
 
 
-def _beginning(case: Case) -> str:
-    return f"| `{case.key}` | {_cell(case.done)} | {_cell(case.must)} | "
+def log_row(
+    case: Case, outcome: Outcome | None, logged: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the row of a case in the log.
 
+    Args:
+        case: The case as it is now.
+        outcome: What was measured now, None if the case was not tried.
+        logged: Its row so far. Without a new outcome, its measurement counts as long
+            as the case itself is the same; `since` is always kept.
 
-def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
-    """Return the line of each case.
-
-    As measured now, else that of the page if the case is still the same.
+    Returns:
+        The row, by column.
     """
-    page_lines = page.splitlines()
-    lines = {}
-    for key, case in CASES.items():
-        old_lines = [line for line in page_lines if line.startswith(_beginning(case))]
-        untried = Outcome(key, UNTRIED, "", 0.0)
-        fresh = row(case, outcomes.get(key, untried))
-        lines[key] = old_lines[0] if old_lines and key not in outcomes else fresh
-    return lines
+    row = {
+        "case": case.key,
+        "family": FAMILIES[case.family],
+        "done": case.done,
+        "must": case.must,
+        "status": UNTRIED,
+        "measured": "",
+        "duration_s": "",
+        "since": logged.get("since") or _current_commit(),
+        "held_by": source(case),
+    }
+    if outcome is not None:
+        measured = outcome.measured
+        if len(measured) > _MEASURED:
+            measured = measured[:_MEASURED] + " ..."
+        row["status"] = outcome.status
+        row["measured"] = measured
+        row["duration_s"] = f"{outcome.duration_s:.0f}"
+        return row
+
+    is_same = all(logged.get(key) == row[key] for key in ("case", "done", "must"))
+    if is_same:
+        for key in ("status", "measured", "duration_s"):
+            row[key] = logged[key]
+    return row
 
 
-def _cell(text: str) -> str:
-    text = text.replace("&", "&amp;").replace("<", "&lt;")
-    return re.sub(r"([|*_])", r"\\\1", text)
+def _current_commit() -> str:
+    """Return the short hash of the commit that is checked out."""
+    command = ["git", "-C", str(_ROOT), "rev-parse", "--short=8", "HEAD"]
+    return subprocess.run(
+        command, check=True, capture_output=True, text=True
+    ).stdout.strip()
 
 
-def _status(cell: str) -> str:
-    """Return the status that the cell of a case states.
+def summary(rows: Iterable[Mapping[str, str]]) -> str:
+    """Return the log's counts by family as a Markdown table, with the total below."""
+    statuses: dict[str, Counter[str]] = {
+        title: Counter() for title in FAMILIES.values()
+    }
+    minutes = dict.fromkeys(FAMILIES.values(), 0.0)
+    for row in rows:
+        statuses[row["family"]][row["status"]] += 1
+        minutes[row["family"]] += float(row["duration_s"] or 0.0) / 60.0
 
-    It is left out where it passed.
-    """
-    for status in (FAILED, SKIPPED, UNTRIED):
-        if f"**{status}**" in cell:
-            return status
-    return PASSED
+    lines = ["| kind | cases | passed | not passed | minutes |"]
+    lines.append("| --- | ---: | ---: | ---: | ---: |")
+    for title, counts in statuses.items():
+        cases = counts.total()
+        lines.append(_summary_line(title, cases, counts[PASSED], minutes[title]))
+    total = sum(statuses.values(), Counter())
+    lines.append(
+        _summary_line("all", total.total(), total[PASSED], sum(minutes.values()))
+    )
+    return "\n".join(lines)
+
+
+def _summary_line(title: str, cases: int, passed: int, minutes: float) -> str:
+    return f"| {title} | {cases} | {passed} | {cases - passed} | {minutes:.0f} |"
 
 
 def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
-    """Replace the table of a page; ClickException where it has no place for it."""
+    """Renew the log beside a page, PAGE.csv, and the summary on the page.
+
+    Raises:
+        ClickException: If the page has no place for the summary.
+    """
     text = page.read_text("utf-8")
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise click.ClickException(f"{page}: must have the lines {BEGIN} and {END}")
-    rows = _rows(text, outcomes)
-    cells = [line.rsplit(" | ", 2)[1:] for line in rows.values()]
-    words = Counter(_status(cell) for cell, _ in cells)
-    durations_s = [float(seconds.strip("| ") or 0.0) for _, seconds in cells]
-    took_min = sum(durations_s) / 60.0
-    statuses = [word for word in (PASSED, FAILED, SKIPPED, UNTRIED) if words[word]]
-    counts = ", ".join(f"{words[word]} {word}" for word in statuses)
-    head = (
-        f"{len(CASES)} cases: {counts}. Their times sum up to {took_min:.0f} minutes."
-    )
-    page.write_text(
-        f"{before}{begin}\n{head}\n" + "\n".join(table(rows)) + f"\n\n{end}{after}",
-        "utf-8",
-    )
+
+    log = page.with_suffix(".csv")
+    logged = read_log(log)
+    rows = [
+        log_row(case, outcomes.get(case.key), logged.get(case.key, {}))
+        for case in cases_by_family()
+    ]
+    with log.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    page.write_text(f"{before}{begin}\n\n{summary(rows)}\n\n{end}{after}", "utf-8")
 
 
 @click.command()
@@ -219,7 +278,7 @@ def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
     "--write",
     "page",
     type=click.Path(path_type=Path, exists=True),
-    help="Page whose table is renewed.",
+    help="Page whose log and summary are renewed.",
 )
 def main(
     listed: bool,

@@ -20,15 +20,15 @@ from fault_cases import (
 from fault_cases.kit import CASES
 
 FAMILIES = {
-    direct.FAMILY: "Planners in mode direct",
+    direct.FAMILY: "Planners in direct mode",
     planners.FAMILY: "Planners over ROS",
-    meddling.FAMILY: "Planners that meddle",
-    processes.FAMILY: "Processes of a run over ROS",
-    campaigns.FAMILY: "Campaigns that are disturbed",
-    files.FAMILY: "Disks and files of results",
-    inputs.FAMILY: "Files of strangers",
+    meddling.FAMILY: "Planners that interfere",
+    processes.FAMILY: "Killed processes of a ROS run",
+    campaigns.FAMILY: "Interrupted runs",
+    files.FAMILY: "Disks and result files",
+    inputs.FAMILY: "Malformed input files",
     commands.FAMILY: "Mistakes on the command line",
-    environment.FAMILY: "The machine",
+    environment.FAMILY: "Limits of the machine",
     network.FAMILY: "The live view",
 }
 
