@@ -116,3 +116,17 @@ def test_every_mutant_that_is_known_to_survive_is_there(tool):
         "the code has changed: look at these in qa/checks/mutate/survivors.yaml again"
     )
     assert all(reason.endswith(".") for reason in reasons.values())
+
+
+def test_the_page_gets_the_table_of_modules(tool, tmp_path):
+    changes, report, _ = tool
+    mutants = changes.mutants_of("x = 1\n")
+    killed = report.Tried("trials.seeds", mutants[0], killed=True)
+    alive = report.Tried("trials.seeds", mutants[1], killed=False)
+    page = tmp_path / "page.md"
+    page.write_text(f"# Page\n\n{report.BEGIN}\n\nold\n")
+    report.write_page(page, [killed, alive])
+    text = page.read_text()
+    assert text.startswith(f"# Page\n\n{report.BEGIN}\n\n| module |")
+    assert "| `trials.seeds` | 2 | 1 | 1 | 50.0 |\n" in text
+    assert text.endswith(f"| all | 2 | 1 | 1 | 50.0 |\n\n{report.END}\n")

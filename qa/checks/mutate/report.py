@@ -1,6 +1,6 @@
 """What became of mutants.
 
-Totals, survivors with the reason each, and docs/mutation.md.
+Totals, survivors with the reason of each, and docs/mutation.md.
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,6 +13,7 @@ from changes import Mutant
 
 REASONS = Path(__file__).with_name("survivors.yaml")
 BEGIN = "<!-- results: begin -->"
+END = "<!-- results: end -->"
 NO_REASON = "NO REASON KNOWN"
 
 Change = tuple[str, str, str, str]  # module, function, the line before, the line after
@@ -86,7 +87,7 @@ def survivors(tried: Iterable[Tried]) -> str:
 
 
 def write_page(path: Path, tried: Sequence[Tried]) -> None:
-    """Write the results into the page, below what it says by itself."""
+    """Write the table of modules into the page, below what it says by itself."""
     head, _, _ = path.read_text("utf-8").partition(BEGIN)
     modules: dict[str, list[Tried]] = {}
     for outcome in tried:
@@ -98,21 +99,5 @@ def write_page(path: Path, tried: Sequence[Tried]) -> None:
         "| --- | ---: | ---: | ---: | ---: |",
     ]
     table += ["| {} | {} | {} | {} | {:.1f} |".format(*row) for row in rows]
-    reasons = load_reasons()
-    left: dict[tuple[str, str, str], list[str]] = {}
-    for outcome in tried:
-        if not outcome.killed:
-            place = (
-                outcome.module,
-                outcome.mutant.where,
-                reasons.get(outcome.change, NO_REASON),
-            )
-            left.setdefault(place, []).append(
-                f"- {outcome.mutant.was}\n+ {outcome.mutant.now}\n"
-            )
-    texts = []
-    for (module, where, reason), lines in left.items():
-        names = f"`{module}`, `{where}`" if where else f"`{module}`"
-        texts.append(f"{names}: {reason}\n\n```diff\n" + "".join(lines) + "```")
-    parts = [head + BEGIN, "\n".join(table), "## Survivors", *texts]
+    parts = [head + BEGIN, "\n".join(table), END]
     path.write_text("\n\n".join(parts) + "\n", "utf-8")
