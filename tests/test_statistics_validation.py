@@ -133,16 +133,33 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
 def test_the_page_is_what_the_command_writes():
     """The shares are simulated again in full.
 
-    Of the rest, the page must have a row with the settings of today.
+    Of the rest, statistics.csv must have a row with the settings of today.
     """
-    text = PAGE.read_text("utf-8")
-    ends = (" met |", " met within chance |", " missed |")
-    every = [line for line in text.splitlines() if line.endswith(ends)]
-    assert len(every) == sum(len(group.settings) for group in GROUPS.values())
-    assert not any("missed" in line for line in every)
-    checks = list(run_checks(groups=[GROUPS["share"]]))
+    checks = validate_statistics.read_checks(PAGE.with_suffix(".csv"))
+    described = [(check.event, check.setting, check.target) for check in checks]
+    assert described == [
+        (group.event, group.setting_text.format(*setting), group.target)
+        for group in GROUPS.values()
+        for setting in group.settings
+    ]
+    assert not any(check.conclusion == "missed" for check in checks)
+    assert list(run_checks(groups=[GROUPS["share"]])) == checks[:8]
     page = render_page(checks, 0, PAGE.with_name("ranking.json"))
-    shares = [line for line in page.splitlines() if line.startswith("| the 95 %")]
-    assert every[:8] == shares
-    assert text.startswith(page.partition("| in simulations")[0])
-    assert text.endswith(page.rpartition("\n\nThe error is")[2])
+    assert page == PAGE.read_text("utf-8")
+
+
+def test_a_summary_has_the_range_and_the_worst_conclusion(tmp_path):
+    checks = [
+        Check("a", "x", 1000, (0.95, 0.96), (0.93, 0.97)),
+        Check("a", "y", 1000, (0.92, 0.93), (0.93, 0.97)),
+        Check("b", "x", 1000, (0.0, 0.0), (0.0, 0.06)),
+    ]
+    rows = validate_statistics.summarize(checks, 3).splitlines()[2:]
+    assert rows == [
+        "| a | 2 | 92.0 to 95.0 | 93.0 to 96.0 | 93 to 97 | met within chance |",
+        "| b | 1 | 0.0 to 0.0 | 0.0 to 0.0 | 0 to 6 | met |",
+    ]
+    path = tmp_path / "checks.csv"
+    validate_statistics.write_checks(path, checks, 3)
+    assert validate_statistics.read_checks(path) == checks
+    assert "share_seed_3,share_seed_4" in path.read_text()

@@ -4,16 +4,18 @@
 
 Simulated trials are judged by the functions that reports use, with two seeds: --seed
 and the next. It takes some minutes. The exit code is 1 if a share is further from its
-target than chance explains. `--out` writes the page of the documentation; a file
-ranking.json beside it (`ranking_power.py --json`) gives the page its table of
-rankings.
+target than chance explains. `--out` writes the page of the documentation and, beside
+it, statistics.csv with every check; a file ranking.json there (`ranking_power.py
+--json`) gives the page its table of rankings.
 """
 
+import csv
 import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 
 import click
@@ -135,6 +137,68 @@ def make_table(checks: Sequence[Check], seed: int) -> str:
     return markdown_table(columns, rows)
 
 
+def summarize(checks: Sequence[Check], seed: int) -> str:
+    """Return a Markdown table with one row per kind of check.
+
+    Args:
+        checks: Checks of one kind in a row, with the same seeds.
+        seed: The first seed.
+
+    Returns:
+        The range of shares over the settings of each kind, in percent.
+    """
+    seeds = range(seed, seed + len(checks[0].shares))
+    columns = (
+        "in simulations",
+        "settings",
+        *(f"seed {run_seed} [%]" for run_seed in seeds),
+        "wanted [%]",
+        "conclusion",
+    )
+    rows = []
+    for event, members in groupby(checks, key=lambda check: check.event):
+        kind = list(members)
+        ranges = [
+            f"{number(100.0 * min(shares), 1)} to {number(100.0 * max(shares), 1)}"
+            for shares in zip(*(check.shares for check in kind), strict=True)
+        ]
+        low, high = kind[0].target
+        # The worst one counts: the words come in this order in the alphabet, too.
+        conclusion = max(check.conclusion for check in kind)
+        wanted = f"{100.0 * low:g} to {100.0 * high:g}"
+        rows.append((event, str(len(kind)), *ranges, wanted, conclusion))
+    return markdown_table(columns, rows)
+
+
+def write_checks(path: Path, checks: Sequence[Check], seed: int) -> None:
+    """Write every check as a row of a CSV file; `seed` is the first seed."""
+    seeds = range(seed, seed + len(checks[0].shares))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        shares = [f"share_seed_{run_seed}" for run_seed in seeds]
+        head = ("event", "setting", "simulations", *shares)
+        writer.writerow((*head, "standard_error", "low", "high", "conclusion"))
+        for check in checks:
+            row = (check.event, check.setting, check.simulations, *check.shares)
+            error = f"{check.standard_error:.4f}"
+            writer.writerow((*row, error, *check.target, check.conclusion))
+
+
+def read_checks(path: Path) -> list[Check]:
+    """Return the checks of a CSV file that `write_checks` has written."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    checks = []
+    for row in rows:
+        shares = tuple(
+            float(value) for name, value in row.items() if name.startswith("share_")
+        )
+        target = (float(row["low"]), float(row["high"]))
+        simulations = int(row["simulations"])
+        checks.append(Check(row["event"], row["setting"], simulations, shares, target))
+    return checks
+
+
 def render_page(
     checks: Sequence[Check], seed: int, rankings: Path | None = None
 ) -> str:
@@ -170,7 +234,7 @@ def render_page(
         few_worlds=FEW_WORLDS,
         simulations=checks[0].simulations,
         seed=seed,
-        table=make_table(checks, seed),
+        table=summarize(checks, seed),
         ranking=ranking,
     )
     return page
@@ -218,6 +282,7 @@ def main(simulations: int, seed: int, out: Path | None, as_json: bool) -> None:
         click.echo(make_table(checks, seed))
     if out is not None:
         rankings = out.with_name("ranking.json")
+        write_checks(out.with_suffix(".csv"), checks, seed)
         write_durably(out, render_page(checks, seed, rankings).encode())
     sys.exit(any(check.conclusion == "missed" for check in checks))
 
