@@ -94,7 +94,7 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
     text = path.read_text("utf-8")
     dwa = findings.trials.of("dwa").normalised_s_per_m
     assert f"| time per meter as counted [s/m] | 3.30 | {dwa.estimate:.2f} [" in text
-    assert "10 of 300 worlds, one from each of as many parts" in text
+    assert "10 of 300 worlds, spread evenly from easy to difficult" in text
     assert (
         "| published: the paper's network | 0.10 | 0.31 | 0.42 | 0.29 | 0.60 |" in text
     )
