@@ -9,6 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import figures as tool
+import pytest
 import yaml
 from repository import DOCS, ROOT
 
@@ -18,6 +19,26 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.system import ObservedTrial
 from barn_metrics.bootstrap import RESAMPLES
+
+# Words of prose and of table cells that a page may have; code, figures and generated
+# parts do not count.
+WORDS = {
+    "boards": 950,
+    "campaigns": 1750,
+    "carry_over": 650,
+    "dynamic": 1450,
+    "efficiency": 650,
+    "fidelity": 1200,
+    "hard_worlds": 550,
+    "learning": 1050,
+    "metrics": 1000,
+    "mutation": 220,
+    "nav2": 950,
+    "reliability": 750,
+    "results": 650,
+    "robots": 1300,
+    "statistics": 800,
+}
 
 CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
 
@@ -82,3 +103,32 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
 def test_the_number_of_resamples_is_the_codes():
     resamples = f"{RESAMPLES:,}".replace(",", " ")
     assert resamples in " ".join(CAMPAIGNS.split())
+
+
+def words_of(text):
+    """Return the words of a page, without code, link targets and generated parts."""
+    without_code = re.sub(r"(?ms)^```.*?^```|^ {4}.*?$", "", text)
+    by_hand = re.sub(
+        r"(?s)<!-- ([\w ]+): begin -->.*?<!-- \1: end -->", "", without_code
+    )
+    without_targets = re.sub(r"\]\([^)]*\)", "]", by_hand)
+    return [word for word in without_targets.split() if re.search("[A-Za-z]{2}", word)]
+
+
+def test_words_are_those_of_the_prose():
+    text = (
+        "# A page\n\nTwo [words](of/a/path.md).\n\n    barn run\n\n| x | 3 [2, 4] |\n"
+    )
+    text += "<!-- a table: begin -->\nnot counted\n<!-- a table: end -->\n"
+    text += "```python\nimport barn_eval\n```\n"
+    assert words_of(text) == ["page", "Two", "[words]."]
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_a_page_is_short_and_begins_with_what_the_reader_gets(name):
+    text = (DOCS / f"{name}.md").read_text("utf-8")
+    assert len(words_of(text)) <= WORDS[name]
+    title, opening = text.split("\n\n")[:2]
+    assert re.fullmatch("# .+", title)
+    assert re.match(r"[A-Z`*]", opening)
+    assert len(words_of(opening)) <= 60
