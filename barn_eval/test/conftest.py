@@ -17,6 +17,7 @@ from shared_fixtures import longest_first, original_folder
 from barn_eval.commands.main import main
 from barn_eval.pages.report.page import build_report
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
+from barn_worlds.base.errors import ExitCode
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
@@ -114,10 +115,10 @@ def rejected(command, tmp_path):
     The command must leave nothing behind.
     """
 
-    def run(line, *arguments):
+    def run(line, *arguments, ends=ExitCode.REFUSED):
         before = sorted(tmp_path.rglob("*"))
         code, out, err = command(line, *arguments)
-        assert (code, out) == (1, "")
+        assert (code, out) == (ends, "")
         assert err.startswith("error: ") and err.count("\n") == 1 and len(err) < 600
         assert sorted(tmp_path.rglob("*")) == before
         return err

@@ -13,12 +13,10 @@ from barn_eval.commands.options import (
     reporter,
     run_option,
 )
+from barn_eval.commands.run import exit_code
 from barn_eval.studies.ab import ab
 from barn_worlds.base.config import as_dict
-
-# Not 3, which says that trials have no score.
-WORSE = 4
-"""Exit code if HEAD is worse."""
+from barn_worlds.base.errors import ExitCode
 
 
 @click.command("ab")
@@ -77,4 +75,6 @@ def command(
         click.echo(result.markdown())
     # To standard error, so that a job can post the output as it is.
     print_notes(f"BASE in {base_folder}, HEAD in {head_folder}")
-    return WORSE if result.decision == "worse" else 0
+    if result.decision == "worse":
+        return ExitCode.WORSE
+    return exit_code(result.results)

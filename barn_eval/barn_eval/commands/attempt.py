@@ -22,12 +22,10 @@ from barn_eval.commands.options import (
 from barn_eval.commands.tables import table
 from barn_eval.ros.work import require_ros
 from barn_eval.running.request import RunRequest, read_request
+from barn_worlds.base.errors import ExitCode
 
 if TYPE_CHECKING:
     from barn_eval.ros.attempt import Attempt
-
-_NOT_READY = 3
-"""Exit code if the planner sends no commands."""
 
 
 @click.command("try")
@@ -78,7 +76,7 @@ def command(as_json: bool, **planner: str | None) -> int:
         # In one line, to be copied.
         if attempt.topics:
             click.echo(line)
-    return 0 if drives else _NOT_READY
+    return ExitCode.DONE if drives else ExitCode.NOT_SCORED
 
 
 def _rows(attempt: Attempt) -> list[tuple[str, str]]:

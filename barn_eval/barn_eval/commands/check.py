@@ -1,5 +1,7 @@
 """`barn check`, `submit` and `verify`: whether results follow from recordings."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -7,7 +9,6 @@ import click
 
 from barn_eval.api.results import Results
 from barn_eval.commands.options import (
-    FILE,
     console,
     count_option,
     file_option,
@@ -18,10 +19,12 @@ from barn_eval.commands.options import (
     print_json,
     print_notes,
 )
+from barn_eval.results.run_file import RUN_FILE
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.submission import submit as write_submission
 from barn_eval.verification.submission import verify as verify_submission
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import BarnError, ExitCode, FindingError
 from barn_worlds.base.files import create_folder
 
 # What `barn verify` prints of a submission.
@@ -60,7 +63,7 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
     together. FOLDER is of a run, finished or not. Exit code 1 if anything is
     wrong, with a line for each.
     """
-    with notes.status("checking"):
+    with _findings_in(folder / RUN_FILE, "checking"):
         check = check_folder(folder, sample=sample)
     # None in the JSON output says that no trial was to be run again.
     is_reproduced = None
@@ -77,7 +80,19 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
         print_check(check)
         if is_reproduced:
             console.print(f"{rerun} is reproduced")
-    return 1 if check.problems else 0
+    return ExitCode.FINDINGS if check.problems else ExitCode.DONE
+
+
+@contextmanager
+def _findings_in(path: Path, status: str) -> Iterator[None]:
+    """Show a status; raise any error in reading as a finding, if the file exists."""
+    try:
+        with notes.status(status):
+            yield
+    except BarnError as error:
+        if not path.exists():
+            raise
+        raise FindingError(str(error)) from None
 
 
 def _rerun(results: Results, trial: str) -> str:
@@ -122,7 +137,7 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 
 
 @click.command("verify")
-@click.argument("file", type=FILE)
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @folder_option(
     "--out",
     help="Folder to unpack into what holds, such as for `barn leaderboard`.",
@@ -137,7 +152,7 @@ def verify(file: Path, out: Path | None, as_json: bool) -> None:
     """
     # What does not hold must not be left in a folder that others then rank.
     with TemporaryDirectory() if out is None else create_folder(out) as folder:
-        with notes.status("verifying"):
+        with _findings_in(file, "verifying"):
             check, submission = verify_submission(file, Path(folder))
         is_valid = not check.problems
         if as_json:
@@ -149,4 +164,4 @@ def verify(file: Path, out: Path | None, as_json: bool) -> None:
             console.print("holds" if is_valid else "does not hold")
         # Leaving the context by an exception keeps the folder from being created.
         if not is_valid:
-            click.get_current_context().exit(1)
+            click.get_current_context().exit(ExitCode.FINDINGS)

@@ -30,12 +30,7 @@ from barn_eval.pages.latex import paper_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
 from barn_worlds.base.config import as_dict
-
-WORSE = 4
-"""Exit code if B is worse than A by more than a margin."""
-
-NOT_SHOWN = 5
-"""Exit code if that is neither shown nor ruled out."""
+from barn_worlds.base.errors import ExitCode
 
 
 @click.command("compare")
@@ -116,8 +111,8 @@ def command(
     print_output(as_json, content, *renderables)
 
     if "worse" in outcomes:
-        return WORSE
-    return NOT_SHOWN if "not shown" in outcomes else 0
+        return ExitCode.WORSE
+    return ExitCode.NOT_SHOWN if "not shown" in outcomes else ExitCode.DONE
 
 
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)

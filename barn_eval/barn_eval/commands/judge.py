@@ -15,7 +15,7 @@ from barn_eval.commands.options import (
     path_argument,
     print_notes,
 )
-from barn_eval.commands.run import NOT_SCORED, print_results
+from barn_eval.commands.run import exit_code, print_results
 from barn_eval.running.judge import JudgeOptions, judge
 from barn_eval.running.reporting import describe_end
 from barn_worlds.base.config import fields_of
@@ -60,4 +60,4 @@ def command(
         if row.remarks:
             print_notes(f"  {row.remarks}")
     print_results(run, results, as_json, show_all=False)
-    return 0 if all(row.is_scored for row in results) else NOT_SCORED
+    return exit_code(results)

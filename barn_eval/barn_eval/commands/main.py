@@ -7,6 +7,7 @@ page for each subcommand.
 import json
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -17,7 +18,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
-from barn_worlds.base.errors import BarnError, suggest
+from barn_worlds.base.errors import BarnError, ExitCode, suggest
 from barn_worlds.base.garbage import reduce_garbage_collection
 
 _FILE = Path(__file__).parents[1] / "data" / "commands.json"
@@ -171,9 +172,7 @@ def cli() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the `barn` command with these arguments, by default sys.argv's, and exit.
 
-    Exit codes: 0 is success; 1 is a mistake in the input, in one line; 3 means that
-    trials have no score, because something other than the planner failed, or that no
-    planner drove to the end of any trial; 130 means interrupted.
+    `ExitCode` has the exit codes.
     """
     reduce_garbage_collection()
     sys.exit(_run(arguments))
@@ -186,15 +185,15 @@ def _run(arguments: Sequence[str] | None) -> int:
         result = cli.main(args=arguments, prog_name="barn", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
-        return 0
+        return ExitCode.DONE
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
-        return 130
+        return ExitCode.INTERRUPTED
     except BrokenPipeError:
         # The reader of the output is gone. At exit, the interpreter would flush what is
         # left and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return ExitCode.READER_GONE
     except (
         BarnError,
         click.ClickException,
@@ -204,8 +203,12 @@ def _run(arguments: Sequence[str] | None) -> int:
     ) as error:
         # Messages of YAML and libraries may have several lines.
         click.echo("error: " + " ".join(_describe(error).split()), err=True)
-        return 1
-    return result if isinstance(result, int) else 0
+        return error.exit_code if isinstance(error, BarnError) else ExitCode.REFUSED
+    except Exception:
+        # A fault of the suite's own must not look like a finding.
+        traceback.print_exc()
+        return ExitCode.REFUSED
+    return result if isinstance(result, int) else ExitCode.DONE
 
 
 def _describe(error: Exception) -> str:

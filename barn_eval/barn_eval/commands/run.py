@@ -52,16 +52,13 @@ from barn_eval.running.request import RunRequest, read_request
 from barn_eval.running.setting_folders import LATENCY
 from barn_eval.running.settings import Setting, grid, read_sweep
 from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
-from barn_eval.trials.result import Rows
+from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.ros_config import MODES, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, ExitCode
 from barn_worlds.datasets.dataset import open_dataset
-
-NOT_SCORED = 3
-"""Exit code of a run with trials that have no score."""
 
 _RUN = RunConfig()
 _EXECUTION = ExecutionConfig()
@@ -238,9 +235,7 @@ def execute(
     view: bool = False,
     show_all: bool = False,
 ) -> int:
-    """Run the missing trials of a run, print all results and return exit code 0 or 3.
-
-    It is 3 if a trial has no score, or no planner drove to the end of any.
+    """Run the missing trials of a run, print all results and return the exit code.
 
     Args:
         request: The run and its folder.
@@ -264,11 +259,21 @@ def execute(
 
 
 def _finish(request: RunRequest, results: Rows, as_json: bool, show_all: bool) -> int:
-    """Print all results of a run and return exit code 0 or 3."""
+    """Print all results of a run and return the exit code."""
     print_results(request, results, as_json, show_all)
+    return exit_code(results)
+
+
+def exit_code(results: Rows) -> int:
+    """Return whether all trials of a run have a score, and a planner drove any to its end.
+
+    Args:
+        results: All rows of the run.
+    """
     is_driven = any(row.outcome not in UNDRIVEN_OUTCOMES for row in results)
-    is_complete = all(row.is_scored for row in results)
-    return 0 if is_complete and is_driven else NOT_SCORED
+    if is_driven and all(row.is_scored for row in results):
+        return ExitCode.DONE
+    return ExitCode.NOT_SCORED
 
 
 def _run_observed(
@@ -298,11 +303,12 @@ def _run_observed(
 def _run_settings(
     settings: Sequence[Setting], reporter: Reporter, *, overwrite: bool, as_json: bool
 ) -> int:
-    """Run all settings in turn, print them, the best first, and return exit code 0."""
+    """Run all settings in turn, print them, the best first; return the exit code."""
+    results: list[TrialResult] = []
     for number, setting in enumerate(settings, 1):
         print_notes(f"setting {number} of {len(settings)}: {setting.name}")
         setting.write_parameter_files()
-        run_request(setting.request, reporter, overwrite=overwrite)
+        results += run_request(setting.request, reporter, overwrite=overwrite)
 
     # Settings are ranked from their folders, with those of earlier sessions.
     folder = settings[0].request.out.parent
@@ -316,7 +322,7 @@ def _run_settings(
         rich_table(sweep_table(board)),
     )
     print_notes(f"folders of settings in {folder}; barn report {folder} draws them")
-    return 0
+    return exit_code(results)
 
 
 def print_results(

@@ -24,13 +24,15 @@ from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import finish_trial
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ExitCode
 
 _WAIT_S = 1.0
 
 
 class RunError(BarnError):
     """A run that has to stop; the results so far are kept."""
+
+    exit_code = ExitCode.NOT_SCORED
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import RunRequest, parse_parameters, read_request
 from barn_eval.running.run import make_shared_pool, open_run
 from barn_eval.trials import identity
+from barn_eval.trials.result import Rows
 from barn_eval.trials.run_config import PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
@@ -56,6 +57,8 @@ class AbResult:
     folders: tuple[Path, Path]
     # HEAD (a) with BASE (b).
     comparison: Comparison
+    # Scored rows of both.
+    results: Rows
 
     def markdown(self) -> str:
         """Return the result as Markdown for a pull request; posts nothing."""
@@ -141,6 +144,7 @@ def ab(
         (base, head),
         (sides[0].out, sides[1].out),
         replace(comparison, notes=tuple(find_mixture(entries))),
+        [*base_results, *head_results],
     )
 
 

@@ -39,7 +39,7 @@ from barn_eval.verification.check import (
 )
 from barn_eval.verification.plausibility import JUDGED_OUTCOMES
 from barn_eval.verification.rerun import drive_by_planner
-from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.errors import ConfigError, FindingError, format_value
 from barn_worlds.base.files import (
     ZIP_ERRORS,
     open_regular,
@@ -82,8 +82,8 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         What the check has found.
 
     Raises:
-        ConfigError: Anything is wrong, or the worlds are those of a file that nobody
-            else has.
+        FindingError: Anything is wrong.
+        ConfigError: The worlds are those of a file that nobody else has.
     """
     folder = Path(folder)
     if not _CONTAINER.fullmatch(container):
@@ -92,7 +92,8 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             " a name and @ if wanted"
         )
     check = check_folder(folder)
-    problems = list(check.problems)
+    # `verify` takes what cannot be checked for wrong.
+    problems = [*check.problems, *check.unchecked]
     if check.rows != check.trials:
         problems.append(f"has {check.rows} of {check.trials} trials")
     run_file = RunFile.read(folder)
@@ -104,7 +105,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     if other_task:
         problems.append(f"{other_task}{run_file.origin_note()}")
     if problems:
-        raise ConfigError(f"{folder}: is not to be submitted: {problems[0]}")
+        raise FindingError(f"{folder}: is not to be submitted: {problems[0]}")
     _require_available_worlds(run_file)
 
     files = {}
@@ -112,7 +113,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         if (folder / name).is_file():
             files[name] = read_bytes(folder / name, _MAX_BYTES)
     if COMMANDS_FILE not in files:
-        raise ConfigError(
+        raise FindingError(
             f"{folder}: is not to be submitted: has no {COMMANDS_FILE}"
             f"{run_file.origin_note()}"
         )

@@ -1,13 +1,15 @@
 """The command line.
 
-Every command runs, and every mistake is one line, exit code 1 and nothing half-written.
+Every command runs, and every mistake is one line, exit code 2 and nothing half-written.
 """
 
 import json
 import os
+import re
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,19 +19,23 @@ from text_tables import answers_of
 from waiting import barn_words, run_python
 
 from barn_eval import __version__
+from barn_eval.api import suite
 from barn_eval.commands.main import COMMANDS
 from barn_eval.results.folder import read_results
 from barn_eval.results.provenance import commit
 from barn_eval.results.run_file import RunFile
+from barn_eval.running import direct
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
+from barn_worlds.base.errors import ExitCode
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.dataset_file import write_dataset_file
 
+ROOT = Path(__file__).resolve().parents[3]
 INLINE = "--execution engine=inline"  # which starts no worker
 
 
@@ -328,10 +334,39 @@ def test_a_reader_that_leaves_early_is_no_error(tmp_path):
     listing = barn_words("worlds list barn300 --json")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(listing, cwd=tmp_path, **pipes) as child:
-        child.stdout.read(10)
         child.stdout.close()
         assert child.stderr.read() == b""
-        child.wait(timeout=600)
+        assert child.wait(timeout=600) == ExitCode.READER_GONE
+
+
+def test_exit_codes_are_those_of_the_table():
+    page = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    _, _, section = page.partition("## Exit codes")
+    codes = re.findall(r"^\| (\d+) \|", section.partition("\n## ")[0], re.MULTILINE)
+    assert list(map(int, codes)) == sorted(ExitCode)
+
+
+def test_a_fault_of_the_suite_is_no_finding(command, monkeypatch):
+    monkeypatch.setattr(suite, "info", lambda: 1 / 0)
+    code, _, err = command("info")
+    assert code == ExitCode.REFUSED and "ZeroDivisionError" in err
+
+
+@pytest.mark.parametrize(
+    ("reason", "code"),
+    [("raises", ExitCode.NOT_SCORED), ("interrupts", ExitCode.INTERRUPTED)],
+)
+def test_a_run_in_which_nothing_drove_ends_with_a_code_of_its_own(
+    command, tiny, monkeypatch, reason, code
+):
+    def make(*_):
+        raise KeyboardInterrupt if reason == "interrupts" else RuntimeError
+
+    monkeypatch.setattr(direct, "make_planner", make)
+    run = f"run --dataset {tiny} --worlds 0 --planner gap --protocol challenge"
+    assert command(f"{run} --out out {INLINE}")[0] == code
+    sweep = "--sweep gap.max_speed_mps=0.3,0.5 --out sweep"
+    assert command(f"{run} {sweep} {INLINE}")[0] == code
 
 
 def test_every_planner_and_protocol_is_listed_and_shown(succeed):

@@ -18,6 +18,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_worlds.base.errors import ExitCode
 
 # Hash of all keys of rows and run.json by schema. Where the keys have changed, raise
 # SCHEMA_VERSION in barn_eval.trials.result and add its hash; hashes never change.
@@ -116,7 +117,7 @@ def test_what_another_version_computes_is_not_called_wrong(folder):
 def test_what_another_version_drove_is_not_submitted(folder, rejected):
     make_old(folder)
     (folder / "commands.jsonl").touch()
-    error = rejected(f"submit {folder}")
+    error = rejected(f"submit {folder}", ends=ExitCode.FINDINGS)
     assert "is not to be submitted" in error and "run.json: describes task" in error
 
 
@@ -228,7 +229,9 @@ def test_the_commit_in_a_message_is_a_commit(folder, rejected):
     with edit_run(folder) as content:
         content["sessions"][0]["commit"] = "0+\nerror: \x1b[2J"
         content["schema_version"] = 9
-    assert "(written at an unknown commit, this is " in rejected(f"check {folder}")
+    assert "(written at an unknown commit, this is " in rejected(
+        f"check {folder}", ends=ExitCode.FINDINGS
+    )
 
 
 def test_what_is_damaged_is_wrong_in_an_older_folder_as_well(folder):
@@ -283,7 +286,7 @@ def test_a_folder_that_cannot_be_read_is_named_with_its_commit(
         content["sessions"][0]["commit"] = OLD_COMMIT
         content["schema_version"] = 2
     replace_text(folder / "run.json", old, new)
-    error = rejected(f"check {folder}")
+    error = rejected(f"check {folder}", ends=ExitCode.FINDINGS)
     assert words in error
     assert "(written at e6873c24, this is " in error
 

@@ -25,6 +25,7 @@ from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_planners.gap.planner import ENTRY
 from barn_planners.interface import Planner
 from barn_worlds.base.compute import Compute, CycleTimer
+from barn_worlds.base.errors import ExitCode
 
 FAST = 60.0  # pace of the machine that this one is taken for, so that little has to be burnt
 
@@ -208,7 +209,7 @@ def test_latency_drives_each_planner_at_each_delay(command, printed, tmp_path):
     assert [axes.get_xlabel() for axes in panels] == ["delay of commands [s]"] * 3
     gap, dwa = (line for line in panels[0].lines if line.get_linestyle() == "-")
     assert [*dwa.get_ydata(), *gap.get_ydata()] == list(again["challenge"])
-    assert command(run, "--latency", "0,x")[0] == 1
+    assert command(run, "--latency", "0,x")[0] == ExitCode.REFUSED
 
 
 def test_lockstep_over_ros_charges_what_one_process_does(tmp_path):

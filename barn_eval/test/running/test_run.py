@@ -24,6 +24,7 @@ from barn_eval.results.folder import read_results
 from barn_eval.ros.work import run_request
 from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import read_request
+from barn_worlds.base.errors import ExitCode
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +144,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(whole, small_disk):
     filler = small_disk / "filler"
     filler.write_bytes(bytes(232 * 1024))
     code, errors = runs.run(whole[0], f"--out {out} --workers 2")
-    assert code == 1
+    assert code == ExitCode.REFUSED
     assert "No space left on device" in errors
     assert errors.count("error:") == 1
     rows = runs.rows(out)

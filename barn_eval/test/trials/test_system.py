@@ -22,6 +22,7 @@ from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import RunningTrial, finish_trial
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.errors import ExitCode
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 
 ROBOT = System("jackal 42", "robot", "/odom", "odom", "stamps", "none")
@@ -149,7 +150,8 @@ def test_check_says_that_observed_trials_are_not_driven_again(folders):
 
 
 def test_what_was_observed_is_not_submitted(folders, rejected):
-    assert "observed, not driven again" in rejected(f"submit {folders[1]}")
+    error = rejected(f"submit {folders[1]}", ends=ExitCode.FINDINGS)
+    assert "observed, not driven again" in error
 
 
 def test_an_observed_folder_is_read_as_it_was_written(folders):

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from barn_eval.results.rows import seal_line, unseal_line
 from barn_eval.running import direct
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.verification.submission import submit
+from barn_worlds.base.errors import ExitCode
 
 ROOT = Path(__file__).resolve().parents[3]
 DIGEST = "sha256:" + "ab" * 32
@@ -209,7 +211,7 @@ def test_what_is_no_submission_is_refused_in_one_line(
     submitted, rejected, tmp_path, change, changes, words
 ):
     path = rewritten(submitted, tmp_path / "again.barn.zip", change, **changes)
-    assert words in rejected(f"verify {path}")
+    assert words in rejected(f"verify {path}", ends=ExitCode.FINDINGS)
 
 
 def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(
@@ -217,7 +219,7 @@ def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(
 ):
     for content in (submitted.read_bytes()[:-100], b"PK\x05\x06", b"", b"rows"):
         (tmp_path / "bad.zip").write_bytes(content)
-        error = rejected("verify bad.zip")
+        error = rejected("verify bad.zip", ends=ExitCode.FINDINGS)
         assert "not a submission, or a damaged one" in error
 
 
@@ -226,9 +228,10 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(
 ):
     folder = Path(shutil.copytree(run, tmp_path / "out"))
     forge(folder, scores__challenge=7.0)
-    assert "is not to be submitted: " in rejected(f"submit {folder}")
+    findings = partial(rejected, f"submit {folder}", ends=ExitCode.FINDINGS)
+    assert "is not to be submitted: " in findings()
     (folder / "results.jsonl").write_text("")
-    assert "has 0 of 1 trials" in rejected(f"submit {folder}")
+    assert "has 0 of 1 trials" in findings()
     assert "container 'me'" in rejected(f"submit {run} --container me")
 
 

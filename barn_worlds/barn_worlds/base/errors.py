@@ -6,6 +6,7 @@ import multiprocessing
 import reprlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from enum import IntEnum
 from functools import cache
 from os import PathLike
 from types import FunctionType
@@ -49,8 +50,23 @@ _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = _LONGEST_VALUE
 
 
+class ExitCode(IntEnum):
+    """How a command has ended; docs/troubleshooting.md has them in a table."""
+
+    DONE = 0
+    FINDINGS = 1
+    REFUSED = 2
+    NOT_SCORED = 3
+    WORSE = 4
+    NOT_SHOWN = 5
+    INTERRUPTED = 130
+    READER_GONE = 141
+
+
 class BarnError(Exception):
     """A mistake in the input: path or parameter, its value and what is allowed."""
+
+    exit_code = ExitCode.REFUSED  # of a command that it ends
 
     def __str__(self) -> str:
         """Return the message, without its middle if it is too long."""
@@ -62,6 +78,12 @@ class BarnError(Exception):
 
 class ConfigError(BarnError):
     """A configuration value or key that is not allowed."""
+
+
+class FindingError(ConfigError):
+    """What is in a file that a command was to check does not hold."""
+
+    exit_code = ExitCode.FINDINGS
 
 
 class WorldError(BarnError):

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from barn_worlds.base.errors import ExitCode
 from fault_cases.campaigns import shifted_clock
 from fault_cases.direct import gap_run
 from fault_cases.kit import Lab, Skipped, case, ending, hold
@@ -100,7 +101,7 @@ def too_few_handles(lab: Lab) -> str:
     """
     limit = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (12, 12))
     ended = lab.barn(*gap_run(lab), "--bags", "none", code=None, before=limit)
-    hold(ended.code in (0, 1), ended.text)
+    hold(ended.code in (0, ExitCode.REFUSED, ExitCode.NOT_SCORED), ended.text)
     return ended.error[:200] if ended.code else ending(lab.row())
 
 

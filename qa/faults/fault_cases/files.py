@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+from barn_worlds.base.errors import ExitCode
 from fault_cases.campaigns import (
     campaign,
     expect_tables,
@@ -107,6 +108,6 @@ def folder_removed(lab: Lab) -> str:
     run = start_two_rows(lab)
     lab.out.rename(lab.folder / "gone")
     shutil.rmtree(lab.folder / "gone")
-    error = lab.finish(run, 1).error
+    error = lab.finish(run, ExitCode.REFUSED).error
     hold(str(lab.out) in error, error)
     return f"{resume(lab)}; {error[:160]}"

@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 from processes import MARK, list_marked
 
-from barn_eval.commands.run import NOT_SCORED
 from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
+from barn_worlds.base.errors import ExitCode
 from fault_cases.system import command_line, kill
 
 T = TypeVar("T")
@@ -208,7 +208,7 @@ class Lab:
             and ended.code
             and all(row["outcome"] in UNDRIVEN_OUTCOMES for row in self.rows())
         )
-        due = NOT_SCORED if failed else code
+        due = ExitCode.NOT_SCORED if failed else code
         hold(
             code is None or ended.code == due,
             f"exit code {ended.code}, not {due}: {ended.text[-800:]}",
@@ -219,9 +219,11 @@ class Lab:
         """Run `barn` to its end."""
         return self.finish(self.start(*arguments, **how), code)
 
-    def expect_refusal(self, *arguments: object, **how: Any) -> str:
+    def expect_refusal(
+        self, *arguments: object, code: int = ExitCode.REFUSED, **how: Any
+    ) -> str:
         """Run `barn`, which must refuse in one line, and return that."""
-        return self.barn(*arguments, code=1, **how).error
+        return self.barn(*arguments, code=code, **how).error
 
     def until(self, condition: Callable[[], T], what: str) -> T:
         """Wait for a condition and return its value."""

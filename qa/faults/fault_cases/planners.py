@@ -7,6 +7,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
+from barn_worlds.base.errors import ExitCode
 from fault_cases.kit import (
     TESTS,
     Ended,
@@ -233,7 +234,7 @@ for _kind, _done in (
 
 def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
     planner = by_command(SCRIPT, kind, lab.folder)
-    refusal = lab.expect_refusal(*ros(lab, *planner))
+    refusal = lab.expect_refusal(*ros(lab, *planner), code=ExitCode.NOT_SCORED)
     hold(words in refusal, refusal)
     hold(not lab.rows(), "there is a row")
     return refusal.partition(";")[0]
@@ -257,7 +258,7 @@ for _kind, _done, _words in (
         "exited with code 0 at its start",
     ),
 ):
-    _must = "After three starts the run ends with one line that quotes the planner's log; exit code 1."
+    _must = "After three starts the run ends with one line that quotes the planner's log; exit code 3."
     add(FAMILY, _kind, _done, _must, partial(_expect_refusal, kind=_kind, words=_words))
 for _kind, _done, _detail in (
     ("never-ready", "The planner sleeps before it has a node.", "/cmd_vel"),
@@ -343,8 +344,7 @@ def does_not_exist(lab: Lab) -> str:
 
     Refused in one line that names it.
     """
-    refusal = lab.expect_refusal(
-        *ros(lab, "--planner-command", "x=/no/such/planner --fast")
-    )
+    words = ros(lab, "--planner-command", "x=/no/such/planner --fast")
+    refusal = lab.expect_refusal(*words, code=ExitCode.NOT_SCORED)
     hold("/no/such/planner: No such file" in refusal, refusal)
     return refusal

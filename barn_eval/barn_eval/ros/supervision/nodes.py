@@ -2,6 +2,7 @@
 
 import os
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -258,6 +259,9 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
         each library.
     """
     defaults = dict.fromkeys((*_BUFFERS, *_THREADS), "1")
+    # rclpy does not start without a folder for its logs, and services have no home.
+    if not os.access(inherited.get("HOME", ""), os.W_OK):
+        defaults["ROS_LOG_DIR"] = tempfile.gettempdir()
     fixed = _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
     return defaults | dict(inherited) | fixed
 
