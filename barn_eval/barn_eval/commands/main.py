@@ -5,7 +5,6 @@ page for each subcommand.
 """
 
 import json
-import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -189,11 +188,11 @@ def _run(arguments: Sequence[str] | None) -> int:
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
         return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        # The reader of the output is gone. At exit, the interpreter would flush what is
-        # left and complain.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.READER_GONE
+    except SystemExit as error:
+        # click ends so where the reader of the output is gone.
+        if error.code == 1:
+            return ExitCode.READER_GONE
+        raise
     except (
         BarnError,
         click.ClickException,

@@ -20,6 +20,7 @@ OUT/replays/                pages of replays, and bags made for them afterwards
 
 import fcntl
 import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -173,12 +174,14 @@ class ResultsFolder:
         with convert_os_errors(StoreError, f"{self.path}: cannot be written"):
             is_same = os.path.samestat(self.path.stat(), self._stat)
         # A planner that moves the folder away would have its trials a second time.
+        trial_id = record.result.trial_id
         if not is_same:
+            # Whatever drives the trial again will say that it had ended before.
+            self.write_note(LOSSES, trial_id, "its row is lost: the folder was moved")
             raise StoreError(
                 f"{self.path}: is not the folder any more that this run began; somebody"
-                " moved that"
+                f" moved that, and {trial_id} is lost"
             )
-        trial_id = record.result.trial_id
         if trial_id in self._completed_ids:
             raise ValueError(f"trial {trial_id} has a result already")
         if record.commands is not None:
@@ -207,6 +210,15 @@ class ResultsFolder:
             path.parent.mkdir(exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"{now} {text}\n")
+
+    def count_losses(self, trial_id: str) -> int:
+        """Return how many attempts at a trial gave no result, in any session."""
+        try:
+            text = (self.path / LOSSES / f"{trial_id}.txt").read_text("utf-8")
+        except FileNotFoundError:
+            return 0
+        # Each note begins with its time; further lines are of a traceback.
+        return len(re.findall(r"^\d{4}-\d\d-\d\dT", text, re.MULTILINE))
 
     def complete(self) -> list[TrialResult]:
         """Write the result tables, sort tracks.jsonl, and return all rows.
@@ -418,12 +430,12 @@ def select_scored(run_file: RunFile, rows: Rows) -> list[TrialResult]:
 
 
 def _remove_results(path: Path, *, logs: bool) -> None:
-    """Delete what a run has written in a folder, nothing else; logs if `logs`."""
+    """Delete what a run has written; logs and notes of lost attempts if `logs`."""
     lines = (ROWS_FILE, TRACKS_FILE, COMMANDS_FILE)
     for name in (RUN_FILE, *lines, *TABLE_FILES, WORLDS, WORLDS_MANIFEST):
         (path / name).unlink(missing_ok=True)
 
-    for name in (BAGS, LOSSES, TRACEBACKS):
+    for name in (BAGS, TRACEBACKS, *((LOSSES,) if logs else ())):
         # Only what has the name of a trial: users may keep files of their own here.
         for entry in (path / name).glob("*_w[0-9]*_r[0-9]*"):
             # What a link leads to is not of this run.

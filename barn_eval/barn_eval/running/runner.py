@@ -180,7 +180,9 @@ class _Loop:
                 wall_clock,
                 started_at=report.started_at,
                 worker=report.worker,
-                attempts=max(wall_clock.attempts, self.losses[trial_id] + 1),
+                attempts=max(
+                    wall_clock.attempts, self.folder.count_losses(trial_id) + 1
+                ),
             ),
         )
         # The row is on the disk before the trial counts as done.

@@ -26,6 +26,7 @@ from barn_eval.results.rows import (
     unseal_line,
 )
 from barn_eval.results.run_file import SUBMISSION_FILE, RunFile
+from barn_eval.results.store import LOGS
 from barn_eval.results.tracks import parse_track_line, parse_trial_line
 from barn_eval.running.local_pool import LocalPool
 from barn_eval.running.pool import (
@@ -130,6 +131,11 @@ class _Checker:
         commands = self._read_trials(COMMANDS_FILE, _name_trial)
         result.rows = len(rows)
         result.tracks = len(tracks)
+
+        for path in self._folder.rglob("*"):
+            # What a link leads to can be changed without a trace in the folder.
+            if path.is_symlink() and LOGS not in path.relative_to(self._folder).parts:
+                result.problems.append(f"{path}: is a link")
 
         is_submission = (self._folder / SUBMISSION_FILE).exists()
         if not self._run_file.sessions:

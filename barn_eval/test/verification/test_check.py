@@ -123,6 +123,10 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
             "results.parquet: has 2000000 rows or columns that",
         ),
         (
+            lambda out: (out / "bags" / "linked").symlink_to(out / "run.json"),
+            "bags/linked: is a link",
+        ),
+        (
             lambda out: (out / "results.csv").unlink(),
             "results.csv: is missing, though all trials have rows",
         ),

@@ -3,6 +3,7 @@
 import signal
 import sys
 
+from barn_worlds.base.errors import ExitCode
 from fault_cases.kit import Lab, Skipped, case, hold, repeatable
 from fault_cases.processes import FAMILY, run_undisturbed, same, start_driving, words
 from fault_cases.system import kill
@@ -17,7 +18,7 @@ def two_runs_in_one_folder(lab: Lab) -> str:
     both = [lab.start(*words(lab)) for _ in range(2)]
     ended = [lab.finish(run, None) for run in both]
     hold(
-        sorted(session.code for session in ended) == [0, 1],
+        sorted(session.code for session in ended) == [0, ExitCode.REFUSED],
         [session.text[-300:] for session in ended],
     )
     refusal = next(session.error for session in ended if session.code)
@@ -64,6 +65,7 @@ def domain_in_use(lab: Lab) -> str:
         "--out",
         lab.folder / "second",
         environment=domain,
+        code=ExitCode.NOT_SCORED,
     )
     hold("ROS_DOMAIN_ID 77" in refusal, refusal)
     kill(first, signal.SIGCONT)

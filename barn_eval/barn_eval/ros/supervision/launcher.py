@@ -166,9 +166,11 @@ def _mount_views(results: str, command: list[str]) -> bool:
         _hide(Path(results).absolute(), command)
     if _LIBC.mount(b"proc", b"/proc", b"proc", 0, None):
         return False
-    # The user root could otherwise change settings of the kernel.
-    for name in _KERNEL_FOLDERS:
-        if Path(name).exists():
+    # The user root could otherwise change settings of the kernel, or freeze the suite.
+    mounts = Path("/proc/self/mountinfo").read_text().splitlines()
+    names = [line.split()[4] for line in mounts]
+    for name in (*_KERNEL_FOLDERS, *names):
+        if name.startswith(("/proc/", "/sys")) and Path(name).exists():
             _bind(Path(name), _MS_RDONLY)
     return True
 
