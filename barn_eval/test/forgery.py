@@ -59,9 +59,10 @@ def replace_text(path, old, new):
 
 
 def without_bags(folder):
-    """Make of a folder one that never kept bags."""
+    """Make of a folder one that never kept bags, and return it."""
     shutil.rmtree(folder / "bags")
     replace_text(folder / "run.json", '"bags": "all"', '"bags": "none"')
+    return folder
 
 
 def won(row, time_s=10.0):

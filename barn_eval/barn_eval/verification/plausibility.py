@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.results.tracks import CHANNELS, Track
+from barn_eval.results.tracks import CHANNELS, PERIOD_S, Track
 from barn_eval.trials.identity import first_difference, flatten
 from barn_eval.trials.outcome import ENVIRONMENT, PLANNER, SIMULATOR, Outcome, Verdict
 from barn_eval.trials.result import SCHEMA_VERSION, TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory, TrajectoryLog
+from barn_eval.trials.trajectory import NEAR_CONTACT_M, Trajectory, TrajectoryLog
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import as_dict
 
@@ -55,17 +55,20 @@ def recompute_row(
         verdict: How it ended.
         trajectory: What the robot did.
     """
+    # In one process there is nobody who could say more of a trial than its planner.
+    said = {}
+    if row.mode == "ros":
+        said = {"planner_verdict": row.planner_verdict, "remarks": row.remarks}
     finished = finish_trial(
         spec,
         row.mode,
         verdict,
         trajectory,
         recoveries=row.recoveries,
-        planner_verdict=row.planner_verdict,
-        remarks=row.remarks,
         delays=row.delays,
         observed=row.observed,
         schema_version=row.schema_version,
+        **said,
     )
     # Another version may call the same task otherwise; run.json decides which it was.
     # Only old rows may name none.
@@ -164,12 +167,28 @@ def _find_excess(row: TrialResult, spec: TrialSpec) -> Iterator[str]:
 
     speed_mps = measures.mean_speed_mps or 0.0
     speed_error_m = abs(speed_mps * duration_s - measures.driven_m)
+    # Observed trials have readings at rates of their own.
+    readings = math.inf
+    if row.observed is None:
+        readings = duration_s / spec.simulator.control_period_s + 1.0
     limits = (
+        ("recoveries", row.recoveries or 0, readings / 2.0),
+        ("measures.unanswered_cycles", measures.unanswered_cycles or 0, readings),
         ("scores.duration_s", duration_s, longest_s),
         ("scores.traversal_time_s", time_s, duration_s),
         ("measures.contact_s", measures.contact_s or 0.0, duration_s),
         ("measures.near_contact_s", measures.near_contact_s or 0.0, duration_s),
         ("measures.driven_m", measures.driven_m, longest_m),
+        (
+            "measures.rms_speed_step_mps",
+            measures.rms_speed_step_mps or 0.0,
+            measures.speed_variation_mps or 0.0,
+        ),
+        (
+            "measures.rms_turn_step_radps",
+            measures.rms_turn_step_radps or 0.0,
+            measures.turn_variation_radps or 0.0,
+        ),
         ("measures.mean_speed_mps", speed_error_m, 0.0),
     )
     for key, value, largest in limits:
@@ -224,6 +243,8 @@ def compare_with_track(
     if abs(end_s - duration_s) > step["time"]:
         yield f"lasted {end_s:.2f} s by its track, {duration_s:.2f} s by its row"
 
+    yield from _compare_sums(row, track)
+
     # By scans, clearances do not follow from poses.
     gaps = np.empty(0)
     if row.observed is None or row.observed.clearance_by == "world":
@@ -235,6 +256,48 @@ def compare_with_track(
     if len(gaps) and (clearance - gaps).max() > rounding_m:
         yield "was farther from obstacles by its track than its poses are in its world"
     yield from _compare_ends(row, spec, track)
+
+
+def _compare_sums(row: TrialResult, track: Track) -> Iterator[str]:
+    """Yield a problem for each sum or mean that the samples of a track do not allow.
+
+    A sample has the smallest clearance, and any contact, since the one before.
+    """
+    measures = row.measures
+    step = dict(zip(CHANNELS, track.steps.tolist(), strict=True))
+    channel = dict(zip(CHANNELS, track.samples.T, strict=True))
+    periods_s = np.diff(channel["time"], prepend=channel["time"][0])
+    slack_s = step["time"] * len(periods_s)
+    clearance = channel["clearance"]
+    near = clearance < NEAR_CONTACT_M + step["clearance"]
+    # What happened in a period is at most all of it.
+    for key, value, mask in (
+        ("contact_s", measures.contact_s, track.contact),
+        ("near_contact_s", measures.near_contact_s, near),
+    ):
+        longest_s = periods_s[mask].sum() + slack_s
+        if value is not None and value > longest_s:
+            yield f"{key} is {value:.2f} in the row, {longest_s:.2f} at most by its track"
+
+    turns = np.diff(channel["yaw"])
+    turns = (turns + np.pi) % (2.0 * np.pi) - np.pi
+    least = {"rotation_rad": np.abs(turns).sum() - step["yaw"] * len(turns)}
+    if periods_s.any():
+        # The first reading counts as any other, but no time has passed before it.
+        first_m = np.abs(clearance).max() * PERIOD_S / periods_s.sum()
+        mean_m = np.average(clearance, weights=periods_s)
+        least["mean_clearance_m"] = mean_m - first_m - step["clearance"]
+    for key, name in (
+        ("speed_variation_mps", "command_speed"),
+        ("turn_variation_radps", "command_turn"),
+    ):
+        # Between two samples, commands may have gone back and forth, but no less far.
+        changes = np.abs(np.diff(channel[name]))
+        least[key] = np.nansum(changes) - step[name] * len(changes)
+    for key, smallest in least.items():
+        value = getattr(measures, key)
+        if value is not None and value < smallest - ROUNDING:
+            yield f"{key} is {value:.3f} in the row, {smallest:.3f} at least by its track"
 
 
 def _compare_ends(row: TrialResult, spec: TrialSpec, track: Track) -> Iterator[str]:

@@ -202,8 +202,10 @@ def drive_by_planner(spec: TrialSpec, row: TrialResult) -> str:
     """
     finished = run_direct_trial(_with_planner_of_row(spec, row))
     content = finished.result.repeatable()
-    # Over ROS these come from messages.
-    ignored = ("mode", "remarks", "recoveries", "planner_verdict", "schema_version")
+    ignored: tuple[str, ...] = ("schema_version",)
+    if row.mode == "ros":
+        # There these come from messages.
+        ignored += ("mode", "remarks", "recoveries", "planner_verdict")
     difference = find_difference(
         row, content, "driven by the planner", ROUNDING, ignored
     )
@@ -342,7 +344,8 @@ def _why_not_driven(
     """Return why a trial's commands cannot be driven again, empty if they can."""
     if row.observed is not None:
         return f"observed in {row.observed.system}, not driven again"
-    if not row.is_scored:
+    # One that is not scored ends otherwise than by its readings, and may not.
+    if not row.is_scored and commands is None:
         return "not driven again, as they are not scored"
     is_inexact = row.mode == "ros" and (recorded is not None or is_current(row))
     if row.compute == REAL_TIME or (commands is None and is_inexact):

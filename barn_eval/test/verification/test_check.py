@@ -265,6 +265,21 @@ FORGERIES = {
         lambda row: {"speed_cap_mps": 0.5},
         "speed_cap_mps is 0.5 in the row",
     ),
+    "more recoveries": (lambda row: {"recoveries": 99_999}, "recoveries does not fit"),
+    "a remark": (lambda row: {"remarks": "fast"}, "remarks is 'fast' in the row"),
+    "no turns": (lambda row: {"measures__rotation_rad": 0.0}, "rotation_rad is 0.0"),
+    "steady commands": (
+        lambda row: {"measures__turn_variation_radps": 0.0},
+        "turn_variation_radps is 0.0",
+    ),
+    "less room on average": (
+        lambda row: {"measures__mean_clearance_m": 0.125},
+        "mean_clearance_m is 0.125",
+    ),
+    "long near obstacles": (
+        lambda row: {"measures__near_contact_s": row.scores.duration_s},
+        "near_contact_s is ",
+    ),
     "nobody's fault": (
         lambda row: {"fault": "environment"},
         "fault is 'environment' in the row",
@@ -292,6 +307,16 @@ def test_consistent_forgeries_are_still_detected(collided, tmp_path, name, recor
     forge(folder, **changes(barn.load(folder).trials[0]))
     problems = barn.results.check(folder).problems
     assert any(words in problem for problem in problems), problems
+
+
+def test_a_failure_does_not_become_the_environments(collided, tmp_path):
+    """Such a trial would not be scored, and be driven again."""
+    folder = without_bags(Path(shutil.copytree(collided, tmp_path / "out")))
+    forge(folder, outcome="environment_failed", fault="environment")
+    problems = barn.results.check(folder).problems
+    assert any(
+        "outcome is 'environment_failed' in the row" in line for line in problems
+    )
 
 
 def test_a_bag_that_its_commands_do_not_give_is_rejected(collided, tmp_path):
