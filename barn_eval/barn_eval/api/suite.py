@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from barn_eval.ros.isolation import probe_isolation, ros_problem
 from barn_eval.ros.work import isolation_warning
 from barn_eval.running.reporting import Reporter, make_reporter
 from barn_eval.studies.bench import BenchSetup, bench
+from barn_eval.studies.physical import measure_difficulty, write_finding
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
@@ -24,7 +25,7 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.text_files import read_package_yaml
 from barn_worlds.datasets.dataset import dataset_files
 
-__all__ = ["BenchSetup", "bench", "info", "reproduce"]
+__all__ = ["BenchSetup", "bench", "info", "reproduce", "reproduce_physical"]
 
 OPTIONAL: dict[str, list[str]] = read_package_yaml("barn_eval", "optional.yaml")
 """What needs an optional module or program, and what is off without it."""
@@ -75,6 +76,23 @@ def reproduce(
     if docs:
         folders.append(Path(docs))
     return [write_results(findings, origin, path) for path in folders]
+
+
+def reproduce_physical(
+    folders: Sequence[str | Path], out: str | Path = "out/physical"
+) -> Path:
+    """Set measured over predicted difficulty, as Fig. 8; return the page's path.
+
+    Args:
+        folders: Results of one robot or simulator, such as `barn.judge` writes; those
+            of the suite's own simulator stand beside them.
+        out: Folder of the page.
+
+    Raises:
+        BarnError: The folders do not go together, or too few worlds are known.
+    """
+    finding = measure_difficulty([Path(folder) for folder in folders])
+    return write_finding(finding, Path(out))
 
 
 def info() -> dict[str, Any]:

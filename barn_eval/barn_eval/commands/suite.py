@@ -14,6 +14,7 @@ from barn_eval.commands.options import (
     json_option,
     notes,
     parameters_option,
+    path_argument,
     print_notes,
     print_output,
     reporter,
@@ -25,13 +26,20 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 
 
 @click.command("reproduce")
+@path_argument("folders", nargs=-1)
+@flag_option(
+    "--physical",
+    help="Instead, draw the difficulty measured in FOLDERS over what the model predicts"
+    " (Fig. 8).",
+)
 @flag_option(
     "--quick",
     help="Part of the worlds, spread over their order by difficulty; minutes.",
 )
 @folder_option(
     "--out",
-    help="Folder of trials and page [default: out/results, or out/results_quick].",
+    help="Folder of trials and page [default: out/results, out/results_quick or"
+    " out/physical].",
 )
 @parameters_option("--set", "settings", "What is run", ReproduceConfig())
 @click.option(
@@ -42,13 +50,22 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
     help="Trials at a time [default: as processors].",
 )
 @folder_option("--docs", help="Write the page into this folder as well.")
-def reproduce(**options: Any) -> None:
+def reproduce(folders: tuple[Path, ...], physical: bool, **options: Any) -> None:
     """Run the paper's 3000 trials and write all of it up.
 
     OUT/results.md has Table II, times, failures, Fig. 6 and losses beside the published
     numbers, OUT/results.json every number. The same command goes on where it was
     interrupted, in OUT/campaign, and when all is done writes the same bytes again.
+
+    With --physical, FOLDERS hold trials of a robot or another simulator, as `barn
+    judge` writes them; folders of this simulator in the same worlds stand beside them.
     """
+    if physical != bool(folders):
+        raise click.UsageError("--physical takes FOLDERS, and FOLDERS take --physical")
+    if physical:
+        out = options["out"] or "out/physical"
+        print_notes(suite.reproduce_physical(folders, out))
+        return
     print_notes(*suite.reproduce(**options, progress=reporter))
 
 

@@ -1,0 +1,403 @@
+"""Fig. 8 of the paper: difficulty measured outside over what the model predicts.
+
+It takes results folders of any robot or simulator, such as `barn judge` writes. Folders
+of the suite's own simulator in the same worlds stand beside them.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.special import stdtrit
+
+from barn_eval.analysis.planners import assign_colors, spelling
+from barn_eval.analysis.sources import (
+    Source,
+    group_by_planner,
+    read_source,
+    read_worlds,
+    require_same_task,
+)
+from barn_eval.pages.figures import (
+    label_axes,
+    marker_of,
+    new_figure,
+    style,
+    write_figure,
+)
+from barn_eval.pages.template import render
+from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import LEVEL, Interval
+from barn_metrics.model import load_model
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import make_json_safe, read_package_yaml
+from barn_worlds.drawing.palette import INK
+from barn_worlds.worlds.world import World
+
+SCHEMA_VERSION = 1
+FEWEST_WORLDS = 4
+# Numbers of worlds for which the width of the interval is foretold.
+_PLANNED_WORLDS = (5, 10, 20, 40, 80)
+
+# Rows by checksum of their world, as one number may mean other worlds elsewhere.
+_RowsByWorld = dict[str, list[TrialResult]]
+
+
+@dataclass(frozen=True)
+class WorldDifficulty:
+    """A world's difficulty, predicted, measured and simulated [s/m]."""
+
+    world: int
+    checksum: str
+    trials: int
+    predicted_s_per_m: float
+    # Of what trials in a new world give around the prediction.
+    predicted_std_s_per_m: float
+    # Mean over planners, and of each planner's trials.
+    measured_s_per_m: float
+    planners_s_per_m: dict[str, float]
+    # Variance of the mean that comes from the noise of its trials; None without
+    # repetitions.
+    noise_variance: float | None
+    # The same planners in the suite's own simulator; None without their trials.
+    simulated_s_per_m: float | None
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line through points, fitted by least squares."""
+
+    slope: Interval
+    intercept: Interval
+
+
+@dataclass(frozen=True)
+class PhysicalFinding:
+    """Measured over predicted difficulty, with the line through the worlds."""
+
+    system: str
+    planners: tuple[str, ...]
+    trials: int
+    failures: int
+    # From easy to difficult as predicted.
+    worlds: tuple[WorldDifficulty, ...]
+    line: Line
+    # Of simulated over measured difficulty; None without enough simulated worlds.
+    simulated_line: Line | None
+    # By number of worlds: half the width of the slope's interval to expect.
+    half_widths: dict[int, float]
+    # Share of the scatter about the line that comes from the noise of trials; None
+    # without repetitions.
+    noise_share: float | None
+    notes: tuple[str, ...]
+    schema_version: int = SCHEMA_VERSION
+
+
+def fit_line(x: Floats, y: Floats) -> Line:
+    """Fit y = intercept + slope * x, with 95 % intervals over the points.
+
+    The standard error is the larger of the ordinary one and HC3, which holds where the
+    scatter grows with x; limits take Student's t with n - 2 degrees of freedom. A test
+    simulates the coverage.
+
+    Args:
+        x: Predicted difficulty (n,), not all equal.
+        y: Measured difficulty (n,).
+
+    Returns:
+        The line.
+
+    Raises:
+        ConfigError: There are fewer than three points, or all x are equal.
+    """
+    points = len(x)
+    if points < 3 or np.ptp(x) == 0.0:
+        raise ConfigError("a line needs at least three worlds of different difficulty")
+    design = np.column_stack([np.ones(points), x])
+    inverse = np.linalg.inv(design.T @ design)
+    coefficients = inverse @ design.T @ y
+    residuals = y - design @ coefficients
+    ordinary = inverse * (residuals @ residuals) / (points - 2)
+
+    leverages = np.einsum("ij,jk,ik->i", design, inverse, design)
+    # A point that carries the line alone has leverage 1 and no residual.
+    weights = residuals / np.maximum(1.0 - leverages, 1e-9)
+    meat = (design.T * weights**2) @ design
+    robust = inverse @ meat @ inverse
+
+    variances = np.maximum(np.diag(ordinary), np.diag(robust))
+    reaches = _student_quantile(points) * np.sqrt(variances)
+    intervals = []
+    for estimate, reach in zip(coefficients, reaches, strict=True):
+        intervals.append(
+            Interval(float(estimate), float(estimate - reach), float(estimate + reach))
+        )
+    intercept, slope = intervals
+    return Line(slope, intercept)
+
+
+def measure_difficulty(folders: Sequence[Path]) -> PhysicalFinding:
+    """Compare measured with predicted difficulty, world by world.
+
+    Args:
+        folders: Results of one robot or simulator; folders of the suite's own
+            simulator, if there are others, count as simulated.
+
+    Returns:
+        The finding.
+
+    Raises:
+        ConfigError: The folders do not go together, or too few worlds are known.
+        BarnError: A folder cannot be read.
+    """
+    sources = [read_source(folder) for folder in folders]
+    observed = [source for source in sources if source.system.is_observed]
+    simulated = [source for source in sources if not source.system.is_observed]
+    notes: list[str] = []
+    if not observed:
+        notes.append(
+            "All trials are of the suite's own simulator; nothing was measured outside."
+        )
+        observed = simulated
+        simulated = []
+    for group in (observed, simulated):
+        if group:
+            require_same_task([source.path for source in group])
+
+    measured_rows = _rows_by_world(observed)
+    planners = sorted({row.planner for rows in measured_rows.values() for row in rows})
+    simulated_rows = _rows_by_world(simulated)
+    worlds = _read_known_worlds(observed, notes)
+
+    difficulties = []
+    for checksum, rows in measured_rows.items():
+        if checksum not in worlds:
+            continue
+        difficulty = _measure_world(
+            worlds[checksum], planners, rows, simulated_rows.get(checksum, []), notes
+        )
+        if difficulty is not None:
+            difficulties.append(difficulty)
+    if len(difficulties) < FEWEST_WORLDS:
+        raise ConfigError(
+            f"{observed[0].path}: has {len(difficulties)} worlds that can be predicted,"
+            f" driven by all of {', '.join(planners)}; at least {FEWEST_WORLDS} are"
+            " needed. " + " ".join(notes)
+        )
+    difficulties.sort(key=lambda world: world.predicted_s_per_m)
+
+    counted = {world.checksum for world in difficulties}
+    rows = [row for checksum in counted for row in measured_rows[checksum]]
+    return _conclude(observed[0], planners, rows, difficulties, notes)
+
+
+def _conclude(
+    source: Source,
+    planners: Sequence[str],
+    rows: Sequence[TrialResult],
+    worlds: Sequence[WorldDifficulty],
+    notes: Sequence[str],
+) -> PhysicalFinding:
+    """Return the finding from the worlds' difficulties."""
+    predicted = np.array([world.predicted_s_per_m for world in worlds])
+    measured = np.array([world.measured_s_per_m for world in worlds])
+    line = fit_line(predicted, measured)
+
+    pairs = []
+    for world in worlds:
+        if world.simulated_s_per_m is not None:
+            pairs.append((world.simulated_s_per_m, world.measured_s_per_m))
+    simulated_line = None
+    if len(pairs) >= FEWEST_WORLDS:
+        simulated_line = fit_line(*np.array(pairs).T)
+
+    return PhysicalFinding(
+        system=source.system.name,
+        planners=tuple(planners),
+        trials=len(rows),
+        failures=sum(not row.scores.success for row in rows),
+        worlds=tuple(worlds),
+        line=line,
+        simulated_line=simulated_line,
+        half_widths=_foretell_half_widths(line, len(worlds)),
+        noise_share=_noise_share(line, worlds),
+        notes=tuple(notes),
+    )
+
+
+def _foretell_half_widths(line: Line, worlds: int) -> dict[int, float]:
+    """Return half widths of the slope's interval for other numbers of like worlds."""
+    assert line.slope.high is not None
+    half_width = line.slope.high - line.slope.estimate
+    error_of_one = half_width / _student_quantile(worlds) * math.sqrt(worlds)
+    half_widths = {}
+    for number in _PLANNED_WORLDS:
+        half_widths[number] = (
+            _student_quantile(number) * error_of_one / math.sqrt(number)
+        )
+    return half_widths
+
+
+def _noise_share(line: Line, worlds: Sequence[WorldDifficulty]) -> float | None:
+    """Return the share of the scatter about the line that is the noise of trials."""
+    noises = []
+    residuals = []
+    for world in worlds:
+        if world.noise_variance is None:
+            return None
+        noises.append(world.noise_variance)
+        height = line.intercept.estimate + line.slope.estimate * world.predicted_s_per_m
+        residuals.append(world.measured_s_per_m - height)
+    scatter = float(np.square(residuals).sum()) / (len(worlds) - 2)
+    if scatter == 0.0:
+        return None
+    return min(float(np.mean(noises)) / scatter, 1.0)
+
+
+def _student_quantile(points: int) -> float:
+    """Return Student's t that a line's 95 % interval takes for a number of points."""
+    return float(stdtrit(points - 2, 0.5 + 0.5 * LEVEL))
+
+
+def _rows_by_world(sources: Iterable[Source]) -> _RowsByWorld:
+    """Return scored rows by checksum of their world; those of unknown worlds are left out."""
+    groups: _RowsByWorld = {}
+    for source in sources:
+        for row in source.results:
+            if row.world_checksum and row.scores.normalised_time_s_per_m is not None:
+                groups.setdefault(row.world_checksum, []).append(row)
+    return groups
+
+
+def _read_known_worlds(sources: Sequence[Source], notes: list[str]) -> dict[str, World]:
+    """Return worlds by checksum; note those that cannot be read."""
+    worlds = {}
+    read = read_worlds((row, source) for source in sources for row in source.results)
+    for checksum, world in read.items():
+        if isinstance(world, World):
+            worlds[checksum] = world
+        else:
+            notes.append(world[0].upper() + world[1:] + ".")
+    return worlds
+
+
+def _measure_world(
+    world: World,
+    planners: Sequence[str],
+    rows: Sequence[TrialResult],
+    simulated_rows: Sequence[TrialResult],
+    notes: list[str],
+) -> WorldDifficulty | None:
+    """Return a world's difficulty, or None with a note where it cannot count."""
+    number = rows[0].world
+    groups = group_by_planner(rows)
+    missing = [planner for planner in planners if planner not in groups]
+    if missing:
+        notes.append(f"World {number} is left out: {', '.join(missing)} did not drive.")
+        return None
+    try:
+        prediction = load_model().predict(world)
+    except WorldError as error:
+        notes.append(f"World {number} is left out: {error}.")
+        return None
+
+    means = {}
+    variances: list[float] | None = []
+    for planner in planners:
+        times = _times_s_per_m(groups[planner])
+        means[planner] = float(times.mean())
+        if len(times) < 2 or variances is None:
+            variances = None
+        else:
+            variances.append(float(times.var(ddof=1)) / len(times))
+    noise_variance = None
+    if variances is not None:
+        noise_variance = sum(variances) / len(planners) ** 2
+
+    simulated = group_by_planner(simulated_rows)
+    simulated_s_per_m = None
+    if all(planner in simulated for planner in planners):
+        simulated_s_per_m = float(
+            np.mean([_times_s_per_m(simulated[planner]).mean() for planner in planners])
+        )
+    return WorldDifficulty(
+        world=number,
+        checksum=world.checksum,
+        trials=len(rows),
+        predicted_s_per_m=prediction.difficulty_s_per_m,
+        predicted_std_s_per_m=prediction.std_s_per_m,
+        measured_s_per_m=float(np.mean(list(means.values()))),
+        planners_s_per_m=means,
+        noise_variance=noise_variance,
+        simulated_s_per_m=simulated_s_per_m,
+    )
+
+
+def _times_s_per_m(rows: Iterable[TrialResult]) -> Floats:
+    """Return the times per meter of path as scored (n,), failures included."""
+    return np.array([row.scores.normalised_time_s_per_m for row in rows], dtype=float)
+
+
+def write_finding(finding: PhysicalFinding, folder: Path) -> Path:
+    """Write physical.md, physical.json and figures/physical.png; return the page's path.
+
+    Args:
+        finding: What was found.
+        folder: Where to write; it is made if missing.
+
+    Raises:
+        StoreError: A file cannot be written.
+    """
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    with style():
+        figure = draw_finding(finding)
+    write_figure(figure, folder / "figures" / "physical.png")
+    content = json.dumps(make_json_safe(as_dict(finding)), indent=1, allow_nan=False)
+    write_durably(folder / "physical.json", f"{content}\n".encode())
+    path = folder / "physical.md"
+    paper = read_package_yaml("barn_eval", "paper.yaml")["physical"]
+    page = render("physical.md", finding=finding, paper=paper)
+    write_durably(path, page.encode())
+    return path
+
+
+def draw_finding(finding: PhysicalFinding) -> Figure:
+    """Draw measured over predicted difficulty, with each planner's means and the line.
+
+    Args:
+        finding: What was found.
+    """
+    figure = new_figure(4.6)
+    axes = figure.subplots()
+    colors = assign_colors(finding.planners)
+    predicted = np.array([world.predicted_s_per_m for world in finding.worlds])
+    for place, (planner, color) in enumerate(
+        zip(finding.planners, colors, strict=True)
+    ):
+        axes.scatter(
+            predicted,
+            [world.planners_s_per_m[planner] for world in finding.worlds],
+            s=22,
+            color=color,
+            marker=marker_of(place),
+            label=spelling(planner),
+        )
+    line = finding.line
+    ends = np.array([predicted.min(), predicted.max()])
+    axes.plot(
+        ends,
+        line.intercept.estimate + line.slope.estimate * ends,
+        color=INK,
+        label=f"slope {line.slope.text()}",
+    )
+    axes.plot(ends, ends, color=INK, lw=1.0, ls="--", label="measured as predicted")
+    label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]")
+    axes.legend(loc="upper left")
+    return figure
