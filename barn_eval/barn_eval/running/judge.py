@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,25 +15,18 @@ from barn_eval.results.run_file import WORLDS
 from barn_eval.results.store import TrialRecord
 from barn_eval.results.tracks import track_line
 from barn_eval.running.request import RunRequest
-from barn_eval.trials.outcome import Outcome
+from barn_eval.running.segments import UNKNOWN_PLANNER, Segment, judge_segment
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.result import TrialResult, format_trial_id
+from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
-from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_eval.trials.system import OPERATOR, ObservedTrial, System
-from barn_eval.trials.trial import FinishedTrial, RunningTrial, finish_trial
+from barn_eval.trials.spec import simulator_config
+from barn_eval.trials.system import OPERATOR, System
 from barn_sim.config import robot_of
-from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BagError, ConfigError
-from barn_worlds.base.text_files import as_mapping
 from barn_worlds.base.types import (
-    NANOSECONDS_PER_SECOND,
-    Odometry,
     Pose2D,
-    Velocity2D,
-    seconds,
 )
 from barn_worlds.datasets.dataset import dataset_files
 from barn_worlds.messages.topics import FRAMES
@@ -43,19 +36,10 @@ from barn_worlds.worlds.world import LARGEST_SIDE, World
 
 # Command of a planner that somebody else has started.
 RECORDED = "recorded"
-UNKNOWN_PLANNER = "unknown"
 
 _TRIAL_ID = re.compile(r"(.+)_w(\d{4,})_r(\d\d)")
 _FIXED_FRAMES = (FRAMES.map, "world")
-_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _CELL_M = 10.0  # of a world of which nothing is known but start and goal
-_FARTHEST_START_M = 1.0  # from the world's start, in the world's frame
-_FARTHEST_GOAL_M = 0.1  # from the world's goal, before it is said
-# Scans of fewer degrees see too little of what is near the robot.
-_NARROWEST_SCAN_RAD = math.pi
-_GAP_PERIODS = 3.0  # without a pose, before it is said
-_TWIST_TOLERANCE = 0.1  # of positions against the twist, before it is said
-_SHORTEST_M = 0.5  # of a drive for which they are compared
 
 
 @dataclass(frozen=True)
@@ -119,41 +103,17 @@ class JudgeOptions(Checked):
         return numbers
 
     @property
+    def operator_contacts_s(self) -> list[float] | None:
+        """When contacts were, from the start; None unless an operator says so."""
+        if self.contact != OPERATOR:
+            return None
+        return self.numbers("contact_at")
+
+    @property
     def sources(self) -> Sources:
         """Which topics of a bag are named."""
         contact = "" if self.contact == OPERATOR else self.contact
         return Sources(self.pose, self.goal, contact, self.namespace)
-
-
-@dataclass(frozen=True, eq=False)
-class _Segment:
-    """The part of a drive that is one trial."""
-
-    drive: ObservedDrive
-    first: int  # index of its first pose
-    end: int  # index behind its last pose
-    goal: Pose2D | None  # in the frame of the poses
-    # World, planner and repetition as a bag of the suite, or its name, has them.
-    dataset: str = ""
-    world: int = 0
-    planner: str = UNKNOWN_PLANNER
-    repetition: int = 0
-
-    @property
-    def is_known(self) -> bool:
-        """Whether more is known of its world than start and goal."""
-        return self.dataset != WORLDS
-
-    @property
-    def start(self) -> Pose2D:
-        """Its first pose."""
-        pose: Pose2D = self.drive.poses[self.first].content.pose
-        return pose
-
-    @property
-    def trial_id(self) -> str:
-        """Name of the trial."""
-        return format_trial_id(self.planner, self.world, self.repetition)
 
 
 def judge(
@@ -192,7 +152,7 @@ def judge(
     if len(systems) > 1:
         examples = "; ".join(f"{path} of {of.label}" for of, path in systems.items())
         raise BagError(f"{examples}: judge them into folders of their own")
-    segments: list[_Segment] = []
+    segments: list[Segment] = []
     for number, drive in enumerate(drives):
         for segment in _split(drive):
             world = worlds[number % len(worlds)] if worlds else None
@@ -203,7 +163,9 @@ def judge(
     finished = {}
     for segment in segments:
         spec = specs[segment.trial_id]
-        finished[spec.trial_id] = _judge_segment(segment, spec, options)
+        finished[spec.trial_id] = judge_segment(
+            segment, spec, options.operator_contacts_s
+        )
     # Only now, so that a bag that cannot be judged leaves no folder.
     with ResultsFolder.open(
         run.out,
@@ -232,14 +194,14 @@ def _system_of(drive: ObservedDrive, options: JudgeOptions) -> System:
     )
 
 
-def _split(drive: ObservedDrive) -> Iterator[_Segment]:
+def _split(drive: ObservedDrive) -> Iterator[Segment]:
     """Yield the trials of a drive: one to each goal, from its first pose on.
 
     Without goals, one of the whole drive.
     """
     count = len(drive.poses)
     if not drive.goals:
-        yield _Segment(drive, 0, count, None)
+        yield Segment(drive, 0, count, None)
         return
     goal_times = [goal.log_ns for goal in drive.goals]
     firsts = np.searchsorted(drive.log_times_ns, goal_times).tolist()
@@ -249,15 +211,15 @@ def _split(drive: ObservedDrive) -> Iterator[_Segment]:
                 f"{drive.path}: has no poses for its goal {goal.content.pose}"
             )
         pose = goal.content.pose if goal.content.frame == drive.frame else None
-        yield _Segment(drive, first, end, pose)
+        yield Segment(drive, first, end, pose)
 
 
 def _identify(
-    segment: _Segment,
+    segment: Segment,
     world: float | None,
     options: JudgeOptions,
-    earlier: Sequence[_Segment],
-) -> _Segment:
+    earlier: Sequence[Segment],
+) -> Segment:
     """Return a segment with data set, world, planner and repetition.
 
     Args:
@@ -301,7 +263,7 @@ def _plan(
     options: JudgeOptions,
     course: Sequence[float],
     system: System,
-    segments: Sequence[_Segment],
+    segments: Sequence[Segment],
 ) -> RunRequest:
     """Return the run that the segments are the trials of, with worlds that it keeps."""
     datasets = sorted({segment.dataset for segment in segments})
@@ -339,7 +301,7 @@ def _plan(
     return RunRequest(config, ExecutionConfig(), out, worlds).in_folder(out)
 
 
-def _unknown_world(segment: _Segment, course: Sequence[float], robot: Robot) -> World:
+def _unknown_world(segment: Segment, course: Sequence[float], robot: Robot) -> World:
     """Return a world of which nothing is known but start and goal, in the poses' frame.
 
     Args:
@@ -380,248 +342,3 @@ def _unknown_world(segment: _Segment, course: Sequence[float], robot: Robot) -> 
         start=start,
         goal=goal,
     )
-
-
-def _judge_segment(
-    segment: _Segment, spec: TrialSpec, options: JudgeOptions
-) -> FinishedTrial:
-    """Give the readings of a segment to the referee; return the finished trial.
-
-    Raises:
-        BagError: The poses are not those of the world.
-    """
-    drive = segment.drive
-    origin, remarks = _place_poses(segment, spec)
-    readings, back_ns = _take_readings(segment, origin)
-    doubts, uncertainty_s = _list_doubts(list(readings.values()), back_ns)
-    remarks += doubts
-    if not spec.system.reports_contacts:
-        remarks.append("contacts are unknown, as nobody reported them")
-    if drive.problem:
-        remarks.append(drive.problem)
-
-    trial = RunningTrial(spec)
-    _replay(trial, segment, readings, options)
-    verdict = trial.verdict
-    if verdict is None:
-        left_m = trial.referee.standing.goal_distance_m
-        verdict = trial.referee.fail(
-            Outcome.ENVIRONMENT_FAILED,
-            f"the bag ends {left_m:.2f} m from the goal, before a verdict",
-        )
-
-    trajectory = trial.log.trajectory()
-    clearance_by = "world"
-    if not segment.is_known or spec.system.frame != "world":
-        used = list(readings)[: len(trajectory.stamps_ns)]
-        clearance_m = _scan_clearances(drive, spec, used)
-        clearance_by = "scans" if np.isfinite(clearance_m).any() else ""
-        trajectory = replace(trajectory, clearance_m=clearance_m)
-    return finish_trial(
-        spec,
-        "ros",
-        verdict,
-        trajectory,
-        remarks="; ".join(remarks),
-        observed=ObservedTrial.of(spec.system, clearance_by, uncertainty_s),
-    )
-
-
-def _place_poses(segment: _Segment, spec: TrialSpec) -> tuple[Pose2D, list[str]]:
-    """Return the frame of a segment's poses in the world's, and what is doubtful.
-
-    Raises:
-        BagError: The poses are not those of the world.
-    """
-    if not segment.is_known:
-        return _ORIGIN, []
-    drive = segment.drive
-    course = spec.course
-    checksum = as_mapping(drive.trial.get("world")).get("checksum", spec.world.checksum)
-    if checksum != spec.world.checksum:
-        raise BagError(
-            f"{drive.path}: was not recorded in world {segment.world} of"
-            f" {segment.dataset}; name its data set by --dataset"
-        )
-    origin = _ORIGIN
-    away_m = segment.start.distance(course.start)
-    if spec.system.frame == "odom":
-        origin = course.start @ segment.start.inverse()
-    elif away_m > _FARTHEST_START_M:
-        raise BagError(
-            f"{drive.path}: its poses in frame {drive.frame} begin {away_m:.1f} m from"
-            f" the start of world {segment.world}; if they are in a frame of their own,"
-            " add --frame odom"
-        )
-    if segment.goal is None:
-        return origin, []
-    goal_away_m = (origin @ segment.goal).distance(course.goal)
-    if goal_away_m <= _FARTHEST_GOAL_M:
-        return origin, []
-    return origin, [f"the goal in the bag is {goal_away_m:.2f} m from the world's"]
-
-
-def _replay(
-    trial: RunningTrial,
-    segment: _Segment,
-    readings: Mapping[int, Odometry],
-    options: JudgeOptions,
-) -> None:
-    """Give a trial its readings and the commands after each, up to its verdict."""
-    contacts = _find_contacts(segment, readings, options)
-    drive = segment.drive
-    commands: dict[int, list[Velocity2D]] = {}
-    for logged in drive.commands:
-        commands.setdefault(drive.index_at(logged.log_ns), []).append(logged.content)
-    start_inverse = trial.spec.course.start.inverse()
-    for index, truth in readings.items():
-        measured = replace(truth, pose=start_inverse @ truth.pose)
-        trial.read(measured, truth, index in contacts)
-        for command in commands.get(index, ()):
-            if trial.verdict is None:
-                trial.command(command)
-        if trial.verdict is not None:
-            return
-
-
-def _take_readings(
-    segment: _Segment, origin: Pose2D
-) -> tuple[dict[int, Odometry], int]:
-    """Return true poses by index of the pose, and by how many ns stamps go back.
-
-    Poses whose stamps do not increase are left out. A twist that is not known follows
-    from the pose before.
-
-    Args:
-        segment: The segment.
-        origin: The frame of its poses in the frame of the world.
-    """
-    readings: dict[int, Odometry] = {}
-    last: Odometry | None = None
-    back_ns = 0
-    for index in range(segment.first, segment.end):
-        logged = segment.drive.poses[index]
-        odometry: Odometry = logged.content
-        stamp_ns = odometry.stamp_ns
-        if segment.drive.clock == "log":
-            stamp_ns = logged.log_ns
-        if last is not None and stamp_ns <= last.stamp_ns:
-            back_ns = max(back_ns, last.stamp_ns - stamp_ns)
-            continue
-        pose = odometry.pose
-        if origin != _ORIGIN:
-            pose = origin @ pose
-        velocity = odometry.velocity
-        if not velocity.is_finite():
-            velocity = Velocity2D()
-            if last is not None:
-                step = last.pose.inverse() @ pose
-                period_s = seconds(stamp_ns - last.stamp_ns)
-                velocity = Velocity2D(step.x / period_s, step.yaw / period_s)
-        last = Odometry(stamp_ns, pose, velocity)
-        readings[index] = last
-    return readings, back_ns
-
-
-def _list_doubts(
-    readings: Sequence[Odometry], back_ns: int
-) -> tuple[list[str], float | None]:
-    """Return sentences on what is doubtful in the times, and how far these may be off.
-
-    Args:
-        readings: The readings.
-        back_ns: By how much stamps have gone back.
-    """
-    if len(readings) < 2:
-        return [], None
-    stamps_ns = np.array([reading.stamp_ns for reading in readings])
-    periods_s = np.diff(stamps_ns) / NANOSECONDS_PER_SECOND
-    period_s = float(np.median(periods_s))
-    gap_s = float(periods_s.max())
-    doubts = []
-    if gap_s > _GAP_PERIODS * period_s:
-        doubts.append(f"no pose for {gap_s:.2f} s")
-    # The clock starts at a reading and stops at one, each up to a period late.
-    uncertainty_s = max(2.0 * period_s, gap_s)
-    if back_ns:
-        doubts.append(f"stamps of poses go back by up to {seconds(back_ns):.2f} s")
-        uncertainty_s += seconds(back_ns)
-
-    positions = np.array([(reading.pose.x, reading.pose.y) for reading in readings])
-    speeds = np.array([reading.velocity.linear for reading in readings])
-    driven_m = float(np.hypot(*np.diff(positions, axis=0).T).sum())
-    twist_m = float(np.abs(speeds[1:]) @ periods_s)
-    if driven_m > _SHORTEST_M and abs(twist_m - driven_m) > _TWIST_TOLERANCE * driven_m:
-        doubts.append(
-            f"positions move {driven_m:.2f} m where the twist says {twist_m:.2f} m:"
-            " stamps may not be those of the robot"
-        )
-        uncertainty_s += float(periods_s.sum()) * abs(twist_m / driven_m - 1.0)
-    return doubts, uncertainty_s
-
-
-def _find_contacts(
-    segment: _Segment,
-    readings: Mapping[int, Odometry],
-    options: JudgeOptions,
-) -> set[int]:
-    """Return the indices of poses with a contact since the one before.
-
-    Args:
-        segment: The segment.
-        readings: Its readings by index.
-        options: Whether an operator says when contacts were, in place of a topic.
-    """
-    drive = segment.drive
-    indices = np.array(list(readings), np.int64)
-    if options.contact != OPERATOR:
-        touched = [
-            drive.index_at(contact.log_ns)
-            for contact in drive.contacts
-            if contact.content
-        ]
-        # A pose that was left out gives its contacts to the next one.
-        positions = np.searchsorted(indices, [k for k in touched if k >= segment.first])
-    else:
-        stamps = np.array([reading.stamp_ns for reading in readings.values()])
-        times_ns = (
-            stamps[0] + np.array(options.numbers("contact_at")) * NANOSECONDS_PER_SECOND
-        )
-        positions = np.searchsorted(stamps, times_ns)
-    return set(indices[positions[positions < len(indices)]].tolist())
-
-
-def _scan_clearances(
-    drive: ObservedDrive, spec: TrialSpec, indices: Sequence[int]
-) -> Floats:
-    """Return the distance (n,) in m from the robot's outline to what its last scan hit.
-
-    NaN where there is no scan, or one that sees less than half of what is around.
-
-    Args:
-        drive: The drive.
-        spec: The trial, for the robot's outline and lidar.
-        indices: Indices of its poses.
-    """
-    lidar = spec.simulator.lidar
-    built_in = Pose2D(lidar.mount_x_m, lidar.mount_y_m, lidar.mount_yaw_rad)
-    mount = drive.mounts.get(drive.scan_frame, built_in)
-    gaps = np.full(len(drive.poses), np.nan)
-    for logged in drive.scans:
-        scan = logged.content
-        angles = scan.angles()
-        is_hit = (scan.ranges >= scan.range_min) & (scan.ranges <= scan.range_max)
-        if not is_hit.any() or abs(angles[-1] - angles[0]) < _NARROWEST_SCAN_RAD:
-            continue
-        ranges = scan.ranges[is_hit].astype(np.float64)
-        bearings = angles[is_hit]
-        points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
-        x, y = mount.transform(points).T
-        index = drive.index_at(logged.log_ns)
-        if index >= 0:
-            gap_m = spec.outline.distances(x, y).min()
-            gaps[index] = np.fmin(gaps[index], gap_m)
-    # Between two scans, the last one holds.
-    sources = np.where(np.isfinite(gaps), np.arange(len(gaps)), 0)
-    held: Floats = gaps[np.maximum.accumulate(sources)]
-    return held[list(indices)]
