@@ -53,6 +53,13 @@ class PhysicsConfig(Checked):
     tyre_damping_ratio: float = quantity(
         0.5, "damping of that spring, 1 critical", "", 0.05, 1.0
     )
+    tire_slip_mps: float = optional(
+        0.0,
+        "slip at which a tire's friction is complete; below, it grows with the slip",
+        "m/s",
+        0.0,
+        1.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -243,16 +250,17 @@ def with_robot(config: Config, robot: Robot) -> Config:
     """Return a configuration with a robot's chassis, drive, lidar, odometry and grip.
 
     Args:
-        config: Configuration of any simulator. For the robot that it is for already it
-            is returned unchanged: presets differ from the Jackal's own file.
+        config: Configuration of any simulator. For the standard robot it is returned
+            unchanged: presets differ from that robot's own file.
         robot: Source of chassis, drive, lidar, odometry and grip of the wheels. Where
             the preset has another noise or latency than the default one, as `ideal` has
             none, the preset's is kept.
     """
-    if robot.chassis == config.chassis:
+    standard = SimulatorConfig()
+    # By all of its parts: a file may change the drive of a robot and keep its name.
+    if robot.chassis == config.chassis and _parts(robot) == _parts(robot_of(standard)):
         return config
 
-    standard = SimulatorConfig()
     parts: dict[str, Any] = {
         "chassis": robot.chassis,
         "physics": replace(config.physics, wheel_friction=robot.wheel_friction),
@@ -268,6 +276,11 @@ def with_robot(config: Config, robot: Robot) -> Config:
     if not parts["lidar"].noise_m:
         parts["lidar"] = replace(parts["lidar"], noise_share=0.0)
     return replace(config, **parts)
+
+
+def _parts(robot: Robot) -> tuple[object, ...]:
+    """Return what a robot has besides its chassis."""
+    return robot.drive, robot.lidar, robot.odometry, robot.wheel_friction
 
 
 def chassis_in(simulator: object) -> Chassis:

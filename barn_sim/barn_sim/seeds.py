@@ -16,7 +16,7 @@ from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.worlds.world import World
 
 # New children come last: numbers of the others decide their draws.
-LIDAR, ODOMETRY, LOCALIZATION, PHASE, BIAS = range(5)
+LIDAR, ODOMETRY, LOCALIZATION, PHASE, BIAS, UNSEEN = range(6)
 
 # Phases that are drawn until one leaves the start alone.
 _PHASES = 1000
@@ -30,7 +30,7 @@ def generator(seed: int, child: int) -> np.random.Generator:
 
     Args:
         seed: Seed of the simulator.
-        child: One of `LIDAR`, `ODOMETRY`, `LOCALIZATION`, `PHASE` and `BIAS`.
+        child: One of `LIDAR`, `ODOMETRY`, `LOCALIZATION`, `PHASE`, `BIAS` and `UNSEEN`.
     """
     sequence = np.random.SeedSequence(seed, spawn_key=(child,))
     return np.random.Generator(np.random.PCG64(sequence))

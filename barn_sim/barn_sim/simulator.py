@@ -98,7 +98,10 @@ class Simulator:
             self.motion.odometry.draw_errors(config.odometry, rng)
 
         # The lidar stays from trial to trial, but its draws start over.
-        self.lidar.rng = generator(seed, seeds.LIDAR)
+        self.lidar.begin(generator(seed, seeds.LIDAR))
+        if config.lidar.unseen_share:
+            rng = generator(seed, seeds.UNSEEN)
+            self.motion.obstacles.hide(config.lidar.unseen_share, rng)
         self._localization: FilterLocalization | ParticleLocalization | None = None
         if config.localisation.mode != "exact":
             rng = generator(seed, seeds.LOCALIZATION)

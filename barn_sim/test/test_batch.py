@@ -1,6 +1,7 @@
 """Simulators that advance together against the same ones by themselves, to the last bit."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,12 +111,17 @@ def test_a_step_of_no_robot_changes_nothing(simulator):
     assert row(batch.readings, 0) == before
 
 
-@pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "scout_mini"])
-def test_batched_robots_advance_as_each_alone(walled_world, robot):
+@pytest.mark.parametrize(
+    ("robot", "slip_mps"),
+    [("jackal", 0.0), ("jackal", 0.05), ("turtlebot4", 0.0), ("scout_mini", 0.0)],
+)
+def test_batched_robots_advance_as_each_alone(walled_world, robot, slip_mps):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
     count = 3 * LANES - 5
     rng = np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
+    physics = replace(config.physics, tire_slip_mps=slip_mps)
+    config = replace(config, physics=physics)
     batches = [Batch(count, config) for _ in range(2)]
     for batch in batches:
         for index in range(count):

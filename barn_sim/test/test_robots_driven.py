@@ -1,5 +1,6 @@
 """Robots other than the Jackal in the simulator."""
 
+import math
 from contextlib import closing
 from dataclasses import replace
 from operator import attrgetter
@@ -16,7 +17,13 @@ from barn_sim.body.model import (
     model_of,
     robot_description,
 )
-from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
+from barn_sim.config import (
+    PRESETS,
+    PhysicsConfig,
+    SimulatorConfig,
+    robot_of,
+    with_robot,
+)
 from barn_sim.contact.bullet import bullet
 from barn_sim.contact.cylinders import nearest_gap
 from barn_sim.contact.obstacles import contact_gap_m
@@ -47,6 +54,32 @@ def plain():
 def driven(world, config, command, steps, start=START):
     simulator = Simulator(world, config, start, 0)
     return readings_of(simulator, [Velocity2D(*command)] * steps)
+
+
+@pytest.mark.parametrize("part", ["drive", "lidar", "odometry", "wheel_friction"])
+def test_a_robot_with_another_part_is_not_taken_for_its_namesake(part):
+    jackal = load_robot("jackal")
+    others = {
+        "drive": replace(jackal.drive, max_speed_m_s=1.0),
+        "lidar": replace(jackal.lidar, beams=360),
+        "odometry": replace(jackal.odometry, gyro_bias_rad_s=0.1),
+        "wheel_friction": 0.7,
+    }
+    robot = replace(jackal, **{part: others[part]})
+    driven_robot = robot_of(with_robot(SimulatorConfig(), robot))
+    assert getattr(driven_robot, part) == others[part]
+
+
+@pytest.mark.parametrize("turn_radps", [0.4, -1.0, 2.0])
+def test_a_dead_band_takes_its_share_of_each_turn(plain, turn_radps):
+    jackal = load_robot("jackal")
+    ideal = with_robot(SimulatorConfig(), jackal)
+    drive = replace(jackal.drive, turn_deadband_rad_s=0.5)
+    measured = with_robot(SimulatorConfig(), replace(jackal, drive=drive))
+    left_radps = math.copysign(max(abs(turn_radps) - 0.5, 0.0), turn_radps)
+    last = driven(plain, measured, (0.0, turn_radps), 20)[-1]
+    expected = driven(plain, ideal, (0.0, left_radps), 20)[-1]
+    assert last.truth == expected.truth
 
 
 def polygon_robot():

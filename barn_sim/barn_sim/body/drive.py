@@ -45,6 +45,7 @@ class DriveController:
         # No robot file means faster backwards than forwards.
         settings["max_reverse"] = min(config.max_reverse_m_s, config.max_speed_m_s)
         settings["max_turn"] = config.max_yaw_rate_rad_s
+        settings["turn_deadband"] = config.turn_deadband_rad_s
         settings["speed_step"] = config.max_acceleration_m_s2 * tick_s
         settings["turn_step"] = config.max_yaw_acceleration_rad_s2 * tick_s
         lag_share = 1.0
@@ -115,6 +116,7 @@ def turn_wheels(robot: Record, pending: Floats, settings: Record) -> None:
 
     speed = max(-settings.max_reverse, min(settings.max_speed, robot.target_speed))
     turn = _limit(robot.target_turn, settings.max_turn)
+    turn -= _limit(turn, settings.turn_deadband)
     robot.speed += _limit(speed - robot.speed, settings.speed_step)
     robot.turn += _limit(turn - robot.turn, settings.turn_step)
 

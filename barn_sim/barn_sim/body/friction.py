@@ -2,7 +2,8 @@
 
 `barn_sim.body.tires` explains the problem. Friction is an impulse per wheel in the
 ground plane, inside the circle of radius friction x load. Either the wheel does not
-slip, or the impulse is on the circle and opposes the slip (maximum dissipation). The
+slip, or the impulse is on the circle and opposes the slip (maximum dissipation). A
+rubber tire slips before that, in proportion to the impulse; this is an option. The
 solver is block Gauss-Seidel with one step size per wheel; one per direction would not
 have this fixed point (Acary and Brogliato 2008, ch. 13).
 """
@@ -37,6 +38,7 @@ def begin_friction(
     turn: Matrix,
     inverse: Matrix,
     inverse_mass: float,
+    full_slip_mps: float,
 ) -> tuple[Motion, Rims]:
     """Set levers and steps of the wheels; return motion after the last tick's impulses.
 
@@ -49,6 +51,8 @@ def begin_friction(
         turn: Rotation of the body.
         inverse: Inverse inertia in the world frame.
         inverse_mass: Of the body, 1/kg.
+        full_slip_mps: Slip at which all friction acts; below, friction is proportional
+            to the slip. With 0 a wheel that can hold does not slip at all.
 
     Returns:
         The motion with the effect of the impulses, and the speeds of the rims.
@@ -70,6 +74,14 @@ def begin_friction(
         wheel.impulse_x = x
         wheel.impulse_y = y
         motion = apply_impulse(motion, levers, inverse_mass, x, y)
+
+        # A tire that slips by s under the impulse p has s = softness * p. That term
+        # joins the diagonal of the contact's matrix, so the step shrinks with it.
+        softness = 0.0
+        if wheel.limit > 0.0:
+            softness = full_slip_mps / wheel.limit
+        wheel.step /= 1.0 + wheel.step * softness
+        wheel.keep = 1.0 - wheel.step * softness
     rims = (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
     return motion, rims
 
@@ -99,8 +111,8 @@ def sweep_friction(
             # arm - rim.
             slip_x = vx + wy * wheel.arm_z - wz * wheel.arm_y - rims[i % 2]
             slip_y = vy + wz * wheel.arm_x - wx * wheel.arm_z - rims[2 + i % 2]
-            x = wheel.impulse_x - wheel.step * slip_x
-            y = wheel.impulse_y - wheel.step * slip_y
+            x = wheel.keep * wheel.impulse_x - wheel.step * slip_x
+            y = wheel.keep * wheel.impulse_y - wheel.step * slip_y
             x, y = clip(x, y, wheel.limit)
             change_x = x - wheel.impulse_x
             change_y = y - wheel.impulse_y

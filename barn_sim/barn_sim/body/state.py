@@ -47,9 +47,11 @@ WHEEL = record_type(
         ("load", _NUMBER),
         ("limit", _NUMBER),
         # Of the friction solver: change of the spin about x, y and z per impulse along
-        # x and along y in turn; step, kg.
+        # x and along y in turn; step, kg; what a step keeps of an impulse, 1 unless the
+        # tire slips.
         ("levers", _NUMBER, 6),
         ("step", _NUMBER),
+        ("keep", _NUMBER),
     ]
 )
 
@@ -124,9 +126,11 @@ SETTINGS = record_type(
         ("inertia", _NUMBER, 3),
         ("inverse_inertia", _NUMBER, 3),
         ("center", _NUMBER, 3),
-        # Tires: friction coefficient, spring (N/m) and damper (N s/m) of each; contacts
+        # Tires: friction coefficient, slip at which all of it acts, spring (N/m) and
+        # damper (N s/m) of each; contacts
         # with the ground, and how many of them have friction.
         ("friction", _NUMBER),
+        ("slip_mps", _NUMBER),
         ("stiffness", _NUMBER),
         ("damping", _NUMBER),
         ("wheel_radius_m", _NUMBER),
@@ -143,6 +147,7 @@ SETTINGS = record_type(
         ("max_speed", _NUMBER),
         ("max_reverse", _NUMBER),
         ("max_turn", _NUMBER),
+        ("turn_deadband", _NUMBER),
         ("speed_step", _NUMBER),
         ("turn_step", _NUMBER),
         ("lag_share", _NUMBER),

@@ -134,6 +134,7 @@ def begin_tires(robot: Record, fixed: Record) -> tuple[Motion, Rims]:
         turn,
         inverse,
         fixed.inverse_mass,
+        fixed.slip_mps,
     )
 
 

@@ -110,6 +110,8 @@ class Obstacles:
         self._states[:, 6] = 1.0
         self.segments = np.concatenate([self._homes, self._homes], axis=1)
         self._displaced = np.zeros(count, np.bool_)
+        self._hidden = np.zeros(count, np.bool_)
+        self._visible_homes = self._homes
         self.undisturbed = True
 
         self._bodies: dict[int, int] = {}
@@ -272,6 +274,12 @@ class Obstacles:
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 
+    def hide(self, share: float, rng: np.random.Generator) -> None:
+        """Hide a share of the cylinders, drawn anew, from `cross_section`."""
+        self._hidden = rng.random(len(self._homes)) < share
+        self._visible_homes = self._homes.copy()
+        self._visible_homes[self._hidden] = np.inf
+
     def cross_section(self, height_m: float) -> tuple[Floats, Floats]:
         """Return upright circles and tilted cylinders at a height, for `Lidar.scan`.
 
@@ -280,12 +288,13 @@ class Obstacles:
 
         Returns:
             Centers (n, 2) of upright cylinders, at most half a degree from the
-            vertical, infinite for the others; and the others (m, 7).
+            vertical, infinite for the others; and the others (m, 7). Hidden ones are
+            left out.
         """
-        displaced = np.flatnonzero(self._displaced)
+        displaced = np.flatnonzero(self._displaced & ~self._hidden)
         if not len(displaced):
-            return self._homes, _NOTHING_TILTED
-        centers = self._homes.copy()
+            return self._visible_homes, _NOTHING_TILTED
+        centers = self._visible_homes.copy()
         tilted = np.empty((len(displaced), 7))
         half_m = 0.5 * self._height_m
         count = intersect_cylinders(

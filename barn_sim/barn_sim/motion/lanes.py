@@ -47,6 +47,7 @@ _WHEEL = record_type(
         ("limit", *_ROW),
         ("levers", np.float64, (6, LANES)),
         ("step", *_ROW),
+        ("keep", *_ROW),
         ("rim_x", *_ROW),
         ("rim_y", *_ROW),
     ]
@@ -199,6 +200,7 @@ def _begin_tick(
         row.arm_z[lane] = wheel.arm_z
         row.limit[lane] = wheel.limit
         row.step[lane] = wheel.step
+        row.keep[lane] = wheel.keep
         row.rim_x[lane] = rims[i % 2]
         row.rim_y[lane] = rims[2 + i % 2]
         for k in range(6):
@@ -267,8 +269,8 @@ def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) 
         vx, vy, wx, wy, wz = motion
         slip_x = vx + wy * wheel.arm_z[k] - wz * wheel.arm_y[k] - wheel.rim_x[k]
         slip_y = vy + wz * wheel.arm_x[k] - wx * wheel.arm_z[k] - wheel.rim_y[k]
-        x = wheel.impulse_x[k] - wheel.step[k] * slip_x
-        y = wheel.impulse_y[k] - wheel.step[k] * slip_y
+        x = wheel.keep[k] * wheel.impulse_x[k] - wheel.step[k] * slip_x
+        y = wheel.keep[k] * wheel.impulse_y[k] - wheel.step[k] * slip_y
         x, y = clip(x, y, wheel.limit[k])
         change_x = x - wheel.impulse_x[k]
         change_y = y - wheel.impulse_y[k]

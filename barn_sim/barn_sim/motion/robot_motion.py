@@ -278,6 +278,7 @@ def _set_body(
     settings["inverse_inertia"] = 1.0 / model.inertia
     settings["center"] = model.center_of_mass
     settings["friction"] = config.wheel_friction
+    settings["slip_mps"] = config.tire_slip_mps
     settings["stiffness"] = tires.stiffness
     settings["damping"] = tires.damping
     settings["wheel_radius_m"] = model.wheel_radius_m

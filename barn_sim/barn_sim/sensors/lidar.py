@@ -47,7 +47,7 @@ class Lidar:
             config: Fan, range limits, mounting and errors of the lidar.
             rng: Source of all noise. Scans draw from it in their order.
         """
-        self.rng = rng
+        self.begin(rng)
         self.mount = Pose2D(config.mount_x_m, config.mount_y_m, config.mount_yaw_rad)
         self._config = config
 
@@ -69,11 +69,37 @@ class Lidar:
         self.ages_ns = sweep_ns * np.linspace(1.0, 0.0, config.beams) * config.sweeps
         self._ranges = np.empty(config.beams)
 
+        angles = angle_min + increment * np.arange(config.beams)
+        is_behind_mask = (angles >= config.masked_from_rad) & (
+            angles <= config.masked_to_rad
+        )
+        self._is_masked = is_behind_mask & (
+            config.masked_to_rad > config.masked_from_rad
+        )
+        # Bursts begin and end by chance, so that they last as long as configured on
+        # average and fill their share of the time.
+        burst_scans = max(config.blackout_s * config.rate_hz, 1.0)
+        pause_scans = burst_scans * (1.0 - config.blackout_share)
+        self._end_chance = 1.0 / burst_scans
+        self._begin_chance = config.blackout_share / pause_scans
+
+    def begin(self, rng: np.random.Generator) -> None:
+        """Start over with another source of all noise."""
+        self.rng = rng
+        self._is_blind = False
+
     @property
     def is_plain(self) -> bool:
-        """Whether all beams are taken at once, without mixed pixels and drop-outs."""
+        """Whether all beams are taken at once, with noise and limits as only errors."""
         config = self._config
-        return not (config.sweeps or config.mixed_share or config.dropout_share)
+        return not (
+            config.sweeps
+            or config.mixed_share
+            or config.dropout_share
+            or config.blackout_share
+            or config.unseen_share
+            or self._is_masked.any()
+        )
 
     def scan(
         self,
@@ -115,7 +141,7 @@ class Lidar:
             turn = float(np.abs(sweep[:, 2] - sweep[-1, 2]).max())
             cast_sweep(ranges, self.directions, self.fan, frames, turn, *obstacles)
 
-        # The order of draws is part of the result: mixing, noise, drop-outs.
+        # The order of draws is part of the result: mixing, noise, drop-outs, blackouts.
         if self._config.mixed_share:
             self._mix_pixels(ranges)
         if noise is None:
@@ -126,6 +152,13 @@ class Lidar:
         if self._config.dropout_share:
             dropped = self.rng.random(len(measured)) < self._config.dropout_share
             measured[dropped] = np.inf
+        measured[self._is_masked] = np.inf
+        if self._config.blackout_share:
+            chance = self._end_chance if self._is_blind else self._begin_chance
+            if self.rng.random() < chance:
+                self._is_blind = not self._is_blind
+            if self._is_blind:
+                measured[:] = np.inf
         return self.scan_of(stamp_ns, measured)
 
     def draw_noise(self, noise: Singles) -> None:

@@ -23,6 +23,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
+from barn_worlds.robots.parts import DriveConfig
 
 G = 9.81
 FRICTION = 0.5
@@ -93,13 +94,15 @@ def rows(matrix):
 
 
 def reference_friction(
-    velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling
+    velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling, softness=0.0
 ):
     """Velocity (2,) and spin (3,) after friction, as the point of least energy of the relative motion.
 
     Coulomb friction with given loads is the convex problem: minimize half of the impulses' energy plus their work on
-    the slip, each impulse within its circle. Solved here by a general optimizer instead of sweeps.
+    the slip, each impulse within its circle. Solved here by a general optimizer instead of sweeps. A tire that slips
+    by softness (n,) times its impulse stores that as well.
     """
+    softness = np.repeat(softness * np.ones(len(arms)), 2)
     count = len(arms)
     axes = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     moved = np.cross(arms[:, None], axes)  # (n, 2, 3)
@@ -117,7 +120,10 @@ def reference_friction(
     start = slips(np.zeros(2 * count))
 
     def energy(impulses):
-        return 0.5 * impulses @ (slips(impulses) + start)
+        return 0.5 * impulses @ (slips(impulses) + start + softness * impulses)
+
+    def gradient(impulses):
+        return slips(impulses) + softness * impulses
 
     def room(impulses):
         return limits**2 - (impulses.reshape(count, 2) ** 2).sum(axis=1)
@@ -125,7 +131,7 @@ def reference_friction(
     best = minimize(
         energy,
         np.zeros(2 * count),
-        jac=slips,
+        jac=gradient,
         constraints={"type": "ineq", "fun": room},
         method="SLSQP",
         options={"maxiter": 500, "ftol": 1e-15},
@@ -133,8 +139,9 @@ def reference_friction(
     return after(best.x)
 
 
+@pytest.mark.parametrize("full_slip_mps", [0.0, 0.05])
 @pytest.mark.parametrize("seed", range(12))
-def test_friction_is_that_of_a_general_optimiser(seed):
+def test_friction_is_that_of_a_general_optimiser(seed, full_slip_mps):
     rng = np.random.default_rng(seed)
     model = model_of(STANDARD_ROBOT.chassis)
     yaw = rng.uniform(-3.0, 3.0)
@@ -154,18 +161,49 @@ def test_friction_is_that_of_a_general_optimiser(seed):
     inverse_mass = 1.0 / model.mass_kg
     before = (*velocity, *spin)
     motion, speeds = begin_friction(
-        before, left, right, wheels, rows(turn), rows(inverse), inverse_mass
+        before,
+        left,
+        right,
+        wheels,
+        rows(turn),
+        rows(inverse),
+        inverse_mass,
+        full_slip_mps,
     )
     after = sweep_friction(motion, speeds, wheels, inverse_mass, SWEEPS)
 
     rims = np.array([left, right, left, right])
     expected = reference_friction(
-        velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling
+        velocity,
+        spin,
+        rims,
+        arms,
+        limits,
+        model.mass_kg,
+        inverse,
+        rolling,
+        full_slip_mps / limits,
     )
     assert_allclose(after[:2], expected[0], atol=2e-5)
     assert_allclose(after[2:], expected[1], atol=2e-4)
     impulses = np.hypot(wheels["impulse_x"], wheels["impulse_y"])
     assert (impulses <= limits * (1 + 1e-12)).all()
+
+
+def test_a_tire_that_slips_lags_by_the_share_of_its_friction(empty_world):
+    # At 1 m/s2 the tires need a fifth of what friction allows, so the body is that
+    # share of the full slip slower than its wheels.
+    plain = replace(SimulatorConfig(), drive=DriveConfig(max_acceleration_m_s2=1.0))
+    speeds_mps = []
+    for slip_mps in (0.0, 0.05):
+        config = replace(plain, physics=PhysicsConfig(tire_slip_mps=slip_mps))
+        robot = Simulator(empty_world, config, Pose2D(0.0, 0.0, 0.0), 0)
+        with closing(robot):
+            for _ in range(16):
+                sensors = robot.step(Velocity2D(2.0, 0.0))
+        speeds_mps.append(sensors.truth.velocity.linear)
+    lag_mps = 0.05 * 1.0 / (FRICTION * G)
+    assert speeds_mps[0] - speeds_mps[1] == pytest.approx(lag_mps, rel=0.05)
 
 
 def test_a_body_too_light_for_the_physics_step_is_refused():

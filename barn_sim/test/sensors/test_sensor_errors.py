@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from driving import readings_of
 
-from barn_sim.config import LidarConfig, OdometryConfig, SimulatorConfig, with_robot
+from barn_sim.config import (
+    LidarConfig,
+    ObstacleConfig,
+    OdometryConfig,
+    SimulatorConfig,
+    with_robot,
+)
 from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
@@ -47,6 +53,43 @@ def test_beams_drop_out_as_often_as_they_are_said_to():
     lost = np.isposinf(scans(config, 2000)[:, is_hit])
     assert lost.mean() == pytest.approx(0.1, abs=0.004)
     assert np.corrcoef(lost[:, 3], lost[:, 4])[0, 1] == pytest.approx(0.0, abs=0.11)
+
+
+def test_a_masked_sector_sees_nothing():
+    config = LidarConfig(beams=181, masked_from_rad=-0.5, masked_to_rad=0.25)
+    (masked,) = scans(config, 1)
+    (plain,) = scans(replace(config, masked_to_rad=-0.5), 1)
+    angles = np.linspace(config.angle_min_rad, config.angle_max_rad, 181)
+    is_masked = (angles >= -0.5) & (angles <= 0.25)
+    assert np.isposinf(masked[is_masked]).all()
+    assert (masked[~is_masked] == plain[~is_masked]).all()
+
+
+@pytest.mark.parametrize("burst_s", [0.02, 0.5])
+def test_blackouts_have_their_share_of_the_time_and_their_length(burst_s):
+    config = LidarConfig(beams=9, blackout_share=0.2, blackout_s=burst_s)
+    is_blind = np.isposinf(scans(config, 60_000)).all(axis=1)
+    bursts = np.diff(is_blind.astype(int)).clip(0).sum()
+    mean_s = is_blind.sum() / bursts / config.rate_hz
+    assert is_blind.mean() == pytest.approx(0.2, abs=0.02)
+    assert mean_s == pytest.approx(burst_s, rel=0.1)
+
+
+@pytest.mark.parametrize("movable", [False, True])
+def test_cylinders_that_no_beam_sees_stand_all_the_same(walled_world, movable):
+    """They are drawn for each trial, and a hidden one that was pushed over stays hidden."""
+    lidar = LidarConfig(unseen_share=1.0)
+    config = SimulatorConfig(lidar=lidar, obstacles=ObstacleConfig(movable=movable))
+    ahead = [Velocity2D(1.0, 0.0)] * 60
+    # Toward the wall.
+    readings = readings_of(Simulator(walled_world, config, START, 0), ahead)
+    assert np.isposinf([reading.scan.ranges for reading in readings]).all()
+    half = replace(config, lidar=replace(lidar, unseen_share=0.5))
+    simulators = [Simulator(walled_world, half, START, seed) for seed in (0, 0, 1)]
+    same, again, other = (simulator.sense().scan.ranges for simulator in simulators)
+    assert (same == again).all() and (np.isfinite(same) != np.isfinite(other)).any()
+    for simulator in simulators:
+        simulator.close()
 
 
 def test_mixed_pixels_lie_between_both_sides_of_an_edge():

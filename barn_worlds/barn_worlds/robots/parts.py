@@ -37,6 +37,13 @@ class DriveConfig(Checked):
     max_reverse_m_s: float = optional(
         10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0
     )
+    turn_deadband_rad_s: float = optional(
+        0.0,
+        "yaw rate that is lost: slower turns do not happen, others are slower by it",
+        "rad/s",
+        0.0,
+        10.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,29 @@ class LidarConfig(Checked):
     dropout_share: float = optional(
         0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0
     )
+    masked_from_rad: float = optional(
+        0.0,
+        "beams from here to masked_to_rad read +inf, as behind a mast; equal: none",
+        "rad",
+        -math.pi,
+        math.pi,
+    )
+    masked_to_rad: float = optional(
+        0.0, "end of the masked sector", "rad", -math.pi, math.pi
+    )
+    blackout_share: float = optional(
+        0.0, "share of the scans that read +inf everywhere, in bursts", "", 0.0, 0.9
+    )
+    blackout_s: float = optional(
+        0.5, "mean length of such a burst, at least one scan", "s", 0.0, 60.0
+    )
+    unseen_share: float = optional(
+        0.0,
+        "share of the cylinders that no beam sees, as glass, drawn for each trial",
+        "",
+        0.0,
+        1.0,
+    )
 
     def __post_init__(self) -> None:
         """Raise ConfigError unless angle and range have maxima above minima."""
@@ -95,6 +125,11 @@ class LidarConfig(Checked):
             self.range_max_m > self.range_min_m,
             "range_max_m",
             f"must be above range_min_m = {self.range_min_m:g}",
+        )
+        self.require(
+            self.masked_to_rad >= self.masked_from_rad,
+            "masked_to_rad",
+            f"must be at least masked_from_rad = {self.masked_from_rad:g}",
         )
 
 

@@ -54,6 +54,7 @@ def test_the_sizes_are_those_of_the_data_sheets():
     sizes = {
         "husky": (0.990, 0.670, 7),
         "jackal": (0.508, 0.430, 5),
+        "jackal_measured": (0.508, 0.430, 5),
         "scout_mini": (0.612, 0.580, 5),
         "turtlebot3_burger": (0.138, 0.178, 3),
         "turtlebot3_waffle": (0.281, 0.306, 3),
