@@ -102,6 +102,8 @@ class Planar:
         chassis = self.robot.chassis
         drive = self.robot.drive
         half = 0.5 * chassis.track_m * drive.wheel_separation_multiplier
+        lost = drive.turn_deadband_rad_s
+        turn_rad_s -= max(-lost, min(lost, turn_rad_s))
         left = speed_m_s - turn_rad_s * half
         right = speed_m_s + turn_rad_s * half
         if chassis.kind == "differential":
