@@ -36,7 +36,7 @@ WORDS = {
     "nav2": 950,
     "reliability": 750,
     "results": 650,
-    "robots": 1300,
+    "robots": 1350,
     "statistics": 800,
 }
 
