@@ -10,7 +10,7 @@ differences are in `significance`. No result depends on the order of the trials.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -264,14 +264,32 @@ def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
 
     Trials of one world and repetition belong together: they met the same noise.
     """
-    positions = [_positions(trials) for trials in planners]
+    keys = _trial_keys(planners)
+    finite_keys = []
+    for trials, trial_keys in zip(planners, keys, strict=True):
+        finite_keys.append(trial_keys[np.isfinite(trials.values)])
     # Sorted keys give all planners one order, which pairs need.
-    shared = sorted(set.intersection(*map(set, positions)))
+    shared = reduce(np.intersect1d, finite_keys)
     matched = []
-    for trials, position in zip(planners, positions, strict=True):
-        selection = [position[key] for key in shared]
-        matched.append(trials.at(np.array(selection, np.int64)))
+    for trials, trial_keys in zip(planners, keys, strict=True):
+        finite = np.flatnonzero(np.isfinite(trials.values))
+        order = finite[np.argsort(trial_keys[finite], kind="stable")]
+        # Of several trials with one key, the last counts.
+        places = np.searchsorted(trial_keys[order], shared, side="right") - 1
+        matched.append(trials.at(order[places]))
     return matched
+
+
+def _trial_keys(planners: Sequence[TrialValues]) -> list[Integers]:
+    """Return for each planner a number per trial, ordered by world and repetition."""
+    ranks = []
+    for name in ("worlds", "repetitions"):
+        numbers = np.concatenate([getattr(trials, name) for trials in planners])
+        ranks.append(np.unique(numbers, return_inverse=True)[1])
+    world_ranks, repetition_ranks = ranks
+    keys = world_ranks * (repetition_ranks.max(initial=0) + 1) + repetition_ranks
+    ends = np.cumsum([len(trials.values) for trials in planners])
+    return np.split(keys, ends[:-1])
 
 
 def difference(a: TrialValues, b: TrialValues, flips: int = FLIPS) -> Difference:
@@ -330,9 +348,11 @@ def compare_pairs(a: TrialValues, b: TrialValues, *, larger_is_better: bool) -> 
     larger, smaller = (_values_by_world(side.values, side.worlds) for side in sides)
     chances = []
     for world, values in larger.items():
-        gaps = values[:, None] - smaller[world][None, :]
+        others = smaller[world]
+        below = np.searchsorted(others, values, side="left").sum()
+        not_above = np.searchsorted(others, values, side="right").sum()
         # Ties count half.
-        chances.append(float(np.mean((gaps > 0.0) + 0.5 * (gaps == 0.0))))
+        chances.append((below + not_above) / 2.0 / (len(values) * len(others)))
     # All worlds have the same weight, however many trials they have.
     lead = significance.paired_difference(
         np.array(chances) - 0.5, np.array(list(larger))
@@ -381,12 +401,6 @@ def rank_correlation(
     )
 
 
-def _positions(trials: TrialValues) -> dict[tuple[int, int], int]:
-    """Return the index of each trial with a finite value, by (world, repetition)."""
-    finite = np.flatnonzero(np.isfinite(trials.values)).tolist()
-    return {(int(trials.worlds[k]), int(trials.repetitions[k])): k for k in finite}
-
-
 def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:
     """Return the finite values by world number, each array ascending.
 
@@ -396,4 +410,6 @@ def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:
     order = np.lexsort((values[finite], worlds[finite]))
     values = values[finite][order]
     worlds = worlds[finite][order]
-    return {int(number): values[worlds == number] for number in np.unique(worlds)}
+    numbers, starts = np.unique(worlds, return_index=True)
+    groups = np.split(values, starts[1:])
+    return dict(zip(numbers.tolist(), groups, strict=False))
