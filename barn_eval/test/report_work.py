@@ -14,7 +14,7 @@ from planners import dataset_of, run_inline
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.results.provenance import provenance
-from barn_eval.results.rows import read_tracks, seal_line, unseal_line
+from barn_eval.results.rows import TRACKS_FILE, TrialLines, seal_line, unseal_line
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import thin_samples
 from barn_eval.trials import identity
@@ -104,7 +104,7 @@ def campaign(
     row = replace(row, protocol=protocol.name, metric=protocol.metric, task=task)
     dataset = open_dataset(config.dataset)
     path.mkdir()
-    track = json.loads(next(iter(read_tracks(run).values())))
+    track = json.loads(next(iter(TrialLines(run / TRACKS_FILE).values())))
     lines = []
     tracks = []
     left = bags

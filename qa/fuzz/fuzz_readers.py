@@ -32,7 +32,7 @@ from barn_eval.results.commands import commands_line, parse_commands_line
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.rows import (
     RowFile,
-    read_tracks,
+    TrialLines,
     results_table,
     seal_line,
     timing_table,
@@ -228,7 +228,7 @@ def _rows(path: Path) -> None:
 
 
 def _tracks(path: Path) -> None:
-    for line in read_tracks(path.parent).values():
+    for line in TrialLines(path).values():
         assert parse_track_line(line, "")[1].packed
 
 

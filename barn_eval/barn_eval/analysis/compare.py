@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -51,6 +51,9 @@ _SHARED_FIELDS = {
     "world_checksum": "worlds of the same number",
     "simulator_seed": "simulator seeds",
 }
+
+Selection: TypeAlias = tuple[Source, RowsByPlanner]
+"""A results folder, and its scored rows by planner."""
 
 
 @dataclass(frozen=True)
@@ -245,6 +248,7 @@ def compare_folders(
     *,
     keys: Sequence[str] = COMPARED,
     progress: Callable[[float], None] = lambda _: None,
+    selections: Sequence[Selection] = (),
 ) -> list[Comparison]:
     """Read one or two results folders and compare their planners pair by pair.
 
@@ -256,12 +260,13 @@ def compare_folders(
         b: Another. By default the planners of `a` are compared.
         keys: Keys of measures.
         progress: Receives the share of the pairs that is done, from 0 to 1.
+        selections: What `read_selections` returns for `a` and `b`, if it is read.
 
     Raises:
         ConfigError: There is nothing to compare.
         BarnError: As for `compare`.
     """
-    selections = [read_selection(path) for path in (a, b) if path]
+    selections = selections or read_selections(a, b)
     source_a, groups_a = selections[0]
     source_b, groups_b = selections[-1]
     # Before the tasks are compared, so that a wrong planner is named first.
@@ -328,7 +333,12 @@ def _name_folders(a: Path, b: Path) -> tuple[str, str]:
     return a.resolve().name, b.resolve().name
 
 
-def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
+def read_selections(a: Path, b: Path | None = None) -> list[Selection]:
+    """Read one or two results folders as `read_selection`, each once."""
+    return [read_selection(path) for path in (a, b) if path]
+
+
+def read_selection(path: Path) -> Selection:
     """Read FOLDER or FOLDER:PLANNER,PLANNER; return it and its scored rows by planner.
 
     Args:
@@ -353,18 +363,11 @@ def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
     return source, select_planners(path, groups, planners)
 
 
-def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:
-    """Read one or two results folders; return their rows by planner's display name.
+def label_groups(selections: Sequence[Selection]) -> RowsByPlanner:
+    """Return rows of one or two results folders by planner's display name.
 
     A planner that is in both folders has the folder in its name.
-
-    Args:
-        a: A folder, as for `read_selection`.
-        b: A second folder.
     """
-    selections = [read_selection(a)]
-    if b is not None:
-        selections.append(read_selection(b))
     names: list[str] = []
     for _, groups in selections:
         names += groups

@@ -13,7 +13,7 @@ import numpy as np
 from barn_eval.results.bags import BAGS
 from barn_eval.results.commands import parse_commands_line
 from barn_eval.results.folder import read_results, select_scored
-from barn_eval.results.rows import COMMANDS_FILE, read_tracks, read_trial_lines
+from barn_eval.results.rows import COMMANDS_FILE, TRACKS_FILE, TrialLines
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.table_files import (
     TABLE_SYSTEM,
@@ -67,14 +67,16 @@ class Source:
     @cached_property
     def tracks(self) -> Mapping[str, str]:
         """Lines of tracks by trial; none for a table."""
-        return {} if self.kind == "table" else read_tracks(self.path)
+        return self._lines(TRACKS_FILE)
 
     @cached_property
     def commands(self) -> Mapping[str, str]:
         """Lines of kept commands by trial; none for a table."""
-        if self.kind == "table":
-            return {}
-        return read_trial_lines(self.path / COMMANDS_FILE)
+        return self._lines(COMMANDS_FILE)
+
+    def _lines(self, name: str) -> Mapping[str, str]:
+        """Return the lines of a file in the folder by trial; none for a table."""
+        return {} if self.kind == "table" else TrialLines(self.path / name)
 
     @cached_property
     def run_config(self) -> RunConfig:

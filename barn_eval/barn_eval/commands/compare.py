@@ -4,7 +4,12 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.compare import compare_folders, read_groups, read_selection
+from barn_eval.analysis.compare import (
+    compare_folders,
+    label_groups,
+    read_selection,
+    read_selections,
+)
 from barn_eval.analysis.margins import Margin, decide_margin
 from barn_eval.analysis.measures import COMPARED, require_measures
 from barn_eval.analysis.precision import (
@@ -81,10 +86,13 @@ def command(
     keys = dict.fromkeys(measures or COMPARED)
     keys |= dict.fromkeys(margin.measure for margin in margins)
     with progress_bar("comparing") as progress:
-        comparisons = compare_folders(a, b, keys=list(keys), progress=progress)
+        selections = read_selections(a, b)
+        comparisons = compare_folders(
+            a, b, keys=list(keys), progress=progress, selections=selections
+        )
 
     if latex is not None:
-        write_page(latex, paper_table(read_groups(a, b), measures))
+        write_page(latex, paper_table(label_groups(selections), measures))
         print_notes(latex)
 
     first = comparisons[0]

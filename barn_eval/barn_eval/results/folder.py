@@ -36,9 +36,8 @@ from barn_eval.results.rows import (
     TABLE_FILES,
     TRACKS_FILE,
     RowFile,
+    TrialLines,
     append_line,
-    arrange_trial_lines,
-    drop_trial_lines,
     write_tables,
 )
 from barn_eval.results.run_file import RUN_FILE, WORLDS, WORLDS_MANIFEST, RunFile
@@ -117,7 +116,7 @@ class ResultsFolder:
         """
         run_file = RunFile.for_run(path, config, specs)
         # A folder of something else is refused before a lock is put into it.
-        find_completed(run_file, specs, overwrite=overwrite)
+        find_previous(path)
         with _lock(path):
             remove_partial_files(path)
 
@@ -136,7 +135,7 @@ class ResultsFolder:
             # Trials without a row run again, and may then have no line of their own.
             completed_ids = {result.trial_id for result in completed.results}
             for name in (TRACKS_FILE, COMMANDS_FILE):
-                drop_trial_lines(path / name, completed_ids)
+                TrialLines(path / name).drop_others(completed_ids)
 
             if worlds is not None and not (path / WORLDS).exists():
                 write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
@@ -157,7 +156,9 @@ class ResultsFolder:
         return len(self._places)
 
     def results(self) -> list[TrialResult]:
-        """Read all rows so far from results.jsonl, in the order of trials."""
+        """Return all rows so far, in the order of trials, read again if any was added."""
+        if len(self._completed_ids) == len(self.completed):
+            return self.completed
         return self._in_order(self._rows.read())
 
     def _in_order(self, results: Rows) -> list[TrialResult]:
@@ -230,7 +231,7 @@ class ResultsFolder:
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
-        arrange_trial_lines(self.path / TRACKS_FILE, self._places)
+        TrialLines(self.path / TRACKS_FILE).arrange(self._places)
         return results
 
 
@@ -291,6 +292,21 @@ class CompletedTrials:
     dropped_count: int = 0
 
 
+def find_previous(path: Path) -> RunFile | None:
+    """Return the run.json of a folder of results, None of an empty folder.
+
+    Raises:
+        ConfigError: The folder holds anything else.
+    """
+    if (path / RUN_FILE).exists():
+        return RunFile.read(path)
+    # A kill may leave a file of which only the beginning was written.
+    for file in path.glob("*"):
+        if file.name != _LOCK and not file.match(f".*{PARTIAL_SUFFIX}"):
+            raise ConfigError(f"{path}: is not empty and holds no run")
+    return None
+
+
 def find_completed(
     run_file: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False
 ) -> CompletedTrials:
@@ -305,15 +321,10 @@ def find_completed(
         ConfigError: The folder holds results of another run, or anything else.
     """
     path = run_file.path.parent
-    if not run_file.path.exists():
-        # A kill may leave a file of which only the beginning was written.
-        for file in path.glob("*"):
-            if file.name != _LOCK and not file.match(f".*{PARTIAL_SUFFIX}"):
-                raise ConfigError(f"{path}: is not empty and holds no run")
+    previous = find_previous(path)
+    if previous is None or overwrite:
         return CompletedTrials()
-
-    previous = RunFile.read(path)
-    rows = [] if overwrite else RowFile(path).read()
+    rows = RowFile(path).read()
     results = [row for row in rows if row.is_scored]
     if not results:
         return CompletedTrials()

@@ -4,8 +4,10 @@ import io
 import os
 import re
 import typing
+import weakref
 import zlib
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
+from contextlib import suppress
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +32,11 @@ from barn_eval.trials.system import ObservedTrial
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
-from barn_worlds.base.files import write_durably
+from barn_worlds.base.files import (
+    open_regular,
+    write_durably,
+    write_parts_durably,
+)
 from barn_worlds.base.text_files import as_mapping, parse_json, read_lines
 
 ROWS_FILE = "results.jsonl"
@@ -65,7 +71,8 @@ class RowFile:
 
     def replace(self, results: Rows) -> None:
         """Rewrite results.jsonl atomically with these rows only; errors as `append`."""
-        _write_lines(self.path, [seal_line(to_json_line(row)) for row in results])
+        lines = (f"{seal_line(to_json_line(row))}\n".encode() for row in results)
+        write_parts_durably(self.path, lines)
 
     def read(self) -> list[TrialResult]:
         """Return all rows in file order, but a torn last line; [] without a file.
@@ -77,8 +84,8 @@ class RowFile:
         """
         rows: dict[str, TrialResult] = {}
         parser = RowParser(self.path.parent)
-        for where, line in _read_sealed_lines(self.path):
-            row = parser.parse(line, where)
+        for where, line in read_lines(self.path):
+            row = parser.parse(unseal_line(line, where), where)
             if row.trial_id in rows:
                 raise ConfigError(f"{where}: trial {row.trial_id} is there already")
             rows[row.trial_id] = row
@@ -131,50 +138,73 @@ class RowParser:
             raise ConfigError(f"{error}{self._origin_note}") from None
 
 
-def read_tracks(folder: Path) -> dict[str, str]:
-    """Return lines of tracks.jsonl, as `read_trial_lines` does."""
-    return read_trial_lines(folder / TRACKS_FILE)
+class TrialLines(Mapping[str, str]):
+    """Lines of tracks or commands by trial, not parsed; the last one of each counts.
 
-
-def read_trial_lines(path: Path) -> dict[str, str]:
-    """Return lines of tracks or commands, not parsed, by trial; the last one counts.
-
-    A last line that a kill cut off is left out.
+    Only their places are kept. A line is read when it is asked for.
     """
-    what = "track" if path.name == TRACKS_FILE else "commands"
-    lines = {}
-    for where, line in _read_sealed_lines(path):
-        # A trial that a kill left without a row was run again: its last line counts.
-        trial_id, _ = parse_trial_line(line, where, what)
-        lines[trial_id] = line
-    return lines
 
+    def __init__(self, path: Path) -> None:
+        """Find and check all lines of a file, but a last one that a kill cut off.
 
-def arrange_trial_lines(path: Path, trial_ids: Iterable[str]) -> None:
-    """Rewrite tracks or commands in the order of `trial_ids`, one line each, no others.
+        Args:
+            path: tracks.jsonl or commands.jsonl; it need not be there.
 
-    So the file no longer tells which trial ended when.
+        Raises:
+            ConfigError: A line is damaged or names no trial.
+        """
+        self._path = path
+        self._spans: dict[str, tuple[int, int]] = {}
+        self._line_count = 0
+        file = None
+        with suppress(OSError):
+            # It stays open, so that the places stay true if the file is replaced.
+            file = open_regular(path)
+            weakref.finalize(self, file.close)
+            self._descriptor = file.fileno()
+        what = "track" if path.name == TRACKS_FILE else "commands"
+        start = 0
+        for where, line in read_lines(path, file):
+            # A trial that a kill left without a row was run again.
+            trial_id, _ = parse_trial_line(unseal_line(line, where), where, what)
+            size = len(line.encode()) + 1
+            self._spans[trial_id] = (start, size)
+            start += size
+            self._line_count += 1
 
-    Args:
-        path: tracks.jsonl or commands.jsonl.
-        trial_ids: Names of the trials whose lines stay, in their order.
-    """
-    kept = read_trial_lines(path)
-    lines = [seal_line(kept[name]) for name in trial_ids if name in kept]
-    if lines != [line for _, line in read_lines(path)]:
-        _write_lines(path, lines)
+    def __getitem__(self, trial_id: str) -> str:
+        """Return the line of a trial without its checksum, which is checked."""
+        line = self._read(trial_id)[:-1].decode()
+        return unseal_line(line, f"{self._path}, {trial_id}")
 
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of trials."""
+        return iter(self._spans)
 
-def drop_trial_lines(path: Path, trial_ids: Set[str]) -> None:
-    """Rewrite tracks or commands without trials other than `trial_ids`, if it has any.
+    def __len__(self) -> int:
+        """Return the number of trials."""
+        return len(self._spans)
 
-    Args:
-        path: tracks.jsonl or commands.jsonl.
-        trial_ids: Names of the trials whose lines stay.
-    """
-    lines = read_trial_lines(path)
-    if not lines.keys() <= trial_ids:
-        arrange_trial_lines(path, [name for name in lines if name in trial_ids])
+    def _read(self, trial_id: str) -> bytes:
+        """Return the line of a trial as it is in the file."""
+        start, size = self._spans[trial_id]
+        # Forks of this process share the position of the file.
+        return os.pread(self._descriptor, size, start)
+
+    def arrange(self, trial_ids: Iterable[str]) -> None:
+        """Rewrite the file in the order of `trial_ids`, one line each, no others.
+
+        So the file no longer tells which trial ended when. These lines are not used
+        any more then.
+        """
+        names = [name for name in trial_ids if name in self._spans]
+        if self._line_count > len(names) or names != list(self._spans):
+            write_parts_durably(self._path, map(self._read, names))
+
+    def drop_others(self, trial_ids: Set[str]) -> None:
+        """Rewrite the file without trials other than `trial_ids`, if it has any."""
+        if not self.keys() <= trial_ids:
+            self.arrange([name for name in self if name in trial_ids])
 
 
 def seal_line(line: str) -> str:
@@ -204,20 +234,6 @@ def unseal_line(line: str, where: str) -> str:
             f" {crc}"
         )
     return content
-
-
-def _read_sealed_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield "FILE, line N" and each line without its checksum, which is checked.
-
-    A last line that a kill cut off is left out.
-    """
-    for where, line in read_lines(path):
-        yield where, unseal_line(line, where)
-
-
-def _write_lines(path: Path, lines: Sequence[str]) -> None:
-    """Replace a file atomically by lines that have their checksums already."""
-    write_durably(path, "".join(f"{line}\n" for line in lines).encode())
 
 
 def append_line(path: Path, line: str) -> None:

@@ -14,7 +14,8 @@ from barn_eval.analysis.compare import (
     compare,
     compare_folders,
     count_available_worlds,
-    read_groups,
+    label_groups,
+    read_selections,
 )
 from barn_eval.analysis.measures import COMPARED, DRIVEN, MOVING, SCORED
 from barn_eval.analysis.summary import summarize_run
@@ -397,11 +398,14 @@ def test_folders_of_different_tasks_are_refused_by_key(folders):
 
 
 def test_planners_of_several_folders_are_told_apart(folders):
-    groups = read_groups(folders / "both")
+    groups = label_groups(read_selections(folders / "both"))
     planners = {name: group[0].planner for name, group in groups.items()}
     assert planners == {"DWA": "dwa", "E-Band": "eband"}
-    assert list(read_groups(folders / "b", folders / "a")) == ["E-Band", "DWA"]
-    assert list(read_groups(folders / "a", folders / "both")) == [
+    assert list(label_groups(read_selections(folders / "b", folders / "a"))) == [
+        "E-Band",
+        "DWA",
+    ]
+    assert list(label_groups(read_selections(folders / "a", folders / "both"))) == [
         f"DWA ({folders / 'a'})",
         f"DWA ({folders / 'both'})",
         "E-Band",

@@ -17,7 +17,13 @@ import barn_eval as barn
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.commands import MAX_COMMANDS, commands_line, parse_commands_line
 from barn_eval.results.folder import ResultsFolder
-from barn_eval.results.rows import append_line, read_tracks, seal_line, unseal_line
+from barn_eval.results.rows import (
+    TRACKS_FILE,
+    TrialLines,
+    append_line,
+    seal_line,
+    unseal_line,
+)
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.store import BagStore
 from barn_eval.results.tracks import pack_arrays
@@ -142,7 +148,7 @@ def test_a_second_attempt_has_no_lines_of_the_first(folder, left):
     with ResultsFolder.open(folder, config, execution, config.trials()) as opened:
         assert [spec.trial_id for spec in opened.remaining] == [second]
         assert lines_of(folder) == {first: expected[first]}
-        assert read_tracks(folder).keys() == {first}
+        assert TrialLines(folder / TRACKS_FILE).keys() == {first}
     before = (folder / "commands.jsonl").stat()
     with ResultsFolder.open(folder, config, execution, config.trials()):
         assert (folder / "commands.jsonl").stat() == before

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import shutil
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 from itertools import count as numbers
@@ -15,6 +16,7 @@ from report_work import change_row
 from running.test_runner import record
 
 from barn_eval.results.folder import ResultsFolder, read_results
+from barn_eval.results.rows import append_line
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.result import SCHEMA_VERSION
 from barn_eval.trials.run_config import (
@@ -24,6 +26,7 @@ from barn_eval.trials.run_config import (
     RunConfig,
 )
 from barn_worlds.base.errors import BarnError, StoreError
+from barn_worlds.base.files import open_regular
 
 GAP = RunConfig(
     worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
@@ -239,3 +242,29 @@ def test_two_writers_do_not_touch_each_others_files(tmp_path):
         for spec in folder.remaining:
             folder.append(record(spec))
     assert len(read_results(tmp_path)) == 4
+
+
+def test_a_resumed_run_reads_each_file_once_at_its_start_and_end(tmp_path, monkeypatch):
+    opened = Counter()
+
+    def counting(path):
+        opened[path.name] += 1
+        return open_regular(path)
+
+    for module in ("barn_worlds.base.text_files", "barn_eval.results.rows"):
+        monkeypatch.setattr(f"{module}.open_regular", counting)
+    keep(tmp_path, GAP, 2)
+    # A kill left a track without a row.
+    other = record(trials()[-1]).track
+    append_line(tmp_path / "tracks.jsonl", other)
+    opened.clear()
+    with ResultsFolder.open(tmp_path, GAP, EXECUTION, trials()) as folder:
+        assert len(folder.completed) == len(folder.results()) == 2
+        assert opened == {"results.jsonl": 1, "tracks.jsonl": 1, "commands.jsonl": 1}
+        opened.clear()
+        for spec in folder.remaining:
+            folder.append(record(spec))
+        # The time per trial does not grow with the folder.
+        assert not opened
+        folder.complete()
+    assert opened == {"results.jsonl": 1, "tracks.jsonl": 1}

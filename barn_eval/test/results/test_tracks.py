@@ -12,9 +12,9 @@ from report_work import recorded_track
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.rows import (
+    TRACKS_FILE,
+    TrialLines,
     append_line,
-    arrange_trial_lines,
-    read_tracks,
     seal_line,
 )
 from barn_eval.results.run_file import RunFile
@@ -112,8 +112,8 @@ def test_the_line_of_a_trial_is_what_its_bag_holds(run):
 
 def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
     path = tmp_path / "tracks.jsonl"
-    assert read_tracks(tmp_path) == {}
-    line = next(iter(read_tracks(run).values()))
+    assert TrialLines(path) == {}
+    line = next(iter(TrialLines(run / TRACKS_FILE).values()))
     content = json.loads(line)
     lines = [
         json.dumps(content | {"trial_id": name, "note": note})
@@ -123,11 +123,11 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
         append_line(path, entry)
     with path.open("a") as file:
         file.write(lines[1][:50])
-    assert read_tracks(tmp_path) == {"b": lines[2], "a": lines[1]}
-    arrange_trial_lines(path, ["a", "never", "b"])
+    assert TrialLines(path) == {"b": lines[2], "a": lines[1]}
+    TrialLines(path).arrange(["a", "never", "b"])
     assert path.read_text() == f"{seal_line(lines[1])}\n{seal_line(lines[2])}\n"
     append_line(path, lines[0])
-    assert read_tracks(tmp_path)["b"] == lines[0]
+    assert TrialLines(path)["b"] == lines[0]
 
 
 def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
@@ -135,9 +135,10 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
         seal_line(json.dumps({"trial_id": "a"})),
         seal_line(json.dumps({"what": "else"})),
     ]
-    (tmp_path / "tracks.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    path = tmp_path / "tracks.jsonl"
+    path.write_text("".join(f"{line}\n" for line in lines))
     with refused(r"tracks.jsonl, line 2: no track: trial_id is missing"):
-        read_tracks(tmp_path)
+        TrialLines(path)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +169,7 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
     ],
 )
 def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
-    line = next(iter(read_tracks(run).values()))
+    line = next(iter(TrialLines(run / TRACKS_FILE).values()))
     with refused(rf"^here: (no track|not JSON): .*{words}"):
         parse_track_line(json.dumps(json.loads(line) | changes), "here")
 

@@ -11,7 +11,7 @@ import stat
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -145,11 +145,17 @@ def write_durably(path: Path, content: bytes) -> None:
     Raises:
         StoreError: If the file cannot be written.
     """
+    write_parts_durably(path, [content])
+
+
+def write_parts_durably(path: Path, parts: Iterable[bytes]) -> None:
+    """Write a result file as `write_durably`, part by part as they are made."""
     with (
         convert_os_errors(StoreError, f"{path}: cannot be written"),
         replace_file(path, durable=True) as temporary,
+        temporary.open("wb") as file,
     ):
-        temporary.write_bytes(content)
+        file.writelines(parts)
 
 
 @contextmanager

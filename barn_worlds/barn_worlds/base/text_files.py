@@ -7,9 +7,10 @@ ConfigError of one line that names the file.
 import json
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 import yaml
 
@@ -24,7 +25,6 @@ from barn_worlds.base.yaml_scalars import CoreLoader, Dumper
 
 LARGEST_JSON_BYTES = 64 * 1024 * 1024
 LARGEST_YAML_BYTES = 256 * 1024
-LARGEST_LINES_BYTES = 1 << 30
 LONGEST_LINE_BYTES = 1 << 20
 MOST_VALUES = 1_000_000
 DEEPEST = 60
@@ -73,26 +73,27 @@ def parse_json(text: str | bytes, where: str) -> PlainData:
     return data
 
 
-def read_lines(path: Path) -> Iterator[tuple[str, str]]:
+def read_lines(path: Path, file: BinaryIO | None = None) -> Iterator[tuple[str, str]]:
     """Yield place ("rows.jsonl, line 2") and unparsed text of each complete line.
 
     ConfigError for a file that cannot be read, is no UTF-8 or too large.
 
     A file that does not exist has no lines. A last line without its end, as a killed
     writer leaves it, is left out.
+
+    Args:
+        path: A regular file.
+        file: The file if it is open already; it stays open.
     """
     number = 1
-    size = 0
     try:
-        with open_regular(path) as file:
+        with nullcontext(file) if file else open_regular(path) as lines:
             # One byte more than allowed shows that a line is too long.
-            while line := file.readline(LONGEST_LINE_BYTES + 1):
-                size += len(line)
-                if len(line) > LONGEST_LINE_BYTES or size > LARGEST_LINES_BYTES:
+            while line := lines.readline(LONGEST_LINE_BYTES + 1):
+                if len(line) > LONGEST_LINE_BYTES:
                     raise ConfigError(
                         f"{path}, line {number}: more than the allowed "
-                        f"{LONGEST_LINE_BYTES} bytes in a line or "
-                        f"{LARGEST_LINES_BYTES} in the file"
+                        f"{LONGEST_LINE_BYTES} bytes"
                     )
                 if line.endswith(b"\n"):
                     yield f"{path}, line {number}", line[:-1].decode("utf-8")
