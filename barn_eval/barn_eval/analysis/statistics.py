@@ -269,7 +269,7 @@ def matched_trials(planners: Sequence[TrialValues]) -> list[TrialValues]:
     for trials, trial_keys in zip(planners, keys, strict=True):
         finite_keys.append(trial_keys[np.isfinite(trials.values)])
     # Sorted keys give all planners one order, which pairs need.
-    shared = reduce(np.intersect1d, finite_keys)
+    shared = reduce(np.intersect1d, finite_keys, finite_keys[0])
     matched = []
     for trials, trial_keys in zip(planners, keys, strict=True):
         finite = np.flatnonzero(np.isfinite(trials.values))

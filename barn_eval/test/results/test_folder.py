@@ -254,9 +254,9 @@ def test_a_resumed_run_reads_each_file_once_at_its_start_and_end(tmp_path, monke
     for module in ("barn_worlds.base.text_files", "barn_eval.results.rows"):
         monkeypatch.setattr(f"{module}.open_regular", counting)
     keep(tmp_path, GAP, 2)
-    # A kill left a track without a row.
-    other = record(trials()[-1]).track
-    append_line(tmp_path / "tracks.jsonl", other)
+    # A kill left a track and commands without a row.
+    append_line(tmp_path / "tracks.jsonl", record(trials()[-1]).track)
+    append_line(tmp_path / "commands.jsonl", '{"trial_id":"gap_w0000_r09"}')
     opened.clear()
     with ResultsFolder.open(tmp_path, GAP, EXECUTION, trials()) as folder:
         assert len(folder.completed) == len(folder.results()) == 2
