@@ -22,12 +22,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
-import numpy as np
-import numpy.typing as npt
-
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
-FloatArray = npt.NDArray[np.float64]
+FloatArray = Floats
 
 
 class PlannerStatus(str, Enum):

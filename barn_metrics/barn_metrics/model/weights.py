@@ -18,7 +18,7 @@ from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, Rout
 from barn_metrics.model.route import CHANNELS
 from barn_worlds.base.arrays import AnyArray, Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.base.errors import ConfigError, ModelError, WorldError
+from barn_worlds.base.errors import ModelError
 from barn_worlds.formats.npz import Arrays, NpzFormat
 
 FORMAT = NpzFormat(
@@ -117,14 +117,11 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
     """Load a difficulty model from an .npz file, by default the shipped one.
 
     Raises:
-        ModelError: If the file is no sound model.
+        BarnError: If the file is no sound model.
     """
     path = default_weights() if path is None else Path(path)
-    try:
-        content, arrays = FORMAT.read(path)
-        header = from_dict(_Header, content, f"{path}: {FORMAT.header}")
-    except (WorldError, ConfigError) as error:
-        raise ModelError(str(error)) from None
+    content, arrays = FORMAT.read(path)
+    header = from_dict(_Header, content, f"{path}: {FORMAT.header}")
     # A damaged file may still have arrays of the right shapes.
     if header.sha256 != _checksum(arrays):
         raise ModelError(
@@ -150,12 +147,12 @@ class _NetworkReader:
         self._prefix = f"m{number}_"
 
     def network(self, layer_count: int, planner_count: int) -> RouteNetwork:
-        """Return the network; ModelError if an array is missing or does not fit."""
+        """Return the network; BarnError if an array is missing or does not fit."""
         size = len(summary_names())
         mean = self._array("mean", size)
         std = self._array("std", size)
         if not (std > 0.0).all():
-            raise self._error("std", "must be above 0")
+            raise ModelError(f"{self._path}: {self._prefix}std must be above 0")
 
         filters = []
         channels = len(STRIPS) * CHANNELS
@@ -164,8 +161,9 @@ class _NetworkReader:
             layer = self._layer(name, f"filter_bias{place}", None, channels, None)
             width, _, channels = layer[0].shape
             if width % 2 == 0:
-                raise self._error(
-                    name, f"must span an odd number of samples, got {width}"
+                raise ModelError(
+                    f"{self._path}: {self._prefix}{name} must span an odd number of "
+                    f"samples, got {width}"
                 )
             filters.append(layer)
 
@@ -187,27 +185,9 @@ class _NetworkReader:
         return weights, self._array(bias_name, weights.shape[-1])
 
     def _array(self, name: str, *shape: int | None) -> Floats:
-        """Return an array by name; ModelError if shape or values are wrong."""
-        array = self._arrays.get(self._prefix + name)
-        if array is None:
-            raise ModelError(f"{self._path}: has no array {self._prefix}{name}")
-
-        fits = array.ndim == len(shape) and all(
-            side in (None, length)
-            for side, length in zip(shape, array.shape, strict=True)
-        )
-        if not fits or array.dtype != np.dtype("<f8"):
-            sides = " x ".join("any" if side is None else str(side) for side in shape)
-            raise self._error(
-                name, f"must be {sides} of f8, got {array.dtype} of shape {array.shape}"
-            )
-        if not np.isfinite(array).all():
-            raise self._error(name, "holds values that are not finite")
-        return array
-
-    def _error(self, name: str, problem: str) -> ModelError:
-        """Return, do not raise, an error that names file and array."""
-        return ModelError(f"{self._path}: {self._prefix}{name} {problem}")
+        """Return an array by name; WorldError if shape or values are wrong."""
+        name = self._prefix + name
+        return FORMAT.array(self._arrays, name, self._path, shape, "float64")
 
 
 def _checksum(arrays: Mapping[str, AnyArray]) -> str:

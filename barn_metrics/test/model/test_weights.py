@@ -8,10 +8,11 @@ import pytest
 from archives import members, pickled, repack
 from model.test_model import make_network
 
-from barn_metrics.model import DifficultyModel, ModelError, load_model, save_model
+from barn_metrics.model import DifficultyModel, load_model, save_model
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
 from barn_metrics.model.route import CHANNELS
 from barn_metrics.model.weights import _checksum, default_weights
+from barn_worlds.base.errors import BarnError
 from barn_worlds.formats.npz import encode_npy, parse_npy
 
 SUMMED_UP = len(summary_names())
@@ -49,7 +50,7 @@ def rewrite(path, change, *, signed=True):
 
 
 def refused(path):
-    with pytest.raises(ModelError) as caught:
+    with pytest.raises(BarnError) as caught:
         load_model(path)
     message = str(caught.value)
     assert message.startswith(str(path)) and "\n" not in message
@@ -79,7 +80,7 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ),
         (
             {"planners": ["a", "b"]},
-            "m0_weights1 must be 7 x 4 of f8, got float64 of shape (7, 2)",
+            "m0_weights1 must be 7 x 4 of float64, got float64 of shape (7, 2)",
         ),
         ({"planners": []}, "planners must be from 1 to 16"),
         ({"planners": [7]}, "planners[0] must be"),
@@ -103,7 +104,7 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ),
         (
             {"members": [{"kind": "sequence", "weight": 1.0, "layers": 3}]},
-            "has no array m0_weights2",
+            "it has no m0_weights2.npy",
         ),
         ({"relative_std": -1.0}, "relative_std must be from 0 to 1e+06, got -1.0"),
         (
@@ -114,11 +115,11 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ({"sizes": [5, 3]}, "unknown key 'sizes'"),
         (
             {"m0_mean": np.zeros(4)},
-            f"m0_mean must be {SUMMED_UP} of f8, got float64 of shape (4,)",
+            f"m0_mean must be {SUMMED_UP} of float64, got float64 of shape (4,)",
         ),
         (
             {"m0_mean": np.zeros(SUMMED_UP, np.float32)},
-            f"m0_mean must be {SUMMED_UP} of f8, got float32",
+            f"m0_mean must be {SUMMED_UP} of float64, got float32",
         ),
         ({"m0_std": np.zeros(SUMMED_UP)}, "m0_std must be above 0"),
         (
@@ -127,7 +128,7 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ),
         (
             {"m1_weights0": np.zeros((5, 1))},
-            f"m1_weights0 must be {8 + SUMMED_UP} x any of f8",
+            f"m1_weights0 must be {8 + SUMMED_UP} x any of float64",
         ),
         (
             {"m0_filters0": np.zeros((4, len(STRIPS) * CHANNELS, 6))},
@@ -135,7 +136,7 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ),
         (
             {"m0_filters0": np.zeros((3, 7, 6))},
-            f"m0_filters0 must be any x {len(STRIPS) * CHANNELS} x any of f8",
+            f"m0_filters0 must be any x {len(STRIPS) * CHANNELS} x any of float64",
         ),
         ({"m0_filters1": np.zeros((0, 6, 5))}, f"m0_filters1 {EVEN}"),
     ],

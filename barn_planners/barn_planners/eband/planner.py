@@ -12,7 +12,7 @@ from barn_planners.costmap.costmap import Costmap
 from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Pose
 from barn_planners.eband import forces, kernels
 from barn_planners.eband.config import EBandConfig, EBandPlannerConfig
-from barn_planners.global_plan.planner import visible_slice
+from barn_planners.global_plan.kernels import visible_points
 from barn_planners.interface import PlannerView
 from barn_planners.navigation.loop import (
     Control,
@@ -194,19 +194,20 @@ class EBandController(Controller):
         # costmap_2d's size in meters leaves out half a cell.
         costmap = inputs.costmap
         reach_m = 0.5 * (max(costmap.costs.shape) - 0.5) * costmap.resolution
-        near = visible_slice(inputs.plan, inputs.pose, reach_m)
+        pose = inputs.pose
+        start, end = visible_points(inputs.plan, pose.x, pose.y, reach_m)
         # The first pose beyond it belongs to the plan that the original sees.
-        end = min(near.stop + 1, len(inputs.plan))
+        end = min(end + 1, len(inputs.plan))
         if inputs.new_plan or not self._has_band:
             self._has_band = False
-            problem = self._take_plan(inputs, inputs.plan[near.start : end])
+            problem = self._take_plan(inputs, inputs.plan[start:end])
             if problem:
                 return problem
             self._has_band = True
             self._plan_end = end
 
-        ahead = inputs.plan[max(self._plan_end, near.start) : end]
-        is_appended, problem = self._band.advance(inputs.pose, ahead, costmap)
+        ahead = inputs.plan[max(self._plan_end, start) : end]
+        is_appended, problem = self._band.advance(pose, ahead, costmap)
         if is_appended:
             self._plan_end = max(self._plan_end, end)
         return problem

@@ -206,28 +206,3 @@ def transform_plan(plan: Floats, frame: Pose2D) -> Floats:
     poses[:, :2] = frame.transform(plan[:, :2])
     poses[:, 2] = (plan[:, 2] + frame.yaw + np.pi) % (2.0 * np.pi) - np.pi
     return poses
-
-
-def visible_slice(plan: Floats, pose: Pose2D, radius_m: float) -> slice:
-    """Return the slice of a plan's first part near the robot, empty if none is.
-
-    Args:
-        plan: Points (n, 2 or more), x and y in m.
-        pose: Pose of the robot.
-        radius_m: Distance from the robot up to which points are near.
-    """
-    return slice(*kernels.visible_points(plan, pose.x, pose.y, radius_m))
-
-
-def count_passed_points(plan: Floats, pose: Pose2D, distance_m: float) -> int:
-    """Return how many points of a plan come before the first near the robot, or all.
-
-    Args:
-        plan: Points (n, 2 or more), x and y in m.
-        pose: Pose of the robot.
-        distance_m: Points nearer than this are near.
-
-    Returns:
-        All points if none is near.
-    """
-    return kernels.passed_points(plan, pose.x, pose.y, distance_m)

@@ -11,12 +11,11 @@ from dataclasses import dataclass, field, replace
 
 from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig
 from barn_planners.costmap.costmap import Costmap, RollingCostmap, global_costmap
+from barn_planners.global_plan.kernels import passed_points, visible_points
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,
     GlobalPlanner,
-    count_passed_points,
     transform_plan,
-    visible_slice,
 )
 from barn_planners.interface import (
     Decision,
@@ -346,14 +345,15 @@ class NavigationPlanner(Planner):
             plan = transform_plan(plan, odom_from_map)
             goal = odom_from_map @ goal
 
-        window = visible_slice(plan, pose, self._local_costmap.config.size_m / 2.0)
-        start = window.start
-        if self.config.prune_m > 0.0:
-            start += count_passed_points(plan[window], pose, self.config.prune_m)
+        reach_m = self._local_costmap.config.size_m / 2.0
+        start, end = visible_points(plan, pose.x, pose.y, reach_m)
+        prune_m = self.config.prune_m
+        if prune_m > 0.0:
+            start += passed_points(plan[start:end], pose.x, pose.y, prune_m)
 
         new_plan = self._plan_is_new
         self._plan_is_new = False
-        if start == window.stop:
+        if start == end:
             return Control(None, reason="the plan does not come near the robot")
         return self.controller.control(
             ControlInput(
@@ -362,7 +362,7 @@ class NavigationPlanner(Planner):
                 observation.odometry.velocity,
                 self._local_costmap,
                 plan,
-                plan[start : window.stop],
+                plan[start:end],
                 goal,
                 new_plan,
             )

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_planners.interface import Observation
+from barn_worlds.base.arrays import Singles
 from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, nanoseconds
@@ -122,7 +122,7 @@ class ObservationCheck:
 
 @kernel
 def _nearest_return(
-    ranges: npt.NDArray[np.float32], range_min: float, range_max: float
+    ranges: Singles, range_min: float, range_max: float
 ) -> tuple[float, bool]:
     """Return the least valid range in m or inf, and whether one reaches `range_max`."""
     # Limits are rounded to the precision of the ranges, so that a range at the limit

@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_planners.interface import FloatArray
 from barn_planners.policy.space import ACTIONS, PolicyAction, PolicyObservation, Vector
+from barn_worlds.base.arrays import Singles
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import BarnError, ConfigError, WorldError, suggest
+from barn_worlds.base.errors import BarnError, suggest
 from barn_worlds.base.kernel import kernel
 from barn_worlds.formats.npz import Arrays, NpzFormat
 
@@ -55,9 +55,9 @@ class Policy:
     observation: PolicyObservation
     action: PolicyAction
     # Per layer: (inputs, outputs).
-    weights: tuple[npt.NDArray[np.float32], ...]
+    weights: tuple[Singles, ...]
     # Per layer: (outputs,).
-    biases: tuple[npt.NDArray[np.float32], ...]
+    biases: tuple[Singles, ...]
     # Follows every layer but the last: one of `ACTIVATIONS`.
     activation: str = "tanh"
     # Follows the last layer: one of `OUTPUTS`.
@@ -181,7 +181,7 @@ def write_policy(path: Path, policy: Policy) -> None:
         policy: Policy to store; its numbers are stored as float32.
 
     Raises:
-        PolicyError: If the file cannot be written.
+        WorldError: If the file cannot be written.
     """
     schema = FORMAT.schema
     if policy.observation.frames > 1 or policy.action.repeat > 1:
@@ -199,41 +199,37 @@ def write_policy(path: Path, policy: Policy) -> None:
     for k, weights in enumerate(policy.weights):
         arrays[f"weights_{k}"] = np.ascontiguousarray(weights, np.float32)
         arrays[f"biases_{k}"] = np.ascontiguousarray(policy.biases[k], np.float32)
-    try:
-        FORMAT.write(path, as_dict(header), arrays)
-    except WorldError as error:
-        raise PolicyError(str(error)) from None
+    FORMAT.write(path, as_dict(header), arrays)
 
 
 def read_policy(path: Path) -> Policy:
-    """Return the checked policy of a .npz file; raise PolicyError if it is invalid.
+    """Return the checked policy of a .npz file; raise BarnError if it is invalid.
 
     Raises:
-        PolicyError: If the file is damaged, malformed or of another version.
+        BarnError: If the file is damaged, malformed or of another version.
     """
-    try:
-        content, arrays = FORMAT.read(path)
-        # Free-form notes are the one part that the header's types do not check.
-        if not isinstance(content.get("about"), dict):
-            raise PolicyError(f"{path}: about must be a mapping")
-        header = from_dict(_PolicyHeader, content, str(path))
-        sizes = len(header.layers)
-        if not 2 <= sizes <= MAX_LAYERS + 1:
-            raise PolicyError(
-                f"{path}: layers must be 2 to {MAX_LAYERS + 1} sizes, got {sizes}"
-            )
-        policy = Policy(
-            header.observation,
-            header.action,
-            _read_arrays(path, arrays, "weights", sizes - 1, dimensions=2),
-            _read_arrays(path, arrays, "biases", sizes - 1, dimensions=1),
-            header.activation,
-            header.output,
-            header.about,
-            str(path),
+    content, arrays = FORMAT.read(path)
+    # Free-form notes are the one part that the header's types do not check.
+    if not isinstance(content.get("about"), dict):
+        raise PolicyError(f"{path}: about must be a mapping")
+    header = from_dict(_PolicyHeader, content, str(path))
+    sizes = len(header.layers)
+    if not 2 <= sizes <= MAX_LAYERS + 1:
+        raise PolicyError(
+            f"{path}: layers must be 2 to {MAX_LAYERS + 1} sizes, got {sizes}"
         )
-    except (WorldError, ConfigError) as error:
-        raise PolicyError(str(error)) from None
+
+    layers = range(sizes - 1)
+    policy = Policy(
+        header.observation,
+        header.action,
+        tuple(_read_array(path, arrays, f"weights_{k}", 2) for k in layers),
+        tuple(_read_array(path, arrays, f"biases_{k}", 1) for k in layers),
+        header.activation,
+        header.output,
+        header.about,
+        str(path),
+    )
 
     # The header is what people and tools read, so it must not contradict the numbers.
     if policy.layers != header.layers:
@@ -244,20 +240,6 @@ def read_policy(path: Path) -> Policy:
     return policy
 
 
-def _read_arrays(
-    path: Path, arrays: Arrays, name: str, count: int, *, dimensions: int
-) -> tuple[npt.NDArray[np.float32], ...]:
-    """Return the float32 arrays `name`_0, `name`_1, ... of a file, `count` in all.
-
-    Raises PolicyError or WorldError if one is missing or of another type.
-    """
-    layers = []
-    for k in range(count):
-        array = FORMAT.array(arrays, f"{name}_{k}", path)
-        if array.dtype != np.float32 or array.ndim != dimensions:
-            raise PolicyError(
-                f"{path}: {name}_{k} must hold float32 in {dimensions} dimensions, "
-                f"got {array.dtype} of shape {array.shape}"
-            )
-        layers.append(array)
-    return tuple(layers)
+def _read_array(path: Path, arrays: Arrays, name: str, dimensions: int) -> Singles:
+    """Return a float32 array of a file; WorldError if it is missing or another."""
+    return FORMAT.array(arrays, name, path, [None] * dimensions, "float32")

@@ -22,9 +22,9 @@ from barn_planners.interface import FloatArray
 from barn_planners.policy.file import PolicyError, PolicyNetwork, read_policy
 from barn_planners.policy.space import ACTIONS, PolicyAction, PolicyObservation, Vector
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import ConfigError, WorldError, format_error
+from barn_worlds.base.errors import ConfigError, format_error
 from barn_worlds.base.files import read_bytes
-from barn_worlds.base.text_files import as_mapping, parse_json
+from barn_worlds.base.text_files import parse_json
 
 METADATA_KEY = "barn_policy"
 LARGEST_FILE = 64 * 1024 * 1024
@@ -38,8 +38,8 @@ def load_network(path: Path) -> "PolicyNetwork | OnnxNetwork":
     """Return the policy of a .npz or .onnx file, ready to be asked.
 
     Raises:
-        PolicyError: If the file is damaged, malformed or of another version.
-        ConfigError: If it is an .onnx file and onnxruntime is missing.
+        BarnError: If the file is damaged, malformed or of another version, or if it is
+            an .onnx file and onnxruntime is missing.
     """
     if path.suffix == ".onnx":
         return OnnxNetwork(path)
@@ -62,8 +62,8 @@ class OnnxNetwork:
         """Read and check a file.
 
         Raises:
-            PolicyError: If it is damaged, or its sizes do not fit its metadata.
-            ConfigError: If onnxruntime is missing.
+            BarnError: If it is damaged, its sizes do not fit its metadata, or
+                onnxruntime is missing.
         """
         try:
             import onnxruntime  # noqa: PLC0415 (optional)
@@ -71,11 +71,7 @@ class OnnxNetwork:
             raise ConfigError(
                 f"{path}: .onnx policies need onnxruntime: pip install onnxruntime"
             ) from None
-        try:
-            content = read_bytes(path, LARGEST_FILE)
-        except WorldError as error:
-            raise PolicyError(str(error)) from None
-
+        content = read_bytes(path, LARGEST_FILE)
         options = onnxruntime.SessionOptions()
         # The order of summation must not depend on the number of processors.
         options.intra_op_num_threads = 1
@@ -100,11 +96,8 @@ class OnnxNetwork:
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         if text is None:
             raise PolicyError(f"{path}: its metadata has no entry {METADATA_KEY}")
-        try:
-            where = f"{path}: {METADATA_KEY}"
-            metadata = from_dict(_Metadata, as_mapping(parse_json(text, where)), where)
-        except ConfigError as error:
-            raise PolicyError(str(error)) from None
+        where = f"{path}: {METADATA_KEY}"
+        metadata = from_dict(_Metadata, parse_json(text, where), where)
         return metadata.observation, metadata.action
 
     def _check_shapes(self, path: Path) -> None:

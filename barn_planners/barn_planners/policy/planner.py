@@ -67,7 +67,7 @@ class PolicyPlanner(ScanPlanner):
         """Read the policy file and make its network.
 
         Raises:
-            PolicyError: If its file cannot be read.
+            BarnError: If its file cannot be read.
         """
         super().__init__(config.guard, config.goal_tolerance_m)
         self.config = config
@@ -159,12 +159,6 @@ def shipped_policy(name: str = "") -> Path:
     return data / SHIPPED[name]
 
 
-def _speed_cap_mps(config: PolicyConfig) -> float:
-    """Return the highest speed in m/s that a policy commands, read from its file."""
-    # The file decides the speed class, not a parameter of the planner.
-    return load_network(config.path).action.cap_mps
-
-
 def _fit_to_robot(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
     """Return a robot's new parameters; ConfigError for the shipped policy.
 
@@ -184,6 +178,7 @@ ENTRY = PlannerEntry(
     {ANY_PROTOCOL: PolicyConfig()},
     "a learned policy from a file, with a stop before collisions",
     _fit_to_robot,
-    _speed_cap_mps,
+    # The file decides the speed class, not a parameter of the planner.
+    lambda config: load_network(config.path).action.cap_mps,
     compute=Compute(delay_s=0.0001),
 )

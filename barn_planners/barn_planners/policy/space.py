@@ -23,12 +23,13 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.interface import FloatArray, Observation
+from barn_worlds.base.arrays import Singles
 from barn_worlds.base.config import Checked, optional, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.kernel import kernel
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 
-Vector = npt.NDArray[np.float32]
+Vector = Singles
 Indices = npt.NDArray[np.intp]
 
 ACTIONS = 2

@@ -6,9 +6,9 @@ from functools import cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
+from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import Message, Template, make_message
@@ -94,11 +94,10 @@ def _colors(costs: FloatArray) -> FloatArray:
     return np.where(is_valid[:, None], colors, np.array(REJECTED_COLOR))
 
 
-def _spread_indices(count: int, limit: int) -> npt.NDArray[np.int64]:
+def _spread_indices(count: int, limit: int) -> Integers:
     """Return at most `limit` indices below `count`, evenly spread, with both ends."""
-    indices: npt.NDArray[np.int64] = (
-        np.linspace(0, count - 1, min(count, limit)).round().astype(np.int64)
-    )
+    places = np.linspace(0, count - 1, min(count, limit))
+    indices: Integers = places.round().astype(np.int64)
     return indices
 
 

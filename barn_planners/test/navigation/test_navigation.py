@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from barn_planners.global_plan.kernels import passed_points, visible_points
 from barn_planners.global_plan.planner import (
     GlobalPlan,
-    count_passed_points,
     transform_plan,
-    visible_slice,
 )
 from barn_planners.interface import PlannerStatus, Task
 from barn_planners.navigation.loop import (
@@ -232,10 +231,10 @@ def test_a_command_that_is_no_number_never_leaves_the_loop(world):
 
 def test_windows_of_a_plan():
     plan = np.linspace([0.0, 0.0, 0.0], [10.0, 0.0, 0.0], 101)
-    assert visible_slice(plan, Pose2D(2.0, 0.0, 0.0), 5.0) == slice(0, 71)
-    assert visible_slice(plan, Pose2D(9.0, 0.0, 0.0), 5.0) == slice(40, 101)
-    assert visible_slice(plan, Pose2D(0.0, 9.0, 0.0), 5.0) == slice(0, 0)
-    assert count_passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
-    assert count_passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
+    assert visible_points(plan, 2.0, 0.0, 5.0) == (0, 71)
+    assert visible_points(plan, 9.0, 0.0, 5.0) == (40, 101)
+    assert visible_points(plan, 0.0, 9.0, 5.0) == (0, 0)
+    assert passed_points(plan, 5.0, 0.0, 1.05) == 40
+    assert passed_points(plan, 5.0, 3.0, 1.0) == 101
     end = transform_plan(plan, Pose2D(1.0, 2.0, math.pi))[-1]
     assert_allclose(end, [-9.0, 2.0, -math.pi], atol=1e-9)

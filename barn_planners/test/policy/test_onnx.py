@@ -10,10 +10,10 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
-from barn_planners.policy.file import PolicyError  # noqa: E402
 from barn_planners.policy.onnx import METADATA_KEY, load_network  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.config import as_dict  # noqa: E402
+from barn_worlds.base.errors import BarnError  # noqa: E402
 
 OBSERVATION = PolicyObservation(beams=3)
 ACTION = PolicyAction(repeat=2)
@@ -79,7 +79,7 @@ def test_what_is_no_policy_is_refused_in_one_line(tmp_path, name):
     changes, message = WRONG[name]
     path = tmp_path / "policy.onnx"
     write_model(path, **changes)
-    with pytest.raises(PolicyError, match=message) as caught:
+    with pytest.raises(BarnError, match=message) as caught:
         load_network(path)
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
@@ -87,8 +87,8 @@ def test_what_is_no_policy_is_refused_in_one_line(tmp_path, name):
 def test_bytes_that_are_no_model_are_refused_in_one_line(tmp_path):
     path = tmp_path / "policy.onnx"
     path.write_bytes(b"no model")
-    with pytest.raises(PolicyError, match="not an ONNX model") as caught:
+    with pytest.raises(BarnError, match="not an ONNX model") as caught:
         load_network(path)
     assert "\n" not in str(caught.value)
-    with pytest.raises(PolicyError, match="missing"):
+    with pytest.raises(BarnError, match="missing"):
         load_network(tmp_path / "missing.onnx")

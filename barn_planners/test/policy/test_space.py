@@ -13,7 +13,7 @@ from barn_planners.policy.collision_check import (
     avoid_collision,
     least_clearance,
 )
-from barn_planners.policy.file import Policy, PolicyError, write_policy
+from barn_planners.policy.file import Policy, write_policy
 from barn_planners.policy.planner import PolicyConfig, PolicyPlanner
 from barn_planners.policy.space import (
     ObservationEncoder,
@@ -21,7 +21,7 @@ from barn_planners.policy.space import (
     PolicyObservation,
 )
 from barn_planners.registry import make_planner
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 
 FIELD = 2.35619
@@ -275,5 +275,5 @@ def test_a_narrow_scan_stops_the_robot(linear_policy):
 
 def test_a_policy_that_is_not_there_is_an_error_of_one_line(tmp_path):
     path = str(tmp_path / "none.npz")
-    with pytest.raises(PolicyError, match=r"none\.npz: cannot be read"):
+    with pytest.raises(BarnError, match=r"none\.npz: cannot be read"):
         make_planner("policy", "challenge", {"policy_path": path})

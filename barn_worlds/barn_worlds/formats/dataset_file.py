@@ -167,10 +167,10 @@ def read_dataset_file(path: Path) -> DatasetFile:
     """Return manifest and arrays of a data set's .npz file; worlds are built later.
 
     Raises:
-        WorldError: If the file is damaged or of another version.
+        BarnError: If the file is damaged or of another version.
     """
     manifest, arrays = FORMAT.read(path)
-    index = FORMAT.array(arrays, "index", path)
+    index = arrays.get("index", np.empty(0))
     worlds = manifest.get("worlds")
     if (
         not isinstance(worlds, list)

@@ -6,7 +6,7 @@ Both are bounded in size, and nothing in them is executed.
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,13 @@ from typing import Any
 import numpy as np
 
 from barn_worlds.base.arrays import AnyArray
-from barn_worlds.base.errors import (
-    ConfigError,
-    WorldError,
-    format_error,
-    format_value,
-)
+from barn_worlds.base.errors import WorldError, format_error, format_value
 from barn_worlds.base.files import ZIP_ERRORS, pack_zip, read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, AnyArray]
+Shape = Sequence[int | None]
 
 
 def read_npy(path: Path) -> AnyArray:
@@ -120,15 +116,12 @@ class NpzFormat:
         """Return header and arrays by name of a .npz file, after checks of its version.
 
         Raises:
-            WorldError: If the file is damaged or of another version.
+            BarnError: If the file is damaged or of another version.
         """
         contents = self._unpack(path)
         if self.header not in contents:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
-        try:
-            header = parse_json(contents.pop(self.header), f"{path}: {self.header}")
-        except ConfigError as error:
-            raise WorldError(str(error)) from None
+        header = parse_json(contents.pop(self.header), f"{path}: {self.header}")
         version = header.get("schema") if isinstance(header, dict) else None
         # A newer schema is read only where the format names it.
         versions = (self.schema, *self.newer)
@@ -144,20 +137,37 @@ class NpzFormat:
         }
         return header, arrays
 
-    def array(self, arrays: Arrays, name: str, path: Path) -> AnyArray:
-        """Return one of a file's arrays by name; WorldError if it is missing.
+    def array(
+        self, arrays: Arrays, name: str, path: Path, shape: Shape, kind: str
+    ) -> AnyArray:
+        """Return one of a file's arrays by name, of a shape and a type of numbers.
 
         Args:
             arrays: The arrays that `read` returned.
             name: Name of the array.
             path: The file, for an error message.
+            shape: Length of each side, None for any.
+            kind: Type of its numbers, such as "float32".
 
         Raises:
-            WorldError: If the file does not have the array.
+            WorldError: If the file does not have the array, or it does not fit.
         """
         if name not in arrays:
             raise WorldError(f"{path}: not {self.what}: it has no {name}.npy")
-        return arrays[name]
+        array = arrays[name]
+        fits = array.ndim == len(shape) and all(
+            side in (None, length)
+            for side, length in zip(shape, array.shape, strict=True)
+        )
+        if not fits or array.dtype != np.dtype(kind):
+            sides = " x ".join("any" if side is None else str(side) for side in shape)
+            raise WorldError(
+                f"{path}: {name} must be {sides} of {kind}, "
+                f"got {array.dtype} of shape {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise WorldError(f"{path}: {name} holds values that are not finite")
+        return array
 
     def _unpack(self, path: Path) -> dict[str, bytes]:
         """Return the bytes of all members by name; WorldError if too large."""
